@@ -1,0 +1,36 @@
+// What every binding needs: arrays checked for shape, options from keywords, the GIL released.
+#pragma once
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "base/types.h"
+
+namespace toile::bind {
+
+namespace py = pybind11;
+
+/// Fills an options struct from keywords by its bound attributes; an unknown name is a TypeError.
+template <class Options>
+Options options_from(const py::kwargs& keywords, const char* kernel, Options options = {}) {
+    py::object view = py::cast(&options, py::return_value_policy::reference);
+    for (const auto& [key, value] : keywords) {
+        if (!py::hasattr(view, key))
+            throw py::type_error(std::string(kernel) + ": no option named '" + py::cast<std::string>(key) + "'");
+        view.attr(key) = value;
+    }
+    return options;
+}
+
+void bind_runtime(py::module_& m);  ///< errors, threads, versions
+void bind_geometry(py::module_& m); ///< normals, loops, closest points: what Python stages share with the kernels
+void bind_body_model(py::module_& m);
+void bind_nricp(py::module_& m);
+void bind_biharmonic(py::module_& m);
+void bind_mrf(py::module_& m);
+void bind_untangle(py::module_& m);
+void bind_skeleton(py::module_& m);
+void bind_inner(py::module_& m);
+void bind_raster(py::module_& m);
+
+}  // namespace toile::bind

@@ -1,0 +1,60 @@
+#include "base/errors.h"
+#include "bind/common.h"
+#include "geometry/closest.h"
+#include "geometry/laplacian.h"
+#include "geometry/topology.h"
+
+namespace toile::bind {
+
+namespace {
+
+/// The face's copy of the index: (face, point, barycentric, distance) as arrays.
+py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double radius) {
+    std::vector<SurfacePoint> hits;
+    {
+        py::gil_scoped_release release;
+        check_finite("closest", "points", P);
+        hits = index.closest_each(P, radius);
+    }
+    const auto n = static_cast<Eigen::Index>(hits.size());
+    Indices face(n);
+    Vertices point(n, 3), barycentric(n, 3);
+    Vector distance(n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+        const SurfacePoint& h = hits[static_cast<std::size_t>(i)];
+        face[i] = h.face;
+        point.row(i) = h.point;
+        barycentric.row(i) = h.barycentric;
+        distance[i] = h.distance;
+    }
+    return py::make_tuple(face, point, barycentric, distance);
+}
+
+}  // namespace
+
+void bind_geometry(py::module_& m) {
+    m.def("vertex_normals", [](const Vertices& V, const Faces& F) { check_mesh("vertex_normals", V, F); return vertex_normals(V, F); });
+    m.def("face_normals", [](const Vertices& V, const Faces& F) { check_mesh("face_normals", V, F); return face_normals(V, F); });
+    m.def("face_areas", [](const Vertices& V, const Faces& F) { check_mesh("face_areas", V, F); return face_areas(V, F); });
+    m.def("cotangent_laplacian", [](const Vertices& V, const Faces& F) { check_mesh("cotangent_laplacian", V, F); return cotangent_laplacian(V, F); });
+    m.def("voronoi_mass", [](const Vertices& V, const Faces& F) { check_mesh("voronoi_mass", V, F); return voronoi_mass(V, F); });
+    m.def("boundary_loops", [](const Faces& F) { return boundary_loops(F); });
+    m.def("unique_edges", [](const Faces& F) { return unique_edges(F); });
+    m.def("vertex_components", [](const Faces& F, Eigen::Index n) { return vertex_components(F, n); });
+    py::class_<SurfaceIndex>(m, "SurfaceIndex")
+        .def(py::init([](const Vertices& V, const Faces& F) {
+            check_mesh("SurfaceIndex", V, F);
+            return std::make_unique<SurfaceIndex>(V, F);
+        }))
+        .def("closest", &closest_arrays)
+        .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from, double to) {
+            require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +
+                                                             " rows, directions " + std::to_string(directions.rows()));
+            Eigen::Array<bool, Eigen::Dynamic, 1> hit(origins.rows());
+            py::gil_scoped_release release;
+            for (Eigen::Index i = 0; i < origins.rows(); ++i) hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);
+            return hit;
+        });
+}
+
+}  // namespace toile::bind

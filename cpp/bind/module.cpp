@@ -1,0 +1,32 @@
+#include <omp.h>
+
+#include "base/errors.h"
+#include "bind/common.h"
+
+namespace toile::bind {
+
+void bind_runtime(py::module_& m) {
+    py::register_exception<InputError>(m, "InputError", PyExc_ValueError);
+    py::register_exception<SolveError>(m, "SolveError", PyExc_RuntimeError);
+    m.def("set_threads", [](int n) {
+        if (n < 1) throw InputError("set_threads: n is " + std::to_string(n) + ", expected at least 1");
+        omp_set_num_threads(n);
+    });
+    m.def("threads", [] { return omp_get_max_threads(); });
+}
+
+}  // namespace toile::bind
+
+PYBIND11_MODULE(_core, m) {
+    using namespace toile::bind;
+    bind_runtime(m);
+    bind_geometry(m);
+    bind_body_model(m);
+    bind_nricp(m);
+    bind_biharmonic(m);
+    bind_mrf(m);
+    bind_untangle(m);
+    bind_skeleton(m);
+    bind_inner(m);
+    bind_raster(m);
+}

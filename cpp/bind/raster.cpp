@@ -1,0 +1,7 @@
+#include "bind/common.h"
+
+namespace toile::bind {
+
+void bind_raster(py::module_&) {}
+
+}  // namespace toile::bind

@@ -1,0 +1,208 @@
+#include "geometry/closest.h"
+
+#include <embree3/rtcore.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/errors.h"
+#include "base/parallel.h"
+
+namespace toile {
+
+SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+    auto answer = [&](double u, double v, double w) {
+        SurfacePoint s;
+        s.barycentric = Vec3(u, v, w);
+        s.point = u * a + v * b + w * c;
+        s.distance = (p - s.point).norm();
+        return s;
+    };
+    const Vec3 ab = b - a, ac = c - a, ap = p - a;
+    const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+    if (d1 <= 0 && d2 <= 0) return answer(1, 0, 0);
+    const Vec3 bp = p - b;
+    const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+    if (d3 >= 0 && d4 <= d3) return answer(0, 1, 0);
+    const double vc = d1 * d4 - d3 * d2;
+    if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+        const double t = d1 / (d1 - d3);
+        return answer(1 - t, t, 0);
+    }
+    const Vec3 cp = p - c;
+    const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+    if (d6 >= 0 && d5 <= d6) return answer(0, 0, 1);
+    const double vb = d5 * d2 - d1 * d6;
+    if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+        const double t = d2 / (d2 - d6);
+        return answer(1 - t, 0, t);
+    }
+    const double va = d3 * d6 - d5 * d4;
+    if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
+        const double t = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        return answer(0, 1 - t, t);
+    }
+    const double sum = va + vb + vc;
+    if (!(sum > 0)) return answer(1, 0, 0);  // a face of no area that rounding let through
+    return answer(va / sum, vb / sum, vc / sum);
+}
+
+struct SurfaceIndex::State {
+    Vertices V;
+    Faces F;
+    Vec3 centre = Vec3::Zero();
+    double scale = 1;  // world metres per local unit
+    RTCDevice device = nullptr;
+    RTCScene scene = nullptr;
+
+    ~State() {
+        if (scene) rtcReleaseScene(scene);
+        if (device) rtcReleaseDevice(device);
+    }
+    Vec3 corner(int face, int c) const { return V.row(F(face, c)); }
+    Vec3 to_local(const Vec3& p) const { return (p - centre) / scale; }
+};
+
+namespace {
+
+// The box of *referenced* vertices: one stray vertex must not cost the others their precision.
+void fit_frame(const Vertices& V, const Faces& F, Vec3& centre, double& scale) {
+    Eigen::AlignedBox3d box;
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) box.extend(Vec3(V.row(F(f, c))));
+    centre = box.center();
+    scale = std::max(box.diagonal().norm(), std::numeric_limits<double>::min() * 1e10);
+}
+
+struct Query {
+    const Vertices* V;
+    const Faces* F;
+    Vec3 p;            // world
+    double scale;
+    SurfacePoint best;
+};
+
+bool visit_face(RTCPointQueryFunctionArguments* args) {
+    auto& q = *static_cast<Query*>(args->userPtr);
+    const int face = static_cast<int>(args->primID);
+    const Faces& F = *q.F;
+    SurfacePoint s = closest_on_triangle(q.p, q.V->row(F(face, 0)), q.V->row(F(face, 1)), q.V->row(F(face, 2)));
+    const bool nearer = q.best.face < 0 ? s.distance <= q.best.distance
+                                        : s.distance < q.best.distance ||
+                                              (s.distance == q.best.distance && face < q.best.face);
+    if (!nearer) return false;
+    s.face = face;
+    q.best = s;
+    // Kept a little wider than the hit, so that float32 bounds never hide a face that ties in double.
+    const float radius = static_cast<float>(s.distance / q.scale * (1 + 1e-6) + 1e-7);
+    if (radius >= args->query->radius) return false;
+    args->query->radius = radius;
+    return true;
+}
+
+}  // namespace
+
+SurfaceIndex::SurfaceIndex(const Vertices& V, const Faces& F) : state_(std::make_unique<State>()) {
+    State& s = *state_;
+    s.V = V;
+    s.F = F;
+    fit_frame(V, F, s.centre, s.scale);
+    s.device = rtcNewDevice("threads=1");
+    if (!s.device) throw SolveError("closest: Embree gives no device on this machine");
+    s.scene = rtcNewScene(s.device);
+    rtcSetSceneFlags(s.scene, RTC_SCENE_FLAG_ROBUST);
+    RTCGeometry mesh = rtcNewGeometry(s.device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    auto* vertex = static_cast<float*>(rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                               3 * sizeof(float), static_cast<std::size_t>(V.rows())));
+    auto* index = static_cast<unsigned*>(rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                 3 * sizeof(unsigned), static_cast<std::size_t>(F.rows())));
+    for (Eigen::Index v = 0; v < V.rows(); ++v) {
+        const Vec3 p = s.to_local(V.row(v));
+        for (int c = 0; c < 3; ++c) vertex[3 * v + c] = static_cast<float>(p[c]);
+    }
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) index[3 * f + c] = static_cast<unsigned>(F(f, c));
+    rtcCommitGeometry(mesh);
+    rtcAttachGeometry(s.scene, mesh);
+    rtcReleaseGeometry(mesh);
+    rtcCommitScene(s.scene);
+}
+
+SurfaceIndex::~SurfaceIndex() = default;
+SurfaceIndex::SurfaceIndex(SurfaceIndex&&) noexcept = default;
+SurfaceIndex& SurfaceIndex::operator=(SurfaceIndex&&) noexcept = default;
+
+SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius) const {
+    const State& s = *state_;
+    Query q{&s.V, &s.F, p, s.scale, {}};
+    q.best.distance = radius;
+    const Vec3 local = s.to_local(p);
+    RTCPointQuery query{};
+    query.x = static_cast<float>(local[0]);
+    query.y = static_cast<float>(local[1]);
+    query.z = static_cast<float>(local[2]);
+    const double wide = radius / s.scale * (1 + 1e-6) + 1e-6;
+    query.radius = wide < 1e30 ? static_cast<float>(wide) : std::numeric_limits<float>::infinity();
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(s.scene, &query, &context, visit_face, &q);
+    return q.best;
+}
+
+std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, double radius) const {
+    std::vector<SurfacePoint> out(static_cast<std::size_t>(points.rows()));
+    parallel_for(points.rows(), [&](std::int64_t i) { out[static_cast<std::size_t>(i)] = closest(Vec3(points.row(i)), radius); });
+    return out;
+}
+
+namespace {
+
+RTCRay local_ray(const Vec3& origin, const Vec3& direction, double from, double to, double scale) {
+    RTCRay ray{};
+    ray.org_x = static_cast<float>(origin[0]);
+    ray.org_y = static_cast<float>(origin[1]);
+    ray.org_z = static_cast<float>(origin[2]);
+    ray.dir_x = static_cast<float>(direction[0]);
+    ray.dir_y = static_cast<float>(direction[1]);
+    ray.dir_z = static_cast<float>(direction[2]);
+    ray.tnear = static_cast<float>(from / scale);
+    ray.tfar = static_cast<float>(std::min(to / scale, 1e30));
+    ray.mask = 0xffffffffu;
+    return ray;
+}
+
+}  // namespace
+
+RayHit SurfaceIndex::first_hit(const Vec3& origin, const Vec3& direction, double from, double to) const {
+    const State& s = *state_;
+    const Vec3 d = direction.normalized();
+    RTCRayHit hit{};
+    hit.ray = local_ray(s.to_local(origin), d, from, to, s.scale);
+    hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(s.scene, &context, &hit);
+    RayHit out;
+    if (hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) return out;
+    out.face = static_cast<int>(hit.hit.primID);
+    const Vec3 a = s.corner(out.face, 0), n = (s.corner(out.face, 1) - a).cross(s.corner(out.face, 2) - a);
+    const double slope = n.dot(d);
+    out.distance = slope != 0 ? n.dot(a - origin) / slope : static_cast<double>(hit.ray.tfar) * s.scale;
+    return out;
+}
+
+bool SurfaceIndex::occluded(const Vec3& origin, const Vec3& direction, double from, double to) const {
+    const State& s = *state_;
+    RTCRay ray = local_ray(s.to_local(origin), direction.normalized(), from, to, s.scale);
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(s.scene, &context, &ray);
+    return ray.tfar < 0;
+}
+
+const Vertices& SurfaceIndex::vertices() const { return state_->V; }
+const Faces& SurfaceIndex::faces() const { return state_->F; }
+
+}  // namespace toile

@@ -1,0 +1,46 @@
+// Closest points and rays on a triangle mesh: Embree finds the face in float32 on a centred, scaled copy, the point is
+// recomputed in double.
+#pragma once
+#include <memory>
+
+#include "base/types.h"
+
+namespace toile {
+
+struct SurfacePoint {
+    int face = -1;                 ///< -1: none within the radius
+    Vec3 point = Vec3::Zero();     ///< [m]
+    Vec3 barycentric = Vec3::Zero();
+    double distance = 0;           ///< [m]
+};
+
+struct RayHit {
+    int face = -1;        ///< -1: no hit
+    double distance = 0;  ///< along the unit direction [m]
+};
+
+/// Closest point on one triangle, with its barycentric coordinates (Ericson 2005, section 5.1.5).
+SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
+
+/// Owns a copy of the mesh. Queries are const and safe from several threads.
+class SurfaceIndex {
+public:
+    SurfaceIndex(const Vertices& V, const Faces& F);
+    ~SurfaceIndex();
+    SurfaceIndex(SurfaceIndex&&) noexcept;
+    SurfaceIndex& operator=(SurfaceIndex&&) noexcept;
+
+    SurfacePoint closest(const Vec3& p, double radius = 1e30) const;
+    std::vector<SurfacePoint> closest_each(const Vertices& points, double radius = 1e30) const;  ///< parallel
+    RayHit first_hit(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
+    bool occluded(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
+
+    const Vertices& vertices() const;
+    const Faces& faces() const;
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+}  // namespace toile

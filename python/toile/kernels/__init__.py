@@ -1,0 +1,30 @@
+"""Thin faces of the C++ core: coerce, call, return. Only this package imports the compiled module."""
+
+from .._core import InputError, SolveError, set_threads, threads
+from .geometry import (
+    SurfaceIndex,
+    boundary_loops,
+    cotangent_laplacian,
+    face_areas,
+    face_normals,
+    unique_edges,
+    vertex_components,
+    vertex_normals,
+    voronoi_mass,
+)
+
+__all__ = [
+    "InputError",
+    "SolveError",
+    "SurfaceIndex",
+    "boundary_loops",
+    "cotangent_laplacian",
+    "face_areas",
+    "face_normals",
+    "set_threads",
+    "threads",
+    "unique_edges",
+    "vertex_components",
+    "vertex_normals",
+    "voronoi_mass",
+]

@@ -1,0 +1,63 @@
+"""Operators, topology and closest points that the stages share with the kernels."""
+
+import numpy as np
+
+from .. import _core
+from .arrays import as_faces, as_vertices
+
+
+def vertex_normals(V, F):
+    """Area-weighted unit normals (n,3); zero where no face has area."""
+    return _core.vertex_normals(as_vertices("vertex_normals", "V", V), as_faces("vertex_normals", "F", F))
+
+
+def face_normals(V, F):
+    """Unit normals (m,3); zero for a face of no area."""
+    return _core.face_normals(as_vertices("face_normals", "V", V), as_faces("face_normals", "F", F))
+
+
+def face_areas(V, F):
+    """Areas (m,) [m^2]."""
+    return _core.face_areas(as_vertices("face_areas", "V", V), as_faces("face_areas", "F", F))
+
+
+def cotangent_laplacian(V, F):
+    """Sparse (n,n), negative semi-definite, rows sum to zero."""
+    return _core.cotangent_laplacian(as_vertices("cotangent_laplacian", "V", V), as_faces("cotangent_laplacian", "F", F))
+
+
+def voronoi_mass(V, F):
+    """Mixed Voronoi area per vertex (n,) [m^2]; the sum is the mesh's area."""
+    return _core.voronoi_mass(as_vertices("voronoi_mass", "V", V), as_faces("voronoi_mass", "F", F))
+
+
+def boundary_loops(F):
+    """Boundary loops as int32 vertex cycles, most vertices first, each from its smallest vertex, along its faces' half-edges."""
+    return [np.array(loop, dtype=np.int32) for loop in _core.boundary_loops(as_faces("boundary_loops", "F", F))]
+
+
+def unique_edges(F):
+    """Undirected edges (e,2), sorted, each once."""
+    return _core.unique_edges(as_faces("unique_edges", "F", F))
+
+
+def vertex_components(F, n):
+    """Connected component per vertex (n,), numbered by first vertex."""
+    return _core.vertex_components(as_faces("vertex_components", "F", F), int(n))
+
+
+class SurfaceIndex:
+    """Closest points and rays on one mesh (Embree), built once for any number of queries."""
+
+    def __init__(self, V, F):
+        self._index = _core.SurfaceIndex(as_vertices("SurfaceIndex", "V", V), as_faces("SurfaceIndex", "F", F))
+
+    def closest(self, points, radius=np.inf):
+        """-> face (k,) int32, -1 beyond `radius` [m]; point (k,3); barycentric (k,3); distance (k,) [m]."""
+        return self._index.closest(as_vertices("closest", "points", points), min(float(radius), 1e30))
+
+    def occluded(self, origins, directions, near=0.0, far=np.inf):
+        """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""
+        return self._index.occluded(
+            as_vertices("occluded", "origins", origins), as_vertices("occluded", "directions", directions), float(near), min(float(far), 1e30)
+        )

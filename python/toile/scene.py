@@ -1,0 +1,212 @@
+"""The types that flow through the pipeline: what a scene contains, what a capture holds, what each stage gives on.
+
+Metres, seconds, radians; right-handed; the scene declares its up axis. Cameras are OpenCV style: x right, y down,
+z forward, and pixel (0,0) has its centre at (0.5, 0.5). Image sizes are (height, width).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+
+class CaptureError(ValueError):
+    """Bad input: the message names the file and the field."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles: `vertices` (n,3) float64 [m], `faces` (m,3) int32; UVs have a topology of their own."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray | None = None  # (t,2)
+    face_uv: np.ndarray | None = None  # (m,3) into uv
+    face_labels: np.ndarray | None = None  # (m,) label ids, where a scan carries its own
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One calibrated view. `T_camera_world` (4,4) maps world points into the camera's frame."""
+
+    name: str
+    width: int
+    height: int
+    K: np.ndarray  # (3,3) [px]
+    distortion: np.ndarray  # (5,) k1 k2 p1 p2 k3
+    T_camera_world: np.ndarray
+
+    @property
+    def size(self):
+        return self.height, self.width
+
+    @property
+    def centre(self):
+        """Position in the world (3,)."""
+        return -self.T_camera_world[:3, :3].T @ self.T_camera_world[:3, 3]
+
+    def to_camera(self, points):
+        """World points (..., 3) in the camera's frame."""
+        return points @ self.T_camera_world[:3, :3].T + self.T_camera_world[:3, 3]
+
+    def distort(self, xy):
+        """Ideal normalised coordinates (..., 2) to distorted ones (Brown 1971, OpenCV's order of coefficients)."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = xy[..., 0], xy[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return np.stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+
+    def project(self, points):
+        """World points (..., 3) -> pixels (..., 2) and depth (...) [m]; what lies behind has depth <= 0."""
+        p = self.to_camera(np.asarray(points, dtype=np.float64))
+        depth = p[..., 2]
+        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
+        xy = self.distort(p[..., :2] / safe[..., None])
+        return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
+
+
+@dataclass(frozen=True)
+class Garment:
+    """One garment of the scene: `label` is its name in the label table."""
+
+    name: str
+    template: str  # path inside the capture
+    label: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the capture contains, as scene.toml says it."""
+
+    name: str
+    fps: float
+    units: str
+    up: str
+    body_model: str
+    labels: dict[str, int]
+    garments: tuple[Garment, ...] = ()  # inner to outer
+    face_keypoints: bool = False
+    view_dependent: bool = False
+
+
+@dataclass(frozen=True)
+class Keypoints:
+    """2D keypoints of one frame: `points[camera]` (k,3) u, v [px], confidence; unseen = confidence 0."""
+
+    names: tuple[str, ...]
+    points: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Points3D:
+    """Triangulated keypoints: `points` (k,3) [m], NaN where unseen; `sigma` (k,) [m]; `views` (k,) inlier counts."""
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    sigma: np.ndarray
+    views: np.ndarray
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One captured frame; a field is empty or None where the capture has none."""
+
+    number: int
+    scan: Mesh | None
+    keypoints: Keypoints | None = None
+    images: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W,3) uint8 RGB
+    masks: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W) bool
+    labels: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W) uint8 ids
+
+
+@dataclass(frozen=True)
+class BodyModel:
+    """A skinned body with a linear shape basis: SMPL-style kinematics over world-aligned local rotations.
+
+    Keypoint k is joint `keypoint_joint[k]` when that is >= 0, else the mean of vertices `keypoint_vertices[k]`.
+    """
+
+    v_template: np.ndarray  # (n,3) [m]
+    f: np.ndarray  # (m,3)
+    J: np.ndarray  # (K,3) [m]
+    parents: np.ndarray  # (K,), parents[0] = -1
+    weights_idx: np.ndarray  # (n,B)
+    weights_val: np.ndarray  # (n,B), rows sum to 1
+    shapedirs: np.ndarray  # (n,3,S) unit-variance shape coefficients
+    J_shapedirs: np.ndarray  # (K,3,S)
+    joint_names: tuple[str, ...]
+    uv: np.ndarray | None = None  # (t,2)
+    f_uv: np.ndarray | None = None  # (m,3)
+    keypoint_names: tuple[str, ...] = ()
+    keypoint_joint: np.ndarray | None = None  # (q,)
+    keypoint_vertices: tuple[np.ndarray, ...] = ()
+    segments: dict[str, np.ndarray] = field(default_factory=dict)  # name -> vertex indices
+
+    @cached_property
+    def core(self):
+        """The C++ twin, built once."""
+        from .kernels.body import core_model
+
+        return core_model(self)
+
+    def joint(self, name):
+        return self.joint_names.index(name)
+
+    def rest(self, shape):
+        """Rest vertices (n,3) and joints (K,3) for shape coefficients (S,)."""
+        shape = np.asarray(shape, dtype=np.float64)
+        s = len(shape)
+        return self.v_template + self.shapedirs[..., :s] @ shape, self.J + self.J_shapedirs[..., :s] @ shape
+
+    def joint_transforms(self, J, rotations, translation):
+        """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
+        from scipy.spatial.transform import Rotation
+
+        local = Rotation.from_rotvec(rotations).as_matrix()
+        R = np.empty_like(local)
+        x = np.empty((len(J), 3))
+        for k, p in enumerate(self.parents):
+            if p < 0:
+                R[k], x[k] = local[k], J[k] + translation
+            else:
+                R[k], x[k] = R[p] @ local[k], x[p] + R[p] @ (J[k] - J[p])
+        return R, x
+
+    def skin(self, rest, J, rotations, translation):
+        """Linear blend skinning of rest vertices (n,3)."""
+        R, x = self.joint_transforms(J, rotations, translation)
+        return blend_skinning(rest, J, R, x, self.weights_idx, self.weights_val)
+
+    def unskin(self, posed, J, rotations, translation):
+        """The inverse of `skin`, per vertex."""
+        R, x = self.joint_transforms(J, rotations, translation)
+        A, b = blended_transforms(J, R, x, self.weights_idx, self.weights_val)
+        return np.linalg.solve(A, (posed - b)[..., None])[..., 0]
+
+    def keypoints(self, V, joints):
+        """Model keypoints (q,3) on posed vertices (n,3) and joints (K,3)."""
+        return np.array(
+            [joints[j] if j >= 0 else V[v].mean(0) for j, v in zip(self.keypoint_joint, self.keypoint_vertices)]
+        ).reshape(-1, 3)
+
+
+def blended_transforms(J, R, x, weights_idx, weights_val):
+    """Per vertex A (n,3,3) and b (n,3) so that skinning is A v + b."""
+    A = np.einsum("nb,nbij->nij", weights_val, R[weights_idx])
+    offset = x - np.einsum("kij,kj->ki", R, J)
+    return A, np.einsum("nb,nbi->ni", weights_val, offset[weights_idx])
+
+
+def blend_skinning(rest, J, R, x, weights_idx, weights_val):
+    """sum_k w_k (R_k (v - J_k) + x_k) for rest vertices (n,3)."""
+    A, b = blended_transforms(J, R, x, weights_idx, weights_val)
+    return np.einsum("nij,nj->ni", A, rest) + b
