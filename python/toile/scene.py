@@ -210,3 +210,82 @@ def blend_skinning(rest, J, R, x, weights_idx, weights_val):
     """sum_k w_k (R_k (v - J_k) + x_k) for rest vertices (n,3)."""
     A, b = blended_transforms(J, R, x, weights_idx, weights_val)
     return np.einsum("nij,nj->ni", A, rest) + b
+
+
+# What the stages give on. Confidence is uint8 per vertex: OBSERVED, INTERPOLATED or HIDDEN.
+OBSERVED, INTERPOLATED, HIDDEN = 2, 1, 0
+
+
+@dataclass(frozen=True)
+class Person:
+    """What is fixed for a sequence after the preparatory pass: the personalised rest surface (as captured, clothed)."""
+
+    shape: np.ndarray  # (S,) coefficients of the body model
+    rest: np.ndarray  # (n,3) rest vertices: model shape plus free-form offsets [m]
+    J: np.ndarray  # (K,3) rest joints [m]
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One frame of the single-layer surface."""
+
+    vertices: np.ndarray  # (n,3) [m]
+    rotations: np.ndarray  # (K,3) rotation vectors about world axes, relative to the parent [rad]
+    translation: np.ndarray  # (3,) [m]
+    face: np.ndarray  # (q,3) facial keypoints in the head joint's frame [m], NaN where unseen
+    confidence: np.ndarray  # (n,) uint8
+    diagnostics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Segmented:
+    """Labels of one frame, as ids of the scene's label table."""
+
+    vertices: np.ndarray  # (n,) uint8, per tracked vertex
+    scan_faces: np.ndarray  # (m,) uint8, per scan face
+    scan_probability: np.ndarray  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
+    ids: np.ndarray  # (L,) uint8
+    diagnostics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class GarmentTemplate:
+    """A garment ready to be registered: its rest shape fits the person's rest pose and joints `Person.J`."""
+
+    name: str
+    label: int
+    rest: np.ndarray  # (g,3) [m]
+    faces: np.ndarray  # (f,3)
+    uv: np.ndarray  # (t,2)
+    face_uv: np.ndarray  # (f,3)
+    skin: np.ndarray  # (g,K) rows sum to 1
+    loops: tuple[np.ndarray, ...]  # open loops as vertex cycles
+    loop_names: tuple[str, ...]  # "neck", "hem", "sleeve_left", "sleeve_right", or "loop0" ...
+
+
+@dataclass(frozen=True)
+class Dressed:
+    """One garment in one frame."""
+
+    vertices: np.ndarray  # (g,3) [m]
+    confidence: np.ndarray  # (g,) uint8
+    diagnostics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class InnerShape:
+    """The body under the garments, fused over the sequence: rest vertices (n,3) with joints `Person.J`."""
+
+    rest: np.ndarray
+    diagnostics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Inner:
+    """The inner layer of one frame, and the garments moved out of it (inner to outer)."""
+
+    vertices: np.ndarray  # (n,3) [m]
+    confidence: np.ndarray  # (n,) uint8
+    garments: dict[str, np.ndarray]  # name -> (g,3)
+    intersections_left: int
+    diagnostics: dict[str, float]
