@@ -1,0 +1,43 @@
+# Two commands: `make demo` and `make test`. Both set everything up first and skip what is already there.
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+.PHONY: setup demo test test-slow clean
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CPP := $(shell find cpp tests/cpp -name '*.h' -o -name '*.cpp' -o -name 'CMakeLists.txt') CMakeLists.txt
+
+setup: $(VENV)/.core
+
+# apt packages: one look at dpkg's database when all are there
+$(VENV)/.packages: tools/apt-packages.txt tools/install-apt
+	tools/install-apt tools/apt-packages.txt
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+# torch by itself first and at one version, so that nothing else chooses a build of it
+$(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet torch==2.13.0
+	tools/python-requirements pyproject.toml studio avatar peers test | $(BIN)/pip install --quiet -r /dev/stdin
+	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=2.13'
+	touch $@
+
+# one build serves the Python module and the C++ tests
+$(VENV)/.core: $(VENV)/.python $(CPP)
+	$(BIN)/pip install --quiet --no-build-isolation --no-deps --config-settings=cmake.define.TOILE_TESTS=ON --editable .
+	touch $@
+
+demo: setup
+	$(BIN)/python apps/demo.py
+
+test: setup
+	ctest --test-dir build --output-on-failure
+	$(BIN)/python -m pytest
+
+test-slow: setup
+	$(BIN)/python -m pytest -m slow
+
+clean:
+	rm -rf build demo
