@@ -24,6 +24,7 @@ Options options_from(const py::kwargs& keywords, const char* kernel, Options opt
 
 void bind_runtime(py::module_& m);  ///< errors, threads, versions
 void bind_geometry(py::module_& m); ///< normals, loops, closest points: what Python stages share with the kernels
+void bind_intersect(py::module_& m); ///< exact triangle pairs, winding numbers, signed distance
 void bind_body_model(py::module_& m);
 void bind_nricp(py::module_& m);
 void bind_biharmonic(py::module_& m);

@@ -21,6 +21,7 @@ PYBIND11_MODULE(_core, m) {
     using namespace toile::bind;
     bind_runtime(m);
     bind_geometry(m);
+    bind_intersect(m);
     bind_body_model(m);
     bind_nricp(m);
     bind_biharmonic(m);

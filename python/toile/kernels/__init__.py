@@ -12,6 +12,7 @@ from .geometry import (
     vertex_normals,
     voronoi_mass,
 )
+from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 
 __all__ = [
     "InputError",
@@ -21,10 +22,14 @@ __all__ = [
     "cotangent_laplacian",
     "face_areas",
     "face_normals",
+    "intersecting_pairs",
+    "self_intersections",
     "set_threads",
+    "signed_distance",
     "threads",
     "unique_edges",
     "vertex_components",
     "vertex_normals",
     "voronoi_mass",
+    "winding_number",
 ]
