@@ -23,8 +23,7 @@ Vector signed_distances(const Vertices& points, const Vertices& V, const Faces& 
 
 void bind_intersect(py::module_& m) {
     const auto free = py::call_guard<py::gil_scoped_release>();
-    m.def("intersecting_pairs",
-          py::overload_cast<const Vertices&, const Faces&, const Vertices&, const Faces&>(&intersecting_pairs), free);
+    m.def("intersecting_pairs", &intersecting_pairs, free);
     m.def("self_intersections", &self_intersections, free);
     m.def("winding_number", &winding_numbers, free);
     m.def("signed_distance", &signed_distances, free);

@@ -8,6 +8,7 @@
 
 #include "base/errors.h"
 #include "base/parallel.h"
+#include "geometry/box_tree.h"
 
 namespace toile {
 
@@ -85,33 +86,48 @@ bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const V
     return meet_any(hull(a0, a1, a2), hull(b0, b1, b2));
 }
 
+struct TriangleIndex::State {
+    Faces F;
+    BoxTree tree;
+    std::vector<Simplex> faces;
+};
+
+TriangleIndex::TriangleIndex(const Vertices& V, const Faces& F)
+    : state_(std::make_unique<State>(State{F, BoxTree(V, F), hulls(V, F)})) {}
+TriangleIndex::~TriangleIndex() = default;
+TriangleIndex::TriangleIndex(TriangleIndex&&) noexcept = default;
+TriangleIndex& TriangleIndex::operator=(TriangleIndex&&) noexcept = default;
+
+Edges TriangleIndex::pairs(const Vertices& V1, const Faces& F1) const {
+    const State& s = *state_;
+    return collect(F1.rows(), [&](int f, std::vector<int>& partners) {
+        s.tree.overlapping(face_box(V1, F1, f), partners);
+        if (partners.empty()) return;
+        const Simplex mine = hull(V1.row(F1(f, 0)), V1.row(F1(f, 1)), V1.row(F1(f, 2)));
+        std::erase_if(partners, [&](int g) { return !meet_any(mine, s.faces[static_cast<std::size_t>(g)]); });
+    });
+}
+
+Edges TriangleIndex::self_pairs() const {
+    const State& s = *state_;
+    return collect(s.F.rows(), [&](int f, std::vector<int>& partners) {
+        s.tree.overlapping(s.tree.face_box(f), partners);
+        std::erase_if(partners, [&](int g) {
+            return g <= f || share_vertex(s.F, f, g) ||
+                   !meet_any(s.faces[static_cast<std::size_t>(f)], s.faces[static_cast<std::size_t>(g)]);
+        });
+    });
+}
+
 Edges intersecting_pairs(const Vertices& V1, const Faces& F1, const Vertices& V2, const Faces& F2) {
     check_mesh("intersecting_pairs", V1, F1, "V1", "F1");
     check_mesh("intersecting_pairs", V2, F2, "V2", "F2");
-    return intersecting_pairs(V1, F1, V2, F2, BoxTree(V2, F2));
-}
-
-Edges intersecting_pairs(const Vertices& V1, const Faces& F1, const Vertices& V2, const Faces& F2, const BoxTree& tree2) {
-    const std::vector<Simplex> second = hulls(V2, F2);
-    return collect(F1.rows(), [&](int f, std::vector<int>& partners) {
-        tree2.overlapping(face_box(V1, F1, f), partners);
-        if (partners.empty()) return;
-        const Simplex mine = hull(V1.row(F1(f, 0)), V1.row(F1(f, 1)), V1.row(F1(f, 2)));
-        std::erase_if(partners, [&](int g) { return !meet_any(mine, second[static_cast<std::size_t>(g)]); });
-    });
+    return TriangleIndex(V2, F2).pairs(V1, F1);
 }
 
 Edges self_intersections(const Vertices& V, const Faces& F) {
     check_mesh("self_intersections", V, F);
-    const BoxTree tree(V, F);
-    const std::vector<Simplex> faces = hulls(V, F);
-    return collect(F.rows(), [&](int f, std::vector<int>& partners) {
-        tree.overlapping(tree.face_box(f), partners);
-        std::erase_if(partners, [&](int g) {
-            return g <= f || share_vertex(F, f, g) ||
-                   !meet_any(faces[static_cast<std::size_t>(f)], faces[static_cast<std::size_t>(g)]);
-        });
-    });
+    return TriangleIndex(V, F).self_pairs();
 }
 
 }  // namespace toile

@@ -1,1 +1,57 @@
+// Cloth out of a body: pushes along the body's outward direction, spread smoothly over the cloth, until no cloth vertex
+// lies inside and no triangle pair intersects.
 #pragma once
+#include <memory>
+#include <string>
+
+#include "base/types.h"
+
+namespace toile {
+
+struct UntangleOptions {
+    double margin = 0.002;     ///< kept between cloth and body [m]; less where the body leaves less than twice as much room
+    double spread = 0.03;      ///< length over which a push dies away in the cloth [m]
+    double tolerance = 0.1;    ///< a vertex counts as clear from (1 - tolerance) margin on
+    double max_depth = 0.05;   ///< an open body (another garment) has no inside deeper than this [m]
+    int max_iterations = 30;
+};
+
+struct UntangleResult {
+    Vertices V;                        ///< (n,3) the cloth, moved [m]
+    Vertices displacement;             ///< (n,3) V - cloth_V [m]
+    Vector depth_before, depth_after;  ///< (n,) how far inside the body, 0 outside [m]
+    Vector margin;                     ///< (n,) what was asked for at the vertex: the option, or half the room there [m]
+    Edges pairs_left;                  ///< (k,2) faces of cloth and body that still intersect
+    int intersections_before = 0, intersections_left = 0, vertices_left = 0;  ///< vertices_left: still inside
+    int iterations = 0;
+    std::string stop;    ///< "clear", "stalled" or "iterations"
+    std::string reason;  ///< why something is left, in words; empty when nothing is
+};
+
+/// Owns the topology of both meshes and the symbolic factor of the cloth's spread; serves any number of frames.
+///
+/// Minimises |L d|^2 + (h / 2 spread)^4 |d|^2 over displacements d subject to outward . (x + d - b) >= margin, where L is
+/// the uniform graph Laplacian (L u)_i = u_i - mean of neighbours, h the mean edge length, b the closest point of the
+/// body. An active set holds vertices on their planes; planes are renewed after every solve. Where a body feature
+/// pokes through a face whose corners are clear, the corners are asked to rise by the depth in the face's middle.
+class UntangleSolver {
+public:
+    UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options = {});
+    ~UntangleSolver();
+    UntangleSolver(UntangleSolver&&) noexcept;
+    UntangleSolver& operator=(UntangleSolver&&) noexcept;
+
+    UntangleResult solve(const Vertices& cloth_V, const Vertices& body_V);
+
+    std::int64_t analyses() const;        ///< symbolic factorisations so far: 1 however many frames
+    std::int64_t factorisations() const;  ///< numeric ones
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+UntangleResult untangle(const Vertices& cloth_V, const Faces& cloth_F, const Vertices& body_V, const Faces& body_F,
+                        const UntangleOptions& options = {});
+
+}  // namespace toile

@@ -13,11 +13,13 @@ from .geometry import (
     voronoi_mass,
 )
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
+from .untangle import UntangleSolver, untangle
 
 __all__ = [
     "InputError",
     "SolveError",
     "SurfaceIndex",
+    "UntangleSolver",
     "boundary_loops",
     "cotangent_laplacian",
     "face_areas",
@@ -28,6 +30,7 @@ __all__ = [
     "signed_distance",
     "threads",
     "unique_edges",
+    "untangle",
     "vertex_components",
     "vertex_normals",
     "voronoi_mass",
