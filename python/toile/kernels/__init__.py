@@ -13,6 +13,7 @@ from .geometry import (
     voronoi_mass,
 )
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
+from .raster import raster
 from .untangle import UntangleSolver, untangle
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "face_areas",
     "face_normals",
     "intersecting_pairs",
+    "raster",
     "self_intersections",
     "set_threads",
     "signed_distance",
