@@ -1,0 +1,119 @@
+"""Triangulation on synthetic cameras."""
+
+import numpy as np
+import pytest
+
+from toile.config import ReconstructSettings
+from toile.reconstruct import triangulate
+from toile.scene import Camera, CaptureError, Keypoints
+
+
+def ring_of_cameras(count, distortion=(-0.12, 0.05, 0.001, -0.002, 0.0)):
+    cameras = {}
+    for i in range(count):
+        angle = 2 * np.pi * i / count
+        centre = np.array([2.5 * np.sin(angle), -2.5 * np.cos(angle), 1.0 + 0.5 * (i % 2)])
+        z = np.array([0, 0, 1.0]) - centre
+        z /= np.linalg.norm(z)
+        x = np.cross(z, [0, 0, 1.0])
+        x /= np.linalg.norm(x)
+        T = np.eye(4)
+        T[:3, :3] = np.stack([x, np.cross(z, x), z])
+        T[:3, 3] = -T[:3, :3] @ centre
+        K = np.array([[560.0, 0, 256], [0, 560, 256], [0, 0, 1]])
+        cameras[f"cam{i}"] = Camera(f"cam{i}", 512, 512, K, np.array(distortion), T)
+    return cameras
+
+
+def observe(cameras, points, rng, noise=0.0, outliers=0.0, unseen=0.0):
+    seen = {}
+    for name, camera in cameras.items():
+        uv, _ = camera.project(points)
+        uv = uv + noise * rng.standard_normal(uv.shape)
+        wrong = rng.random(len(points)) < outliers
+        uv[wrong] = rng.uniform(0, 512, (wrong.sum(), 2))
+        seen[name] = np.column_stack([uv, rng.random(len(points)) >= unseen])
+    return Keypoints(tuple(f"body.p{i}" for i in range(len(points))), seen)
+
+
+def points(rng, k=100):
+    return np.column_stack([rng.uniform(-0.5, 0.5, (k, 2)), rng.uniform(0.0, 1.8, k)])
+
+
+def test_exact_pixels_give_exact_points():
+    rng = np.random.default_rng(0)
+    X = points(rng)
+    result = triangulate(observe(ring_of_cameras(8), X, rng), ring_of_cameras(8), ReconstructSettings())
+    np.testing.assert_allclose(result.points, X, atol=1e-8)
+    assert (result.views == 8).all()
+
+
+@pytest.mark.parametrize("outliers", [0.05, 0.2])
+def test_noise_and_outliers_leave_points_within_their_stated_sigma(outliers):
+    rng = np.random.default_rng(1)
+    X, cameras = points(rng, 400), ring_of_cameras(8)
+    result = triangulate(observe(cameras, X, rng, 2.0, outliers, unseen=0.1), cameras, ReconstructSettings())
+    error = np.linalg.norm(result.points - X, axis=1)
+    found = np.isfinite(error)
+    assert found.mean() > 0.98
+    # 2 px at 2.5 m / 560 px are 9 mm a view, about 6 mm in space from eight views
+    assert np.sqrt(np.mean(error[found] ** 2)) < 0.009
+    assert np.mean(error[found] < 2.5 * result.sigma[found]) > 0.97
+    assert error[found].max() < 0.05
+
+
+def test_swapped_left_and_right_in_two_views_are_rejected():
+    rng = np.random.default_rng(2)
+    X, cameras = points(rng, 20), ring_of_cameras(8)
+    keypoints = observe(cameras, X, rng, 1.0)
+    swap = np.arange(20) ^ 1  # neighbours change places, as left and right do
+    for name in ("cam1", "cam4"):
+        keypoints.points[name][:] = keypoints.points[name][swap]
+    result = triangulate(keypoints, cameras, ReconstructSettings())
+    assert np.linalg.norm(result.points - X, axis=1).max() < 0.012
+    assert (result.views <= 7).all() and np.median(result.views) == 6
+
+
+def test_points_that_no_two_views_agree_on_are_nan():
+    rng = np.random.default_rng(3)
+    X, cameras = points(rng, 30), ring_of_cameras(6)
+    keypoints = observe(cameras, X, rng, 1.0)
+    for i, seen in enumerate(keypoints.points.values()):
+        seen[:10, 2] = i == 0  # one view only
+        seen[10:20, 2] = 0
+    result = triangulate(keypoints, cameras, ReconstructSettings())
+    assert np.isnan(result.points[:20]).all() and np.isfinite(result.points[20:]).all()
+    assert np.isinf(result.sigma[:20]).all()
+
+
+def test_rigid_motion_of_world_moves_points_alike():
+    rng = np.random.default_rng(4)
+    X, cameras = points(rng, 40), ring_of_cameras(8)
+    keypoints = observe(cameras, X, rng, 2.0, 0.1)
+    c, s = np.cos(0.7), np.sin(0.7)
+    T = np.array([[c, -s, 0, 3], [s, c, 0, -20], [0, 0, 1, 5], [0, 0, 0, 1.0]])
+    moved = {
+        n: Camera(n, 512, 512, cam.K, cam.distortion, cam.T_camera_world @ np.linalg.inv(T)) for n, cam in cameras.items()
+    }
+    a = triangulate(keypoints, cameras, ReconstructSettings()).points
+    b = triangulate(keypoints, moved, ReconstructSettings()).points
+    np.testing.assert_allclose(b, a @ T[:3, :3].T + T[:3, 3], atol=1e-8)
+
+
+def test_many_views_draw_pairs_by_seed_and_stay_robust():
+    rng = np.random.default_rng(5)
+    X, cameras = points(rng, 30), ring_of_cameras(24)
+    keypoints = observe(cameras, X, rng, 2.0, 0.2)
+    first = triangulate(keypoints, cameras, ReconstructSettings())
+    again = triangulate(keypoints, cameras, ReconstructSettings())
+    assert np.array_equal(first.points, again.points)
+    assert np.linalg.norm(first.points - X, axis=1).max() < 0.015
+
+
+def test_unknown_camera_is_refused_by_name():
+    rng = np.random.default_rng(6)
+    cameras = ring_of_cameras(4)
+    keypoints = observe(cameras, points(rng, 5), rng)
+    del cameras["cam2"]
+    with pytest.raises(CaptureError, match="cam2"):
+        triangulate(keypoints, cameras, ReconstructSettings())
