@@ -99,23 +99,24 @@ Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
     return n.normalized() * orientation_;
 }
 
-Probe Obstacle::probe(const Vec3& p) const {
+Probe Obstacle::probe(const Vec3& p) const { return probe(p, winding_ != nullptr); }
+
+Probe Obstacle::probe(const Vec3& p, bool with_winding) const {
     const SurfacePoint s = index_.closest(p);
     const Vec3 normal = pseudo_normal(s), offset = p - s.point;
-    const bool inside = winding_ && orientation_ * winding_->at(p) > 0.5;
     const bool sided = normal.squaredNorm() > 0.5;  // false: the closest face has no area, hence no side
-    const bool behind = sided || !winding_ ? offset.dot(normal) < 0 : inside;
+    const bool inside = with_winding && orientation_ * winding_->at(p) > 0.5;
+    const bool behind = sided || !with_winding ? offset.dot(normal) < 0 : inside;
     Probe out;
     out.point = s.point;
     // Too near for a direction of its own (1e-9 of the size), the probe takes the surface's.
     out.outward = s.distance > 1e-9 * size_ ? Vec3(offset / (behind ? -s.distance : s.distance)) : normal;
-    if (winding_) {
+    if (with_winding) {
         out.distance = inside ? -s.distance : s.distance;
         out.constrained = inside == behind;  // else inside another part of a body that overlaps itself
     } else {
-        const bool valid = sided && !on_rim(s) && !(behind && s.distance > max_depth_);
-        out.distance = behind && valid ? -s.distance : s.distance;
-        out.constrained = valid;
+        out.constrained = sided && !on_rim(s) && !(behind && !winding_ && s.distance > max_depth_);
+        out.distance = behind && out.constrained ? -s.distance : s.distance;
     }
     if (!(out.outward.squaredNorm() > 0.5)) out.constrained = false;
     return out;
@@ -124,6 +125,19 @@ Probe Obstacle::probe(const Vec3& p) const {
 std::vector<Probe> Obstacle::probe_each(const Vertices& points) const {
     std::vector<Probe> out(static_cast<std::size_t>(points.rows()));
     parallel_for(points.rows(), [&](std::int64_t i) { out[static_cast<std::size_t>(i)] = probe(points.row(i)); }, 64);
+    return out;
+}
+
+std::vector<Probe> Obstacle::probe_each_quickly(const Vertices& points, const std::vector<Probe>& known) const {
+    std::vector<Probe> out(static_cast<std::size_t>(points.rows()));
+    parallel_for(
+        points.rows(),
+        [&](std::int64_t i) {
+            const auto k = static_cast<std::size_t>(i);
+            out[k] = probe(points.row(i), false);
+            out[k].constrained = out[k].constrained && (!winding_ || known[k].constrained);
+        },
+        64);
     return out;
 }
 

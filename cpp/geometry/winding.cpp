@@ -1,5 +1,6 @@
 #include "geometry/winding.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -33,8 +34,11 @@ WindingNumber::WindingNumber(const Vertices& V, const Faces& F) : V_(V), F_(F), 
         if (area > 0) offset /= area;
         s.centre = origin + offset;
         s.spread -= s.normal * offset.transpose();
-        for (int corner = 0; corner < 8; ++corner)
-            s.radius = std::max(s.radius, (node.box.corner(static_cast<Box::CornerType>(corner)) - s.centre).norm());
+        double square = 0;
+        for (int i = node.begin; i < node.end; ++i)
+            for (int c = 0; c < 3; ++c)
+                square = std::max(square, (V_.row(F_(tree_.order()[static_cast<std::size_t>(i)], c)).transpose() - s.centre).squaredNorm());
+        s.radius = std::sqrt(square);
     });
 }
 

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 #include <vector>
 
 #include "base/errors.h"
@@ -18,7 +20,8 @@ namespace {
 
 constexpr double hold = 1e4;         // weight of an active vertex against the spread's entries of about 1
 constexpr int releases_allowed = 2;  // so that the active set cannot cycle
-constexpr int refinements = 3;       // active-set passes over one set of planes
+constexpr int refinements = 3;       // active-set passes over the first planes; later planes get one
+constexpr int patience = 10;         // steps without progress before giving up
 
 void check_options(const UntangleOptions& o) {
     auto positive = [](const char* name, double value) {
@@ -98,8 +101,9 @@ struct Frame {
     std::vector<char> active, releases;
     Vertices target;       // displacement of active vertices from the start
 
-    void look() {
-        probes = body.probe_each(x);
+    /// Where every vertex stands. A quick look trusts normals alone; what it calls clear is looked at again.
+    void look(bool quick) {
+        probes = quick ? body.probe_each_quickly(x, probes) : body.probe_each(x);
         parallel_for(x.rows(), [&](std::int64_t i) {
             const Probe& p = probes[static_cast<std::size_t>(i)];
             if (p.constrained && p.distance < options.margin) margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
@@ -110,10 +114,10 @@ struct Frame {
         const Probe& p = probes[static_cast<std::size_t>(i)];
         return p.constrained && p.distance < (1 - options.tolerance) * wanted(i);
     }
-    bool any_violated() const {
-        for (Eigen::Index i = 0; i < x.rows(); ++i)
-            if (violated(i)) return true;
-        return false;
+    int violations() const {
+        int count = 0;
+        for (Eigen::Index i = 0; i < x.rows(); ++i) count += violated(i);
+        return count;
     }
     int inside() const {
         return static_cast<int>(std::count_if(probes.begin(), probes.end(), [](const Probe& p) { return p.inside(); }));
@@ -195,7 +199,7 @@ namespace {
 
 /// d of least energy with active vertices held at their targets; vertices that the others would carry further out than
 /// their plane asks are released, and the rest is solved again.
-Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& factor, Frame& frame) {
+Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& factor, Frame& frame, int passes) {
     const Eigen::Index n = frame.x.rows();
     Vertices d;
     for (int pass = 0;; ++pass) {
@@ -217,7 +221,7 @@ Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& fac
             ++frame.releases[k];
             ++released;
         }
-        if (released == 0 || pass + 1 >= refinements) return d;
+        if (released == 0 || pass + 1 >= passes) return d;
     }
 }
 
@@ -254,19 +258,30 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     const double weight = std::max(1e-10, std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4));
 
     UntangleResult r;
-    frame.look();
+    frame.look(false);
     r.depth_before = frame.depth();
-    r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
-    r.intersections_before = static_cast<int>(r.pairs_left.rows());
-    for (;; ++r.iterations) {
-        const bool vertices_clear = !frame.any_violated();
-        if (r.iterations > 0 && vertices_clear) r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
-        if (vertices_clear && r.pairs_left.rows() == 0) break;
-        if (r.iterations == o.max_iterations) break;
-        if (vertices_clear) frame.raise_pierced(r.pairs_left);
+    r.intersections_before = static_cast<int>(frame.body_faces.pairs(frame.x, s.cloth_F).rows());
+    std::pair<int, int> fewest{std::numeric_limits<int>::max(), 0};  // vertices to move; when there are none, pairs
+    Vertices best;
+    for (int idle = 0;; ++r.iterations) {
+        int violations = frame.violations();
+        if (violations == 0 && r.iterations > 0) {
+            frame.look(false);
+            violations = frame.violations();
+        }
+        if (violations == 0) r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
+        const std::pair<int, int> left{violations, violations == 0 ? static_cast<int>(r.pairs_left.rows()) : 0};
+        idle = left < fewest ? 0 : idle + 1;
+        if (left < fewest) fewest = left, best = frame.x;
+        if (left == std::pair(0, 0) || idle == patience || r.iterations == o.max_iterations) break;
+        if (violations == 0) frame.raise_pierced(r.pairs_left);
         frame.renew_planes();
-        frame.x = cloth_V + spread_targets(s.spread, weight, s.factor, frame);
-        frame.look();
+        frame.x = cloth_V + spread_targets(s.spread, weight, s.factor, frame, refinements);
+        frame.look(true);
+    }
+    if (fewest != std::pair(0, 0)) {
+        frame.x = best;
+        frame.look(false);
     }
     r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
     r.intersections_left = static_cast<int>(r.pairs_left.rows());
