@@ -38,6 +38,16 @@ Vertices angle_weighted_normals(const Vertices& V, const Faces& F, const Vertice
     return normal;
 }
 
+/// f(point, row) for every row, in parallel.
+template <class Function>
+std::vector<Probe> each(const Vertices& points, Function&& f) {
+    std::vector<Probe> out(static_cast<std::size_t>(points.rows()));
+    parallel_for(
+        points.rows(),
+        [&](std::int64_t i) { out[static_cast<std::size_t>(i)] = f(Vec3(points.row(i)), static_cast<std::size_t>(i)); }, 64);
+    return out;
+}
+
 }  // namespace
 
 SideTopology::SideTopology(const Faces& F) : across(Faces::Constant(F.rows(), 3, -1)) {
@@ -99,21 +109,21 @@ Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
     return n.normalized() * orientation_;
 }
 
-Probe Obstacle::probe(const Vec3& p) const { return probe(p, winding_ != nullptr); }
-
-Probe Obstacle::probe(const Vec3& p, bool with_winding) const {
+/// `side(distance)` says on which side p lies, `distance` from the surface; unknown leaves it to the normal there.
+template <class SideAt>
+Probe Obstacle::probe(const Vec3& p, SideAt&& side_at) const {
     const SurfacePoint s = index_.closest(p);
     const Vec3 normal = pseudo_normal(s), offset = p - s.point;
     const bool sided = normal.squaredNorm() > 0.5;  // false: the closest face has no area, hence no side
-    const bool inside = with_winding && orientation_ * winding_->at(p) > 0.5;
-    const bool behind = sided || !with_winding ? offset.dot(normal) < 0 : inside;
+    const Side side = side_at(s.distance);
+    const bool behind = sided || side == Side::unknown ? offset.dot(normal) < 0 : side == Side::inside;
     Probe out;
     out.point = s.point;
     // Too near for a direction of its own (1e-9 of the size), the probe takes the surface's.
     out.outward = s.distance > 1e-9 * size_ ? Vec3(offset / (behind ? -s.distance : s.distance)) : normal;
-    if (with_winding) {
-        out.distance = inside ? -s.distance : s.distance;
-        out.constrained = inside == behind;  // else inside another part of a body that overlaps itself
+    if (side != Side::unknown) {
+        out.distance = side == Side::inside ? -s.distance : s.distance;
+        out.constrained = (side == Side::inside) == behind;  // else inside another part of a body that overlaps itself
     } else {
         out.constrained = sided && !on_rim(s) && !(behind && !winding_ && s.distance > max_depth_);
         out.distance = behind && out.constrained ? -s.distance : s.distance;
@@ -122,23 +132,36 @@ Probe Obstacle::probe(const Vec3& p, bool with_winding) const {
     return out;
 }
 
+Side Obstacle::side(const Vec3& p) const {
+    if (!winding_) return Side::unknown;
+    return orientation_ * winding_->at(p) > 0.5 ? Side::inside : Side::outside;
+}
+
+Probe Obstacle::probe(const Vec3& p) const {
+    return probe(p, [&](double) { return side(p); });
+}
+
 std::vector<Probe> Obstacle::probe_each(const Vertices& points) const {
-    std::vector<Probe> out(static_cast<std::size_t>(points.rows()));
-    parallel_for(points.rows(), [&](std::int64_t i) { out[static_cast<std::size_t>(i)] = probe(points.row(i)); }, 64);
-    return out;
+    return each(points, [&](const Vec3& p, std::size_t) { return probe(p); });
+}
+
+std::vector<Probe> Obstacle::probe_each(const Vertices& points, const Vertices& former, const std::vector<Probe>& known) const {
+    return each(points, [&](const Vec3& p, std::size_t k) {
+        const double step = (p - former.row(static_cast<Eigen::Index>(k)).transpose()).norm();
+        return probe(p, [&](double distance) {
+            const bool crossed_nothing = step + 1e-6 * size_ < std::abs(known[k].distance) + distance;  // float32 distances
+            if (!winding_ || !crossed_nothing) return side(p);
+            return known[k].inside() ? Side::inside : Side::outside;
+        });
+    });
 }
 
 std::vector<Probe> Obstacle::probe_each_quickly(const Vertices& points, const std::vector<Probe>& known) const {
-    std::vector<Probe> out(static_cast<std::size_t>(points.rows()));
-    parallel_for(
-        points.rows(),
-        [&](std::int64_t i) {
-            const auto k = static_cast<std::size_t>(i);
-            out[k] = probe(points.row(i), false);
-            out[k].constrained = out[k].constrained && (!winding_ || known[k].constrained);
-        },
-        64);
-    return out;
+    return each(points, [&](const Vec3& p, std::size_t k) {
+        Probe out = probe(p, [](double) { return Side::unknown; });
+        out.constrained = out.constrained && (!winding_ || known[k].constrained);
+        return out;
+    });
 }
 
 double Obstacle::room(const Probe& probe, double reach) const {

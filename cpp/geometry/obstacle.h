@@ -17,6 +17,8 @@ struct SideTopology {
     std::vector<char> rim;          ///< per vertex, up to the largest index
 };
 
+enum class Side { inside, outside, unknown };
+
 struct Probe {
     double distance = 0;            ///< [m], negative inside
     Vec3 point = Vec3::Zero();      ///< the closest point of the surface [m]
@@ -33,6 +35,9 @@ public:
 
     Probe probe(const Vec3& p) const;
     std::vector<Probe> probe_each(const Vertices& points) const;  ///< parallel
+    /// The same, where `known` are the probes of the points' former places: a point whose step is covered by the two
+    /// empty balls around its ends has crossed no surface, and its winding number is not asked for again.
+    std::vector<Probe> probe_each(const Vertices& points, const Vertices& former, const std::vector<Probe>& known) const;
     /// Probes by normals alone, as for an open surface but at any depth: several times quicker, and wrong where a closed
     /// surface overlaps itself. Points whose `known` probe was unconstrained stay so.
     std::vector<Probe> probe_each_quickly(const Vertices& points, const std::vector<Probe>& known) const;
@@ -40,7 +45,9 @@ public:
     double room(const Probe& probe, double reach) const;
 
 private:
-    Probe probe(const Vec3& p, bool with_winding) const;
+    template <class SideAt>
+    Probe probe(const Vec3& p, SideAt&& side_at) const;
+    Side side(const Vec3& p) const;  ///< by the winding number; unknown for an open surface
     Vec3 pseudo_normal(const SurfacePoint& s) const;
     bool on_rim(const SurfacePoint& s) const;
 

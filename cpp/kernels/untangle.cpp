@@ -96,14 +96,21 @@ struct Frame {
     TriangleIndex body_faces;
 
     Vertices x;
-    std::vector<Probe> probes;
+    std::vector<Probe> probes, start_probes;
     Vector margin, asked;  // half the room at most; and what poking features ask for on top [m]
     std::vector<char> active, releases;
     Vertices target;       // displacement of active vertices from the start
 
     /// Where every vertex stands. A quick look trusts normals alone; what it calls clear is looked at again.
     void look(bool quick) {
-        probes = quick ? body.probe_each_quickly(x, probes) : body.probe_each(x);
+        probes = quick ? body.probe_each_quickly(x, probes) : body.probe_each(x, start, start_probes);
+        ask_margins();
+    }
+    void first_look() {
+        probes = start_probes = body.probe_each(x);
+        ask_margins();
+    }
+    void ask_margins() {
         parallel_for(x.rows(), [&](std::int64_t i) {
             const Probe& p = probes[static_cast<std::size_t>(i)];
             if (p.constrained && p.distance < options.margin) margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
@@ -253,12 +260,12 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     const UntangleOptions& o = s.options;
     const auto n = static_cast<std::size_t>(s.cloth_n);
     Frame frame{cloth_V, body_V, s.cloth_F, s.body_F, o, Obstacle(body_V, s.body_F, s.sides, o.max_depth),
-                TriangleIndex(body_V, s.body_F), cloth_V, {}, Vector::Constant(s.cloth_n, o.margin), Vector::Zero(s.cloth_n),
+                TriangleIndex(body_V, s.body_F), cloth_V, {}, {}, Vector::Constant(s.cloth_n, o.margin), Vector::Zero(s.cloth_n),
                 std::vector<char>(n, 0), std::vector<char>(n, 0), Vertices::Zero(s.cloth_n, 3)};
     const double weight = std::max(1e-10, std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4));
 
     UntangleResult r;
-    frame.look(false);
+    frame.first_look();
     r.depth_before = frame.depth();
     r.intersections_before = static_cast<int>(frame.body_faces.pairs(frame.x, s.cloth_F).rows());
     std::pair<int, int> fewest{std::numeric_limits<int>::max(), 0};  // vertices to move; when there are none, pairs
