@@ -125,7 +125,9 @@ Probe Obstacle::probe(const Vec3& p, SideAt&& side_at) const {
         out.distance = side == Side::inside ? -s.distance : s.distance;
         out.constrained = (side == Side::inside) == behind;  // else inside another part of a body that overlaps itself
     } else {
-        out.constrained = sided && !on_rim(s) && !(behind && !winding_ && s.distance > max_depth_);
+        // Beyond a rim there is neither in nor out, but within 45 degrees of the rim's normal it still reaches.
+        const bool beyond = on_rim(s) && std::abs(offset.dot(normal)) < std::sqrt(0.5) * s.distance;
+        out.constrained = sided && !beyond && !(behind && !winding_ && s.distance > max_depth_);
         out.distance = behind && out.constrained ? -s.distance : s.distance;
     }
     if (!(out.outward.squaredNorm() > 0.5)) out.constrained = false;

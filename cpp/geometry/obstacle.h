@@ -28,7 +28,7 @@ struct Probe {
 };
 
 /// Closed surfaces tell inside by winding numbers (either orientation), open ones by the normal at the closest point:
-/// beyond a rim, or deeper than `max_depth`, an open surface has no inside.
+/// well beyond a rim, or deeper than `max_depth`, an open surface has no inside.
 class Obstacle {
 public:
     Obstacle(const Vertices& V, const Faces& F, const SideTopology& topology, double max_depth);
@@ -41,6 +41,7 @@ public:
     /// Probes by normals alone, as for an open surface but at any depth: several times quicker, and wrong where a closed
     /// surface overlaps itself. Points whose `known` probe was unconstrained stay so.
     std::vector<Probe> probe_each_quickly(const Vertices& points, const std::vector<Probe>& known) const;
+    bool closed() const { return winding_ != nullptr; }
     /// Free length from the surface at the probe outwards, at most `reach` [m].
     double room(const Probe& probe, double reach) const;
 

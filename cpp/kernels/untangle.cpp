@@ -100,6 +100,7 @@ struct Frame {
     Vector margin, asked;  // half the room at most; and what poking features ask for on top [m]
     std::vector<char> active, releases;
     Vertices target;       // displacement of active vertices from the start
+    Vertices nudge;        // for the next planes: pushes of vertices beyond an open body's rim
 
     /// Where every vertex stands. A quick look trusts normals alone; what it calls clear is looked at again.
     void look(bool quick) {
@@ -143,8 +144,9 @@ struct Frame {
             if (!active[k]) continue;
             const Probe& p = probes[k];
             const double rise = p.constrained ? wanted(i) - p.distance : 0;
-            target.row(i) = x.row(i) - start.row(i) + rise * p.outward.transpose();
+            target.row(i) = x.row(i) - start.row(i) + rise * p.outward.transpose() + nudge.row(i);
         }
+        nudge.setZero();
     }
 
     /// The middle of the curve along which cloth face f meets the given body faces.
@@ -178,6 +180,10 @@ struct Frame {
             for (int c = 0; c < 3; ++c) {
                 const Probe& at = probes[static_cast<std::size_t>(F(f, c))];
                 const double rise = lift * b[c] / b.squaredNorm();
+                if (!body.closed() && !at.constrained && p.constrained) {
+                    active[static_cast<std::size_t>(F(f, c))] = 1;
+                    nudge.row(F(f, c)) = rise * p.outward;
+                }
                 if (at.constrained && rise > 0) asked[F(f, c)] = std::max(asked[F(f, c)], (at.distance + rise) / (1 - options.tolerance));
             }
         }
@@ -261,7 +267,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     const auto n = static_cast<std::size_t>(s.cloth_n);
     Frame frame{cloth_V, body_V, s.cloth_F, s.body_F, o, Obstacle(body_V, s.body_F, s.sides, o.max_depth),
                 TriangleIndex(body_V, s.body_F), cloth_V, {}, {}, Vector::Constant(s.cloth_n, o.margin), Vector::Zero(s.cloth_n),
-                std::vector<char>(n, 0), std::vector<char>(n, 0), Vertices::Zero(s.cloth_n, 3)};
+                std::vector<char>(n, 0), std::vector<char>(n, 0), Vertices::Zero(s.cloth_n, 3), Vertices::Zero(s.cloth_n, 3)};
     const double weight = std::max(1e-10, std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4));
 
     UntangleResult r;
