@@ -80,7 +80,9 @@ SideTopology::SideTopology(const Faces& F) : across(Faces::Constant(F.rows(), 3,
 Obstacle::Obstacle(const Vertices& V, const Faces& F, const SideTopology& topology, double max_depth)
     : topology_(topology), max_depth_(max_depth), index_(V, F), face_normal_(face_normals(V, F)) {
     vertex_normal_ = angle_weighted_normals(V, F, face_normal_);
-    size_ = (V.colwise().maxCoeff() - V.colwise().minCoeff()).norm();
+    Box box;
+    for (Eigen::Index f = 0; f < F.rows(); ++f) box.extend(toile::face_box(V, F, f));  // no unreferenced vertex counts
+    size_ = box.diagonal().norm();
     if (!topology.closed) return;
     orientation_ = signed_volume(V, F) < 0 ? -1 : 1;
     winding_ = std::make_unique<WindingNumber>(V, F);

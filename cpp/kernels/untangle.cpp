@@ -229,7 +229,7 @@ Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& fac
         for (Eigen::Index i = 0; i < n; ++i) {
             const auto k = static_cast<std::size_t>(i);
             const double multiplier = (frame.target.row(i) - d.row(i)).dot(frame.probes[k].outward);
-            if (!frame.active[k] || multiplier >= 0 || frame.releases[k] >= releases_allowed) continue;
+            if (!frame.active[k] || multiplier > -1e-5 * frame.options.margin || frame.releases[k] >= releases_allowed) continue;
             frame.active[k] = 0;
             ++frame.releases[k];
             ++released;
