@@ -1,0 +1,159 @@
+"""Truth bodies: anny phenotypes that leave the pipeline's model on purpose (smooth offsets, other skinning weights)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..scene import BodyModel
+
+OFFSET_MM = (5.0, 15.0)  # largest displacement outside the model's span, drawn from this range
+OFFSET_LENGTH = 0.12  # m, correlation length of the offsets
+WEIGHT_SMOOTHING = 6  # umbrella steps on the skinning weights
+INFLUENCES = 8  # bones per vertex kept
+
+
+@dataclass(frozen=True)
+class TruthBody:
+    """A body of the studio: `rest` (n,3) [m] in anny's rest pose, z up, facing -y; joints `model.J` (K,3)."""
+
+    model: BodyModel  # no shape basis; skinning weights differ from the pipeline's
+    neutral: np.ndarray  # (n,3) anny's average body: coordinates that mean the same on every body
+    skin_faces: np.ndarray  # (m,3) faces of the skin component, without eyes and tongue
+    phenotype: dict[str, float]
+    expressions: np.ndarray | None  # (e,n,3) facial actions as rest displacements [m]
+    offset: np.ndarray  # (n,3) what was added outside the model's span [m]
+
+    @property
+    def rest(self):
+        return self.model.v_template
+
+    @property
+    def J(self):
+        return self.model.J
+
+    @cached_property
+    def dense_weights(self):
+        W = np.zeros((len(self.rest), len(self.J)))
+        np.put_along_axis(W, self.model.weights_idx, self.model.weights_val, axis=1)
+        return W
+
+    def pose(self, rotations, translation, expression=None):
+        """Posed vertices (n,3) for rotations (K,3), translation (3,) and facial actions (e,)."""
+        rest = self.rest if expression is None else self.rest + np.tensordot(expression, self.expressions, 1)
+        return self.model.skin(rest, self.J, rotations, translation)
+
+    def joints(self, rotations, translation):
+        return self.model.joint_transforms(self.J, rotations, translation)[1]
+
+
+ACTIONS = ("jawOpen", "mouthSmileLeft", "mouthSmileRight", "mouthFunnel", "browInnerUp", "eyeBlinkLeft", "eyeBlinkRight")
+
+PHENOTYPES = {  # gender 0 male .. 1 female; the rest around 0.5; drawn uniformly
+    "fitted": dict(gender=(0.0, 1.0), age=(0.6, 0.7), muscle=(0.4, 0.6), weight=(0.35, 0.55), height=(0.4, 0.55)),
+    "logo": dict(gender=(0.0, 0.4), age=(0.6, 0.75), muscle=(0.4, 0.7), weight=(0.3, 0.5), height=(0.45, 0.6)),
+    "loose": dict(gender=(0.3, 1.0), age=(0.6, 0.75), muscle=(0.3, 0.5), weight=(0.2, 0.45), height=(0.35, 0.5)),
+}
+
+
+def make_body(subject, rng):
+    """Draws a truth body for `subject` in PHENOTYPES."""
+    phenotype = {k: round(float(rng.uniform(*v)), 4) for k, v in PHENOTYPES[subject].items()}
+    phenotype["proportions"] = round(float(rng.uniform(0.4, 0.6)), 4)
+    anny_model = load_anny()
+    rest, J = anny_rest(anny_model, phenotype)
+    neutral, _ = anny_rest(anny_model, dict.fromkeys(phenotype, 0.5) | {"age": 0.67})
+    faces = anny_model.get_triangular_faces().numpy().astype(np.int32)
+    names = tuple(anny_model.bone_labels)
+    idx, val = anny_model.vertex_bone_indices.numpy(), anny_model.vertex_bone_weights.numpy()
+    offset = model_offset(neutral, rest, faces, idx, val, names, rng)
+    w_idx, w_val = other_weights(idx, val, faces, len(names))
+    rest_moved = rest + offset
+    model = BodyModel(
+        v_template=rest_moved, f=faces, J=J, parents=np.array(anny_model.bone_parents), weights_idx=w_idx,
+        weights_val=w_val, shapedirs=np.zeros((len(rest), 3, 0)), J_shapedirs=np.zeros((len(J), 3, 0)),
+        joint_names=names,
+    )
+    actions = facial_actions(phenotype, rest)
+    return TruthBody(model, neutral, skin_component(faces, len(rest)), phenotype, actions, offset)
+
+
+def load_anny(**options):
+    import anny
+    import torch
+
+    return anny.Anny(**options).to(torch.float64)
+
+
+def anny_rest(model, phenotype, **actions):
+    """Rest vertices (n,3) and joints (K,3) of an anny model [m]."""
+    import torch
+
+    def one(values):
+        return {k: torch.tensor([v], dtype=torch.float64) for k, v in values.items()}
+
+    extra = {"facial_actions": one(actions)} if actions else {}
+    with torch.no_grad():
+        out = model(phenotype_kwargs=one(phenotype), **extra)
+    return out["rest_vertices"][0].numpy(), out["rest_bone_heads"][0].numpy()
+
+
+def facial_actions(phenotype, rest):
+    """Displacements (e,n,3) of ACTIONS on this phenotype."""
+    model = load_anny(facial_actions=list(ACTIONS))
+    return np.array([anny_rest(model, phenotype, **{a: 1.0})[0] - rest for a in ACTIONS])
+
+
+def model_offset(neutral, rest, faces, idx, val, names, rng):
+    """A smooth field along the normals, OFFSET_MM at its largest, fading on head, hands and feet."""
+    field = smooth_noise(neutral, OFFSET_LENGTH, rng)
+    fade = fade_of(idx, val, names)
+    field = field * fade
+    field *= 1e-3 * rng.uniform(*OFFSET_MM) / np.abs(field).max()
+    return field[:, None] * vertex_normals(rest, faces)
+
+
+def fade_of(idx, val, names):
+    """1 on torso, arms and legs, 0.25 on head, hands and feet: their features are smaller than the offsets."""
+    small = np.array([n.startswith(("finger", "metacarpal", "wrist", "toe", "foot", "head", "eye", "neck")) for n in names])
+    return 1 - 0.75 * (val * small[idx]).sum(1)
+
+
+def smooth_noise(points, length, rng, waves=64):
+    """A Gaussian random field at points (n,3): unit variance, correlation exp(-d^2 / (2 length^2))."""
+    k = rng.standard_normal((waves, 3)) / length
+    phase = rng.uniform(0, 2 * np.pi, waves)
+    return np.sqrt(2 / waves) * np.cos(points @ k.T + phase).sum(1)
+
+
+def other_weights(idx, val, faces, bones):
+    """Skinning weights smoothed over the surface, the INFLUENCES largest kept: other weights than the pipeline's."""
+    n = len(idx)
+    W = np.zeros((n, bones))
+    np.add.at(W, (np.arange(n)[:, None], idx), val)
+    e = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    A = sp.coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
+    A.data[:] = 1
+    mean = sp.diags(1 / np.maximum(np.asarray(A.sum(1)).ravel(), 1)) @ A
+    for _ in range(WEIGHT_SMOOTHING):
+        W = 0.5 * W + 0.5 * (mean @ W)
+    keep = np.argsort(-W, axis=1, kind="stable")[:, :INFLUENCES]
+    kept = np.take_along_axis(W, keep, 1)
+    return keep.astype(np.int32), kept / kept.sum(1, keepdims=True)
+
+
+def vertex_normals(V, F):
+    """Area-weighted unit normals (n,3); zero where a vertex has no area."""
+    fn = np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])
+    N = np.stack([np.bincount(F.ravel(), np.repeat(fn[:, i], 3), minlength=len(V)) for i in range(3)], 1)
+    return N / np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-30)
+
+
+def skin_component(faces, n):
+    """Faces of the largest connected component (the skin)."""
+    graph = sp.coo_matrix((np.ones(2 * len(faces)), (np.r_[faces[:, 0], faces[:, 1]], np.r_[faces[:, 1], faces[:, 2]])), shape=(n, n))
+    label = sp.csgraph.connected_components(graph, directed=False)[1]
+    return faces[label[faces[:, 0]] == np.bincount(label).argmax()]
