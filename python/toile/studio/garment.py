@@ -124,3 +124,13 @@ def dress(V, F, body, translation, progress):
         sim.frame(body.pose(rotations * s, translation))
         progress(GROWTH + k + 1, GROWTH + LOWERING + SETTLING)
     return sim
+
+
+def garment_for(name, body):
+    """Flat garment V, F by its name: `newton`, or a path to an .obj of a shirt in metres, z up, facing -y."""
+    if name == "newton":
+        return newton_shirt()
+    import trimesh
+
+    mesh = trimesh.load(name, process=False, maintain_order=True)
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)

@@ -1,0 +1,111 @@
+"""Procedural looks: which part of the outer surface a point belongs to, and its colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .body import smooth_noise
+
+LABELS = {"skin": 1, "hair": 2, "tshirt": 3, "trousers": 4, "shoes": 5}
+TEXTURE = 1024  # texels per side of the shirt's front and back
+BOX = (-0.40, 0.40, -0.42, 0.38)  # m: x and z range of the flat shirt about its centre that the texture spans
+
+LOOKS = {  # RGB 0..1
+    "fitted": dict(shirt=(0.16, 0.30, 0.62), ink=(0.93, 0.90, 0.80), trousers=(0.22, 0.22, 0.25), hair=(0.20, 0.13, 0.08)),
+    "logo": dict(shirt=(0.88, 0.87, 0.83), ink=(0.75, 0.10, 0.12), trousers=(0.15, 0.20, 0.36), hair=(0.08, 0.07, 0.06)),
+    "loose": dict(shirt=(0.12, 0.42, 0.30), ink=(0.95, 0.80, 0.25), trousers=(0.42, 0.36, 0.27), hair=(0.45, 0.30, 0.15)),
+}
+SKIN_TONES = ((0.93, 0.76, 0.66), (0.80, 0.60, 0.47), (0.58, 0.40, 0.29), (0.38, 0.25, 0.18))
+SHOES = (0.70, 0.68, 0.66)
+EYES = (0.85, 0.85, 0.83)
+
+
+class Look:
+    """Colours and parts of one person."""
+
+    def __init__(self, subject, body, garment_flat, rng):
+        names = body.model.joint_names
+        limb = np.array([n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in names])
+        self.arm = body.dense_weights[:, limb].sum(1)
+        self.head = body.dense_weights[:, [n in ("head", "neck03") for n in names]].sum(1)
+        self.skin_vertex = np.zeros(len(body.rest), bool)
+        self.skin_vertex[body.skin_faces] = True
+        self.neutral = body.neutral
+        self.colours = LOOKS[subject]
+        self.skin = np.array(SKIN_TONES[rng.integers(len(SKIN_TONES))])
+        self.noise_seed = int(rng.integers(2**31))
+        self.flat = None if garment_flat is None else garment_flat - 0.5 * (garment_flat.min(0) + garment_flat.max(0))
+        self.textures = None if garment_flat is None else shirt_textures(subject, self.colours)
+
+    def body_labels(self, neutral, arm, head):
+        """Part ids of body points: coordinates (n,3) on the neutral body, shares of arm and head weights (n,)."""
+        x, y, z = neutral.T
+        label = np.full(len(neutral), LABELS["skin"], np.uint8)
+        label[(z < 0.10) & (arm < 0.5)] = LABELS["trousers"]
+        label[(z < -0.87) & (arm < 0.5)] = LABELS["shoes"]
+        hairline = (z - 0.80) + 1.3 * (y + 0.03)
+        label[(hairline > 0) & (head > 0.5) & (z > 0.68)] = LABELS["hair"]
+        return label
+
+    def vertex_labels(self):
+        """Part ids (n,) per body vertex, under whatever covers it."""
+        return self.body_labels(self.neutral, self.arm, self.head)
+
+    def body_colours(self, neutral, label, is_skin):
+        table = np.zeros((6, 3))
+        table[LABELS["skin"]], table[LABELS["hair"]] = self.skin, self.colours["hair"]
+        table[LABELS["trousers"]], table[LABELS["shoes"]] = self.colours["trousers"], SHOES
+        colour = table[label]
+        rng = np.random.default_rng(self.noise_seed)
+        coarse, fine = smooth_noise(neutral, 0.03, rng, 24), smooth_noise(neutral, 0.006, rng, 24)
+        strength = np.array([0, 0.025, 0.10, 0, 0.05, 0.04])[label]
+        colour = colour * (1 + strength * (coarse + fine))[:, None]
+        lips = np.exp(-0.5 * (((neutral - [0, -0.155, 0.672]) / [0.022, 0.02, 0.007]) ** 2).sum(1))
+        colour = colour + (lips * (label == LABELS["skin"]))[:, None] * [0.05, -0.15, -0.12]
+        seam = (label == LABELS["trousers"]) & (np.abs(neutral[:, 1] - 0.01) < 0.006)
+        colour[seam] *= 0.6
+        colour[~is_skin] = EYES
+        return colour
+
+    def shirt_colours(self, flat):
+        """Colours at flat shirt points (n,3): the front print where y < 0, the back's where y > 0."""
+        u = (flat[:, 0] - BOX[0]) / (BOX[1] - BOX[0]) * (TEXTURE - 1)
+        v = (BOX[3] - flat[:, 2]) / (BOX[3] - BOX[2]) * (TEXTURE - 1)
+        front = bilinear(self.textures[0], u, v)
+        back = bilinear(self.textures[1], TEXTURE - 1 - u, v)
+        weave = smooth_noise(flat, 0.004, np.random.default_rng(self.noise_seed + 1), 24)
+        return np.where((flat[:, 1] < 0)[:, None], front, back) * (1 + 0.03 * weave)[:, None]
+
+
+def bilinear(image, u, v):
+    u, v = np.clip(u, 0, image.shape[1] - 1.001), np.clip(v, 0, image.shape[0] - 1.001)
+    i, j = v.astype(int), u.astype(int)
+    a, b = (v - i)[:, None], (u - j)[:, None]
+    return (1 - a) * ((1 - b) * image[i, j] + b * image[i, j + 1]) + a * ((1 - b) * image[i + 1, j] + b * image[i + 1, j + 1])
+
+
+def shirt_textures(subject, colours):
+    """Front and back pictures (TEXTURE, TEXTURE, 3) in 0..1, as seen from outside; x grows to the wearer's left."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    ink = tuple(int(255 * c) for c in colours["ink"])
+    sides = []
+    for side in ("front", "back"):
+        image = Image.new("RGB", (TEXTURE, TEXTURE), tuple(int(255 * c) for c in colours["shirt"]))
+        draw = ImageDraw.Draw(image)
+        if subject == "loose":
+            for y in range(0, TEXTURE, 48):
+                draw.rectangle((0, y, TEXTURE, y + 12), fill=ink)
+        for y in range(24, TEXTURE, 64):  # a small allover print: texture everywhere, as stereo needs
+            for x in range(24 + (y // 64 % 2) * 32, TEXTURE, 64):
+                draw.ellipse((x - 3, y - 3, x + 3, y + 3), fill=ink)
+        if side == "front":
+            if subject == "logo":
+                draw.ellipse((392, 300, 632, 540), fill=ink)
+                draw.polygon([(512, 330), (600, 490), (424, 490)], fill=tuple(int(255 * c) for c in colours["shirt"]))
+            draw.text((512, 620 if subject == "logo" else 420), "TOILE", font=ImageFont.load_default(120), fill=ink, anchor="mm")
+            draw.text((512, 720 if subject == "logo" else 540), "cut once", font=ImageFont.load_default(64), fill=ink, anchor="mm")
+        else:
+            draw.text((512, 330), "07", font=ImageFont.load_default(220), fill=ink, anchor="mm")
+        sides.append(np.asarray(image, np.float64) / 255)
+    return sides

@@ -1,0 +1,113 @@
+"""Checks of the truth, by code that shares nothing with our kernels, and the store it is written to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+STRAIN_P99 = 0.20  # edge strain (length over rest length, minus one, absolute) of 99 % of the edges of any frame
+STRAIN_MAX = 0.80  # of any edge
+STEP_MAX = 0.25  # m that any body or garment vertex may move between two frames
+ACCELERATION = 0.10  # m, largest second difference of a body vertex over frames
+SPEED_EXCESS = 0.08  # m that the cloth may outrun the body's fastest vertex in one frame
+
+
+class TruthRejected(Exception):
+    """This seed's truth breaks a bound; the message says which."""
+
+
+def pairs_between(A, FA, B, FB):
+    """Number of intersecting triangle pairs of two surfaces, by CGAL's exact predicates (through libigl)."""
+    from igl.copyleft.cgal import intersect_other
+
+    return len(intersect_other(A, FA.astype(np.int64), B, FB.astype(np.int64), detect_only=True)[0])
+
+
+def pairs_within(V, F):
+    """Number of self-intersecting triangle pairs (shared corners excluded where the pair only meets there)."""
+    from igl.copyleft.cgal import remesh_self_intersections
+
+    return len(remesh_self_intersections(V, F.astype(np.int64), detect_only=True)[2])
+
+
+def unique_edges(F):
+    e = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), 1)
+    return np.unique(e, axis=0)
+
+
+def strain(V, rest, edges):
+    """Signed strain of each edge."""
+    length = lambda P: np.linalg.norm(P[edges[:, 1]] - P[edges[:, 0]], axis=1)  # noqa: E731
+    return length(V) / length(rest) - 1
+
+
+def clearance(V, body, faces):
+    """Smallest distance of cloth vertices V to the body [m], unsigned."""
+    import igl
+
+    return float(np.sqrt(igl.point_mesh_squared_distance(V, body, faces.astype(np.int64))[0].min()))
+
+
+def check_frame(garment, F, rest, edges, body, skin_faces, number):
+    """Raises TruthRejected, or gives what was measured."""
+    pairs = pairs_between(body, skin_faces, garment, F)
+    if pairs:
+        raise TruthRejected(f"frame {number}: {pairs} triangle pairs of garment and body intersect")
+    s = np.abs(strain(garment, rest, edges))
+    p99, top = float(np.quantile(s, 0.99)), float(s.max())
+    if p99 > STRAIN_P99 or top > STRAIN_MAX:
+        raise TruthRejected(f"frame {number}: edge strain p99 {p99:.3f} (bound {STRAIN_P99}), max {top:.3f} ({STRAIN_MAX})")
+    return {
+        "strain_p99": p99, "strain_max": top, "clearance_mm": 1e3 * clearance(garment, body, skin_faces),
+        "self_pairs": pairs_within(garment, F),
+    }  # fmt: skip
+
+
+def check_motion(body, garment):
+    """Continuity over frames (T,n,3), (T,G,3) or None; gives the largest steps [mm]."""
+    out = {}
+    if len(body) < 2:
+        return out
+    step = np.linalg.norm(np.diff(body, axis=0), axis=2)
+    out["body_step_mm"] = 1e3 * float(step.max())
+    if step.max() > STEP_MAX:
+        raise TruthRejected(f"frame {int(step.max(1).argmax()) + 1}: the body jumps by {step.max():.3f} m (bound {STEP_MAX})")
+    if len(body) > 2:
+        bend = np.linalg.norm(np.diff(body, n=2, axis=0), axis=2)
+        out["body_bend_mm"] = 1e3 * float(bend.max())
+        if bend.max() > ACCELERATION:
+            raise TruthRejected(f"frame {int(bend.max(1).argmax()) + 1}: the body jerks by {bend.max():.3f} m (bound {ACCELERATION})")
+    if garment is not None:
+        cloth = np.linalg.norm(np.diff(garment, axis=0), axis=2).max(1)
+        out["garment_step_mm"] = 1e3 * float(cloth.max())
+        excess = cloth - step.max(1)
+        if excess.max() > SPEED_EXCESS:
+            raise TruthRejected(f"frame {int(excess.argmax()) + 1}: the garment outruns the body by {excess.max():.3f} m")
+    return out
+
+
+def sliding(garment, body):
+    """Per garment vertex (G,): largest change of the offset to the body vertex that was nearest in frame 0 [m]."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(body[0]).query(garment[0])[1]
+    offset = garment - body[:, near]
+    return np.linalg.norm(offset - offset[0], axis=2).max(0)
+
+
+def write_truth(path, record):
+    """`truth.zarr` (zarr 3, a chunk a frame, float32 positions). `record`: path -> array; "attrs" -> dict."""
+    import zarr
+
+    root = zarr.open_group(str(path), mode="w", zarr_format=3)
+    root.attrs.update(record["attrs"])
+    for name, values in record.items():
+        if name == "attrs":
+            continue
+        values = np.asarray(values)
+        per_frame = name in PER_FRAME or name.endswith("/vertices")
+        chunks = (1, *values.shape[1:]) if per_frame else values.shape
+        array = root.create_array(name, shape=values.shape, dtype=values.dtype, chunks=tuple(max(1, c) for c in chunks))
+        array[...] = values
+
+
+PER_FRAME = ("joints", "pose/rotations", "pose/translation", "keypoints")
