@@ -21,7 +21,7 @@ class TruthBody:
     """A body of the studio: `rest` (n,3) [m] in anny's rest pose, z up, facing -y; joints `model.J` (K,3)."""
 
     model: BodyModel  # no shape basis; skinning weights differ from the pipeline's
-    neutral: np.ndarray  # (n,3) anny's average body: coordinates that mean the same on every body
+    neutral: np.ndarray  # (n,3) anny's average body, soles at z = 0: coordinates that mean the same on every body
     skin_faces: np.ndarray  # (m,3) faces of the skin component, without eyes and tongue
     phenotype: dict[str, float]
     expressions: np.ndarray | None  # (e,n,3) facial actions as rest displacements [m]
@@ -66,6 +66,7 @@ def make_body(subject, rng):
     anny_model = load_anny()
     rest, J = anny_rest(anny_model, phenotype)
     neutral, _ = anny_rest(anny_model, dict.fromkeys(phenotype, 0.5) | {"age": 0.67})
+    neutral = neutral - [0, 0, neutral[:, 2].min()]
     faces = anny_model.get_triangular_faces().numpy().astype(np.int32)
     names = tuple(anny_model.bone_labels)
     idx, val = anny_model.vertex_bone_indices.numpy(), anny_model.vertex_bone_weights.numpy()

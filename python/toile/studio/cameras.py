@@ -9,7 +9,7 @@ from ..scene import Camera
 RADIUS = 3.2  # m from the middle of the stage
 HEIGHTS = (1.0, 1.9)  # m, in turns
 TARGET = np.array([0.0, 0.0, 0.92])  # m
-VISIBLE = 2.35  # m of height that the image spans at the target
+VISIBLE = 2.25  # m of height that the image spans at the target
 
 
 def make_cameras(count, size, rng):

@@ -41,10 +41,10 @@ class Look:
         """Part ids of body points: coordinates (n,3) on the neutral body, shares of arm and head weights (n,)."""
         x, y, z = neutral.T
         label = np.full(len(neutral), LABELS["skin"], np.uint8)
-        label[(z < 0.10) & (arm < 0.5)] = LABELS["trousers"]
-        label[(z < -0.87) & (arm < 0.5)] = LABELS["shoes"]
-        hairline = (z - 0.80) + 1.3 * (y + 0.03)
-        label[(hairline > 0) & (head > 0.5) & (z > 0.68)] = LABELS["hair"]
+        label[(z < 1.085) & (arm < 0.5)] = LABELS["trousers"]
+        label[(z < 0.115) & (arm < 0.5)] = LABELS["shoes"]
+        hairline = (z - 1.786) + 1.3 * (y + 0.042)
+        label[(hairline > 0) & (head > 0.5) & (z > 1.67)] = LABELS["hair"]
         return label
 
     def vertex_labels(self):
@@ -60,9 +60,9 @@ class Look:
         coarse, fine = smooth_noise(neutral, 0.03, rng, 24), smooth_noise(neutral, 0.006, rng, 24)
         strength = np.array([0, 0.025, 0.10, 0, 0.05, 0.04])[label]
         colour = colour * (1 + strength * (coarse + fine))[:, None]
-        lips = np.exp(-0.5 * (((neutral - [0, -0.155, 0.672]) / [0.022, 0.02, 0.007]) ** 2).sum(1))
+        lips = np.exp(-0.5 * (((neutral - [0, -0.167, 1.658]) / [0.022, 0.02, 0.007]) ** 2).sum(1))
         colour = colour + (lips * (label == LABELS["skin"]))[:, None] * [0.05, -0.15, -0.12]
-        seam = (label == LABELS["trousers"]) & (np.abs(neutral[:, 1] - 0.01) < 0.006)
+        seam = (label == LABELS["trousers"]) & (np.abs(neutral[:, 1] + 0.002) < 0.006)
         colour[seam] *= 0.6
         colour[~is_skin] = EYES
         return colour

@@ -11,8 +11,8 @@ from .body import vertex_normals
 from .paint import LABELS
 
 SAMPLES = 2  # per pixel and direction
-LIGHTS = (((0.4, -0.8, 0.6), 0.45), ((-0.8, -0.2, 0.5), 0.30), ((0.3, 0.9, 0.4), 0.30))  # direction, strength
-AMBIENT = 0.25
+LIGHTS = (((0.4, -0.8, 0.6), 0.60), ((-0.8, -0.2, 0.5), 0.40), ((0.3, 0.9, 0.4), 0.45))  # direction, strength
+AMBIENT = 0.40
 BACKGROUND = np.array([0.30, 0.32, 0.34])
 SENSOR_NOISE = 2.0 / 255
 
