@@ -1,6 +1,7 @@
 #include "base/sparse.h"
 
 #include <dlfcn.h>
+#include <omp.h>
 #include <suitesparse/cholmod.h>
 
 #include <cstring>
@@ -16,6 +17,14 @@ void use_one_blas_thread() {
     using Setter = void (*)(int);
     if (auto set = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"))) set(1);
 }
+
+/// CHOLMOD opens a team of four threads at every supernode, whatever the number of threads asked for; their waiting
+/// costs up to thirty times the factorisation. While this lives, the calling thread opens none.
+struct WithoutTeams {
+    int before = omp_get_max_active_levels();
+    WithoutTeams() { omp_set_max_active_levels(0); }
+    ~WithoutTeams() { omp_set_max_active_levels(before); }
+};
 
 /// A view of the lower triangle of an Eigen matrix; CHOLMOD does not write to it.
 cholmod_sparse lower_view(const Sparse& A) {
@@ -76,6 +85,7 @@ bool CholeskyFactor::try_factorize(const Sparse& A) {
     if (!state_->factor || state_->factor->n != static_cast<std::size_t>(A.rows())) analyze(A);
     cholmod_sparse view = lower_view(A);
     ++state_->factorisations;
+    const WithoutTeams without_teams;
     cholmod_factorize(&view, state_->factor, &state_->common);
     if (state_->common.status < CHOLMOD_OK) throw SolveError("cholesky: out of memory or too large a problem");
     return state_->common.status == CHOLMOD_OK && state_->factor->minor == state_->factor->n;

@@ -1,6 +1,7 @@
 """Thin faces of the C++ core: coerce, call, return. Only this package imports the compiled module."""
 
 from .._core import InputError, SolveError, set_threads, threads
+from .biharmonic import BiharmonicSolver, biharmonic
 from .geometry import (
     SurfaceIndex,
     boundary_loops,
@@ -17,10 +18,12 @@ from .raster import raster
 from .untangle import UntangleSolver, untangle
 
 __all__ = [
+    "BiharmonicSolver",
     "InputError",
     "SolveError",
     "SurfaceIndex",
     "UntangleSolver",
+    "biharmonic",
     "boundary_loops",
     "cotangent_laplacian",
     "face_areas",
