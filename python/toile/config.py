@@ -21,3 +21,49 @@ class ReconstructSettings(Settings):
     pairs: int = 120  # beyond, this many drawn pairs
     iterations: int = 5  # of Gauss-Newton
     seed: int = 0
+
+
+class SegmentSettings(Settings):
+    """Labels from pictures, votes and colours."""
+
+    wrong: float = 0.15  # share of given labels taken to be wrong
+    label_blur: float = 3.0  # uncertainty of a given border [px]
+    colour_pixels: int = 400_000  # drawn from the samples for the colour models
+    colour_iterations: int = 4
+    prior_floor: float = 0.03  # least probability of a label at a place on the tracked surface
+    tolerance: float = 0.012  # depth test [m]
+    min_cosine: float = 0.15  # views more grazing than this see nothing
+    colour_weight: float = 1.5
+    label_weight: float = 1.0
+    prior_weight: float = 0.5
+    previous_weight: float = 0.3  # cost of leaving the previous frame's label
+    smoothness: float = 2.0  # Potts cost of an edge of mean length on flat colour
+    contrast: float = 0.08  # difference of RGB (0..1) between neighbours that halves that cost
+    rim_reach: float = 0.030  # search range of a garment's border [m]
+    rim_step: float = 0.002  # [m]
+    rim_stiffness: float = 0.15  # cost of a unit step of the border between samples one spacing apart
+    rim_spacing: float = 0.004  # [m]
+    rim_smoothing: float = 0.008  # Gaussian along the border [m]
+    ramp: float = 0.012  # half width of the probability's ramp about the border [m]
+    min_region: float = 0.004  # smaller islands of a label are dissolved [m^2]
+    seed: int = 0
+
+
+class DressSettings(Settings):
+    """Garments from labelled scans."""
+
+    quality: str = "standard"  # preset of nricp
+    fit_reach: float = 0.04  # reach of the body's shape when a template is carried to the person [m]
+    skin_smoothing: int = 10  # umbrella steps on transferred skinning weights
+    fit_frames: int = 6  # sampled frames that personalise the rest shape, 0 for none
+    fit_smoothing: int = 2  # umbrella steps on the personal displacement
+    loop_reach: float = 0.10  # a rim of the scan farther than this from a template's loop is not its own [m]
+    loop_cosine: float = 0.4  # least agreement of directions of loop and rim
+    loop_iterations: int = 8
+    loop_bending: float = 30.0  # first, then less: cost of bending a loop's displacement against its distance
+    loop_observed: float = 0.25  # least observed share of a loop that enters as a boundary term
+    observed: float = 0.006  # a vertex this close to the labelled scan is observed [m]
+    interpolated: float = 0.05  # within this of an observed one it is interpolated [m]
+    contact: float = 0.012  # a hand vertex this close to the garment touches it [m]
+    contact_share: float = 0.05  # of one hand's vertices that makes an unsupported contact
+    ambiguous_size: float = 0.15  # loop lengths off by more than this share are reported

@@ -1,0 +1,200 @@
+"""Dress each frame: the template posed by the tracked skeleton, its loops laid on the scan's rims, then registered."""
+
+import warnings
+
+import numpy as np
+
+from . import kernels
+from .curves import isolines
+from .loops import LoopMatch, loop_length, match_loops, name_loops
+from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate, blended_transforms
+
+_CARRY_NEIGHBOURS = 24
+
+
+def prepare(model, person, garment, label_id, mesh, samples, settings):
+    """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples` are
+    [(Frame, Tracked, Segmented)], of which some are registered loosely, unposed and averaged.
+
+    Warns where the template does not fit: size by loop lengths, a loop that no frame shows. Raises CaptureError for a
+    template without open loops."""
+    V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
+    loops = tuple(kernels.boundary_loops(F)) if len(F) else ()
+    if not loops:
+        raise CaptureError(f"{garment.template}: the template of garment {garment.name} has no open loop")
+    uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
+    skin = transfer_skin(model, V, F, settings.skin_smoothing)
+    rest = carry(V, model.v_template, person.rest, settings.fit_reach)
+    names = name_loops(V, loops)
+    template = GarmentTemplate(garment.name, int(label_id), rest, F, uv, face_uv, skin, loops, names)
+    chosen = samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
+    if not chosen:
+        return template
+    return _personalise(model, person, template, chosen, settings)
+
+
+def unwrap(V, F):
+    """UVs (t,2) in the unit square and (m,3) indices into them, by xatlas; the order of faces is kept."""
+    import xatlas
+
+    origin, face_uv, uv = xatlas.parametrize(V.astype(np.float32), F.astype(np.uint32))
+    if not np.array_equal(origin[face_uv], F):
+        raise RuntimeError("xatlas changed the order of the faces")
+    return uv.astype(np.float64), face_uv.astype(np.int32)
+
+
+def transfer_skin(model, V, F, smoothing):
+    """Skinning weights (g,K) of garment vertices from the closest points of the body at rest, smoothed."""
+    dense = np.zeros((len(model.v_template), len(model.parents)))
+    np.put_along_axis(dense, np.asarray(model.weights_idx, np.int64), model.weights_val, axis=1)
+    face, _, bary, _ = kernels.SurfaceIndex(model.v_template, model.f).closest(V)
+    skin = smooth_on(F, np.einsum("gc,gck->gk", bary, dense[model.f[face]]), smoothing)
+    skin[skin < 1e-4] = 0
+    return skin / skin.sum(1, keepdims=True)
+
+
+def smooth_on(F, values, steps):
+    """Umbrella smoothing (half-way to the neighbours' mean) of values (g, ...) on a mesh."""
+    from scipy.sparse import coo_matrix
+
+    e = kernels.unique_edges(F)
+    n = len(values)
+    A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
+    degree = np.maximum(np.asarray(A.sum(1)).ravel(), 1)[:, None]
+    for _ in range(steps):
+        values = 0.5 * values + 0.5 * (A @ values) / degree
+    return values
+
+
+def carry(points, start, end, reach):
+    """Points (g,3) moved by the displacement start -> end (n,3) of the body vertices about them."""
+    from scipy.spatial import cKDTree
+
+    distance, near = cKDTree(start).query(points, k=min(_CARRY_NEIGHBOURS, len(start)))
+    w = np.exp(-0.5 * ((distance - distance[:, :1]) / reach) ** 2)
+    return points + np.einsum("gk,gkd->gd", w / w.sum(1, keepdims=True), (end - start)[near])
+
+
+class _Skinning:
+    """Garment vertices to and from one pose, by the template's own weights."""
+
+    def __init__(self, model, person, skin, rotations, translation):
+        R, x = model.joint_transforms(person.J, rotations, translation)
+        K = len(R)
+        self.A = (skin @ R.reshape(K, 9)).reshape(-1, 3, 3)
+        self.b = skin @ (x - np.einsum("kij,kj->ki", R, person.J))
+
+    def pose(self, rest):
+        return np.einsum("gij,gj->gi", self.A, rest) + self.b
+
+    def unpose(self, posed):
+        return np.linalg.solve(self.A, (posed - self.b)[..., None])[..., 0]
+
+
+def _personalise(model, person, template, samples, settings):
+    """Rest shape from frames registered with the unfitted template: unposed, weighted by what was observed, averaged."""
+    dresser = Dresser(model, person, template, settings)
+    total, weight, lengths = 0, 0, []
+    for frame, tracked, segmented in samples:
+        dressed, matches = dresser.register(frame, tracked, segmented)
+        lengths.append([_observed_length(m) for m in matches])
+        rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
+        w = np.array([0.05, 0.3, 1.0])[dressed.confidence][:, None]
+        total, weight = total + w * rest, weight + w
+    shift = smooth_on(template.faces, total / weight - template.rest, settings.fit_smoothing)
+    _report_fit(template, np.array(lengths), settings)
+    fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
+    return GarmentTemplate(**{**fields, "rest": template.rest + shift})
+
+
+def _observed_length(match: LoopMatch):
+    return loop_length(match.target) if match.observed.mean() > 0.6 else np.nan
+
+
+def _report_fit(template, lengths, settings):
+    for i, name in enumerate(template.loop_names):
+        own = loop_length(template.rest[template.loops[i]])
+        seen = lengths[np.isfinite(lengths[:, i]), i]
+        if len(seen) == 0:
+            warnings.warn(
+                f"garment {template.name}: no sampled frame shows loop {name}: it is missing, tucked in or covered; "
+                "its border is extrapolated", stacklevel=4)
+        elif abs(np.median(seen) / own - 1) > settings.ambiguous_size:
+            warnings.warn(
+                f"garment {template.name}: loop {name} is {np.median(seen) / own:.2f} times as long in the capture as in "
+                "the template: is it of another size?", stacklevel=4)
+
+
+class Dresser:
+    """Registers one garment frame by frame; what depends on the template alone is computed once."""
+
+    def __init__(self, body_model, person, template, settings):
+        self.model, self.person, self.template, self.settings = body_model, person, template, settings
+        self.known = np.concatenate(template.loops).astype(np.int32)
+        self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
+        self.nricp = kernels.NricpSolver(template.rest, template.faces, preset=settings.quality)
+        names = np.array(body_model.joint_names)
+        strongest = np.take_along_axis(
+            np.asarray(body_model.weights_idx, np.int64), np.asarray(body_model.weights_val).argmax(1)[:, None], 1)[:, 0]
+        hand = np.array([n.startswith(("finger", "metacarpal")) for n in names])
+        self.hands = [np.flatnonzero(hand[strongest] & np.char.endswith(names, side)[strongest]) for side in (".L", ".R")]
+
+    def dress(self, frame, tracked, segmented, previous=None):
+        """One frame -> Dressed. `previous` is the same garment in the neighbouring frame before, or None."""
+        return self.register(frame, tracked, segmented, previous)[0]
+
+    def register(self, frame, tracked, segmented, previous=None):
+        """As `dress`, with the LoopMatch of each loop."""
+        t, s = self.template, self.settings
+        V, F = _scan_of(frame, tracked, self.model)
+        posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
+        column = int(np.searchsorted(segmented.ids, t.label))
+        value = segmented.scan_probability[:, column].astype(np.float64)
+        matches, strange = match_loops([posed[l] for l in t.loops], isolines(V, F, value), s)
+        start = posed + self.biharmonic.solve(np.concatenate([m.target - posed[l] for m, l in zip(matches, t.loops)]))
+        inside = segmented.scan_faces == t.label
+        if inside.sum() < 100:
+            raise RuntimeError(f"dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register it")
+        boundary = [(l, m.target) for l, m in zip(t.loops, matches) if m.observed.mean() > s.loop_observed]
+        result = self.nricp.solve(V, F[inside], start=start, boundary=boundary or None)
+        vertices = np.asarray(result.V)
+        confidence, distance = self._confidence(vertices, V, F[inside])
+        diagnostics = self._diagnostics(vertices, matches, strange, tracked, confidence, distance, start)
+        return Dressed(vertices, confidence, diagnostics), matches
+
+    def _confidence(self, vertices, V, F):
+        """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""
+        from scipy.spatial import cKDTree
+
+        s = self.settings
+        _, _, _, distance = kernels.SurfaceIndex(V, F).closest(vertices)
+        confidence = np.full(len(vertices), HIDDEN, np.uint8)
+        seen = distance < s.observed
+        if seen.any():
+            confidence[cKDTree(vertices[seen]).query(vertices)[0] < s.interpolated] = INTERPOLATED
+        confidence[seen] = OBSERVED
+        return confidence, distance
+
+    def _diagnostics(self, vertices, matches, strange, tracked, confidence, distance, start):
+        t, s = self.template, self.settings
+        out = {
+            "observed": float((confidence == OBSERVED).mean()),
+            "surface_mm": float(1e3 * distance[confidence == OBSERVED].mean()) if (confidence == OBSERVED).any() else -1.0,
+            "moved_mm": float(1e3 * np.linalg.norm(vertices - start, axis=1).mean()),
+            "strange_rim_mm": 1e3 * strange,
+        }
+        for name, match, loop in zip(t.loop_names, matches, t.loops):
+            out[f"loop_observed.{name}"] = float(match.observed.mean())
+            gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
+            out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
+        index = kernels.SurfaceIndex(vertices, t.faces)
+        touch = [float((index.closest(tracked.vertices[h])[3] < s.contact).mean()) if len(h) else 0.0 for h in self.hands]
+        out["hand_contact"] = max(touch)
+        out["unsupported_contact"] = float(max(touch) > s.contact_share)
+        return out
+
+
+def _scan_of(frame, tracked, model):
+    if frame.scan is None:
+        return tracked.vertices, model.f
+    return frame.scan.vertices, frame.scan.faces

@@ -1,0 +1,97 @@
+"""Open loops of a garment: their names, and their match to the rims of a labelled scan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .curves import Curve, resample, tangents
+
+
+@dataclass(frozen=True)
+class LoopMatch:
+    """Where one loop should lie: `target` (k,3) [m] per loop vertex, `observed` (k,) whether a rim was seen there,
+    `distance` (k,) [m] left between target and rim, NaN where none was seen."""
+
+    target: np.ndarray
+    observed: np.ndarray
+    distance: np.ndarray
+
+
+def loop_length(points):
+    return float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
+
+
+def name_loops(V, loops, up=2, left=0):
+    """Names by position: of four loops the highest is the neck, the lowest the hem, the others the sleeves."""
+    if len(loops) != 4:
+        return tuple(f"loop{i}" for i in range(len(loops)))
+    centre = np.array([V[loop].mean(0) for loop in loops])
+    height = np.argsort(centre[:, up])
+    names = [""] * 4
+    names[height[3]], names[height[0]] = "neck", "hem"
+    a, b = sorted(height[1:3], key=lambda i: centre[i, left])
+    names[a], names[b] = "sleeve_right", "sleeve_left"
+    return tuple(names)
+
+
+def match_loops(loops, curves, settings):
+    """Moves closed loops [(k,3)] onto rims [Curve], both with the garment on their left.
+
+    Each step pulls every loop vertex towards the nearest rim point that runs its way and is nearer to this loop than
+    to any other; a closed spline of decreasing stiffness fills the gaps. Returns a LoopMatch a loop, and the length
+    of rim that no loop claimed [m].
+    """
+    from scipy.spatial import cKDTree
+
+    rims = [resample(c, 0.002) for c in curves if c.length > 0.02]
+    if not rims:
+        return [LoopMatch(l, np.zeros(len(l), bool), np.full(len(l), np.nan)) for l in loops], 0.0
+    P, T = np.concatenate([r.points for r in rims]), np.concatenate([tangents(r) for r in rims])
+    at = [loop.copy() for loop in loops]
+    owner = np.concatenate([np.full(len(l), i) for i, l in enumerate(loops)])
+    for step in range(settings.loop_iterations):
+        fade = step / max(settings.loop_iterations - 1, 1)
+        reach = settings.loop_reach * (1 - fade) + 0.3 * settings.loop_reach * fade
+        bending = settings.loop_bending * 10 ** (-3 * fade)
+        claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
+        for i, loop in enumerate(loops):
+            target, observed, _ = _nearest_rim(at[i], P[claimed == i], T[claimed == i], reach, settings.loop_cosine)
+            if observed.sum() >= 3:
+                at[i] = loop + _closed_spline(target - loop, observed, loop, bending)
+    matches, used = [], np.zeros(len(P), bool)
+    claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
+    for i in range(len(loops)):
+        _, observed, distance = _nearest_rim(at[i], P[claimed == i], T[claimed == i], 0.015, settings.loop_cosine)
+        matches.append(LoopMatch(at[i], observed, distance))
+    used = cKDTree(np.concatenate(at)).query(P)[0] < 0.02
+    return matches, float(0.002 * (~used).sum())
+
+
+def _nearest_rim(at, P, T, reach, cosine):
+    """Per loop vertex the nearest of rim points P with directions T: target (k,3), found (k,), distance (k,)."""
+    from scipy.spatial import cKDTree
+
+    k = len(at)
+    if len(P) == 0:
+        return at, np.zeros(k, bool), np.full(k, np.nan)
+    way = tangents(Curve(at, True))
+    d, j = cKDTree(P).query(at, k=min(16, len(P)), distance_upper_bound=reach)
+    d, j = d.reshape(k, -1), j.reshape(k, -1)
+    fits = np.isfinite(d) & (np.einsum("ki,kji->kj", way, T[j.clip(0, len(P) - 1)]) > cosine)
+    first = fits.argmax(1)
+    found = fits.any(1)
+    row = np.arange(k)
+    target = np.where(found[:, None], P[j[row, first].clip(0, len(P) - 1)], at)
+    # a loop vertex beyond the end of an open rim would be pulled along it: what counts is the distance across
+    along = np.abs(np.einsum("ki,ki->k", target - at, way))
+    found &= along < np.maximum(0.5 * np.where(found, d[row, first], 0), 0.004)
+    return target, found, np.where(found, d[row, first], np.nan)
+
+
+def _closed_spline(wanted, known, loop, bending):
+    """argmin_d sum_known |d - wanted|^2 + bending sum |d''|^2 + 1e-3 bending sum |d'|^2 on a closed curve (k,3)."""
+    k = len(loop)
+    D = np.roll(np.eye(k), 1, axis=1) - np.eye(k)
+    B = D @ np.roll(D, 1, axis=0)
+    A = np.diag(known.astype(float)) + bending * B.T @ B + (1e-3 * bending + 1e-6) * D.T @ D
+    return np.linalg.solve(A, known[:, None] * wanted)
