@@ -6,6 +6,8 @@ import numpy as np
 
 from .curves import Curve, resample, tangents
 
+_TURN = 0.05  # distance that a difference of one in unit direction is worth [m]
+
 
 @dataclass(frozen=True)
 class LoopMatch:
@@ -75,17 +77,14 @@ def _nearest_rim(at, P, T, reach, cosine):
     if len(P) == 0:
         return at, np.zeros(k, bool), np.full(k, np.nan)
     way = tangents(Curve(at, True))
-    d, j = cKDTree(P).query(at, k=min(16, len(P)), distance_upper_bound=reach)
-    d, j = d.reshape(k, -1), j.reshape(k, -1)
-    fits = np.isfinite(d) & (np.einsum("ki,kji->kj", way, T[j.clip(0, len(P) - 1)]) > cosine)
-    first = fits.argmax(1)
-    found = fits.any(1)
-    row = np.arange(k)
-    target = np.where(found[:, None], P[j[row, first].clip(0, len(P) - 1)], at)
+    _, j = cKDTree(np.concatenate([P, _TURN * T], 1)).query(np.concatenate([at, _TURN * way], 1))
+    d = np.linalg.norm(P[j] - at, axis=1)
+    found = (d < reach) & (np.einsum("ki,ki->k", way, T[j]) > cosine)
+    target = np.where(found[:, None], P[j], at)
     # a loop vertex beyond the end of an open rim would be pulled along it: what counts is the distance across
     along = np.abs(np.einsum("ki,ki->k", target - at, way))
-    found &= along < np.maximum(0.5 * np.where(found, d[row, first], 0), 0.004)
-    return target, found, np.where(found, d[row, first], np.nan)
+    found &= along < np.maximum(0.5 * d, 0.004)
+    return target, found, np.where(found, d, np.nan)
 
 
 def _closed_spline(wanted, known, loop, bending):
