@@ -18,7 +18,7 @@ namespace toile {
 
 namespace {
 
-constexpr double hold = 1e4;         // weight of an active vertex against the spread's entries of about 1
+constexpr double hold = 1e4;         // weight of an active vertex against the spread's diagonal entries
 constexpr int releases_allowed = 2;  // so that the active set cannot cycle
 constexpr int refinements = 3;       // active-set passes over the first planes; later planes get one
 constexpr int patience = 10;         // steps without progress before giving up
@@ -97,10 +97,11 @@ struct Frame {
 
     Vertices x;
     std::vector<Probe> probes, start_probes;
-    Vector margin, asked;  // half the room at most; and what poking features ask for on top [m]
+    Vector margin;         // half the room at most [m]
     std::vector<char> active, releases;
     Vertices target;       // displacement of active vertices from the start
-    Vertices nudge;        // for the next planes: pushes of vertices beyond an open body's rim
+    Vertices way;          // of active vertices: the unit direction of their last push
+    Vertices nudge;        // for the next planes: pushes of the corners of pierced faces
 
     /// Where every vertex stands. A quick look trusts normals alone; what it calls clear is looked at again.
     void look(bool quick) {
@@ -117,10 +118,9 @@ struct Frame {
             if (p.constrained && p.distance < options.margin) margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
         }, 64);
     }
-    double wanted(Eigen::Index i) const { return std::max(margin[i], asked[i]); }
     bool violated(Eigen::Index i) const {
         const Probe& p = probes[static_cast<std::size_t>(i)];
-        return p.constrained && p.distance < (1 - options.tolerance) * wanted(i);
+        return p.constrained && p.distance < (1 - options.tolerance) * margin[i];
     }
     int violations() const {
         int count = 0;
@@ -140,11 +140,14 @@ struct Frame {
     void renew_planes() {
         for (Eigen::Index i = 0; i < x.rows(); ++i) {
             const auto k = static_cast<std::size_t>(i);
-            if (violated(i)) active[k] = 1;
-            if (!active[k]) continue;
             const Probe& p = probes[k];
-            const double rise = p.constrained ? wanted(i) - p.distance : 0;
-            target.row(i) = x.row(i) - start.row(i) + rise * p.outward.transpose() + nudge.row(i);
+            const Vec3 push = nudge.row(i);
+            if (violated(i) || push != Vec3::Zero()) active[k] = 1;
+            if (!active[k]) continue;
+            const double rise = p.constrained ? std::max(0.0, margin[i] - p.distance) : 0;
+            target.row(i) = x.row(i) - start.row(i) + rise * p.outward.transpose() + push.transpose();
+            if (push != Vec3::Zero()) way.row(i) = push.normalized();
+            if (rise > 0) way.row(i) = p.outward;
         }
         nudge.setZero();
     }
@@ -167,8 +170,9 @@ struct Frame {
         return sum / count;
     }
 
-    /// Corners of pierced faces are asked to rise so that the face clears the depth found in its middle.
-    void raise_pierced(const Edges& pairs) {
+    /// Corners of pierced faces are pushed out of the body so that the face clears the depth found in the section's middle.
+    /// At least by `least` [m]: a section that ends at the face's rim has its middle near the surface and tells no depth.
+    void raise_pierced(const Edges& pairs, double least) {
         for (Eigen::Index k = 0, end; k < pairs.rows(); k = end) {
             const int f = pairs(k, 0);
             std::vector<int> partners;
@@ -176,15 +180,11 @@ struct Frame {
             const Vec3 middle = middle_of_section(f, partners);
             const Probe p = body.probe(middle);
             const Vec3 b = closest_on_triangle(middle, x.row(F(f, 0)), x.row(F(f, 1)), x.row(F(f, 2))).barycentric;
-            const double lift = std::max(0.0, p.constrained ? -p.distance : 0.0) + 0.25 * options.margin;
+            if (!p.constrained && std::abs(p.distance) > 0.5 * options.margin) continue;  // on the surface, either side will do
+            const double lift = std::max(0.0, -p.distance) + least;
             for (int c = 0; c < 3; ++c) {
-                const Probe& at = probes[static_cast<std::size_t>(F(f, c))];
                 const double rise = lift * b[c] / b.squaredNorm();
-                if (!body.closed() && !at.constrained && p.constrained) {
-                    active[static_cast<std::size_t>(F(f, c))] = 1;
-                    nudge.row(F(f, c)) = rise * p.outward;
-                }
-                if (at.constrained && rise > 0) asked[F(f, c)] = std::max(asked[F(f, c)], (at.distance + rise) / (1 - options.tolerance));
+                if (rise > nudge.row(F(f, c)).norm()) nudge.row(F(f, c)) = rise * p.outward;
             }
         }
     }
@@ -214,28 +214,31 @@ namespace {
 /// their plane asks are released, and the rest is solved again.
 Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& factor, Frame& frame, int passes) {
     const Eigen::Index n = frame.x.rows();
+    const double held_weight = hold * (1 + weight);
     Vertices d;
-    for (int pass = 0;; ++pass) {
+    for (int pass = 0, released = 1; released > 0 && pass < passes; ++pass) {
         Sparse A = spread;
         Matrix rhs = Matrix::Zero(n, 3);
         for (Eigen::Index i = 0; i < n; ++i) {
             const bool held = frame.active[static_cast<std::size_t>(i)] != 0;
-            A.coeffRef(i, i) += weight + (held ? hold : 0.0);
-            if (held) rhs.row(i) = hold * frame.target.row(i);
+            A.coeffRef(i, i) += weight + (held ? held_weight : 0.0);
+            if (held) rhs.row(i) = held_weight * frame.target.row(i);
         }
         factor.factorize(A);
         d = factor.solve(rhs);
-        int released = 0;
+        released = 0;
         for (Eigen::Index i = 0; i < n; ++i) {
             const auto k = static_cast<std::size_t>(i);
-            const double multiplier = (frame.target.row(i) - d.row(i)).dot(frame.probes[k].outward);
+            const double multiplier = (frame.target.row(i) - d.row(i)).dot(frame.way.row(i));
             if (!frame.active[k] || multiplier > -1e-5 * frame.options.margin || frame.releases[k] >= releases_allowed) continue;
             frame.active[k] = 0;
             ++frame.releases[k];
             ++released;
         }
-        if (released == 0 || pass + 1 >= passes) return d;
     }
+    for (Eigen::Index i = 0; i < n; ++i)
+        if (frame.active[static_cast<std::size_t>(i)]) d.row(i) = frame.target.row(i);  // what `hold` leaves open
+    return d;
 }
 
 std::string reason_left(const UntangleResult& r, const Frame& frame) {
@@ -266,28 +269,32 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     const UntangleOptions& o = s.options;
     const auto n = static_cast<std::size_t>(s.cloth_n);
     Frame frame{cloth_V, body_V, s.cloth_F, s.body_F, o, Obstacle(body_V, s.body_F, s.sides, o.max_depth),
-                TriangleIndex(body_V, s.body_F), cloth_V, {}, {}, Vector::Constant(s.cloth_n, o.margin), Vector::Zero(s.cloth_n),
-                std::vector<char>(n, 0), std::vector<char>(n, 0), Vertices::Zero(s.cloth_n, 3), Vertices::Zero(s.cloth_n, 3)};
-    const double weight = std::max(1e-10, std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4));
+                TriangleIndex(body_V, s.body_F), cloth_V, {}, {}, Vector::Constant(s.cloth_n, o.margin),
+                std::vector<char>(n, 0), std::vector<char>(n, 0), Vertices::Zero(s.cloth_n, 3), Vertices::Zero(s.cloth_n, 3), Vertices::Zero(s.cloth_n, 3)};
+    // From a spread of h/20 on nothing spreads; from 150 h on all of the cloth moves.
+    const double weight = std::clamp(std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4), 1e-10, 1e4);
 
     UntangleResult r;
     frame.first_look();
     r.depth_before = frame.depth();
     r.intersections_before = static_cast<int>(frame.body_faces.pairs(frame.x, s.cloth_F).rows());
-    std::pair<int, int> fewest{std::numeric_limits<int>::max(), 0};  // vertices to move; when there are none, pairs
+    constexpr int unseen = std::numeric_limits<int>::max();
+    std::pair<int, int> fewest{unseen, unseen};  // vertices to move, then pairs
     Vertices best;
-    for (int idle = 0;; ++r.iterations) {
+    for (int idle = 0, former = unseen;; ++r.iterations) {
         int violations = frame.violations();
         if (violations == 0 && r.iterations > 0) {
             frame.look(false);
             violations = frame.violations();
         }
-        if (violations == 0) r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
-        const std::pair<int, int> left{violations, violations == 0 ? static_cast<int>(r.pairs_left.rows()) : 0};
+        const bool see_pairs = violations == 0 || violations >= former;  // stubborn vertices must not keep pairs waiting
+        former = violations;
+        if (see_pairs) r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
+        const std::pair<int, int> left{violations, see_pairs ? static_cast<int>(r.pairs_left.rows()) : unseen};
         idle = left < fewest ? 0 : idle + 1;
         if (left < fewest) fewest = left, best = frame.x;
         if (left == std::pair(0, 0) || idle == patience || r.iterations == o.max_iterations) break;
-        if (violations == 0) frame.raise_pierced(r.pairs_left);
+        if (see_pairs) frame.raise_pierced(r.pairs_left, 0.25 * o.margin * std::exp2(std::min(idle, 3)));
         frame.renew_planes();
         frame.x = cloth_V + spread_targets(s.spread, weight, s.factor, frame, refinements);
         frame.look(true);

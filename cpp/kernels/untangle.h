@@ -33,7 +33,7 @@ struct UntangleResult {
 /// Minimises |L d|^2 + (h / 2 spread)^4 |d|^2 over displacements d subject to outward . (x + d - b) >= margin, where L is
 /// the uniform graph Laplacian (L u)_i = u_i - mean of neighbours, h the mean edge length, b the closest point of the
 /// body. An active set holds vertices on their planes; planes are renewed after every solve. Where a body feature
-/// pokes through a face whose corners are clear, the corners are asked to rise by the depth in the face's middle.
+/// pokes through a face whose corners are clear, the corners are pushed along the body's normal in the section's middle.
 class UntangleSolver {
 public:
     UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options = {});

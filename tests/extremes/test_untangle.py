@@ -1,0 +1,183 @@
+"""untangle and the intersection checks at the edges of what they may be given: each row is solved or refused."""
+
+import numpy as np
+import pytest
+
+from toile import kernels
+
+NO_FACE = np.empty((0, 3), dtype=np.int32)
+
+
+def ball(radius=0.2, subdivisions=3):
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+    return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int32)
+
+
+def shell():
+    """Cloth 8 mm inside of a ball of radius 0.2, turned so that no vertex lies evenly between faces, and the ball."""
+    from scipy.spatial.transform import Rotation
+
+    body_V, body_F = ball()
+    V, F = ball(0.192)
+    return V @ Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix().T, F, body_V, body_F
+
+
+def needles(V, F):
+    """Every tenth face split at a point within 1e-9 of its first corner: needles, and the same surface."""
+    split = F[::10]
+    tips = V[split[:, 0]] + 1e-9 * (V[split].mean(1) - V[split[:, 0]])
+    new = len(V) + np.arange(len(split))
+    fans = [np.column_stack([split[:, c], split[:, (c + 1) % 3], new]) for c in range(3)]
+    return np.vstack([V, tips]), np.vstack([np.delete(F, np.s_[::10], axis=0), *fans]).astype(np.int32)
+
+
+def zero_area(V, F):
+    """Extra faces on edges and points."""
+    return V, np.vstack([F, np.stack([F[:20, 0], F[:20, 1], F[:20, 1]], 1), np.stack([F[20:40, 0]] * 3, 1)]).astype(np.int32)
+
+
+def duplicates(V, F):
+    """Faces given twice, and faces again on coincident copies of their vertices."""
+    copies = F[:30].ravel()
+    return np.vstack([V, V[copies]]), np.vstack([F, F[50:80], len(V) + np.arange(len(copies)).reshape(-1, 3)]).astype(np.int32)
+
+
+def isolated(V, F):
+    """Vertices that no face uses, one of them far away."""
+    return np.vstack([V, [[1e6, 0, 0], [0.3, 0.3, 0.3]]]), F
+
+
+def non_manifold(V, F):
+    """A fin on every fiftieth edge, outwards."""
+    edges = kernels.unique_edges(F)[::50]
+    tips = 1.05 * (V[edges[:, 0]] + V[edges[:, 1]]) / 2
+    return np.vstack([V, tips]), np.vstack([F, np.column_stack([edges, len(V) + np.arange(len(tips))])]).astype(np.int32)
+
+
+def components(V, F):
+    """A second, far part."""
+    return np.vstack([V, V + [5.0, 0, 0]]), np.vstack([F, F + len(V)]).astype(np.int32)
+
+
+def assert_solved(result, F, body_V, body_F):
+    assert result.stop == "clear" and np.isfinite(result.V).all()
+    assert len(kernels.intersecting_pairs(result.V, F, body_V, body_F)) == 0
+    assert (kernels.signed_distance(result.V[np.unique(F)], body_V, body_F) > 0).all()
+
+
+@pytest.mark.parametrize("spoil", [needles, zero_area, duplicates, isolated, non_manifold, components])
+def test_ugly_cloth_is_solved(spoil):
+    V, F, body_V, body_F = shell()
+    V, F = spoil(V, F)
+    result = kernels.untangle(V, F, body_V, body_F)
+    assert_solved(result, F, body_V, body_F)
+
+
+@pytest.mark.parametrize("spoil", [needles, zero_area, duplicates, isolated, components])
+def test_an_ugly_body_is_solved(spoil):
+    V, F, body_V, body_F = shell()
+    body_V, body_F = spoil(body_V, body_F)
+    result = kernels.untangle(V, F, body_V, body_F)
+    assert result.stop == "clear"
+    assert len(kernels.intersecting_pairs(result.V, F, body_V, body_F)) == 0
+    assert (np.linalg.norm(result.V, axis=1) > 0.195).all()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+def test_units_from_micrometres_to_kilometres_are_solved_alike(scale):
+    V, F, body_V, body_F = shell()
+    plain = kernels.untangle(V, F, body_V, body_F)
+    lengths = dict(margin=0.002 * scale, spread=0.03 * scale, max_depth=0.05 * scale)
+    result = kernels.untangle(V * scale, F, body_V * scale, body_F, **lengths)
+    assert_solved(result, F, body_V * scale, body_F)
+    assert np.abs(result.V / scale - plain.V).max() < 1e-4
+
+
+@pytest.mark.parametrize("offset", [1e3, 1e6])
+def test_coordinates_far_from_the_origin_are_solved(offset):
+    V, F, body_V, body_F = shell()
+    away = np.array([offset, -offset, offset])
+    result = kernels.untangle(V + away, F, body_V + away, body_F)
+    assert_solved(result, F, body_V + away, body_F)
+
+
+def test_a_body_turned_inside_out_is_solved():
+    V, F, body_V, body_F = shell()
+    result = kernels.untangle(V, F, body_V, body_F[:, ::-1])
+    assert result.stop == "clear" and np.abs(result.V - kernels.untangle(V, F, body_V, body_F).V).max() < 1e-9
+
+
+def test_a_body_full_of_holes_is_solved():
+    V, F, body_V, body_F = shell()
+    holes = body_F[np.random.default_rng(0).random(len(body_F)) > 0.05]
+    result = kernels.untangle(V, F, body_V, holes)
+    assert result.stop == "clear"
+    assert len(kernels.intersecting_pairs(result.V, F, body_V, holes)) == 0
+
+
+def test_a_body_far_away_leaves_the_cloth_alone():
+    V, F, body_V, body_F = shell()
+    result = kernels.untangle(V, F, body_V + [1e5, 0, 0], body_F)
+    assert np.array_equal(result.V, V) and result.iterations == 0
+
+
+def test_four_vertices_are_solved():
+    V = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    F = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], dtype=np.int32)
+    sheet = np.array([[-2.0, -2, 0.99], [2, -2, 0.99], [2, 2, 0.99], [-2, 2, 0.99]])  # the edge at z = 1 pokes through
+    result = kernels.untangle(sheet, np.array([[0, 1, 2], [0, 2, 3]]), V, F, spread=1.0)
+    assert_solved(result, np.array([[0, 1, 2], [0, 2, 3]]), V, F)
+
+
+@pytest.mark.parametrize("depth", [1e-9, 0.1, 0.19])
+def test_touching_and_very_deep_cloth_is_solved(depth):
+    body_V, body_F = ball()
+    V, F = ball(0.2 - depth)
+    assert_solved(kernels.untangle(V, F, body_V, body_F), F, body_V, body_F)
+
+
+@pytest.mark.parametrize("options", [{"margin": 1e-6}, {"margin": 0.05}, {"spread": 1e-5}, {"spread": 1e4}, {"tolerance": 1e-6}])
+def test_options_at_their_ends_are_solved(options):
+    V, F, body_V, body_F = shell()
+    assert_solved(kernels.untangle(V, F, body_V, body_F, **options), F, body_V, body_F)
+
+
+@pytest.mark.slow
+def test_a_million_vertices_are_solved():
+    body_V, body_F = ball(0.2, 5)
+    V, F = ball(0.199, 8)  # 655362 vertices
+    V, F = np.vstack([V, V + [1.0, 0, 0]]), np.vstack([F, F + len(V)]).astype(np.int32)
+    assert kernels.untangle(V, F, body_V, body_F).stop == "clear"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_no_numbers_are_refused_with_their_row(value):
+    V, F, body_V, body_F = shell()
+    bad = body_V.copy()
+    bad[17, 1] = value
+    with pytest.raises(kernels.InputError, match=r"untangle: body_V\[17\] is not finite"):
+        kernels.untangle(V, F, bad, body_F)
+    with pytest.raises(kernels.InputError, match=r"untangle: cloth_V\[17\] is not finite"):
+        kernels.untangle(bad, body_F, V, F)
+    with pytest.raises(kernels.InputError, match=r"self_intersections: V\[17\] is not finite"):
+        kernels.self_intersections(bad, body_F)
+    for name in ("margin", "spread", "max_depth", "tolerance"):
+        with pytest.raises(kernels.InputError, match=f"untangle: {name} is"):
+            kernels.untangle(V, F, body_V, body_F, **{name: value})
+
+
+def test_empty_meshes_and_indices_out_of_range_are_refused():
+    V, F, body_V, body_F = shell()
+    with pytest.raises(kernels.InputError, match="untangle: cloth_F is empty"):
+        kernels.untangle(V, NO_FACE, body_V, body_F)
+    with pytest.raises(kernels.InputError, match="untangle: body_V is empty"):
+        kernels.untangle(V, F, np.empty((0, 3)), body_F)
+    for index in (-1, len(body_V), 2**31 - 1):
+        bad = body_F.copy()
+        bad[9, 0] = index
+        with pytest.raises(kernels.InputError, match=rf"untangle: body_F\[9\] holds vertex {index}"):
+            kernels.untangle(V, F, body_V, bad)
+        with pytest.raises(kernels.InputError, match=rf"signed_distance: F\[9\] holds vertex {index}"):
+            kernels.signed_distance(V, body_V, bad)
