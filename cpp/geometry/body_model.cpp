@@ -24,8 +24,8 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
         for (Eigen::Index b = 0; b < m.weights_idx.cols(); ++b)
             require(m.weights_idx(v, b) >= 0 && m.weights_idx(v, b) < K,
                     kernel + ": body_model.weights_idx[" + std::to_string(v) + "] holds joint " + std::to_string(m.weights_idx(v, b)));
-        require(std::abs(m.weights_val.row(v).sum() - 1) < 1e-6,
-                kernel + ": body_model.weights_val[" + std::to_string(v) + "] does not sum to 1");
+        require(m.weights_val.row(v).minCoeff() >= 0 && std::abs(m.weights_val.row(v).sum() - 1) < 1e-6,
+                kernel + ": body_model.weights_val[" + std::to_string(v) + "] is negative or does not sum to 1");
     }
     require(m.shapedirs.rows() == 3 * n && m.J_shapedirs.rows() == 3 * K && m.shapedirs.cols() == m.J_shapedirs.cols(),
             kernel + ": body_model.shapedirs and J_shapedirs do not fit the mesh and its joints");
@@ -58,13 +58,23 @@ Mat3 rotation_matrix(const Vec3& r) {
     return Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
 }
 
+std::vector<Mat3> rotation_matrices(const Vertices& rotations) {
+    std::vector<Mat3> local;
+    for (Eigen::Index k = 0; k < rotations.rows(); ++k) local.push_back(rotation_matrix(rotations.row(k)));
+    return local;
+}
+
 Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const Vertices& rotations, const Vec3& translation) {
+    return pose_joints(parents, J, rotation_matrices(rotations), translation);
+}
+
+Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const std::vector<Mat3>& locals, const Vec3& translation) {
     Posed posed;
     posed.rotation.resize(parents.size());
     posed.joints.resize(J.rows(), 3);
     for (std::size_t k = 0; k < parents.size(); ++k) {
         const auto row = static_cast<Eigen::Index>(k);
-        const Mat3 local = rotation_matrix(rotations.row(row));
+        const Mat3& local = locals[k];
         if (parents[k] < 0) {
             posed.rotation[k] = local;
             posed.joints.row(row) = J.row(row) + translation.transpose();

@@ -1,1 +1,94 @@
+// Pose and shape of a body model from a scan, 3D keypoints and the frames before.
+//
+//   E = N mean_v a_v rho(n_v . (y_v - q_v) / s)^2           surface: y_v on the model, q_v the closest scan point
+//     + sum_i rho(|k_i - p_i| / sigma_i)^2                  keypoints
+//     + sum_k |log L_k|^2 / joint_sigma_k^2 + limits        pose prior
+//     + shape_weight |beta|^2 + temporal terms
+//
+// over local rotations L_k, translation and shape, by Levenberg-Marquardt on dense normal equations; rho is
+// Geman-McClure. First keypoints alone (unless started), then surface and keypoints with closest points renewed every
+// iteration while the reach shrinks.
 #pragma once
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "geometry/body_jacobian.h"
+
+namespace toile {
+
+struct SkeletonOptions {
+    double surface_weight = 200;       ///< independent observations that the whole surface counts as
+    double surface_sigma = 0.005;      ///< [m]
+    double surface_robust = 0.015;     ///< Geman-McClure scale of the last rounds [m]
+    double cloth_fit = 0.1;            ///< weight of a clothed vertex whose scan lies outside it, as cloth should
+    double reach_start = 0.10;         ///< closest points farther than this do not count, cold [m]
+    double reach = 0.04;               ///< the same in the last rounds, and from a warm start [m]
+    double min_cosine = 0.5;           ///< between model and scan normals
+    int surface_samples = 5000;        ///< model vertices that look for the scan
+    double keypoint_robust = 4;        ///< Geman-McClure scale of keypoints [sigma]
+    double pose_weight = 1;            ///< scales the prior on joint angles
+    double shape_weight = 1;           ///< scales |beta|^2
+    double limit_sigma = 0.05;         ///< softness of the joints' limits [rad]
+    double temporal_sigma = 0.15;      ///< departure of a joint from its prediction by earlier frames [rad]
+    double temporal_translation = 0.05;///< the same for the translation [m]
+    bool solve_shape = true;           ///< false: the shape of the start is kept (zero without one)
+    int max_iterations = 40;           ///< Levenberg-Marquardt steps in the surface stage
+    double tolerance = 2e-4;           ///< stop when a step moves the vertices by less, root mean square [m]
+};
+
+struct SkeletonPose {
+    Vertices rotations;                ///< (K,3) rotation vectors about world axes, relative to the parent [rad]
+    Vec3 translation = Vec3::Zero();   ///< [m]
+    Vector shape;                      ///< (s,), s <= S; empty: zero
+};
+
+/// Observed keypoints, as indices into the model's table.
+struct SkeletonKeypoints {
+    Indices index;
+    Vertices points;  ///< [m]
+    Vector sigma;     ///< [m]
+};
+
+struct SkeletonFrame {
+    Vertices scan_V;                   ///< may be empty: keypoints alone
+    Faces scan_F;
+    SkeletonKeypoints keypoints;       ///< may be empty: the surface alone, from a close start
+    std::vector<SkeletonPose> start;   ///< none, or one
+    std::vector<SkeletonPose> previous;///< frames before, newest first: none, one (held) or two (extrapolated)
+    Vector clothed;                    ///< (n,) in [0,1], or empty: vertices under cloth
+};
+
+struct SkeletonResult {
+    SkeletonPose pose;
+    Vertices V;                        ///< (n,3) posed model [m]
+    Vertices joints;                   ///< (K,3) [m]
+    std::string stop;                  ///< "converged" or "max_iterations"
+    int iterations = 0;
+    std::vector<double> energy;        ///< per iteration of the last stage
+    double rms = 0;                    ///< of matched point-to-plane distances [m]
+    std::int64_t matched = 0;          ///< samples that found the scan
+    double keypoint_rms = 0;           ///< [m], outliers included
+};
+
+class SkeletonSolver {
+public:
+    /// joint_sigma (K,) [rad]: spread of each joint about rest; 0 locks it at its start, infinity frees it.
+    /// joint_limit (K,) [rad]: largest angle from rest. vertex_weights (n,): 0 where no scan ever sees the model.
+    SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights, SkeletonOptions options = {});
+
+    SkeletonResult solve(const SkeletonFrame& frame) const;
+
+    /// One shape for all frames: the poses are eliminated from every frame's normal equations (Schur complement), their
+    /// sum gives the step of the shape, and the poses follow; `rounds` times.
+    std::vector<SkeletonResult> solve_shared(const std::vector<SkeletonFrame>& frames, int rounds = 4) const;
+
+private:
+    BodyModel model_;
+    Vector joint_sigma_, joint_limit_, vertex_weights_;
+    SkeletonOptions options_;
+    Indices samples_;
+};
+
+}  // namespace toile

@@ -15,11 +15,13 @@ from .geometry import (
 )
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .raster import raster
+from .skeleton import SkeletonSolver, skeleton
 from .untangle import UntangleSolver, untangle
 
 __all__ = [
     "BiharmonicSolver",
     "InputError",
+    "SkeletonSolver",
     "SolveError",
     "SurfaceIndex",
     "UntangleSolver",
@@ -33,6 +35,7 @@ __all__ = [
     "self_intersections",
     "set_threads",
     "signed_distance",
+    "skeleton",
     "threads",
     "unique_edges",
     "untangle",

@@ -1,0 +1,120 @@
+"""Pose and shape of a body model from a scan, 3D keypoints and earlier frames."""
+
+import numpy as np
+
+from .. import _core
+from .._core import InputError, SkeletonResult
+from .arrays import as_faces, as_floats, as_vertices
+
+# Spread about rest [rad] of the joints whose names begin so; the first that fits counts. Twist bones, toes and
+# metacarpals hardly move by themselves, the spine and neck share a bend, eyes are not seen.
+JOINT_SIGMA = (
+    ("root", np.inf), ("eye", 0.0), ("toe", 0.05), ("metacarpal", 0.05), ("pelvis", 0.03), ("upperarm02", 0.1),
+    ("lowerarm02", 0.3), ("upperleg02", 0.1), ("lowerleg02", 0.1), ("spine", 0.15), ("neck", 0.2), ("head", 0.3),
+    ("clavicle", 0.2), ("shoulder01", 0.1), ("foot", 0.4), ("wrist", 0.4), ("finger", 0.5),
+)
+OTHER_SIGMA = 0.8
+JOINT_LIMIT = (("root", np.inf), ("finger", 1.9), ("lowerleg01", 2.6), ("lowerarm01", 2.6), ("upperarm01", 2.8), ("upperleg01", 2.4))
+OTHER_LIMIT = 1.2
+UNSEEN = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
+KEYPOINT_SIGMA = 0.005  # m, where keypoints bring none of their own
+
+
+class SkeletonSolver:
+    """Fits `body_model` (`toile.scene.BodyModel`) to frames: argmin over local rotations, translation and shape of
+
+        surface_weight mean_v rho(n.(y_v - q_v) / surface_sigma)^2 + sum_i rho(|k_i - p_i| / sigma_i)^2
+        + sum_k |log L_k|^2 / joint_sigma_k^2 + joint limits + shape_weight |beta|^2 + temporal terms
+
+    rho is Geman-McClure, q_v the closest scan point within `reach` whose normal agrees. Levenberg-Marquardt on dense
+    normal equations with analytic derivatives; the same bits for any number of threads. `joint_sigma` (K,) [rad]
+    replaces the table of spreads about rest (0 locks a joint at its start, infinity frees it), `joint_limit` (K,) [rad]
+    that of largest angles; `vertex_weights` (n,) the mask of what scans show. For the other options see
+    `SkeletonOptions` (cpp/kernels/skeleton.h); an unknown name is a TypeError.
+    """
+
+    def __init__(self, body_model, joint_sigma=None, joint_limit=None, vertex_weights=None, **options):
+        names, n = body_model.joint_names, len(body_model.v_template)
+        self.body_model = body_model
+        sigma = by_prefix(names, JOINT_SIGMA, OTHER_SIGMA) if joint_sigma is None else joint_sigma
+        limit = by_prefix(names, JOINT_LIMIT, OTHER_LIMIT) if joint_limit is None else joint_limit
+        if vertex_weights is None:
+            vertex_weights = np.ones(n)
+            for segment in UNSEEN:
+                vertex_weights[body_model.segments.get(segment, [])] = 0
+        self._solver = _core.SkeletonSolver(
+            body_model.core,
+            as_floats("skeleton", "joint_sigma", sigma, (len(names),)),
+            as_floats("skeleton", "joint_limit", limit, (len(names),)),
+            as_floats("skeleton", "vertex_weights", vertex_weights, (n,)),
+            **options,
+        )
+
+    def solve(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None) -> SkeletonResult:
+        """Pose and shape of one frame.
+
+        scan_V (m,3) [m], scan_F (t,3): None or empty for keypoints alone. keypoints: an object with `names`, `points`
+        (k,3) [m], NaN where unseen, and `sigma` (k,) [m] (or None), as `toile.scene.Points3D`; names that the model does
+        not know are left out. start: a result, or (rotations (K,3), translation (3,), shape (s,)); without one the
+        solve begins at the keypoints, or, with none either, at rest in the middle of the scan. previous: up to two
+        earlier frames like `start`, newest first, for the temporal term. clothed (n,) in [0,1]: vertices under cloth;
+        where the scan lies outside them it pulls with `cloth_fit` only.
+
+        -> .rotations (K,3) [rad], .translation (3,) [m], .shape (S,), .V (n,3) [m], .joints (K,3) [m], .stop
+        ("converged", "max_iterations"), .iterations, .energy (per iteration), .rms [m] and .matched of the surface,
+        .keypoint_rms [m]. Raises InputError (argument, index) and SolveError.
+        """
+        return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed))
+
+    def solve_shared(self, frames, rounds=4):
+        """One shape for several frames; `frames` are dicts of `solve`'s arguments. -> [SkeletonResult], equal `.shape`.
+
+        Each round eliminates every frame's pose from its normal equations and steps the shape by their sum.
+        """
+        return self._solver.solve_shared([self._frame(**frame) for frame in frames], int(rounds))
+
+    def _frame(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None):
+        has_scan = scan_F is not None and len(scan_F)
+        V = as_vertices("skeleton", "scan_V", scan_V) if has_scan else np.zeros((0, 3))
+        F = as_faces("skeleton", "scan_F", scan_F) if has_scan else np.zeros((0, 3), np.int32)
+        index, points, sigma = self._keypoints(keypoints)
+        clothed = np.zeros(0) if clothed is None else as_floats("skeleton", "clothed", clothed, (len(self.body_model.v_template),))
+        return _core.SkeletonFrame(
+            V, F, index, points, sigma, [] if start is None else [as_pose("start", start)],
+            [as_pose("previous", p) for p in previous], clothed,
+        )
+
+    def _keypoints(self, keypoints):
+        """Indices into the model's table, points and sigmas of the keypoints that are seen and known."""
+        if keypoints is None:
+            return np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0)
+        points = as_vertices("skeleton", "keypoints.points", keypoints.points)
+        k = len(points)
+        if len(keypoints.names) != k:
+            raise InputError(f"skeleton: keypoints.names has {len(keypoints.names)} entries, keypoints.points {k} rows")
+        sigma = np.full(k, KEYPOINT_SIGMA) if keypoints.sigma is None else as_floats("skeleton", "keypoints.sigma", keypoints.sigma, (k,))
+        table = {name: i for i, name in enumerate(self.body_model.keypoint_names)}
+        known = np.array([table.get(name, -1) for name in keypoints.names], dtype=np.int32)
+        if k and (known < 0).all():
+            raise InputError(f"skeleton: the model knows none of keypoints.names ({keypoints.names[0]!r}, ...)")
+        use = (known >= 0) & ~np.isnan(points).all(1)
+        return known[use], points[use], sigma[use]
+
+
+def skeleton(body_model, scan_V, scan_F, keypoints=None, start=None, **options):
+    """`SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)`."""
+    return SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)
+
+
+def by_prefix(names, table, other):
+    """A value per name: that of the first prefix in the table which fits."""
+    return np.array([next((value for prefix, value in table if name.startswith(prefix)), other) for name in names])
+
+
+def as_pose(name, pose):
+    rotations, translation, shape = pose if isinstance(pose, tuple) else (pose.rotations, pose.translation, pose.shape)
+    return _core.SkeletonPose(
+        as_vertices("skeleton", f"{name}.rotations", rotations),
+        as_floats("skeleton", f"{name}.translation", translation, (3,)),
+        as_floats("skeleton", f"{name}.shape", shape, (None,)),
+    )
