@@ -31,8 +31,10 @@ void check_options(const UntangleOptions& o) {
     positive("margin", o.margin);
     positive("spread", o.spread);
     positive("max_depth", o.max_depth);
-    require(o.tolerance > 0 && o.tolerance < 1, "untangle: tolerance is " + std::to_string(o.tolerance) + ", expected 0 to 1");
-    require(o.max_iterations >= 1, "untangle: max_iterations is " + std::to_string(o.max_iterations) + ", expected at least 1");
+    require(o.tolerance > 0 && o.tolerance < 1,
+            "untangle: tolerance is " + std::to_string(o.tolerance) + ", expected 0 to 1");
+    require(o.max_iterations >= 1,
+            "untangle: max_iterations is " + std::to_string(o.max_iterations) + ", expected at least 1");
 }
 
 /// L'L of the uniform graph Laplacian, with every diagonal entry present.
@@ -44,7 +46,8 @@ Sparse spread_matrix(const Faces& F, Eigen::Index n) {
                    end = static_cast<std::size_t>(ring.start[static_cast<std::size_t>(v) + 1]);
         if (begin == end) continue;
         entries.emplace_back(v, v, 1.0);
-        for (std::size_t k = begin; k < end; ++k) entries.emplace_back(v, ring.index[k], -1.0 / static_cast<double>(end - begin));
+        const double share = 1.0 / static_cast<double>(end - begin);
+        for (std::size_t k = begin; k < end; ++k) entries.emplace_back(v, ring.index[k], -share);
     }
     Sparse L(n, n), zero(n, n);
     L.setFromTriplets(entries.begin(), entries.end());
@@ -115,7 +118,8 @@ struct Frame {
     void ask_margins() {
         parallel_for(x.rows(), [&](std::int64_t i) {
             const Probe& p = probes[static_cast<std::size_t>(i)];
-            if (p.constrained && p.distance < options.margin) margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
+            if (p.constrained && p.distance < options.margin)
+                margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
         }, 64);
     }
     bool violated(Eigen::Index i) const {
@@ -180,7 +184,7 @@ struct Frame {
             const Vec3 middle = middle_of_section(f, partners);
             const Probe p = body.probe(middle);
             const Vec3 b = closest_on_triangle(middle, x.row(F(f, 0)), x.row(F(f, 1)), x.row(F(f, 2))).barycentric;
-            if (!p.constrained && std::abs(p.distance) > 0.5 * options.margin) continue;  // on the surface, either side will do
+            if (!p.constrained && std::abs(p.distance) > 0.5 * options.margin) continue;  // on the surface any side will do
             const double lift = std::max(0.0, -p.distance) + least;
             for (int c = 0; c < 3; ++c) {
                 const double rise = lift * b[c] / b.squaredNorm();
@@ -230,7 +234,8 @@ Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& fac
         for (Eigen::Index i = 0; i < n; ++i) {
             const auto k = static_cast<std::size_t>(i);
             const double multiplier = (frame.target.row(i) - d.row(i)).dot(frame.way.row(i));
-            if (!frame.active[k] || multiplier > -1e-5 * frame.options.margin || frame.releases[k] >= releases_allowed) continue;
+            const bool needed = multiplier > -1e-5 * frame.options.margin;  // beyond rounding
+            if (!frame.active[k] || needed || frame.releases[k] >= releases_allowed) continue;
             frame.active[k] = 0;
             ++frame.releases[k];
             ++released;
@@ -248,10 +253,12 @@ std::string reason_left(const UntangleResult& r, const Frame& frame) {
         if (p.inside() && !p.constrained) ++overlap;
         if (r.margin[i] < 0.25 * frame.options.margin) ++tight;
     }
-    std::string why = std::to_string(r.vertices_left) + " vertices inside, " + std::to_string(r.intersections_left) + " pairs left";
-    if (overlap > 0) why += "; " + std::to_string(overlap) + " vertices lie where the body overlaps itself";
-    if (tight > 0) why += "; " + std::to_string(tight) + " vertices have less room than half the margin between two parts of the body";
-    if (overlap == 0 && tight == 0) why += "; the body passes through the cloth further than pushes along its normals can mend";
+    const auto text = [](int count) { return std::to_string(count); };
+    std::string why = text(r.vertices_left) + " vertices inside, " + text(r.intersections_left) + " pairs left";
+    if (overlap > 0) why += "; " + text(overlap) + " vertices lie where the body overlaps itself";
+    if (tight > 0) why += "; " + text(tight) + " vertices have less room than half the margin between two parts of the body";
+    if (overlap == 0 && tight == 0)
+        why += "; the body passes through the cloth further than pushes along its normals can mend";
     return why;
 }
 
@@ -260,7 +267,8 @@ std::string reason_left(const UntangleResult& r, const Frame& frame) {
 UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& body_V) {
     State& s = *state_;
     const auto rows = [](const char* name, Eigen::Index got, Eigen::Index want) {
-        require(got == want, std::string("untangle: ") + name + " has " + std::to_string(got) + " rows, expected " + std::to_string(want));
+        require(got == want, std::string("untangle: ") + name + " has " + std::to_string(got) + " rows, expected " +
+                                 std::to_string(want));
     };
     rows("cloth_V", cloth_V.rows(), s.cloth_n);
     rows("body_V", body_V.rows(), s.body_n);
@@ -268,9 +276,10 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     check_finite("untangle", "body_V", body_V);
     const UntangleOptions& o = s.options;
     const auto n = static_cast<std::size_t>(s.cloth_n);
+    const Vertices nothing = Vertices::Zero(s.cloth_n, 3);
     Frame frame{cloth_V, body_V, s.cloth_F, s.body_F, o, Obstacle(body_V, s.body_F, s.sides, o.max_depth),
                 TriangleIndex(body_V, s.body_F), cloth_V, {}, {}, Vector::Constant(s.cloth_n, o.margin),
-                std::vector<char>(n, 0), std::vector<char>(n, 0), Vertices::Zero(s.cloth_n, 3), Vertices::Zero(s.cloth_n, 3), Vertices::Zero(s.cloth_n, 3)};
+                std::vector<char>(n, 0), std::vector<char>(n, 0), nothing, nothing, nothing};
     // From a spread of h/20 on nothing spreads; from 150 h on all of the cloth moves.
     const double weight = std::clamp(std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4), 1e-10, 1e4);
 

@@ -55,7 +55,7 @@ def test_pairs_match_rational_arithmetic_on_random_integer_triangles():
 
 
 def test_pairs_of_shifted_spheres_match_all_faces_against_all():
-    V, F = icosphere(subdivisions=2)
+    V, F = icosphere(subdivisions=1)
     W = V + [0.31, 0.17, 0.05]
     brute = [[f, g] for f in range(len(F)) for g in range(len(F)) if segments_meet(V[F[f]], W[F[g]])]
     assert kernels.intersecting_pairs(V, F, W, F).tolist() == brute
