@@ -14,6 +14,7 @@ from .geometry import (
     voronoi_mass,
 )
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
+from .mrf import mrf
 from .raster import raster
 from .skeleton import SkeletonSolver, skeleton
 from .untangle import UntangleSolver, untangle
@@ -31,6 +32,7 @@ __all__ = [
     "face_areas",
     "face_normals",
     "intersecting_pairs",
+    "mrf",
     "raster",
     "self_intersections",
     "set_threads",
