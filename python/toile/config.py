@@ -44,6 +44,9 @@ class SegmentSettings(Settings):
     rim_stiffness: float = 0.15  # cost of a unit step of the border between samples one spacing apart
     rim_spacing: float = 0.004  # [m]
     rim_smoothing: float = 0.008  # Gaussian along the border [m]
+    rim_depth: tuple[float, float] = (-0.003, 0.012)  # layers searched below and above the scan [m]
+    rim_layer: float = 0.003  # [m]
+    rim_lift: float = 0.5  # cost of the first layer off the scan; grows with the square
     ramp: float = 0.012  # half width of the probability's ramp about the border [m]
     min_region: float = 0.004  # smaller islands of a label are dissolved [m^2]
     seed: int = 0

@@ -148,9 +148,7 @@ class Dresser:
         t, s = self.template, self.settings
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
-        column = int(np.searchsorted(segmented.ids, t.label))
-        value = segmented.scan_probability[:, column].astype(np.float64)
-        matches, strange = match_loops([posed[l] for l in t.loops], isolines(V, F, value), s)
+        matches, strange = match_loops([posed[l] for l in t.loops], _rims_of(segmented, t.label, V, F), s)
         start = posed + self.biharmonic.solve(np.concatenate([m.target - posed[l] for m, l in zip(matches, t.loops)]))
         inside = segmented.scan_faces == t.label
         if inside.sum() < 100:
@@ -198,3 +196,11 @@ def _scan_of(frame, tracked, model):
     if frame.scan is None:
         return tracked.vertices, model.f
     return frame.scan.vertices, frame.scan.faces
+
+
+def _rims_of(segmented, label, V, F):
+    """The border that the pictures gave, or the 0.5 isoline of the garment's probability on the scan."""
+    if segmented.rims.get(label):
+        return segmented.rims[label]
+    column = int(np.searchsorted(segmented.ids, label))
+    return isolines(V, F, segmented.scan_probability[:, column].astype(np.float64))

@@ -246,6 +246,7 @@ class Segmented:
     scan_probability: np.ndarray  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
     ids: np.ndarray  # (L,) uint8
     diagnostics: dict[str, float]
+    rims: dict = field(default_factory=dict)  # garment's label id -> its border as `curves.Curve`s, garment on the left
 
 
 @dataclass(frozen=True)

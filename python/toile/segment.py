@@ -34,7 +34,9 @@ def prepare(scene, cameras, samples, faces, settings):
     seen = [(frame, _views(frame, cameras, tracked.vertices, faces)) for frame, tracked in samples]
     for (frame, views), (_, tracked) in zip(seen, samples):
         N = kernels.vertex_normals(tracked.vertices, faces)
-        votes += _label_votes(frame, views, tracked.vertices, N, ids, settings)[0]
+        soft = {name: _soft_labels(frame.labels[name], ids, settings) for name in views}
+        share, weight = _mean_over_views(soft, views, tracked.vertices, N, settings)
+        votes += share * weight[:, None]
     prior = _spread(votes, faces, rounds=1) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
     prior /= prior.sum(1, keepdims=True)
@@ -60,11 +62,11 @@ def segment(scene, cameras, model, frame, tracked, faces, settings, previous=Non
 
     probability = np.zeros((len(scan_V), len(model.ids)), np.float32)
     probability[np.arange(len(scan_V)), labels] = 1
-    moved = []
+    moved, rims = [], {}
     scan_index = kernels.SurfaceIndex(scan_V, scan_F)
     for garment in scene.garments:
         column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
-        distance, shift = _refine_border(labels, column, scan_V, scan_F, N, scan_index, evidence, settings)
+        distance, curves, shift = _refine_border(labels, column, scan_V, scan_F, N, scan_index, evidence, settings)
         p = np.clip(0.5 + 0.5 * distance / settings.ramp, 0, 1)
         rest = np.delete(np.arange(len(model.ids)), column)
         others = probability[:, rest]
@@ -72,6 +74,7 @@ def segment(scene, cameras, model, frame, tracked, faces, settings, previous=Non
         probability[:, rest] = others * ((1 - p) / np.maximum(others.sum(1), 1e-9))[:, None]
         probability[:, column] = p
         moved.append(shift)
+        rims[scene.labels[garment.label]] = curves
     vertex_labels = _tracked_labels(tracked, faces, scan_V, scan_F, scan_index, probability, evidence, model, previous, settings)
     face_labels = model.ids[probability[scan_F].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
@@ -79,7 +82,7 @@ def segment(scene, cameras, model, frame, tracked, faces, settings, previous=Non
         "seen": float(observed.mean()),
         "border_moved_mm": float(1e3 * np.abs(shifts).mean()) if len(shifts) else 0.0,
     }
-    return Segmented(model.ids[vertex_labels], face_labels, probability, model.ids, diagnostics)
+    return Segmented(model.ids[vertex_labels], face_labels, probability, model.ids, diagnostics, rims)
 
 
 def _check_ids(scene, samples):
@@ -100,22 +103,23 @@ def _views(frame, cameras, V, F):
     return {name: View(cameras[name], V, F) for name in names}
 
 
-def _one_hot(image, ids):
-    return (image[..., None] == ids).astype(np.float32)
-
-
-def _label_votes(frame, views, points, normals, ids, settings):
-    """Mean of the blurred label images over views (n,L), and the weight of the views (n,)."""
+def _soft_labels(image, ids, settings):
+    """Blurred indicator (H,W,L) of each label."""
     import cv2
 
-    total, weight = np.zeros((len(points), len(ids))), np.zeros(len(points))
-    for name, view in views.items():
-        soft = cv2.GaussianBlur(_one_hot(frame.labels[name], ids), (0, 0), settings.label_blur)
-        uv, w = view.see(points, normals, settings.tolerance, settings.min_cosine)
-        on = w > 0
-        total[on] += w[on, None] * read(soft, uv[on])
+    return cv2.GaussianBlur((image[..., None] == ids).astype(np.float32), (0, 0), settings.label_blur)
+
+
+def _mean_over_views(maps, views, points, normals, settings):
+    """Mean (n,C) over the views that see each point of what their maps (H,W,C) say, and the views' weight (n,)."""
+    channels = next(iter(maps.values())).shape[2] if maps else 0
+    total, weight = np.zeros((len(points), channels)), np.zeros(len(points))
+    for name, map_ in maps.items():
+        uv, w = views[name].see(points, normals, settings.tolerance, settings.min_cosine)
+        on = np.flatnonzero(w)
+        total[on] += w[on, None] * read(map_, uv[on])
         weight[on] += w[on]
-    return total, weight
+    return total / np.maximum(weight, 1e-9)[:, None], weight
 
 
 def _fit(seen, prior, faces, ids, settings):
@@ -152,62 +156,49 @@ def _spread(values, faces, rounds):
 
 
 class _Evidence:
-    """What the pictures of one frame say about any point of the surface."""
+    """What the pictures of one frame say about any point of the surface: per view one map (H,W,2L+3) of log
+    likelihoods by colour, shares of the blurred labels, and RGB."""
 
     def __init__(self, frame, views, model, settings):
-        self.views, self.settings, self.frame, self.model = views, settings, frame, model
+        self.views, self.settings, self.L = views, settings, len(model.ids)
         self.maps = {}
         for name, view in views.items():
-            if model.colours is None or name not in frame.images:
-                continue
-            map_ = np.zeros(view.depth.shape + (len(model.ids),), np.float32)
-            near = frame.labels[name] > 0
-            map_[near] = model.colours.evidence(frame.images[name][near])
-            map_[occlusion_border(view.depth, 0.03, 1)] = 0
+            labels = frame.labels[name]
+            map_ = np.zeros(view.depth.shape + (2 * self.L + 3,), np.float32)
+            map_[..., self.L : 2 * self.L] = _soft_labels(labels, model.ids, settings)
+            if model.colours is not None and name in frame.images:
+                clear = (labels > 0) & ~occlusion_border(view.depth, 0.03, 1)
+                map_[clear, : self.L] = model.colours.evidence(frame.images[name][clear])
+                map_[..., 2 * self.L :] = frame.images[name] / np.float32(255)
             self.maps[name] = map_
 
     def costs(self, points, normals):
         """Unary costs (n,L), mean RGB (n,3) in 0..1, and whether any view sees the point (n,).
 
         Errors are alike in all views, so views are averaged, not added."""
-        s = self.settings
-        votes, weight = _label_votes(self.frame, self.views, points, normals, self.model.ids, s)
-        share = votes / np.maximum(weight, 1e-9)[:, None]
-        L = share.shape[1]
-        cost = -s.label_weight * np.log((1 - s.wrong) * share + s.wrong / L)
-        colour, rgb = self.colour(points, normals)
-        cost -= s.colour_weight * colour
+        s, L = self.settings, self.L
+        mean, weight = _mean_over_views(self.maps, self.views, points, normals, s)
+        cost = -s.colour_weight * mean[:, :L] - s.label_weight * np.log((1 - s.wrong) * mean[:, L : 2 * L] + s.wrong / L)
         cost[weight == 0] = 0
-        return cost, rgb, weight > 0
-
-    def colour(self, points, normals):
-        """Mean over the views of the log likelihoods (n,L) and of RGB (n,3)."""
-        s = self.settings
-        total, rgb = np.zeros((len(points), len(self.model.ids))), np.zeros((len(points), 3))
-        weight = np.zeros(len(points))
-        for name, map_ in self.maps.items():
-            uv, w = self.views[name].see(points, normals, s.tolerance, s.min_cosine)
-            on = w > 0
-            total[on] += w[on, None] * read(map_, uv[on])
-            rgb[on] += w[on, None] * read(self.frame.images[name], uv[on])
-            weight[on] += w[on]
-        return total / np.maximum(weight, 1e-9)[:, None], rgb / np.maximum(weight, 1e-9)[:, None] / 255
+        return cost, mean[:, 2 * L :], weight > 0
 
     def odds(self, points, normals, column, other):
         """Log odds (n,) of label `column` against label `other` (n,), summed over views with weights below 1."""
-        s = self.settings
-        total = np.zeros(len(points))
+        s, L = self.settings, self.L
+        total, share, weight = np.zeros(len(points)), np.zeros((len(points), 2)), np.zeros(len(points))
+        floor = s.wrong / L
         for name, map_ in self.maps.items():
             uv, w = self.views[name].see(points, normals, s.tolerance, s.min_cosine)
-            on = np.flatnonzero(w > 0)
-            value = read(map_, uv[on])
-            ratio = value[:, column] - value[np.arange(len(on)), other[on]]
-            total[on] += w[on] * np.clip(ratio, _OUTLIER, -_OUTLIER)
-        votes, weight = _label_votes(self.frame, self.views, points, normals, self.model.ids, s)
-        share = votes / np.maximum(weight, 1e-9)[:, None]
-        a, b = share[:, column], share[np.arange(len(points)), other]
-        floor = s.wrong / share.shape[1]
-        return total + np.where(weight > 0, 0.5 * np.log((a + floor) / (b + floor)), 0.0)
+            for rival in np.unique(other):
+                on = np.flatnonzero((w > 0) & (other == rival))
+                ratio = np.clip(map_[..., column] - map_[..., rival], _OUTLIER, -_OUTLIER)
+                pair = map_[..., [L + column, L + rival]]
+                value = read(np.concatenate([ratio[..., None], pair], -1), uv[on])
+                total[on] += w[on] * value[:, 0]
+                share[on] += w[on, None] * value[:, 1:]
+                weight[on] += w[on]
+        share /= np.maximum(weight, 1e-9)[:, None]
+        return total + np.where(weight > 0, 0.5 * np.log((share[:, 0] + floor) / (share[:, 1] + floor)), 0.0)
 
 
 def _place_costs(model, previous, settings):
@@ -269,61 +260,102 @@ def _runner_up(cost, rest):
 
 
 def _refine_border(labels, column, V, F, N, index, evidence, settings):
-    """Signed distance (n,) [m] of scan vertices to the garment's border, positive on the garment, clipped at
-    `ramp`; and the shifts of the border's samples [m]."""
+    """The garment's border by the pictures' edges. Returns the signed distance (n,) [m] of scan vertices to it,
+    positive on the garment, clipped at `ramp`; the border's curves in space; and their shifts [m]."""
     from scipy.spatial import cKDTree
 
     inside = labels == column
     distance = np.where(inside, settings.ramp, -settings.ramp)
     soft = _spread(inside.astype(float), F, 2) / _spread(np.ones(len(V)), F, 2)
-    curves = [c for c in isolines(V, F, soft) if c.length > 0.02]
+    coarse = [c for c in isolines(V, F, soft) if c.length > 0.02]
     outside = np.flatnonzero(~inside)
-    if not curves or len(outside) == 0:
-        return distance, np.zeros(0)
-    opponents = cKDTree(V[outside])
-    at, across, shift = [], [], []
-    for curve in curves:
+    if not coarse or len(outside) == 0:
+        return distance, (), np.zeros(0)
+    rivals = cKDTree(V[outside])
+    at, across, shift, rims = [], [], [], []
+    for curve in coarse:
         curve = resample(curve, settings.rim_spacing)
         curve = Curve(smooth(curve.points, curve.closed, 3.0), curve.closed)
-        face, _, bary, _ = index.closest(curve.points)
-        normal = _interpolate(N, F[face], bary)
-        left = np.cross(normal, tangents(curve))
-        left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
-        other = labels[outside[opponents.query(curve.points)[1]]]
+        left = _left(curve, N, F, index)
+        rival = labels[outside[rivals.query(curve.points)[1]]]
+        ribbon = _Ribbon(curve, left, N, F, index)
+        offset, rim = ribbon.cut(evidence, column, rival, settings)
         at.append(curve.points)
         across.append(left)
-        shift.append(_best_cut(curve, left, other, column, N, F, index, evidence, settings))
+        shift.append(offset)
+        rims.append(rim)
     at, across, shift = np.concatenate(at), np.concatenate(across), np.concatenate(shift)
     d, k = cKDTree(at).query(V, distance_upper_bound=settings.rim_reach + settings.ramp)
     near = np.flatnonzero(np.isfinite(d))
     k = k[near]
     signed = np.einsum("ni,ni->n", V[near] - at[k], across[k]) - shift[k]
     distance[near] = np.clip(signed, -settings.ramp, settings.ramp)
-    return distance, shift
+    return distance, tuple(rims), shift
 
 
-def _best_cut(curve, left, other, column, N, F, index, evidence, settings):
-    """Offsets (k,) [m] to the left that part the evidence best: a shortest path across a ribbon about the curve."""
-    steps = int(round(settings.rim_reach / settings.rim_step))
-    s = np.arange(-steps, steps + 1) * settings.rim_step
-    ribbon = curve.points[:, None] + s[:, None] * left[:, None]
-    face, points, bary, _ = index.closest(ribbon.reshape(-1, 3))
-    normals = _interpolate(N, F[face], bary)
-    odds = evidence.odds(points, normals, column, np.repeat(other, len(s))).reshape(len(curve.points), len(s))
-    # cutting at s_j pays for garment evidence on its right (below j) and for the opposite on its left
-    cumulative = np.cumsum(odds, axis=1)
-    cost = 2 * (cumulative - 0.5 * odds) * (settings.rim_step / 0.004)
-    cost += 0.02 * (s / settings.rim_step) ** 2 * (settings.rim_step / settings.rim_reach)  # stay where nothing speaks
-    path = _shortest_path(np.concatenate([cost, cost, cost]) if curve.closed else cost, settings.rim_stiffness)
-    path = path[len(cost) : 2 * len(cost)] if curve.closed else path
-    offset = s[path] + _parabola(cost, path) * settings.rim_step
-    return smooth(offset, curve.closed, settings.rim_smoothing / settings.rim_spacing)
+def _left(curve, N, F, index):
+    """Unit directions (k,3) across the curve, in the surface, towards the garment."""
+    face, _, bary, _ = index.closest(curve.points)
+    left = np.cross(_interpolate(N, F[face], bary), tangents(curve))
+    return left / np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
 
 
-def _shortest_path(cost, stiffness):
-    """argmin over paths j of sum cost[i, j_i] + stiffness sum (j_i - j_{i+1})^2 (Viterbi)."""
+class _Ribbon:
+    """A strip of surface about a curve, and layers above and below it: a scan rounds off the step at a cloth's rim,
+    so that the rim itself lies off the scan; the views agree about its colour edge only where it truly is."""
+
+    def __init__(self, curve, left, N, F, index):
+        self.curve, self.left, self.N, self.F, self.index = curve, left, N, F, index
+
+    def cut(self, evidence, column, rival, settings):
+        """Offsets (k,) [m] to the left, and the rim as a curve in space."""
+        closed, step = self.curve.closed, settings.rim_step
+        s = np.arange(-1, 1 + 1e-9, step / settings.rim_reach) * settings.rim_reach
+        cost, _, _ = self._costs(s, np.zeros(1), 0.0, evidence, column, rival, settings)
+        cost = cost[:, 0] + 0.02 * (s / step) ** 2 * (step / settings.rim_reach)  # stay where nothing speaks
+        path = _closed_path(cost, (np.arange(len(s))[:, None] - np.arange(len(s))) ** 2.0, settings.rim_stiffness, closed)
+        offset = smooth(s[path] + _parabola(cost, path) * step, closed, settings.rim_smoothing / settings.rim_spacing)
+
+        h = np.arange(settings.rim_depth[0], settings.rim_depth[1] + 1e-9, settings.rim_layer)
+        r = np.arange(-6, 7) * step
+        cost, points, normals = self._costs(r, h, offset, evidence, column, rival, settings)
+        cost += settings.rim_lift * ((h[:, None] - 0.003) / settings.rim_layer) ** 2
+        i, j = np.divmod(np.arange(len(h) * len(r)), len(r))
+        apart = (j[:, None] - j) ** 2 + 40.0 * (i[:, None] - i) ** 2
+        path = _closed_path(cost.reshape(len(cost), -1), apart, settings.rim_stiffness, closed)
+        i, j = np.divmod(path, len(r))
+        row = np.arange(len(path))
+        sigma = settings.rim_smoothing / settings.rim_spacing
+        rim = points[row, j] + h[i, None] * normals[row, j]
+        rim = self.curve.points + smooth(rim - self.curve.points, closed, sigma)
+        return smooth(offset + r[j], closed, sigma), Curve(rim, closed)
+
+    def _costs(self, s, h, offset, evidence, column, rival, settings):
+        """Costs (k, len(h), len(s)) of a cut at s of layer h: the garment's evidence to its right, less that to its
+        left; and the surface points and normals (k, len(s), 3)."""
+        across = (np.zeros(len(self.curve.points)) + offset)[:, None] + s
+        at = self.curve.points[:, None] + across[..., None] * self.left[:, None]
+        face, points, bary, _ = self.index.closest(at.reshape(-1, 3))
+        normals = _interpolate(self.N, self.F[face], bary)
+        lifted = (points[:, None] + h[:, None] * normals[:, None]).reshape(-1, 3)
+        odds = evidence.odds(lifted, np.repeat(normals, len(h), 0), column, np.repeat(rival, len(s) * len(h)))
+        odds = odds.reshape(len(at), len(s), len(h)).transpose(0, 2, 1)
+        below = np.cumsum(odds, axis=2)
+        cost = 2 * below - odds - below[..., -1:]
+        return cost * (settings.rim_step / 0.004), points.reshape(at.shape), normals.reshape(at.shape)
+
+
+def _closed_path(cost, apart, stiffness, closed):
+    """argmin over paths j of sum cost[i, j_i] + stiffness sum apart[j_i, j_{i+1}] (Viterbi); a closed one goes round
+    three times and the middle lap is kept."""
+    k = len(cost)
+    laps = np.concatenate([cost] * 3) if closed else cost
+    path = _shortest_path(laps, stiffness * apart)
+    return path[k : 2 * k] if closed else path
+
+
+def _shortest_path(cost, step):
     k, m = cost.shape
-    step = stiffness * (np.arange(m)[:, None] - np.arange(m)) ** 2.0
     best, back = cost[0], np.zeros((k, m), np.int64)
     for i in range(1, k):
         total = best[:, None] + step
