@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..scene import BodyModel
+from .surface import smooth_noise, vertex_normals
 
 OFFSET_MM = (5.0, 15.0)  # largest displacement outside the model's span, drawn from this range
 OFFSET_LENGTH = 0.12  # m, correlation length of the offsets
@@ -123,13 +124,6 @@ def fade_of(idx, val, names):
     return 1 - 0.75 * (val * small[idx]).sum(1)
 
 
-def smooth_noise(points, length, rng, waves=64):
-    """A Gaussian random field at points (n,3): unit variance, correlation exp(-d^2 / (2 length^2))."""
-    k = rng.standard_normal((waves, 3)) / length
-    phase = rng.uniform(0, 2 * np.pi, waves)
-    return np.sqrt(2 / waves) * np.cos(points @ k.T + phase).sum(1)
-
-
 def other_weights(idx, val, faces, bones):
     """Skinning weights smoothed over the surface, the INFLUENCES largest kept: other weights than the pipeline's."""
     n = len(idx)
@@ -144,13 +138,6 @@ def other_weights(idx, val, faces, bones):
     keep = np.argsort(-W, axis=1, kind="stable")[:, :INFLUENCES]
     kept = np.take_along_axis(W, keep, 1)
     return keep.astype(np.int32), kept / kept.sum(1, keepdims=True)
-
-
-def vertex_normals(V, F):
-    """Area-weighted unit normals (n,3); zero where a vertex has no area."""
-    fn = np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])
-    N = np.stack([np.bincount(F.ravel(), np.repeat(fn[:, i], 3), minlength=len(V)) for i in range(3)], 1)
-    return N / np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-30)
 
 
 def skin_component(faces, n):

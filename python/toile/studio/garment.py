@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from ..scene import CaptureError
 from .cloth import ClothSimulation
+from .surface import open_loops
 
 SIZES = {"fitted": 1.05, "logo": 1.08, "loose": 1.14}
 GROWTH, LOWERING, SETTLING = 20, 8, 12  # frames: body grows, arms go to the A-pose, cloth comes to rest
@@ -13,8 +17,6 @@ SHRINK = 0.35  # distance from the bone line while the shirt is put on; 0.6 fail
 
 def newton_shirt():
     """newton's `unisex_shirt.usd` (6436 vertices, four open loops): V (n,3) [m], z up, facing -y, and F (m,3)."""
-    from pathlib import Path
-
     import newton
     import newton.usd
     from pxr import Usd
@@ -25,26 +27,12 @@ def newton_shirt():
     return np.stack([V[:, 0], -V[:, 2], V[:, 1]], 1), np.asarray(mesh.indices, np.int32).reshape(-1, 3)
 
 
-def open_loops(F):
-    """Boundary loops as vertex cycles, longest first, ties by lowest index."""
-    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
-    seen = set(map(tuple, half))
-    after = {a: b for a, b in map(tuple, half) if (b, a) not in seen}
-    loops = []
-    while after:
-        loop = [min(after)]
-        while (n := after.pop(loop[-1], None)) is not None and n != loop[0]:
-            loop.append(n)
-        loops.append(np.array(loop))
-    return sorted(loops, key=lambda c: (-len(c), c[0]))
-
-
 def named_loops(V, F):
     """{"neck", "hem", "sleeve_left", "sleeve_right"} -> vertex cycle, told apart by where they lie (x = body's left)."""
     loops = open_loops(F)
-    centre = np.array([V[c].mean(0) for c in loops])
     if len(loops) != 4:
-        raise ValueError(f"a T-shirt has four open loops, this mesh has {len(loops)}")
+        raise CaptureError(f"studio: a T-shirt has four open loops, this garment has {len(loops)}")
+    centre = np.array([V[c].mean(0) for c in loops])
     left, right = int(centre[:, 0].argmax()), int(centre[:, 0].argmin())
     rest = sorted({0, 1, 2, 3} - {left, right}, key=lambda i: centre[i, 2])
     return {"hem": loops[rest[0]], "neck": loops[rest[1]], "sleeve_left": loops[left], "sleeve_right": loops[right]}
@@ -126,11 +114,36 @@ def dress(V, F, body, translation, progress):
     return sim
 
 
-def garment_for(name, body):
-    """Flat garment V, F by its name: `newton`, or a path to an .obj of a shirt in metres, z up, facing -y."""
-    if name == "newton":
-        return newton_shirt()
+def settle(V, F, body, translation, progress):
+    """Lets a shirt that already lies around the rest pose come to rest: gives the simulation."""
+    sim = ClothSimulation(V + translation, F, body.pose(np.zeros((len(body.J), 3)), translation), body.skin_faces)
+    for k in range(SETTLING):
+        sim.frame(sim.body)
+        progress(k + 1, SETTLING)
+    return sim
+
+
+def put_on(name, body, size, translation, progress):
+    """Puts a shirt on the truth body in its rest pose. `name`: newton, cut, or the path of an .obj (a shirt of four open
+    loops, metres, z up, facing -y). Gives the flat garment, its rest shape, its faces, and the settled simulation."""
+    if name == "cut":
+        from .cut import cut_shirt
+
+        V, F = cut_shirt(body)
+        return V, V, F, settle(V, F, body, translation, progress)
+    flat, F = newton_shirt() if name == "newton" else read_shirt(name)
+    rest = place(flat, F, body, size)
+    return flat, rest, F, dress(rest, F, body, translation, progress)
+
+
+def read_shirt(path):
     import trimesh
 
-    mesh = trimesh.load(name, process=False, maintain_order=True)
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
+    if not Path(path).is_file():
+        raise CaptureError(f"studio: garment {path!r}: no such file; must be newton, cut, or an .obj")
+    mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
+    V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
+    if not 0.3 < np.ptp(V[:, 2]) < 1.5:
+        raise CaptureError(f"{path}: the garment is {np.ptp(V[:, 2]):.3g} m tall; a shirt in metres, z up, is expected")
+    named_loops(V, F)
+    return V, F

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .body import smooth_noise
+from .surface import smooth_noise
 
 SHIFT_PX = (3.0, 6.0)  # length of the border shift
 SHIFT_LENGTH = 0.06  # m, over which the shift's direction and length change

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -16,16 +17,18 @@ from . import motion as motions
 from . import truth as checks
 from .body import make_body
 from .cameras import cameras_json, make_cameras
-from .garment import SIZES, dress, garment_for, place
+from .garment import SIZES, put_on
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
 from .paint import LABELS, Look
 from .pictures import Outer, make_sensors, take
 from .scans import scan, write_ply
+from .touch import HAND, vertices_of
 from .template import make_template, write_obj
 
 GARMENT = "tshirt"
 ATTEMPTS = 5  # seeds tried before giving up
+THREADS = 2  # frames written at a time
 
 
 @dataclass(frozen=True)
@@ -150,12 +153,13 @@ def make_truth(options, seed, progress):
     motion = motions.make_motion(options.motion, body, options.frames, streams[1])
     sim = flat = draped = F = rest = None
     if options.garment is not None:
-        flat, F = garment_for(options.garment, body)
-        rest = place(flat, F, body, SIZES[options.subject]) if options.garment != "cut" else flat
-        sim = dress(rest, F, body, np.array([0, 0, ground]), lambda i, n: progress("dress", i, n))
+        lift = np.array([0, 0, ground])
+        size = SIZES[options.subject]
+        flat, rest, F, sim = put_on(options.garment, body, size, lift, lambda i, n: progress("dress", i, n))
         draped = sim.vertices - [0, 0, ground]
         edges = checks.unique_edges(F)
     frames, garments, per_frame = [], [], []
+    hands = np.concatenate([vertices_of(body, HAND, side) for side in "LR"])
     total = len(motion.root)
     for k, (V, R, t, _) in enumerate(motions.world_motion(motion, body, ground)):
         cloth = None if sim is None else sim.frame(V).astype(np.float32)
@@ -168,7 +172,7 @@ def make_truth(options, seed, progress):
         if cloth is not None:
             garments.append(cloth)
             measured = checks.check_frame(
-                cloth.astype(np.float64), F, rest, edges, V.astype(np.float64), body.skin_faces, number
+                cloth.astype(np.float64), F, rest, edges, V.astype(np.float64), body.skin_faces, hands, number
             )
             per_frame.append(measured)
     vertices = np.array([f[0] for f in frames])
@@ -177,6 +181,7 @@ def make_truth(options, seed, progress):
     if garment is not None:
         figures |= summary(per_frame)
         figures["sliding_p90_mm"] = 1e3 * float(np.quantile(checks.sliding(garment, vertices), 0.9))
+    figures["missing_joints"] = list(motion.missing)
     figures["offset_max_mm"] = 1e3 * float(np.linalg.norm(body.offset, axis=1).max())
     rotations, translation = np.array([f[1] for f in frames]), np.array([f[2] for f in frames])
     return Truth(body, vertices, rotations, translation, garment, F, flat, draped, per_frame, figures)
@@ -187,6 +192,7 @@ def summary(per_frame):
     worst = {k: max(f[k] for f in per_frame) for k in ("strain_p99", "strain_max", "self_pairs")}
     return worst | {
         "clearance_min_mm": min(f["clearance_mm"] for f in per_frame),
+        "hand_cloth_min_mm": min(f["hand_cloth_mm"] for f in per_frame),
         "self_piercing_frames": sum(f["self_pairs"] > 0 for f in per_frame),
     }
 
@@ -210,10 +216,17 @@ def write_capture(folder, options, truth, report, progress):
     write_json(folder / "cameras.json", cameras_json(rig))
     joints = np.array([truth.body.joints(r, t) for r, t in zip(truth.rotations, truth.translation)])
     points = np.array([table.points(v.astype(np.float64), j) for v, j in zip(truth.vertices, joints)])
+
+    def one(k):
+        return write_frame(
+            folder / "frames" / f"{k:06d}", k, options, truth, report.seed, rig, sensors, look, table, points[k]
+        )
+
     shares = []
-    for k in range(options.frames):
-        shares.append(write_frame(folder / "frames" / f"{k:06d}", k, options, truth, report.seed, rig, sensors, look, table, points[k]))
-        progress("frames", k + 1, options.frames)
+    with ThreadPoolExecutor(THREADS) as pool:  # each frame draws from a stream of its own: order does not matter
+        for share in pool.map(one, range(options.frames)):
+            shares.append(share)
+            progress("frames", len(shares), options.frames)
     report.figures["label_error_share"] = float(np.mean(shares))
     write_truth_store(folder / "truth", truth, template, look, table, joints, points, report)
     write_json(folder / "studio.json", studio_json(options, report))

@@ -6,7 +6,7 @@ side negates y and z. Limits keep the skin of arms and trunk from touching where
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,7 @@ class Motion:
     root: np.ndarray
     expression: np.ndarray
     grounded: bool  # True: the lowest vertex of each frame is put on the floor
+    missing: tuple[str, ...] = ()  # joints that a motion file lacks
 
 
 def make_motion(name, body, frames, rng):
@@ -55,8 +56,11 @@ def make_motion(name, body, frames, rng):
 def eased(motion):
     """Blends the first RAMP frames in from the A-pose: the cloth was settled there."""
     s = smoothstep(np.arange(1, len(motion.root) + 1) / RAMP)
-    return Motion(
-        motion.rotations * s[:, None, None], motion.root * s[:, None], motion.expression * s[:, None], motion.grounded
+    return replace(
+        motion,
+        rotations=motion.rotations * s[:, None, None],
+        root=motion.root * s[:, None],
+        expression=motion.expression * s[:, None],
     )
 
 

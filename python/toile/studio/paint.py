@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .body import smooth_noise
+from .surface import smooth_noise
 
 LABELS = {"skin": 1, "hair": 2, "tshirt": 3, "trousers": 4, "shoes": 5}
 TEXTURE = 1024  # texels per side of the shirt's front and back
@@ -43,7 +43,7 @@ class Look:
         label = np.full(len(neutral), LABELS["skin"], np.uint8)
         label[(z < 1.085) & (arm < 0.5)] = LABELS["trousers"]
         label[(z < 0.115) & (arm < 0.5)] = LABELS["shoes"]
-        hairline = (z - 1.786) + 1.3 * (y + 0.042)
+        hairline = (z - 1.76) + 1.1 * (y + 0.07)
         label[(hairline > 0) & (head > 0.5) & (z > 1.67)] = LABELS["hair"]
         return label
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import kernels
-from .body import vertex_normals
 from .paint import LABELS
+from .surface import barycentric, vertex_normals
 
 SAMPLES = 2  # per pixel and direction
 LIGHTS = (((0.4, -0.8, 0.6), 0.60), ((-0.8, -0.2, 0.5), 0.40), ((0.3, 0.9, 0.4), 0.45))  # direction, strength
@@ -101,16 +101,6 @@ def distorted(camera, V):
     P = camera.to_camera(V)
     xy = camera.distort(P[:, :2] / P[:, 2:])
     return np.concatenate([xy * P[:, 2:], P[:, 2:]], 1)
-
-
-def barycentric(p, T):
-    """Coordinates (m,3) of points p (m,3) in triangles T (m,3,3), clipped to the triangle."""
-    n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
-    area = np.maximum((n * n).sum(1), 1e-30)
-    b1 = (np.cross(T[:, 2] - p, T[:, 0] - p) * n).sum(1) / area
-    b2 = (np.cross(T[:, 0] - p, T[:, 1] - p) * n).sum(1) / area
-    b = np.clip(np.stack([1 - b1 - b2, b1, b2], 1), 0, 1)
-    return b / b.sum(1, keepdims=True)
 
 
 def surface_look(outer, look, face, bary, F):

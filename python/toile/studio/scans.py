@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .body import smooth_noise, vertex_normals
+from .surface import smooth_noise, vertex_normals
 
 DIRECTIONS = 22  # parallel views that sample the surface
 SPACING = 0.005  # m between rays of one view

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene import Mesh
-from .garment import open_loops
+from .surface import barycentric, open_loops, rim_edges
 
 EDGE = 0.0118  # m: about 6k vertices on a shirt
 SIZE_OFF = 1.03  # the template is this much larger than the shirt worn
@@ -62,24 +62,6 @@ def map_to(V, T, truth_V, truth_F):
         face[v] = owner[e]
         bary[v] = (1 - t[e]) * (corners == edges[e, 0]) + t[e] * (corners == edges[e, 1])
     return face.astype(np.int32), bary
-
-
-def rim_edges(F):
-    """Boundary edges (e,2) and the face of each."""
-    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
-    owner = np.tile(np.arange(len(F)), 3)
-    _, inverse, count = np.unique(np.sort(half, 1), axis=0, return_inverse=True, return_counts=True)
-    open_edge = count[inverse.ravel()] == 1
-    return half[open_edge], owner[open_edge]
-
-
-def barycentric(p, T):
-    n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
-    area = np.maximum((n * n).sum(1), 1e-30)
-    b1 = (np.cross(T[:, 2] - p, T[:, 0] - p) * n).sum(1) / area
-    b2 = (np.cross(T[:, 0] - p, T[:, 1] - p) * n).sum(1) / area
-    b = np.clip(np.stack([1 - b1 - b2, b1, b2], 1), 0, 1)
-    return b / b.sum(1, keepdims=True)
 
 
 def body_shift(points, truth_rest, mean_rest):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .surface import unique_edges
+
 STRAIN_P99 = 0.20  # edge strain (length over rest length, minus one, absolute) of 99 % of the edges of any frame
 STRAIN_MAX = 0.80  # of any edge
 STEP_MAX = 0.25  # m that any body or garment vertex may move between two frames
@@ -29,26 +31,21 @@ def pairs_within(V, F):
     return len(remesh_self_intersections(V, F.astype(np.int64), detect_only=True)[2])
 
 
-def unique_edges(F):
-    e = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), 1)
-    return np.unique(e, axis=0)
-
-
 def strain(V, rest, edges):
     """Signed strain of each edge."""
     length = lambda P: np.linalg.norm(P[edges[:, 1]] - P[edges[:, 0]], axis=1)  # noqa: E731
     return length(V) / length(rest) - 1
 
 
-def clearance(V, body, faces):
-    """Smallest distance of cloth vertices V to the body [m], unsigned."""
+def clearance(V, surface, faces):
+    """Smallest distance of points V to a surface [m], unsigned."""
     import igl
 
-    return float(np.sqrt(igl.point_mesh_squared_distance(V, body, faces.astype(np.int64))[0].min()))
+    return float(np.sqrt(igl.point_mesh_squared_distance(V, surface, faces.astype(np.int64))[0].min()))
 
 
-def check_frame(garment, F, rest, edges, body, skin_faces, number):
-    """Raises TruthRejected, or gives what was measured."""
+def check_frame(garment, F, rest, edges, body, skin_faces, hands, number):
+    """Raises TruthRejected, or gives what was measured; `hands` are the body vertices of both hands."""
     pairs = pairs_between(body, skin_faces, garment, F)
     if pairs:
         raise TruthRejected(f"frame {number}: {pairs} triangle pairs of garment and body intersect")
@@ -58,7 +55,7 @@ def check_frame(garment, F, rest, edges, body, skin_faces, number):
         raise TruthRejected(f"frame {number}: edge strain p99 {p99:.3f} (bound {STRAIN_P99}), max {top:.3f} ({STRAIN_MAX})")
     return {
         "strain_p99": p99, "strain_max": top, "clearance_mm": 1e3 * clearance(garment, body, skin_faces),
-        "self_pairs": pairs_within(garment, F),
+        "hand_cloth_mm": 1e3 * clearance(body[hands], garment, F), "self_pairs": pairs_within(garment, F),
     }  # fmt: skip
 
 

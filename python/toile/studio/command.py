@@ -1,0 +1,51 @@
+"""The command `toile studio`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def studio(
+    out: Annotated[Path, typer.Argument(help="folder of the new capture; must not exist")],
+    frames: Annotated[int, typer.Option(help="number of frames, 30 a second")] = 20,
+    cameras: Annotated[int, typer.Option(help="number of cameras in the ring")] = 8,
+    size: Annotated[int, typer.Option(help="width and height of the pictures [px]")] = 512,
+    seed: Annotated[int, typer.Option(help="same seed, same bits")] = 0,
+    renderer: Annotated[str, typer.Option(help="raster: the own rasteriser")] = "raster",
+    subject: Annotated[str, typer.Option(help="fitted, logo or loose")] = "fitted",
+    motion: Annotated[str, typer.Option(help="walk, rom, talk, hands-on-cloth, or a .bvh file")] = "walk",
+    noise: Annotated[float, typer.Option(help="scan noise, standard deviation [mm]")] = 1.0,
+    holes: Annotated[float, typer.Option(help="share of the scan's area cut out")] = 0.05,
+    keypoint_noise: Annotated[float, typer.Option(help="standard deviation [px]")] = 2.0,
+    keypoint_outliers: Annotated[float, typer.Option(help="share of the keypoints, half of them swaps")] = 0.05,
+    label_errors: Annotated[float, typer.Option(help="share of the foreground pixels")] = 0.10,
+    scan_faces: Annotated[int, typer.Option(help="triangles of a scan before holes")] = 60_000,
+    garment: Annotated[str, typer.Option(help="newton (its T-shirt), cut (from the body), or a shirt as .obj")] = "newton",
+    no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
+):
+    """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from .make import StudioOptions, make_capture
+
+    options = StudioOptions(
+        frames, cameras, size, seed, renderer, subject, motion, noise, holes, keypoint_noise, keypoint_outliers,
+        label_errors, scan_faces, None if no_garment else garment,
+    )  # fmt: skip
+    with Progress(console=Console(stderr=True)) as bar:
+        tasks = {}
+
+        def progress(step, done, total):
+            if step not in tasks:
+                tasks[step] = bar.add_task(step, total=total)
+            bar.update(tasks[step], completed=done, total=total)
+
+        report = make_capture(out, options, progress)
+    for reason in report.rejected:
+        typer.echo(f"discarded {reason}")
+    typer.echo(f"{report.path}: {options.frames} frames, {options.cameras} cameras, seed {report.seed}, "
+               f"{len(report.rejected)} seeds discarded")  # fmt: skip

