@@ -6,9 +6,9 @@ import numpy as np
 
 from .surface import vertex_normals
 
-GAP = 0.022  # m between palm and skin: the cloth and its contact margin on both sides fit in between
+GAP = 0.028  # m between palm and skin: the cloth and its contact margin on both sides fit in between
 HAND = ("wrist", "finger", "metacarpal")  # joints whose vertices are the hand
-CLEAR = 0.014  # m that every part of the hand keeps from the trunk
+CLEAR = 0.020  # m that every part of the hand keeps from the trunk
 DRAG = 0.04  # m that the palm rubs up and down
 REACH_BY = 10  # captured frames until the hands lie on the shirt
 
@@ -42,15 +42,15 @@ def arm_on_belly(body, side, dz):
 
     model, J, sign = body.model, body.J, 1 if side == "L" else -1
     k = {n: model.joint(f"{n}.{side}") for n in ("upperarm01", "lowerarm01", "lowerarm02", "wrist")}
-    hand = vertices_of(body, HAND, side)
+    hand = vertices_of(body, HAND, side)[::3]
     arm = vertices_of(body, ("lowerarm",), side)
     palm = np.nonzero(np.isin(hand, palm_vertices(body, side)))[0]
     trunk = np.nonzero(body.dense_weights[:, [n.startswith(("spine", "root", "pelvis", "upperleg")) for n in
                                              model.joint_names]].sum(1) > 0.9)[0]  # fmt: skip
-    normals = vertex_normals(body.rest, model.f)[trunk]
-    tree = cKDTree(body.rest[trunk])
+    points, normals = dense_surface(body, trunk)
+    tree = cKDTree(points)
     middle = body.rest[trunk[on_belly(body, trunk, sign * 0.10, dz)]]
-    some = np.r_[hand, arm]
+    some = np.r_[hand, arm[::3]]
     axis = elbow_axis(body, side)
     twist = J[k["wrist"]] - J[k["lowerarm01"]]
     twist = twist / np.linalg.norm(twist)
@@ -66,15 +66,26 @@ def arm_on_belly(body, side, dz):
     def residuals(p):
         x = posed(body, some, rotations(p))
         near = tree.query(x)[1]
-        height = ((x - body.rest[trunk][near]) * normals[near]).sum(1)
+        height = ((x - points[near]) * normals[near]).sum(1)
         target = x[palm].mean(0) - middle
         inside = np.maximum(CLEAR - height, 0)
         lift = height[palm] - GAP
-        return np.r_[10 * inside, 3 * lift, 4 * target[[0, 2]], 0.02 * p]
+        return np.r_[30 * inside, 2 * lift, 4 * target[[0, 2]], 0.02 * p]
 
     start = np.zeros(8)
     start[0], start[3] = np.radians(-20), np.radians(60)
-    return rotations(least_squares(residuals, start, max_nfev=60).x)
+    return rotations(least_squares(residuals, start, max_nfev=40).x)
+
+
+def dense_surface(body, trunk):
+    """Points and outward normals: vertices, edge middles and centres of the faces whose corners are all in `trunk`."""
+    chosen = np.zeros(len(body.rest), bool)
+    chosen[trunk] = True
+    F = body.skin_faces[chosen[body.skin_faces].all(1)]
+    N = vertex_normals(body.rest, body.model.f)
+    corners = np.array([[1, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3]])
+    P, n = (np.einsum("ck,fkd->fcd", corners, A[F]).reshape(-1, 3) for A in (body.rest, N))
+    return P, n / np.linalg.norm(n, axis=1, keepdims=True)
 
 
 def vertices_of(body, prefixes, side):

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from toile.scene import CaptureError
+
+
+def test_offsets_lie_between_5_and_15_mm_and_outside_the_models_span(body):
+    from toile.io.body import load_body_model
+
+    largest = 1e3 * np.linalg.norm(body.offset, axis=1).max()
+    assert 5 <= largest <= 15
+    D = load_body_model("anny").shapedirs.reshape(-1, load_body_model("anny").shapedirs.shape[2])
+    left = body.offset.ravel() - D @ np.linalg.lstsq(D, body.offset.ravel(), rcond=None)[0]
+    assert np.linalg.norm(left) > 0.7 * np.linalg.norm(body.offset)
+
+
+def test_skinning_weights_differ_from_the_pipelines_and_sum_to_one(body):
+    from toile.io.body import load_body_model
+
+    model = load_body_model("anny")
+    theirs = np.zeros_like(body.dense_weights)
+    np.put_along_axis(theirs, model.weights_idx, model.weights_val, axis=1)
+    assert np.allclose(body.dense_weights.sum(1), 1)
+    assert np.abs(body.dense_weights - theirs).sum(1).max() > 0.1
+    assert np.array_equal(body.model.f, model.f)
+
+
+@pytest.mark.parametrize("name", ["walk", "rom", "talk"])
+def test_motions_start_near_the_a_pose_and_are_continuous(body, name):
+    from toile.studio import motion
+
+    m = motion.make_motion(name, body, 12, np.random.default_rng(2))
+    assert m.rotations.shape == (motion.RAMP + 12, len(body.J), 3)
+    assert np.abs(m.rotations[0]).max() < np.radians(3)
+    assert np.abs(np.diff(m.rotations, axis=0)).max() < np.radians(12)
+
+
+def test_talk_stays_within_the_joint_limits(body):
+    from toile.studio import motion
+
+    m = motion.talk(body, 300, np.random.default_rng(3))
+    for side, mirror in (("L", np.ones(3)), ("R", motion.MIRROR)):
+        angles = np.degrees(m.rotations[:, body.model.joint(f"upperarm01.{side}")] * mirror)
+        for axis, (low, high) in enumerate(motion.LIMITS["upperarm01"]):
+            assert low - 1e-9 <= angles[:, axis].min() and angles[:, axis].max() <= high + 1e-9
+
+
+BVH = """HIERARCHY
+ROOT Hips
+{ OFFSET 0 0 0
+ CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+ JOINT LeftArm
+ { OFFSET 3 4 0
+  CHANNELS 3 Zrotation Yrotation Xrotation
+  JOINT LeftForeArm
+  { OFFSET 5 0 0
+   CHANNELS 3 Zrotation Yrotation Xrotation
+   JOINT LeftHand
+   { OFFSET 3 0 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    End Site
+    { OFFSET 1 0 0
+    } } } } }
+MOTION
+Frames: %d
+Frame Time: 0.0333333
+"""
+
+
+def write_bvh(path, rows):
+    path.write_text(BVH % len(rows) + "\n".join(" ".join(map(str, r)) for r in rows) + "\n")
+    return str(path)
+
+
+def test_bvh_limbs_take_the_files_bone_directions(body, tmp_path):
+    from toile.studio import bvh, motion
+
+    n = motion.RAMP + 4
+    rows = [[0, 9, 0, 0, 0, 0, 0, 0, 0, 0, -40, 0, 0, 0, 0]] * n  # forearm turned about y (up): to the front
+    m = bvh.bvh_motion(write_bvh(tmp_path / "a.bvh", rows), body, n)
+    _, x = body.model.joint_transforms(body.J, m.rotations[-1], np.zeros(3))
+    at = lambda name: x[body.model.joint(name)]  # noqa: E731
+    arm, fore = at("lowerarm01.L") - at("upperarm01.L"), at("wrist.L") - at("lowerarm01.L")
+    assert np.allclose(arm / np.linalg.norm(arm), [1, 0, 0], atol=1e-9)
+    expected = [np.cos(np.radians(40)), -np.sin(np.radians(40)), 0]
+    assert np.allclose(fore / np.linalg.norm(fore), expected, atol=1e-9)
+    assert "upperarm01.R" in m.missing and "upperarm01.L" not in m.missing
+
+
+@pytest.mark.parametrize("text", ["", "HIERARCHY\nMOTION\n", BVH % 2 + "1 2 3\n", BVH % 1 + "nan " * 15])
+def test_broken_bvh_is_refused_with_its_name(tmp_path, text):
+    from toile.studio.bvh import read_bvh
+
+    path = tmp_path / "broken.bvh"
+    path.write_text(text)
+    with pytest.raises(CaptureError, match="broken.bvh"):
+        read_bvh(path)
+
+
+def test_cmu_clip_is_retargeted_with_no_joint_missing(body, shared_data):
+    from toile.studio import bvh
+
+    m = bvh.bvh_motion(str(shared_data / "cmu_bvh_asf" / "01_01.bvh"), body, 60)
+    assert m.missing == ()
+    assert np.linalg.norm(m.root[:, :2], axis=1).max() <= bvh.TRAVEL
+    assert np.abs(np.diff(m.rotations[1:], axis=0)).max() < np.radians(40)
+
+
+def test_hands_reach_the_belly_without_entering_it(body):
+    from toile.studio import motion, touch
+    from toile.studio.truth import clearance
+
+    m = motion.make_motion("hands-on-cloth", body, 20, np.random.default_rng(0))
+    V = body.pose(m.rotations[-1], np.zeros(3))
+    trunk = body.dense_weights[:, [n.startswith("spine") for n in body.model.joint_names]].sum(1) > 0.9
+    F = body.skin_faces[trunk[body.skin_faces].all(1)]
+    for side in "LR":
+        gap = clearance(V[touch.vertices_of(body, touch.HAND, side)], V, F)
+        assert 0.008 < gap < 0.03
