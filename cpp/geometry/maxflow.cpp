@@ -16,8 +16,8 @@ MaxFlow::MaxFlow(Eigen::Index nodes, const Edges& edges)
     : node_(static_cast<std::size_t>(nodes) + 1),
       arc_(2 * static_cast<std::size_t>(edges.rows())),
       edge_(arc_.size()),
-      source_{1, 0, {}, {}, {}, 0, false},
-      sink_{-1, 0, {}, {}, {}, 0, false} {
+      source_{1, 0, {}, {}, {}, 0, 0, false},
+      sink_{-1, 0, {}, {}, {}, 0, 0, false} {
     for (Eigen::Index e = 0; e < edges.rows(); ++e)
         for (int c = 0; c < 2; ++c) ++node_[static_cast<std::size_t>(edges(e, c)) + 1].first;
     for (std::size_t v = 1; v < node_.size(); ++v) node_[v].first += node_[v - 1].first;
@@ -131,14 +131,16 @@ void MaxFlow::make_orphan(Tree& tree, int v) {
     if (static_cast<std::size_t>(distance) >= tree.orphans.size()) tree.orphans.resize(distance + 1);
     tree.orphans[static_cast<std::size_t>(distance)].push_back(v);
     tree.lowest_orphan = std::min(tree.lowest_orphan, distance);
+    ++tree.waiting;
 }
 
 /// Nearest first, so that whatever lies nearer than the orphan in hand hangs on the root.
 void MaxFlow::adopt(Tree& tree) {
-    for (std::size_t d = static_cast<std::size_t>(tree.lowest_orphan); d < tree.orphans.size(); ++d)
+    for (auto d = static_cast<std::size_t>(tree.lowest_orphan); tree.waiting > 0; ++d)
         while (!tree.orphans[d].empty()) {
             const int v = tree.orphans[d].back();
             tree.orphans[d].pop_back();
+            --tree.waiting;
             settle_orphan(tree, v);
         }
     tree.lowest_orphan = std::numeric_limits<int>::max();

@@ -32,9 +32,9 @@ void check_metric(const Matrix& V, Eigen::Index labels) {
     for (Eigen::Index a = 0; a < labels; ++a)
         for (Eigen::Index b = 0; b < labels; ++b)
             for (Eigen::Index c = 0; c < labels; ++c)
-                require(V(a, b) <= V(a, c) + V(c, b) + tolerance,
-                        "mrf: pairwise is no metric: " + at("pairwise", a, b) + " exceeds " + at("pairwise", a, c) +
-                            " + " + at("pairwise", c, b));
+                if (V(a, b) > V(a, c) + V(c, b) + tolerance)
+                    throw InputError("mrf: pairwise is no metric: " + at("pairwise", a, b) + " exceeds " +
+                                     at("pairwise", a, c) + " + " + at("pairwise", c, b));
 }
 
 void check_votes(const char* name, const Edges& votes, const Matrix& unary) {
@@ -51,13 +51,13 @@ void check_input(const Matrix& unary, const Edges& edges, const Vector& weights,
     require(weights.size() == edges.rows(), "mrf: weights has " + std::to_string(weights.size()) +
                                                 " entries, edges has " + std::to_string(edges.rows()) + " rows");
     for (Eigen::Index e = 0; e < edges.rows(); ++e) {
-        require(edges(e, 0) >= 0 && edges(e, 0) < unary.rows() && edges(e, 1) >= 0 && edges(e, 1) < unary.rows(),
-                "mrf: " + at("edges", e) + " is (" + std::to_string(edges(e, 0)) + ", " + std::to_string(edges(e, 1)) +
-                    "), unary has " + std::to_string(unary.rows()) + " nodes");
-        require(edges(e, 0) != edges(e, 1), "mrf: " + at("edges", e) + " joins node " + std::to_string(edges(e, 0)) +
-                                                " to itself");
-        require(std::isfinite(weights[e]), "mrf: " + at("weights", e) + " is not finite");
-        require(weights[e] >= 0, "mrf: " + at("weights", e) + " is negative");
+        const int p = edges(e, 0), q = edges(e, 1);
+        if (p < 0 || p >= unary.rows() || q < 0 || q >= unary.rows())
+            throw InputError("mrf: " + at("edges", e) + " is (" + std::to_string(p) + ", " + std::to_string(q) +
+                             "), unary has " + std::to_string(unary.rows()) + " nodes");
+        if (p == q) throw InputError("mrf: " + at("edges", e) + " joins node " + std::to_string(p) + " to itself");
+        if (!std::isfinite(weights[e])) throw InputError("mrf: " + at("weights", e) + " is not finite");
+        if (weights[e] < 0) throw InputError("mrf: " + at("weights", e) + " is negative");
     }
     require(options.start.size() == 0 || options.start.size() == unary.rows(),
             "mrf: start has " + std::to_string(options.start.size()) + " labels, unary has " +
