@@ -84,8 +84,11 @@ def make_body(subject, rng):
 
 
 def load_anny(**options):
-    import anny
     import torch
+    import warp
+
+    warp.config.log_level = warp.LOG_ERROR
+    import anny
 
     return anny.Anny(**options).to(torch.float64)
 

@@ -17,7 +17,7 @@ class ClothSimulation:
         import newton
         import warp as wp
 
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_ERROR
         self.wp = wp
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         builder.add_cloth_mesh(

@@ -7,7 +7,7 @@ import numpy as np
 from .surface import unique_edges
 
 STRAIN_P99 = 0.20  # edge strain (length over rest length, minus one, absolute) of 99 % of the edges of any frame
-STRAIN_MAX = 0.80  # of any edge
+STRAIN_MAX = 0.60  # of any edge
 STEP_MAX = 0.25  # m that any body or garment vertex may move between two frames
 ACCELERATION = 0.10  # m, largest second difference of a body vertex over frames
 SPEED_EXCESS = 0.08  # m that the cloth may outrun the body's fastest vertex in one frame
