@@ -94,6 +94,7 @@ def test_a_failed_capture_leaves_nothing_behind(tmp_path, monkeypatch, body):
 
 def test_a_discarded_seed_is_counted_and_replaced(monkeypatch):
     from toile.studio import make
+    from toile.studio.sequence import Truth
     from toile.studio.truth import TruthRejected
 
     seen = []
@@ -102,7 +103,7 @@ def test_a_discarded_seed_is_counted_and_replaced(monkeypatch):
         seen.append(seed)
         if len(seen) < 3:
             raise TruthRejected("frame 0: no")
-        return make.Truth(*[None] * 8, per_frame=[], figures={})
+        return Truth(*[None] * 8, per_frame=[], figures={})
 
     monkeypatch.setattr(make, "make_truth", truth)
     _, report = make.accepted_truth(StudioOptions(seed=7), lambda *a: None)

@@ -51,7 +51,8 @@ class TruthBody:
         return self.model.joint_transforms(self.J, rotations, translation)[1]
 
 
-ACTIONS = ("jawOpen", "mouthSmileLeft", "mouthSmileRight", "mouthFunnel", "browInnerUp", "eyeBlinkLeft", "eyeBlinkRight")
+BLINKS = ("eyeBlinkLeft", "eyeBlinkRight")
+ACTIONS = ("jawOpen", "mouthSmileLeft", "mouthSmileRight", "mouthFunnel", "browInnerUp", *BLINKS)
 
 PHENOTYPES = {  # gender 0 male .. 1 female; the rest around 0.5; drawn uniformly
     "fitted": dict(gender=(0.0, 1.0), age=(0.6, 0.7), muscle=(0.4, 0.6), weight=(0.35, 0.55), height=(0.4, 0.55)),
@@ -123,7 +124,8 @@ def model_offset(neutral, rest, faces, idx, val, names, rng):
 
 def fade_of(idx, val, names):
     """1 on torso, arms and legs, 0.25 on head, hands and feet: their features are smaller than the offsets."""
-    small = np.array([n.startswith(("finger", "metacarpal", "wrist", "toe", "foot", "head", "eye", "neck")) for n in names])
+    fine = ("finger", "metacarpal", "wrist", "toe", "foot", "head", "eye", "neck")
+    small = np.array([n.startswith(fine) for n in names])
     return 1 - 0.75 * (val * small[idx]).sum(1)
 
 
@@ -145,6 +147,7 @@ def other_weights(idx, val, faces, bones):
 
 def skin_component(faces, n):
     """Faces of the largest connected component (the skin)."""
-    graph = sp.coo_matrix((np.ones(2 * len(faces)), (np.r_[faces[:, 0], faces[:, 1]], np.r_[faces[:, 1], faces[:, 2]])), shape=(n, n))
+    edges = np.concatenate([faces[:, :2], faces[:, 1:]])
+    graph = sp.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
     label = sp.csgraph.connected_components(graph, directed=False)[1]
     return faces[label[faces[:, 0]] == np.bincount(label).argmax()]

@@ -152,7 +152,7 @@ def bvh_motion(path, body, frames):
     pick = start + np.rint(np.arange(frames) * step).astype(int)
     if pick[-1] >= len(bvh.root):
         have = int((len(bvh.root) - 1 - start) / step) + 1
-        raise CaptureError(f"{path}: {have} frames at {FPS:g} fps, {frames} are needed (the first {frames} incl. the ramp)")
+        raise CaptureError(f"{path}: {have} frames at {FPS:g} fps, {frames} are needed with the ramp")
     world = TO_OURS @ bvh.rotations[pick] @ TO_OURS.T
     world = without_heading(world, found["root"])
     R = retarget(world, bvh, body, found)

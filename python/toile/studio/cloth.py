@@ -25,7 +25,8 @@ class ClothSimulation:
             vertices=[wp.vec3(*map(float, v)) for v in V], indices=np.asarray(F).ravel().tolist(), density=0.2,
             tri_ke=500.0, tri_ka=500.0, tri_kd=1e-3, edge_ke=1e-4, edge_kd=1e-5, particle_radius=RADIUS,
         )
-        collider = newton.Mesh(np.asarray(body_V, np.float32), np.asarray(body_F, np.int32).ravel(), compute_inertia=False)
+        faces = np.asarray(body_F, np.int32).ravel()
+        collider = newton.Mesh(np.asarray(body_V, np.float32), faces, compute_inertia=False)
         cfg = newton.ModelBuilder.ShapeConfig(ke=5e3, kd=1e-2, mu=mu)
         builder.add_shape_mesh(body=-1, mesh=collider, cfg=cfg)
         builder.color()

@@ -23,7 +23,7 @@ def studio(
     keypoint_outliers: Annotated[float, typer.Option(help="share of the keypoints, half of them swaps")] = 0.05,
     label_errors: Annotated[float, typer.Option(help="share of the foreground pixels")] = 0.10,
     scan_faces: Annotated[int, typer.Option(help="triangles of a scan before holes")] = 60_000,
-    garment: Annotated[str, typer.Option(help="newton (its T-shirt), cut (from the body), or a shirt as .obj")] = "newton",
+    garment: Annotated[str, typer.Option(help="newton, cut (from the body), or a shirt as .obj")] = "newton",
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
 ):
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""

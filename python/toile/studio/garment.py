@@ -28,7 +28,7 @@ def newton_shirt():
 
 
 def named_loops(V, F):
-    """{"neck", "hem", "sleeve_left", "sleeve_right"} -> vertex cycle, told apart by where they lie (x = body's left)."""
+    """neck, hem, sleeve_left, sleeve_right -> vertex cycle, told apart by where they lie (x = body's left)."""
     loops = open_loops(F)
     if len(loops) != 4:
         raise CaptureError(f"studio: a T-shirt has four open loops, this garment has {len(loops)}")
@@ -78,7 +78,8 @@ def arms_through_sleeves(V, F, body):
         target = V[loops["sleeve_left" if side == "L" else "sleeve_right"]].mean(0)
         shoulder, elbow = body.J[body.model.joint(f"upperarm01.{side}")], body.J[body.model.joint(f"lowerarm01.{side}")]
         slope = lambda d: np.arctan2(-d[2], sign * d[0])  # noqa: E731  angle below the horizontal
-        rotations[body.model.joint(f"upperarm01.{side}"), 1] = sign * (slope(target - shoulder) - slope(elbow - shoulder))
+        turn = slope(target - shoulder) - slope(elbow - shoulder)
+        rotations[body.model.joint(f"upperarm01.{side}"), 1] = sign * turn
     return rotations
 
 
@@ -124,8 +125,8 @@ def settle(V, F, body, translation, progress):
 
 
 def put_on(name, body, size, translation, progress):
-    """Puts a shirt on the truth body in its rest pose. `name`: newton, cut, or the path of an .obj (a shirt of four open
-    loops, metres, z up, facing -y). Gives the flat garment, its rest shape, its faces, and the settled simulation."""
+    """Puts a shirt on the truth body in its rest pose. Gives the flat garment, its rest shape, its faces, and the
+    settled simulation. `name`: newton, cut, or an .obj (a shirt of four open loops, metres, z up, facing -y)."""
     if name == "cut":
         from .cut import cut_shirt
 

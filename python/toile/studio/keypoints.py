@@ -36,7 +36,7 @@ def swap_pairs(names):
 
 
 def seen_by(camera, depth, points, thickness):
-    """Pixels (q,2) and whether each point (q,3) lies in the picture and at most `thickness` under what is seen there."""
+    """Pixels (q,2), and whether each point (q,3) is in the picture and at most `thickness` under what is seen."""
     uv, z = camera.project(points)
     j, i = np.floor(uv).astype(int).T
     inside = (z > 0) & (i >= 0) & (j >= 0) & (i < camera.height) & (j < camera.width)

@@ -13,17 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from ..scene import CaptureError
-from . import motion as motions
 from . import truth as checks
-from .body import make_body
 from .cameras import cameras_json, make_cameras
-from .garment import SIZES, put_on
+from .garment import SIZES
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
+from .motion import FPS
 from .paint import LABELS, Look
 from .pictures import Outer, make_sensors, take
 from .scans import scan, write_ply
-from .touch import HAND, vertices_of
+from .sequence import make_truth
 from .template import make_template, write_obj
 
 GARMENT = "tshirt"
@@ -48,7 +47,7 @@ class StudioOptions:
     keypoint_outliers: float = 0.05
     label_errors: float = 0.10  # share of foreground pixels
     scan_faces: int = 60_000
-    garment: str | None = "newton"  # newton, cut, a closed-sleeved shirt as .obj, or None
+    garment: str | None = "newton"  # newton, cut, the path of a shirt as .obj, or None
 
     def __post_init__(self):
         positive = ("frames", "cameras", "scan_faces")
@@ -70,7 +69,7 @@ class StudioOptions:
         if self.subject not in SIZES:
             raise CaptureError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
         if self.motion not in MOTIONS and not self.motion.lower().endswith(".bvh"):
-            raise CaptureError(f"studio: motion is {self.motion!r}, must be one of {', '.join(MOTIONS)}, or a .bvh file")
+            raise CaptureError(f"studio: motion is {self.motion!r}, must be {', '.join(MOTIONS)}, or a .bvh file")
 
 
 MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
@@ -127,74 +126,6 @@ def accepted_truth(options, progress):
 
 def derived_seed(seed, attempt):
     return int(np.random.SeedSequence([seed, attempt]).generate_state(1)[0])
-
-
-@dataclass(frozen=True)
-class Truth:
-    """One accepted sequence. Positions are float32: what is checked is what is stored."""
-
-    body: object
-    vertices: np.ndarray  # (T,n,3)
-    rotations: np.ndarray  # (T,K,3)
-    translation: np.ndarray  # (T,3)
-    garment: np.ndarray | None  # (T,G,3)
-    garment_faces: np.ndarray | None
-    flat: np.ndarray | None  # (G,3) the garment's rest shape before placement
-    draped: np.ndarray | None  # (G,3) settled on the truth body in its rest pose, without translation
-    per_frame: list[dict]
-    figures: dict
-
-
-def make_truth(options, seed, progress):
-    """Simulates and checks one seed."""
-    streams = [np.random.default_rng([seed, i]) for i in range(2)]
-    body = make_body(options.subject, streams[0])
-    ground = -body.rest[:, 2].min()
-    motion = motions.make_motion(options.motion, body, options.frames, streams[1])
-    sim = flat = draped = F = rest = None
-    if options.garment is not None:
-        lift = np.array([0, 0, ground])
-        size = SIZES[options.subject]
-        flat, rest, F, sim = put_on(options.garment, body, size, lift, lambda i, n: progress("dress", i, n))
-        draped = sim.vertices - [0, 0, ground]
-        edges = checks.unique_edges(F)
-    frames, garments, per_frame = [], [], []
-    hands = np.concatenate([vertices_of(body, HAND, side) for side in "LR"])
-    total = len(motion.root)
-    for k, (V, R, t, _) in enumerate(motions.world_motion(motion, body, ground)):
-        cloth = None if sim is None else sim.frame(V).astype(np.float32)
-        number = k - motions.RAMP
-        progress("simulate", k + 1, total)
-        if number < 0:
-            continue
-        V = V.astype(np.float32)
-        frames.append((V, R, t))
-        if cloth is not None:
-            garments.append(cloth)
-            measured = checks.check_frame(
-                cloth.astype(np.float64), F, rest, edges, V.astype(np.float64), body.skin_faces, hands, number
-            )
-            per_frame.append(measured)
-    vertices = np.array([f[0] for f in frames])
-    garment = np.array(garments) if garments else None
-    figures = checks.check_motion(vertices, garment)
-    if garment is not None:
-        figures |= summary(per_frame)
-        figures["sliding_p90_mm"] = 1e3 * float(np.quantile(checks.sliding(garment, vertices), 0.9))
-    figures["missing_joints"] = list(motion.missing)
-    figures["offset_max_mm"] = 1e3 * float(np.linalg.norm(body.offset, axis=1).max())
-    rotations, translation = np.array([f[1] for f in frames]), np.array([f[2] for f in frames])
-    return Truth(body, vertices, rotations, translation, garment, F, flat, draped, per_frame, figures)
-
-
-def summary(per_frame):
-    """Worst frame of each figure."""
-    worst = {k: max(f[k] for f in per_frame) for k in ("strain_p99", "strain_max", "self_pairs")}
-    return worst | {
-        "clearance_min_mm": min(f["clearance_mm"] for f in per_frame),
-        "hand_cloth_min_mm": min(f["hand_cloth_mm"] for f in per_frame),
-        "self_piercing_frames": sum(f["self_pairs"] > 0 for f in per_frame),
-    }
 
 
 def write_capture(folder, options, truth, report, progress):
@@ -269,7 +200,7 @@ def scene_toml(options, garment):
     labels = {k: v for k, v in LABELS.items() if garment or k != GARMENT}
     name = f"{options.subject}-{Path(options.motion).stem}"
     lines = [
-        f'[scene]\nname = "{name}"\nfps = {motions.FPS:g}\nunits = "m"\nup = "z"\n',
+        f'[scene]\nname = "{name}"\nfps = {FPS:g}\nunits = "m"\nup = "z"\n',
         '[body]\nmodel = "anny"\n',
         "[face]\nkeypoints = true\n",
         "[labels]\n" + "".join(f"{k} = {v}\n" for k, v in labels.items()),

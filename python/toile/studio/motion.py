@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .body import ACTIONS
+from .body import ACTIONS, BLINKS
 
 FPS = 30.0
 RAMP = 15  # frames from the A-pose into the motion, simulated but not captured
@@ -39,7 +39,7 @@ class Motion:
 
 
 def make_motion(name, body, frames, rng):
-    """`walk`, `rom`, `talk`, `hands-on-cloth`, or a path that ends in .bvh; eased in from the A-pose over RAMP frames."""
+    """walk, rom, talk, hands-on-cloth, or a path that ends in .bvh; eased in from the A-pose over RAMP frames."""
     if name.lower().endswith(".bvh"):
         from .bvh import bvh_motion
 
@@ -110,11 +110,11 @@ def faces(n, rng, speech):
     """Weights (n,e) of ACTIONS: mouth moves when `speech`, the eyes blink together."""
     w = np.zeros((n, len(ACTIONS)))
     for i, a in enumerate(ACTIONS):
-        if not a.startswith("eye"):
+        if a not in BLINKS:
             top = (0.35 if speech else 0.08) if a != "browInnerUp" else 0.4
             w[:, i] = top * np.maximum(band_noise(n, 3.0 if speech else 1.0, rng), 0)
     blink = np.maximum(0, 1 - np.abs((np.arange(n) + rng.integers(90)) % 90 - 4) / 4)
-    w[:, [ACTIONS.index("eyeBlinkLeft"), ACTIONS.index("eyeBlinkRight")]] = blink[:, None]
+    w[:, [ACTIONS.index(b) for b in BLINKS]] = blink[:, None]
     return w
 
 
@@ -187,11 +187,11 @@ def range_of_motion(body, n, rng):
 
 
 def world_motion(motion, body, ground):
-    """Yields (vertices, rotations, translation, expression) per frame; `ground` [m] lifts the rest pose to the floor."""
+    """Yields (vertices, rotations, translation) per frame; `ground` [m] lifts the rest pose to the floor."""
     for R, root, e in zip(motion.rotations, motion.root, motion.expression):
         translation = root + [0, 0, ground]
         V = body.pose(R, translation, e)
         if motion.grounded:
             drop = np.array([0, 0, V[:, 2].min()])
             V, translation = V - drop, translation - drop
-        yield V, R, translation, e
+        yield V, R, translation

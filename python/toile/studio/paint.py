@@ -11,10 +11,19 @@ TEXTURE = 1024  # texels per side of the shirt's front and back
 BOX = (-0.40, 0.40, -0.42, 0.38)  # m: x and z range of the flat shirt about its centre that the texture spans
 
 LOOKS = {  # RGB 0..1
-    "fitted": dict(shirt=(0.16, 0.30, 0.62), ink=(0.93, 0.90, 0.80), trousers=(0.22, 0.22, 0.25), hair=(0.20, 0.13, 0.08)),
-    "logo": dict(shirt=(0.88, 0.87, 0.83), ink=(0.75, 0.10, 0.12), trousers=(0.15, 0.20, 0.36), hair=(0.08, 0.07, 0.06)),
-    "loose": dict(shirt=(0.12, 0.42, 0.30), ink=(0.95, 0.80, 0.25), trousers=(0.42, 0.36, 0.27), hair=(0.45, 0.30, 0.15)),
-}
+    "fitted": {
+        "shirt": (0.16, 0.30, 0.62), "ink": (0.93, 0.90, 0.80),
+        "trousers": (0.22, 0.22, 0.25), "hair": (0.20, 0.13, 0.08),
+    },
+    "logo": {
+        "shirt": (0.88, 0.87, 0.83), "ink": (0.75, 0.10, 0.12),
+        "trousers": (0.15, 0.20, 0.36), "hair": (0.08, 0.07, 0.06),
+    },
+    "loose": {
+        "shirt": (0.12, 0.42, 0.30), "ink": (0.95, 0.80, 0.25),
+        "trousers": (0.42, 0.36, 0.27), "hair": (0.45, 0.30, 0.15),
+    },
+}  # fmt: skip
 SKIN_TONES = ((0.93, 0.76, 0.66), (0.80, 0.60, 0.47), (0.58, 0.40, 0.29), (0.38, 0.25, 0.18))
 SHOES = (0.70, 0.68, 0.66)
 EYES = (0.55, 0.55, 0.54)
@@ -81,7 +90,9 @@ def bilinear(image, u, v):
     u, v = np.clip(u, 0, image.shape[1] - 1.001), np.clip(v, 0, image.shape[0] - 1.001)
     i, j = v.astype(int), u.astype(int)
     a, b = (v - i)[:, None], (u - j)[:, None]
-    return (1 - a) * ((1 - b) * image[i, j] + b * image[i, j + 1]) + a * ((1 - b) * image[i + 1, j] + b * image[i + 1, j + 1])
+    above = (1 - b) * image[i, j] + b * image[i, j + 1]
+    below = (1 - b) * image[i + 1, j] + b * image[i + 1, j + 1]
+    return (1 - a) * above + a * below
 
 
 def shirt_textures(subject, colours):
@@ -103,8 +114,9 @@ def shirt_textures(subject, colours):
             if subject == "logo":
                 draw.ellipse((392, 300, 632, 540), fill=ink)
                 draw.polygon([(512, 330), (600, 490), (424, 490)], fill=tuple(int(255 * c) for c in colours["shirt"]))
-            draw.text((512, 620 if subject == "logo" else 420), "TOILE", font=ImageFont.load_default(120), fill=ink, anchor="mm")
-            draw.text((512, 720 if subject == "logo" else 540), "cut once", font=ImageFont.load_default(64), fill=ink, anchor="mm")
+            top = 620 if subject == "logo" else 420
+            draw.text((512, top), "TOILE", font=ImageFont.load_default(120), fill=ink, anchor="mm")
+            draw.text((512, top + 110), "cut once", font=ImageFont.load_default(64), fill=ink, anchor="mm")
         else:
             draw.text((512, 330), "07", font=ImageFont.load_default(220), fill=ink, anchor="mm")
         sides.append(np.asarray(image, np.float64) / 255)

@@ -97,7 +97,7 @@ def take(outer, camera, look, sensor, rng):
 
 
 def distorted(camera, V):
-    """Camera-space vertices whose pinhole picture is the distorted one: bent edges within a triangle are below 1e-3 px."""
+    """Camera-space vertices whose pinhole picture is the distorted one; edges stay straight, wrong by under 1e-3 px."""
     P = camera.to_camera(V)
     xy = camera.distort(P[:, :2] / P[:, 2:])
     return np.concatenate([xy * P[:, 2:], P[:, 2:]], 1)

@@ -116,4 +116,5 @@ def posed(body, vertices, rotations):
     from ..scene import blend_skinning
 
     R, x = body.model.joint_transforms(body.J, rotations, np.zeros(3))
-    return blend_skinning(body.rest[vertices], body.J, R, x, body.model.weights_idx[vertices], body.model.weights_val[vertices])
+    idx, val = body.model.weights_idx[vertices], body.model.weights_val[vertices]
+    return blend_skinning(body.rest[vertices], body.J, R, x, idx, val)

@@ -52,7 +52,8 @@ def check_frame(garment, F, rest, edges, body, skin_faces, hands, number):
     s = np.abs(strain(garment, rest, edges))
     p99, top = float(np.quantile(s, 0.99)), float(s.max())
     if p99 > STRAIN_P99 or top > STRAIN_MAX:
-        raise TruthRejected(f"frame {number}: edge strain p99 {p99:.3f} (bound {STRAIN_P99}), max {top:.3f} ({STRAIN_MAX})")
+        bounds = f"bounds {STRAIN_P99} and {STRAIN_MAX}"
+        raise TruthRejected(f"frame {number}: edge strain p99 {p99:.3f}, max {top:.3f} ({bounds})")
     return {
         "strain_p99": p99, "strain_max": top, "clearance_mm": 1e3 * clearance(garment, body, skin_faces),
         "hand_cloth_mm": 1e3 * clearance(body[hands], garment, F), "self_pairs": pairs_within(garment, F),
@@ -64,22 +65,23 @@ def check_motion(body, garment):
     out = {}
     if len(body) < 2:
         return out
-    step = np.linalg.norm(np.diff(body, axis=0), axis=2)
-    out["body_step_mm"] = 1e3 * float(step.max())
-    if step.max() > STEP_MAX:
-        raise TruthRejected(f"frame {int(step.max(1).argmax()) + 1}: the body jumps by {step.max():.3f} m (bound {STEP_MAX})")
+    step = np.linalg.norm(np.diff(body, axis=0), axis=2).max(1)
+    out["body_step_mm"] = bounded(step, STEP_MAX, "the body jumps")
     if len(body) > 2:
-        bend = np.linalg.norm(np.diff(body, n=2, axis=0), axis=2)
-        out["body_bend_mm"] = 1e3 * float(bend.max())
-        if bend.max() > ACCELERATION:
-            raise TruthRejected(f"frame {int(bend.max(1).argmax()) + 1}: the body jerks by {bend.max():.3f} m (bound {ACCELERATION})")
+        bend = np.linalg.norm(np.diff(body, n=2, axis=0), axis=2).max(1)
+        out["body_bend_mm"] = bounded(bend, ACCELERATION, "the body jerks")
     if garment is not None:
         cloth = np.linalg.norm(np.diff(garment, axis=0), axis=2).max(1)
         out["garment_step_mm"] = 1e3 * float(cloth.max())
-        excess = cloth - step.max(1)
-        if excess.max() > SPEED_EXCESS:
-            raise TruthRejected(f"frame {int(excess.argmax()) + 1}: the garment outruns the body by {excess.max():.3f} m")
+        bounded(cloth - step, SPEED_EXCESS, "the garment outruns the body")
     return out
+
+
+def bounded(values, bound, what):
+    """The largest of per-step values [m], in mm; TruthRejected beyond the bound."""
+    if values.max() > bound:
+        raise TruthRejected(f"frame {int(values.argmax()) + 1}: {what} by {values.max():.3f} m (bound {bound})")
+    return 1e3 * float(values.max())
 
 
 def sliding(garment, body):
