@@ -1,6 +1,7 @@
 #include "kernels/biharmonic.h"
 
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 #include "base/errors.h"
@@ -65,11 +66,12 @@ std::string scientific(double value) {
 BiharmonicSolver::BiharmonicSolver(const Vertices& V, const Faces& F_all, const Indices& known,
                                    const BiharmonicOptions& options)
     : options_(options), n_(V.rows()), known_(known.begin(), known.end()) {
-    require(options.accuracy > 0 && options.refinements >= 0, "biharmonic: accuracy is " + scientific(options.accuracy) +
-                ", refinements " + std::to_string(options.refinements) + ", expected positive and not negative");
+    require(options.accuracy > 0, "biharmonic: accuracy is " + scientific(options.accuracy) + ", expected more than 0");
+    require(options.refinements >= 0, "biharmonic: refinements is negative");
     check_mesh("biharmonic", V, F_all);
     check_known(known, V.rows());
     const Faces F = proper_faces(F_all);
+    require(F.rows() > 0, "biharmonic: F has no face of three different vertices");
     check_components(F, known, V.rows());
 
     std::vector<char> free(static_cast<std::size_t>(V.rows()), 0);
@@ -145,7 +147,8 @@ Vertices BiharmonicSolver::solve(const Vertices& D_known) const {
     check_finite("biharmonic", "D_known", D_known);
     const Eigen::RowVector3d offset = D_known.row(0);  // taken off first, so that translations are exact
     Vertices D = Vertices::Zero(n_, 3);
-    for (std::size_t k = 0; k < known_.size(); ++k) D.row(known_[k]) = D_known.row(static_cast<Eigen::Index>(k)) - offset;
+    for (std::size_t k = 0; k < known_.size(); ++k)
+        D.row(known_[k]) = D_known.row(static_cast<Eigen::Index>(k)) - offset;
     if (!unknown_.empty()) {
         const double error = settle(D);
         if (options_.refinements > 0 && !(error <= options_.accuracy))

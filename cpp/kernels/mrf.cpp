@@ -136,12 +136,14 @@ private:
         double largest = 0;
         for (int v = 0; v < flow_.nodes(); ++v) {
             double sum = 0;
-            for (int a = flow_.arcs_begin(v); a < flow_.arcs_end(v); ++a) sum += arc_weight_[static_cast<std::size_t>(a)];
+            for (int a = flow_.arcs_begin(v); a < flow_.arcs_end(v); ++a)
+                sum += arc_weight_[static_cast<std::size_t>(a)];
             largest = std::max(largest, sum);
         }
         largest *= V_.maxCoeff();
         require(std::isfinite(largest), "mrf: the weights of one node sum to infinity");
-        scale_ = largest > 0 ? std::ldexp(1.0, std::min(1000, 49 - std::ilogb(largest))) : 1;
+        require(largest == 0 || largest > 1e-280, "mrf: the weights of every node sum to less than 1e-280");
+        scale_ = largest > 0 ? std::ldexp(1.0, 49 - std::ilogb(largest)) : 1;
     }
 
     /// A node on the source side keeps its label, one on the sink side takes alpha. With A = V(x_p, x_q) for neither,

@@ -106,15 +106,16 @@ std::int64_t edge_function(const Corner& a, const Corner& b, std::int64_t px, st
     return (std::int64_t{b.x} - a.x) * (py - a.y) - (std::int64_t{b.y} - a.y) * (px - a.x);
 }
 
-void add_triangle(Corner a, Corner b, Corner c, std::int32_t face, const DepthPlane& depth, const Camera& camera,
-                  std::vector<Triangle>& out) {
+/// Adds the image triangle (a, b, c), all of face f or a piece of it, unless it covers no pixel centre for certain.
+void add_triangle(Corner a, Corner b, Corner c, const Vertices& V, const Faces& F, Eigen::Index f,
+                  const Camera& camera, std::vector<Triangle>& out) {
     const auto [left, right] = pixel_range(std::min({a.x, b.x, c.x}), std::max({a.x, b.x, c.x}), camera.width);
     const auto [top, bottom] = pixel_range(std::min({a.y, b.y, c.y}), std::max({a.y, b.y, c.y}), camera.height);
     if (left > right || top > bottom) return;
     const std::int64_t area = edge_function(a, b, c.x, c.y);
     if (area == 0) return;
     if (area < 0) std::swap(b, c);
-    out.push_back({{a, b, c}, left, right, top, bottom, face, depth});
+    out.push_back({{a, b, c}, left, right, top, bottom, static_cast<std::int32_t>(f), depth_plane(V, F, f, camera)});
 }
 
 /// Sutherland-Hodgman. Each cut runs from the kept end to the lost one, so the two faces of an edge get the same point.
@@ -134,10 +135,9 @@ void add_clipped(const Vertices& V, const Faces& F, Eigen::Index f, const Camera
             for (Vec3& p : next) p[2] = std::max(p[2], camera.near_plane);
     }
     if (polygon.size() < 3) return;
-    const DepthPlane depth = depth_plane(V, F, f, camera);
     for (std::size_t i = 2; i < polygon.size(); ++i)
-        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]),
-                     static_cast<std::int32_t>(f), depth, camera, out);
+        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), V, F,
+                     f, camera, out);
 }
 
 std::vector<Triangle> visible_triangles(const Vertices& V, const Faces& F, const Camera& camera) {
@@ -154,13 +154,15 @@ std::vector<Triangle> visible_triangles(const Vertices& V, const Faces& F, const
         for (std::int64_t f = b * FACE_BLOCK, end = std::min<std::int64_t>(F.rows(), f + FACE_BLOCK); f < end; ++f) {
             const int i = F(f, 0), j = F(f, 1), k = F(f, 2);
             if (kept[i] && kept[j] && kept[k])
-                add_triangle(corner[i], corner[j], corner[k], static_cast<std::int32_t>(f),
-                             depth_plane(V, F, f, camera), camera, blocks[b]);
+                add_triangle(corner[i], corner[j], corner[k], V, F, f, camera, blocks[b]);
             else
                 add_clipped(V, F, f, camera, blocks[b]);
         }
     }, 1);
+    std::size_t count = 0;
+    for (const auto& block : blocks) count += block.size();
     std::vector<Triangle> all;
+    all.reserve(count);
     for (const auto& block : blocks) all.insert(all.end(), block.begin(), block.end());
     return all;
 }
@@ -217,8 +219,8 @@ void draw(const Triangle& t, int left, int right, int top, int bottom, RasterRes
 }
 
 /// Barycentrics of the point of depth z on the ray of pixel centre (u, v), cut to the face.
-Eigen::RowVector3d barycentric_at(const Vertices& V, const Faces& F, std::int32_t f, const Camera& camera, double u, double v,
-                    double z) {
+Eigen::RowVector3d barycentric_at(const Vertices& V, const Faces& F, std::int32_t f, const Camera& camera, double u,
+                                  double v, double z) {
     const Vec3 p = z * (camera.inverse * Vec3(u, v, 1));
     const Vec3 a = V.row(F(f, 0)), b = V.row(F(f, 1)), c = V.row(F(f, 2)), normal = (b - a).cross(c - a);
     Eigen::RowVector3d weight(normal.dot((b - p).cross(c - p)), normal.dot((c - p).cross(a - p)),

@@ -1,0 +1,103 @@
+"""mrf at the edges of what it may be given: each row is solved or refused."""
+
+import numpy as np
+import pytest
+
+from toile.kernels import InputError, mrf
+
+
+def chain(n):
+    return np.c_[np.arange(n - 1), np.arange(1, n)]
+
+
+def best_of_chain(unary, weights, pairwise):
+    """The least energy of a chain, by dynamic programming."""
+    cost = unary[0]
+    for u, w in zip(unary[1:], weights):
+        cost = u + (cost[:, None] + w * pairwise).min(0)
+    return cost.min()
+
+
+@pytest.mark.parametrize("labels", [1, 2, 5, 64])
+def test_mrf_solved_with_1_to_64_labels(labels):
+    rng = np.random.default_rng(labels)
+    unary, weights = rng.uniform(0, 1, (200, labels)), rng.uniform(0, 1, 199)
+    pairwise = 1.0 - np.eye(labels)
+    best = best_of_chain(unary, weights, pairwise)
+    assert best - 1e-9 <= mrf(unary, chain(200), weights).energy <= 1.1 * best
+    if labels <= 2:
+        assert mrf(unary, chain(200), weights).energy == pytest.approx(best)
+
+
+@pytest.mark.parametrize("cost", [1e3, 1e15, 1e300])
+def test_mrf_solved_with_probabilities_of_0_and_1(cost):
+    """Every second node is certain; what is between them must still be weighed to the last digit."""
+    rng = np.random.default_rng(1)
+    unary, weights = rng.uniform(0, 1, (300, 2)), rng.uniform(0, 1, 299)
+    truth = rng.integers(0, 2, 300)
+    unary[::2] = np.where(np.arange(2) == truth[::2, None], 0, cost)
+    result = mrf(unary, chain(300), weights)
+    np.testing.assert_array_equal(result.labels[::2], truth[::2])
+    assert result.energy == pytest.approx(best_of_chain(unary, weights, 1.0 - np.eye(2)), rel=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-250, 1e-8, 1e12, 1e250])
+def test_mrf_solved_in_any_unit_of_energy(scale):
+    rng = np.random.default_rng(2)
+    unary, weights = rng.uniform(0, 1, (100, 2)), rng.uniform(0, 1, 99)
+    best = best_of_chain(unary, weights, 1.0 - np.eye(2))
+    assert mrf(scale * unary, chain(100), scale * weights).energy / scale == pytest.approx(best, rel=1e-9)
+
+
+def test_mrf_solved_with_weights_from_1e_minus_8_to_1e12():
+    rng = np.random.default_rng(3)
+    unary = rng.uniform(0, 1, (60, 2))
+    weights = 10.0 ** rng.uniform(-8, 12, 59)
+    best = best_of_chain(unary, weights, 1.0 - np.eye(2))
+    assert best - 1e-9 <= mrf(unary, chain(60), weights).energy <= best + 59 * 2.0**-45 * weights.max()
+
+
+def test_mrf_solved_when_all_labels_cost_the_same():
+    result = mrf(np.zeros((50, 3)), chain(50), np.ones(49))
+    assert result.energy == 0 and result.stop == "converged"
+
+
+def test_mrf_solved_with_one_node_and_with_isolated_nodes():
+    assert mrf([[3.0, 1.0, 2.0]], [], []).labels.tolist() == [1]
+    assert mrf([[3.0, 1], [0, 1], [5, 0]], [[0, 2]], [10.0]).labels.tolist() == [1, 0, 1]
+
+
+def test_mrf_solved_with_a_hub_of_100000_edges():
+    n = 100_001
+    unary = np.random.default_rng(4).uniform(0, 1, (n, 2))
+    edges, weights = np.c_[np.zeros(n - 1, int), np.arange(1, n)], np.full(n - 1, 0.3)
+    sides = [unary[0, h] + np.minimum(unary[1:] + 0.3 * (np.arange(2) != h), np.inf).min(1).sum() for h in (0, 1)]
+    assert mrf(unary, edges, weights).energy == pytest.approx(min(sides), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_mrf_solved_on_1_000_000_nodes():
+    n = 1_000_000
+    rng = np.random.default_rng(5)
+    unary, weights = rng.uniform(0, 1, (n, 2)), rng.uniform(0, 1, n - 1)
+    result = mrf(unary, chain(n), weights)
+    assert result.energy == pytest.approx(best_of_chain(unary, weights, 1.0 - np.eye(2)), rel=1e-9)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_mrf_refuses_what_is_not_finite(value):
+    unary, weights = np.zeros((20, 3)), np.ones(19)
+    bad = unary.copy()
+    bad[7, 2] = value
+    with pytest.raises(InputError, match=r"unary\[7\] is not finite"):
+        mrf(bad, chain(20), weights)
+    weights[11] = value
+    with pytest.raises(InputError, match=r"weights\[11\] is not finite"):
+        mrf(unary, chain(20), weights)
+
+
+def test_mrf_refuses_weights_whose_sum_overflows_or_vanishes():
+    with pytest.raises(InputError, match="weights of one node sum to infinity"):
+        mrf(np.zeros((3, 2)), chain(3), [1.7e308, 1.7e308])
+    with pytest.raises(InputError, match="less than 1e-280"):
+        mrf(np.zeros((3, 2)), chain(3), [1e-300, 1e-300])
