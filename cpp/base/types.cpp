@@ -8,7 +8,8 @@ namespace toile {
 
 void check_finite(const std::string& kernel, const std::string& name, const Eigen::Ref<const Matrix>& values) {
     for (Eigen::Index i = 0; i < values.rows(); ++i)
-        if (!values.row(i).allFinite()) throw InputError(kernel + ": " + name + "[" + std::to_string(i) + "] is not finite");
+        if (!values.row(i).allFinite())
+            throw InputError(kernel + ": " + name + "[" + std::to_string(i) + "] is not finite");
 }
 
 void check_mesh(const std::string& kernel, const Vertices& V, const Faces& F, const std::string& name_V,
@@ -20,7 +21,8 @@ void check_mesh(const std::string& kernel, const Vertices& V, const Faces& F, co
         for (int c = 0; c < 3; ++c)
             if (F(f, c) < 0 || F(f, c) >= V.rows())
                 throw InputError(kernel + ": " + name_F + "[" + std::to_string(f) + "] holds vertex " +
-                                 std::to_string(F(f, c)) + ", " + name_V + " has " + std::to_string(V.rows()) + " rows");
+                                 std::to_string(F(f, c)) + ", " + name_V + " has " + std::to_string(V.rows()) +
+                                 " rows");
 }
 
 void check_indices(const std::string& kernel, const std::string& name, const Indices& indices, Eigen::Index n) {
