@@ -1,6 +1,7 @@
 #include "geometry/body_model.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <cmath>
 
 #include "base/errors.h"
@@ -100,6 +101,24 @@ Vertices skin_vertices(const BodyModel& m, const Vertices& rest, const Vertices&
             sum += w * (posed.rotation[static_cast<std::size_t>(k)] * local + posed.joints.row(k).transpose());
         }
         out.row(v) = sum;
+    });
+    return out;
+}
+
+Vertices unskin_vertices(const BodyModel& m, const Vertices& V, const Vertices& J, const Posed& posed) {
+    Vertices out(V.rows(), 3);
+    parallel_for(V.rows(), [&](std::int64_t v) {
+        Mat3 A = Mat3::Zero();
+        Vec3 rest = V.row(v);
+        for (Eigen::Index b = 0; b < m.weights_idx.cols(); ++b) {
+            const double w = m.weights_val(v, b);
+            if (w == 0) continue;
+            const int k = m.weights_idx(v, b);
+            const Mat3& R = posed.rotation[static_cast<std::size_t>(k)];
+            A += w * R;
+            rest -= w * (posed.joints.row(k).transpose() - R * J.row(k).transpose());
+        }
+        out.row(v) = A.inverse() * rest;
     });
     return out;
 }

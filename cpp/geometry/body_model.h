@@ -51,6 +51,9 @@ std::vector<Mat3> rotation_matrices(const Vertices& rotations);
 /// Linear blend skinning: sum_k w_k (R_k (v - J_k) + x_k).
 Vertices skin_vertices(const BodyModel& model, const Vertices& rest, const Vertices& J, const Posed& posed);
 
+/// The inverse of skin_vertices, per vertex.
+Vertices unskin_vertices(const BodyModel& model, const Vertices& V, const Vertices& J, const Posed& posed);
+
 Mat3 rotation_matrix(const Vec3& rotation_vector);
 
 }  // namespace toile

@@ -1,1 +1,375 @@
 #include "kernels/inner.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <queue>
+
+#include "base/errors.h"
+#include "base/parallel.h"
+#include "base/sparse.h"
+#include "geometry/closest.h"
+#include "geometry/laplacian.h"
+#include "geometry/topology.h"
+
+namespace toile {
+
+namespace {
+
+constexpr double kNone = std::numeric_limits<double>::infinity();
+
+/// One scalar matrix smooth + diag(m w), refactored only when its weights change.
+class Weighted {
+public:
+    Weighted(const Sparse& smooth, const Vector& mass) : smooth_(smooth), mass_(mass) { factor_.analyze(smooth); }
+
+    Vertices solve(const Vector& weights, const Vertices& targets) {
+        if (weights.size() != last_.size() || weights != last_) {
+            Sparse A = smooth_;
+            for (int c = 0; c < A.outerSize(); ++c)
+                for (Sparse::InnerIterator it(A, c); it; ++it)
+                    if (it.row() == it.col()) it.valueRef() += mass_[c] * weights[c];
+            factor_.factorize(A);
+            last_ = weights;
+        }
+        return factor_.solve((mass_.asDiagonal() * targets).eval());
+    }
+    std::int64_t factorisations() const { return factor_.factorisations(); }
+    double smoothness(const Vertices& d) const { return (d.transpose() * (smooth_ * d)).trace(); }
+
+private:
+    const Sparse& smooth_;
+    const Vector& mass_;
+    CholeskyFactor factor_;
+    Vector last_;
+};
+
+/// What one linear solve knows of each vertex.
+struct Evidence {
+    Vertices skin_target;  // (n,3) displacement where skin was seen
+    Vector skin;          // (n,) in [0,1]
+    Vertices normals;     // (n,3)
+    Vector room;          // (n,) along the normal to the cloth less the gap, at d = 0; infinity: none
+};
+
+struct Fitted {
+    Vertices d;
+    std::vector<double> energy;
+    bool converged = false;
+};
+
+/// Reweighted least squares of E(d); `fit` is 0 for a frame, whose body already follows the fused shape.
+Fitted fit_displacement(Weighted& system, const Vector& mass, const Evidence& e, const InnerOptions& o, double fit, Vertices d) {
+    Fitted result;
+    const Eigen::Index n = mass.size();
+    Vector weights(n);
+    Vertices targets(n, 3);
+    for (int i = 0; i < o.max_iterations; ++i) {
+        double energy = system.smoothness(d);
+        for (Eigen::Index v = 0; v < n; ++v) {
+            const Vec3 dv = d.row(v), n_v = e.normals.row(v);
+            const Vec3 skin_miss = dv - Vec3(e.skin_target.row(v));
+            weights[v] = o.prior + o.skin * e.skin[v];
+            targets.row(v) = o.skin * e.skin[v] * e.skin_target.row(v);
+            double cost = o.prior * dv.squaredNorm() + o.skin * e.skin[v] * skin_miss.squaredNorm();
+            if (const double slack = e.room[v] - n_v.dot(dv); std::isfinite(slack)) {
+                const double q = slack * slack / (o.fit_scale * o.fit_scale), hidden = 1 - e.skin[v];
+                const double w = hidden * (slack < 0 ? o.out : fit / ((1 + q) * (1 + q)));
+                cost += hidden * (slack < 0 ? o.out * slack * slack : fit * slack * slack / (1 + q));
+                weights[v] += w;
+                targets.row(v) += (w * (dv + slack * n_v)).transpose();  // moves along the normal, stays put across it
+            }
+            energy += mass[v] * cost;
+        }
+        result.energy.push_back(energy);
+        const Vertices next = system.solve(weights, targets);
+        const double moved = (next - d).rowwise().norm().maxCoeff();
+        d = next;
+        if (moved < o.tolerance) {
+            result.converged = true;
+            break;
+        }
+    }
+    result.d = d;
+    return result;
+}
+
+using Indexes = std::vector<SurfaceIndex>;
+
+Indexes index_garments(const std::vector<InnerGarment>& garments) {
+    Indexes out;
+    for (const InnerGarment& g : garments) out.emplace_back(g.V, g.F);
+    return out;
+}
+
+/// Per vertex, how far along its normal the nearest cloth lies (negative: the vertex is outside it); infinity where none is
+/// in reach, or where the nearest lies beside the vertex, beyond a hem. The innermost garment counts.
+Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin, const Indexes& garments, double reach) {
+    Vector room = Vector::Constant(Y.rows(), kNone);
+    parallel_for(Y.rows(), [&](std::int64_t v) {
+        if (skin[v] >= 1) return;
+        for (const SurfaceIndex& garment : garments) {
+            const SurfacePoint hit = garment.closest(Vec3(Y.row(v)), reach);
+            if (hit.face < 0) continue;
+            const Vec3 gap = hit.point - Y.row(v).transpose();
+            const double along = gap.dot(Vec3(normals.row(v)));
+            if (hit.distance < 1e-3 || std::abs(along) > 0.7 * hit.distance) room[v] = std::min(room[v], along);
+        }
+    });
+    return room;
+}
+
+/// The q-quantile of finite values, between neighbours linear; infinity without any.
+double quantile(std::vector<double>& values, double q) {
+    if (values.empty()) return kNone;
+    std::sort(values.begin(), values.end());
+    const double at = q * static_cast<double>(values.size() - 1);
+    const auto low = static_cast<std::size_t>(at), high = std::min(low + 1, values.size() - 1);
+    return values[low] + (at - static_cast<double>(low)) * (values[high] - values[low]);
+}
+
+/// length^4 L M^-1 L, with masses below (length / 10)^2 raised to that: smaller cells bend as one, and the smallest
+/// triangles of fingers and lids do not ruin the factor's condition.
+Sparse smoothness_matrix(const Vertices& V, const Faces& F, const Vector& mass, double length) {
+    const Sparse L = cotangent_laplacian(V, F);
+    const Vector inverse = mass.cwiseMax(0.01 * length * length).cwiseInverse();
+    Sparse Q = L.transpose() * inverse.asDiagonal() * L * std::pow(length, 4);
+    Sparse diagonal(V.rows(), V.rows());  // isolated vertices keep a place on the diagonal
+    diagonal.setIdentity();
+    Q += 0 * diagonal;
+    Q.makeCompressed();
+    return Q;
+}
+
+/// visible, falling smoothly to 0 within `taper` of the vertices that are not, along the edges (Dijkstra).
+Vector tapered(const Vector& visible, const Adjacency& neighbours, const Vertices& V, double taper) {
+    const Eigen::Index n = visible.size();
+    Vector distance = Vector::Constant(n, kNone);
+    std::priority_queue<std::pair<double, int>, std::vector<std::pair<double, int>>, std::greater<>> queue;
+    for (Eigen::Index v = 0; v < n; ++v)
+        if (visible[v] < 0.5) {
+            distance[v] = 0;
+            queue.emplace(0.0, static_cast<int>(v));
+        }
+    while (!queue.empty()) {
+        const auto [d, v] = queue.top();
+        queue.pop();
+        if (d > distance[v]) continue;
+        for (int e = neighbours.start[static_cast<std::size_t>(v)]; e < neighbours.start[static_cast<std::size_t>(v) + 1]; ++e) {
+            const int w = neighbours.index[static_cast<std::size_t>(e)];
+            const double next = d + (V.row(v) - V.row(w)).norm();
+            if (next >= distance[w] || next > taper) continue;
+            distance[w] = next;
+            queue.emplace(next, w);
+        }
+    }
+    Vector out(n);
+    for (Eigen::Index v = 0; v < n; ++v) {
+        const double t = taper > 0 ? std::min(distance[v] / taper, 1.0) : (visible[v] < 0.5 ? 0.0 : 1.0);
+        out[v] = visible[v] * t * t * (3 - 2 * t);
+    }
+    return out;
+}
+
+void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyModel& m) {
+    const Eigen::Index n = m.v_template.rows();
+    require(f.rotations.rows() == m.joints(), "inner: " + name + ".rotations has " + std::to_string(f.rotations.rows()) +
+                                                  " rows, the model " + std::to_string(m.joints()) + " joints");
+    require(f.tracked.rows() == n && f.visible.size() == n, "inner: " + name + ".tracked and .visible have " +
+                std::to_string(f.tracked.rows()) + " and " + std::to_string(f.visible.size()) + " rows, the model " + std::to_string(n) + " vertices");
+    check_finite("inner", name + ".rotations", f.rotations);
+    check_finite("inner", name + ".translation", f.translation);
+    check_finite("inner", name + ".tracked", f.tracked);
+    for (Eigen::Index v = 0; v < n; ++v)
+        require(f.visible[v] >= 0 && f.visible[v] <= 1, "inner: " + name + ".visible[" + std::to_string(v) + "] must lie in [0, 1]");
+    for (std::size_t g = 0; g < f.garments.size(); ++g)
+        check_mesh("inner", f.garments[g].V, f.garments[g].F, name + ".garments[" + std::to_string(g) + "].V",
+                   name + ".garments[" + std::to_string(g) + "].F");
+}
+
+/// One frame of the fused solve: its pose, its skin in the rest pose, its cloth.
+struct Unposed {
+    Posed posed;
+    Vertices rest;
+    Vector skin;
+    Indexes garments;
+};
+
+/// Where skin was seen in any frame: mean rest position, frames that disagree counted less (two rounds), and weight.
+void average_skin(const std::vector<Unposed>& frames, double scale, Vertices& mean, Vector& weight) {
+    const Eigen::Index n = frames[0].rest.rows();
+    mean = Vertices::Zero(n, 3);
+    weight = Vector::Zero(n);
+    parallel_for(n, [&](std::int64_t v) {
+        for (const Unposed& f : frames) weight[v] += f.skin[v];
+        if (weight[v] <= 0) return;
+        Vec3 x = Vec3::Zero();
+        for (int round = 0; round < 3; ++round) {
+            Vec3 sum = Vec3::Zero();
+            double total = 0;
+            for (const Unposed& f : frames) {
+                const double q = round == 0 ? 0 : (Vec3(f.rest.row(v)) - x).squaredNorm() / (scale * scale);
+                const double w = f.skin[v] / ((1 + q) * (1 + q));
+                sum += w * f.rest.row(v).transpose();
+                total += w;
+            }
+            x = sum / total;
+        }
+        mean.row(v) = x;
+    });
+    weight = weight.cwiseMin(1.0);
+}
+
+/// Tightest room over the frames at rest shape X: the quantile of the vertex's room in the frames where it is hidden.
+Vector tightest_room(const BodyModel& m, const Vertices& X, const Vertices& J, const std::vector<Unposed>& frames, const Vector& skin,
+                     const InnerOptions& o) {
+    std::vector<Vector> rooms;
+    for (const Unposed& f : frames) {
+        const Vertices Y = skin_vertices(m, X, J, f.posed);
+        rooms.push_back(cloth_room(Y, vertex_normals(Y, m.F), f.skin, f.garments, o.reach));
+    }
+    Vector room = Vector::Constant(X.rows(), kNone);
+    parallel_for(X.rows(), [&](std::int64_t v) {
+        if (skin[v] >= 1) return;
+        std::vector<double> values;
+        for (const Vector& r : rooms)
+            if (std::isfinite(r[v])) values.push_back(r[v] - o.gap);
+        room[v] = quantile(values, o.tightness);
+    });
+    return room;
+}
+
+/// Shape coefficients that fit the seen skin and leave no hidden vertex outside the cloth: ridge regression about the
+/// prior N(0, 1), one-sided terms reweighted. `room` is measured at the rest shape of `start`.
+Vector refit_shape(const BodyModel& m, const Vector& start, const Evidence& e, const Vertices& skin_rest, const Vector& mass, const InnerOptions& o) {
+    const int S = m.shapes();
+    if (S == 0) return start;
+    const Vertices base = shaped_vertices(m, start);
+    const double scale = o.shape_observations / (o.shape_sigma * o.shape_sigma * std::max(mass.dot(e.skin), 1e-12));
+    Eigen::MatrixXd H0 = Eigen::MatrixXd::Identity(S, S);
+    Vector g0 = -start;
+    for (Eigen::Index v = 0; v < mass.size(); ++v) {
+        if (e.skin[v] <= 0) continue;
+        const Eigen::Matrix<double, 3, Eigen::Dynamic> D = m.shapedirs.middleRows<3>(3 * v);
+        const Vec3 miss = skin_rest.row(v) - base.row(v);
+        H0.noalias() += scale * mass[v] * e.skin[v] * D.transpose() * D;
+        g0.noalias() += scale * mass[v] * e.skin[v] * D.transpose() * miss;
+    }
+    Vector step = Vector::Zero(S);
+    for (int i = 0; i < 8; ++i) {
+        Eigen::MatrixXd H = H0;
+        Vector g = g0;
+        for (Eigen::Index v = 0; v < mass.size(); ++v) {
+            if (!std::isfinite(e.room[v]) || e.skin[v] >= 1) continue;
+            const Vector along = m.shapedirs.middleRows<3>(3 * v).transpose() * Vec3(e.normals.row(v));
+            if (along.dot(step) <= e.room[v]) continue;
+            const double w = scale * mass[v] * (1 - e.skin[v]);
+            H.noalias() += w * along * along.transpose();
+            g.noalias() += w * e.room[v] * along;
+        }
+        const Vector next = H.ldlt().solve(g);
+        const double moved = (next - step).norm();
+        step = next;
+        if (moved < 1e-6) break;
+    }
+    return start + step;
+}
+
+void count_outside(const Vector& room, const Vector& skin, double& depth, std::int64_t& count) {
+    for (Eigen::Index v = 0; v < room.size(); ++v)
+        if (skin[v] < 0.5 && room[v] < 0) {
+            depth = std::max(depth, -room[v]);
+            ++count;
+        }
+}
+
+}  // namespace
+
+InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions options)
+    : model_(std::move(model)), shape_(std::move(shape)), J_(std::move(J)), options_(options) {
+    check_body_model("inner", model_);
+    check_finite("inner", "shape", shape_);
+    require(shape_.size() <= model_.shapes(), "inner: shape has " + std::to_string(shape_.size()) + " entries, the model " + std::to_string(model_.shapes()));
+    require(J_.rows() == model_.joints(), "inner: J has " + std::to_string(J_.rows()) + " rows, the model " + std::to_string(model_.joints()) + " joints");
+    check_finite("inner", "J", J_);
+    const InnerOptions& o = options_;
+    for (double positive : {o.length, o.skin, o.out, o.prior, o.fit_scale, o.reach, o.shape_sigma, o.shape_observations, o.tolerance})
+        require(std::isfinite(positive) && positive > 0, "inner: length, skin, out, prior, fit_scale, reach, tolerance and the shape's terms must be positive");
+    require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0, "inner: fit, gap and taper must not be negative");
+    require(o.tightness >= 0 && o.tightness <= 1, "inner: tightness must lie in [0, 1]");
+    require(o.rounds > 0 && o.max_iterations > 0, "inner: rounds and max_iterations must be positive");
+    shape_.conservativeResizeLike(Vector::Zero(model_.shapes()));
+    rest_ = shaped_vertices(model_, shape_);
+    mass_ = voronoi_mass(rest_, model_.F);
+    smooth_ = smoothness_matrix(rest_, model_.F, mass_, o.length);
+    neighbours_ = vertex_neighbours(model_.F, rest_.rows());
+}
+
+InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
+    require(!frames.empty(), "inner: frames is empty");
+    const InnerOptions& o = options_;
+    std::vector<Unposed> unposed;
+    for (std::size_t f = 0; f < frames.size(); ++f) {
+        check_inner_frame("frames[" + std::to_string(f) + "]", frames[f], model_);
+        const Posed posed = pose_joints(model_.parents, J_, frames[f].rotations, frames[f].translation);
+        unposed.push_back({posed, unskin_vertices(model_, frames[f].tracked, J_, posed),
+                           tapered(frames[f].visible, neighbours_, rest_, o.taper), index_garments(frames[f].garments)});
+    }
+    InnerFused out;
+    Evidence e;
+    Vertices skin_rest;
+    average_skin(unposed, o.shape_sigma, skin_rest, e.skin);
+    e.normals = vertex_normals(rest_, model_.F);
+    e.room = tightest_room(model_, rest_, J_, unposed, e.skin, o);
+    out.shape = refit_shape(model_, shape_, e, skin_rest, mass_, o);
+    const Vertices M = shaped_vertices(model_, out.shape);
+    e.skin_target = (skin_rest - M).array().colwise() * (e.skin.array() > 0).cast<double>();
+    Weighted system(smooth_, mass_);
+    Fitted fitted{Vertices::Zero(M.rows(), 3), {}, false};
+    for (int round = 0; round < o.rounds; ++round) {
+        out.rest = M + fitted.d;
+        e.normals = vertex_normals(out.rest, model_.F);
+        e.room = tightest_room(model_, out.rest, J_, unposed, e.skin, o) + e.normals.cwiseProduct(fitted.d).rowwise().sum();
+        fitted = fit_displacement(system, mass_, e, o, o.fit, fitted.d);
+        out.energy.insert(out.energy.end(), fitted.energy.begin(), fitted.energy.end());
+    }
+    out.rest = M + fitted.d;
+    out.bound = e.room - e.normals.cwiseProduct(fitted.d).rowwise().sum();
+    out.stop = fitted.converged ? "converged" : "max_iterations";
+    out.iterations = static_cast<int>(out.energy.size());
+    out.observed = (e.skin.array() > 0.5).count();
+    out.bounded = (e.room.array() < kNone).count();
+    out.factorisations = system.factorisations();
+    return out;
+}
+
+InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& frame) const {
+    require(fused_rest.rows() == rest_.rows(), "inner: fused_rest has " + std::to_string(fused_rest.rows()) + " rows, the model " +
+                                                   std::to_string(rest_.rows()) + " vertices");
+    check_finite("inner", "fused_rest", fused_rest);
+    check_inner_frame("frame", frame, model_);
+    const InnerOptions& o = options_;
+    const Vertices Y = skin_vertices(model_, fused_rest, J_, pose_joints(model_.parents, J_, frame.rotations, frame.translation));
+    const Indexes garments = index_garments(frame.garments);
+    InnerResult out;
+    Evidence e;
+    e.skin = tapered(frame.visible, neighbours_, rest_, o.taper);
+    e.skin_target = (frame.tracked - Y).array().colwise() * (e.skin.array() > 0).cast<double>();
+    e.normals = vertex_normals(Y, model_.F);
+    e.room = cloth_room(Y, e.normals, e.skin, garments, o.reach).array() - o.gap;
+    count_outside(e.room.array() + o.gap, e.skin, out.depth_before, out.outside_before);
+    Weighted system(smooth_, mass_);
+    const Fitted fitted = fit_displacement(system, mass_, e, o, 0, Vertices::Zero(Y.rows(), 3));
+    const auto g = e.skin.array();
+    out.V = (frame.tracked.array().colwise() * g + (Y + fitted.d).array().colwise() * (1 - g)).matrix();
+    count_outside(cloth_room(out.V, vertex_normals(out.V, model_.F), e.skin, garments, o.reach), e.skin, out.depth_after, out.outside_after);
+    out.skin = e.skin;
+    out.stop = fitted.converged ? "converged" : "max_iterations";
+    out.iterations = static_cast<int>(fitted.energy.size());
+    out.energy = fitted.energy;
+    out.factorisations = system.factorisations();
+    return out;
+}
+
+}  // namespace toile

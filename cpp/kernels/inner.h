@@ -1,1 +1,95 @@
+// The body under the garments: a fused rest shape from all frames, then the body of each frame.
+//
+// Both solve for displacements d (n,3) with one scalar matrix for the three coordinates,
+//
+//   E(d) = length^4 |L d|^2_{M^-1} + sum_v m_v ( skin g_v |d_v - o_v|^2 + prior |d_v|^2
+//                                              + out [n.d_v - b_v]_+^2 + fit rho(b_v - n.d_v) )
+//
+// m areas, L cotangent Laplacian; o what the tracked surface shows where it is skin (g falls to 0 beside the cloth);
+// b how far along the normal n the cloth lies less `gap`: the body must stay inside (out), and where cloth is close, lies
+// against it (fit, Geman-McClure: loose cloth says nothing). After Zhang et al. 2017 (arXiv 1703.04454), own form.
 #pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "geometry/body_model.h"
+#include "geometry/topology.h"
+
+namespace toile {
+
+struct InnerOptions {
+    double length = 0.08;          ///< features shorter than this are smoothed away [m]
+    double skin = 1e4;             ///< weight of observed skin
+    double out = 1e3;              ///< weight of a body that pokes out of the cloth
+    double fit = 1;                ///< pull towards close cloth from inside
+    double fit_scale = 0.008;      ///< Geman-McClure scale of that pull [m]
+    double prior = 0.5;            ///< coupling to the model, and of a frame to the fused shape
+    double gap = 0.002;            ///< cloth stays this far off the skin [m]
+    double taper = 0.02;           ///< skin counts fully only this far from the cloth, along the surface [m]
+    double reach = 0.06;           ///< cloth farther than this from the body says nothing [m]
+    double tightness = 0.1;        ///< the bound of a hidden vertex is this quantile over the frames
+    double shape_sigma = 0.01;     ///< spread of the skin about the model's span [m]
+    double shape_observations = 200;///< independent observations that the skin counts as when the shape is refitted
+    int rounds = 3;                ///< cloth is looked for anew
+    int max_iterations = 8;        ///< reweightings a round
+    double tolerance = 2e-4;       ///< stop when no vertex moves by more [m]
+};
+
+struct InnerGarment {
+    Vertices V;
+    Faces F;
+};
+
+struct InnerFrame {
+    Vertices rotations;               ///< (K,3) [rad]
+    Vec3 translation = Vec3::Zero();  ///< [m]
+    Vertices tracked;                 ///< (n,3) [m]
+    Vector visible;                   ///< (n,) in [0,1]: 1 where the tracked surface is the inner layer
+    std::vector<InnerGarment> garments;
+};
+
+struct InnerFused {
+    Vertices rest;                 ///< (n,3) [m]
+    Vector shape;                  ///< (S,) refitted to skin and cloth
+    Vector bound;                  ///< (n,) room between the rest and the tightest cloth along the normal [m]; infinity: none
+    std::string stop;              ///< "converged" or "max_iterations"
+    int iterations = 0;
+    std::vector<double> energy;    ///< of each iteration
+    std::int64_t observed = 0;     ///< vertices seen as skin
+    std::int64_t bounded = 0;      ///< hidden vertices with cloth in reach
+    std::int64_t factorisations = 0;
+};
+
+struct InnerResult {
+    Vertices V;                    ///< (n,3) [m]
+    Vector skin;                   ///< (n,) share of the tracked surface in V
+    std::string stop;
+    int iterations = 0;
+    std::vector<double> energy;
+    double depth_before = 0;       ///< deepest hidden vertex outside the cloth, fused shape posed [m]
+    double depth_after = 0;        ///< the same for V [m]
+    std::int64_t outside_before = 0, outside_after = 0;  ///< their numbers
+    std::int64_t factorisations = 0;
+};
+
+class InnerSolver {
+public:
+    /// shape (s,) is where the refit starts; J (K,3) the rest joints of all poses.
+    InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions options = {});
+
+    InnerFused fuse(const std::vector<InnerFrame>& frames) const;
+    InnerResult solve(const Vertices& fused_rest, const InnerFrame& frame) const;
+
+private:
+    BodyModel model_;
+    Vector shape_;
+    Vertices J_;
+    InnerOptions options_;
+    Vertices rest_;
+    Vector mass_;
+    Sparse smooth_;
+    Adjacency neighbours_;
+};
+
+}  // namespace toile

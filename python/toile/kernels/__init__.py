@@ -13,6 +13,7 @@ from .geometry import (
     vertex_normals,
     voronoi_mass,
 )
+from .inner import InnerSolver
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .mrf import mrf
 from .raster import raster
@@ -21,6 +22,7 @@ from .untangle import UntangleSolver, untangle
 
 __all__ = [
     "BiharmonicSolver",
+    "InnerSolver",
     "InputError",
     "SkeletonSolver",
     "SolveError",

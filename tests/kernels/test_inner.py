@@ -1,0 +1,131 @@
+"""Laws of the inner kernel on the packaged body under a synthetic shirt: recovery, one-sidedness, invariance, bits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from toile.io.body import load_body_model
+from toile.kernels import InnerSolver, InputError, vertex_normals
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Four frames of a body with smooth offsets up to 8 mm, under a shirt 3 to 25 mm off it, poses known."""
+    model = load_body_model()
+    rng = np.random.default_rng(7)
+    shape = rng.normal(0, 0.7, 16)
+    rest, J = model.rest(shape)
+    N = vertex_normals(rest, model.f)
+    bumps = np.sin(rest @ rng.normal(0, 9, (3, 4)) + rng.uniform(0, 6, 4)).sum(1) / 4
+    body = rest + 0.008 * bumps[:, None] * N
+    covered = np.zeros(len(rest), bool)
+    covered[model.segments["torso"]] = True
+    faces = model.f[covered[model.f].all(1)]
+    frames = []
+    for i in range(FRAMES):
+        rotations = np.zeros((104, 3))
+        for k, name in enumerate(model.joint_names):
+            if name.startswith(("spine", "upperarm01", "lowerarm01", "neck01")):
+                rotations[k] = rng.uniform(-0.15, 0.15, 3)
+        slack = 0.003 + 0.022 * np.sin(rest @ rng.normal(0, 6, 3) + i) ** 2
+        shirt = model.skin(body + slack[:, None] * N, J, rotations, np.zeros(3))
+        tracked = model.skin(body, J, rotations, np.zeros(3))
+        truth = tracked.copy()
+        tracked[covered] = shirt[covered]
+        frames.append((rotations, np.zeros(3), tracked, (~covered).astype(float), [(shirt, faces)], truth))
+    return SimpleNamespace(model=model, shape=shape, J=J, body=body, covered=covered, frames=frames)
+
+
+def arguments(scene):
+    return [f[:5] for f in scene.frames]
+
+
+def error(a, b, where):
+    return np.linalg.norm(a - b, axis=1)[where].mean()
+
+
+def test_body_under_cloth_is_found_to_millimetres_from_a_wrong_shape(scene):
+    inflated = scene.shape + np.r_[0.8, -0.8, 0.5, np.zeros(13)]
+    solver = InnerSolver(scene.model, inflated, scene.J)
+    fused = solver.fuse(arguments(scene))
+    model_alone = scene.model.rest(inflated)[0]
+    assert error(fused.rest, scene.body, scene.covered) < 6e-3
+    assert error(fused.rest, scene.body, scene.covered) < 0.5 * error(model_alone, scene.body, scene.covered)
+    for f in scene.frames:
+        result = solver.solve(fused.rest, *f[:5])
+        assert error(result.V, f[5], scene.covered) < 6e-3 and error(result.V, f[5], ~scene.covered) < 1e-3
+        assert result.depth_after < 2e-3
+        assert np.array_equal(result.V[result.skin == 1], f[2][result.skin == 1])
+        assert 1 <= result.factorisations <= result.iterations
+
+
+def test_more_frames_bound_the_body_more_tightly(scene):
+    solver = InnerSolver(scene.model, scene.shape, scene.J)
+    one, all_frames = solver.fuse(arguments(scene)[:1]), solver.fuse(arguments(scene))
+    assert error(all_frames.rest, scene.body, scene.covered) <= error(one.rest, scene.body, scene.covered) + 1e-4
+    assert min(all_frames.bounded, one.bounded) > 500
+
+
+def test_loose_cloth_says_nothing_and_cloth_inside_pushes_the_body_in(scene):
+    model, (rotations, translation, _, visible, (( _, faces),), truth) = scene.model, scene.frames[0]
+    solver = InnerSolver(model, scene.shape, scene.J)
+    N = vertex_normals(truth, model.f)
+    without = solver.solve(scene.body, rotations, translation, truth, visible, [])
+    loose = solver.solve(scene.body, rotations, translation, truth, visible, [(truth + 0.04 * N, faces)])
+    moved = np.linalg.norm(loose.V - without.V, axis=1)  # folds of the body come near the cloth of their neighbours
+    assert moved.max() < 1e-3 and moved.mean() < 1e-5
+    tight = solver.solve(scene.body, rotations, translation, truth, visible, [(truth - 0.005 * N, faces)])
+    assert tight.outside_before > 500 and tight.depth_before > 0.004
+    assert tight.outside_after < tight.outside_before / 10 and tight.depth_after < 0.003  # skin at the hem holds its place
+    assert ((tight.V - truth) * N).sum(1)[scene.covered].mean() < -0.003
+
+
+def test_a_turn_of_the_world_turns_the_frame_and_leaves_the_fused_shape(scene):
+    R, t = Rotation.from_rotvec([0.3, -1.0, 2.0]), np.array([3.0, -2.0, 1.0])
+    solver = InnerSolver(scene.model, scene.shape, scene.J)
+
+    def turned(rotations, translation, tracked, visible, garments):
+        rotations = rotations.copy()
+        rotations[0] = (R * Rotation.from_rotvec(rotations[0])).as_rotvec()
+        root = scene.J[0]
+        return rotations, R.apply(root + translation) + t - root, R.apply(tracked) + t, visible, [(R.apply(V) + t, F) for V, F in garments]
+
+    plain = solver.fuse(arguments(scene)[:2])
+    moved = solver.fuse([turned(*f) for f in arguments(scene)[:2]])
+    assert np.abs(plain.rest - moved.rest).max() < 1e-4
+    a, b = solver.solve(plain.rest, *arguments(scene)[0]), solver.solve(plain.rest, *turned(*arguments(scene)[0]))
+    assert np.abs(R.apply(a.V.copy()) + t - b.V).max() < 1e-4
+
+
+def test_bits_do_not_depend_on_threads(scene, threads):
+    solver = InnerSolver(scene.model, scene.shape, scene.J)
+    results = []
+    for n in (1, 2, 3, 8):
+        threads(n)
+        fused = solver.fuse(arguments(scene)[:2])
+        results.append((fused.rest, solver.solve(fused.rest, *arguments(scene)[1]).V))
+    for rest, V in results[1:]:
+        assert np.array_equal(rest, results[0][0]) and np.array_equal(V, results[0][1])
+
+
+def test_bad_input_is_refused_by_name(scene):
+    solver = InnerSolver(scene.model, scene.shape, scene.J)
+    rotations, translation, tracked, visible, garments = arguments(scene)[0]
+    with pytest.raises(InputError, match="inner: frames is empty"):
+        solver.fuse([])
+    bad = tracked.copy()
+    bad[5] = np.nan
+    with pytest.raises(InputError, match=r"inner: frames\[1\].tracked\[5\]"):
+        solver.fuse([arguments(scene)[0], (rotations, translation, bad, visible, garments)])
+    with pytest.raises(InputError, match=r"frame.visible\[3\]"):
+        solver.solve(scene.body, rotations, translation, tracked, np.where(np.arange(len(visible)) == 3, -1, visible), garments)
+    with pytest.raises(InputError, match="fused_rest has 3 rows"):
+        solver.solve(scene.body[:3], rotations, translation, tracked, visible, garments)
+    with pytest.raises(InputError, match="J has 2 rows"):
+        InnerSolver(scene.model, scene.shape, scene.J[:2])
+    with pytest.raises(TypeError, match="no option named 'lenght'"):
+        InnerSolver(scene.model, lenght=1)
