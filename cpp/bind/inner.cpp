@@ -22,10 +22,14 @@ void bind_inner(py::module_& m) {
         .def_readwrite("rounds", &InnerOptions::rounds)
         .def_readwrite("tolerance", &InnerOptions::tolerance)
         .def_readwrite("max_iterations", &InnerOptions::max_iterations);
-    py::class_<InnerGarment>(m, "InnerGarment").def(py::init([](Vertices V, Faces F) { return InnerGarment{std::move(V), std::move(F)}; }));
+    py::class_<InnerGarment>(m, "InnerGarment").def(py::init([](Vertices V, Faces F) {
+        return InnerGarment{std::move(V), std::move(F)};
+    }));
     py::class_<InnerFrame>(m, "InnerFrame")
-        .def(py::init([](Vertices rotations, Vec3 translation, Vertices tracked, Vector visible, std::vector<InnerGarment> garments) {
-            return InnerFrame{std::move(rotations), std::move(translation), std::move(tracked), std::move(visible), std::move(garments)};
+        .def(py::init([](Vertices rotations, Vec3 translation, Vertices tracked, Vector visible,
+                         std::vector<InnerGarment> garments) {
+            return InnerFrame{std::move(rotations), std::move(translation), std::move(tracked), std::move(visible),
+                              std::move(garments)};
         }));
     py::class_<InnerFused>(m, "InnerFused")
         .def_readonly("rest", &InnerFused::rest)

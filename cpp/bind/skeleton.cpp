@@ -28,8 +28,8 @@ void bind_skeleton(py::module_& m) {
         return SkeletonPose{std::move(rotations), std::move(translation), std::move(shape)};
     }));
     py::class_<SkeletonFrame>(m, "SkeletonFrame")
-        .def(py::init([](Vertices V, Faces F, Indices index, Vertices points, Vector sigma, std::vector<SkeletonPose> start,
-                         std::vector<SkeletonPose> previous, Vector clothed) {
+        .def(py::init([](Vertices V, Faces F, Indices index, Vertices points, Vector sigma,
+                         std::vector<SkeletonPose> start, std::vector<SkeletonPose> previous, Vector clothed) {
             return SkeletonFrame{std::move(V), std::move(F), {std::move(index), std::move(points), std::move(sigma)},
                                  std::move(start), std::move(previous), std::move(clothed)};
         }));
@@ -46,7 +46,8 @@ void bind_skeleton(py::module_& m) {
         .def_readonly("matched", &SkeletonResult::matched)
         .def_readonly("keypoint_rms", &SkeletonResult::keypoint_rms);
     py::class_<SkeletonSolver>(m, "SkeletonSolver")
-        .def(py::init([](const BodyModel& model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights, const py::kwargs& options) {
+        .def(py::init([](const BodyModel& model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights,
+                         const py::kwargs& options) {
             return SkeletonSolver(model, std::move(joint_sigma), std::move(joint_limit), std::move(vertex_weights),
                                   options_from<SkeletonOptions>(options, "skeleton"));
         }))

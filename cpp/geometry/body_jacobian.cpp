@@ -47,7 +47,8 @@ PosedBody::PosedBody(const BodyModel& model, BodyState state, bool shape_derivat
         if (p < 0)
             dx_.middleRows(3 * k, 3) = dJ;
         else
-            dx_.middleRows(3 * k, 3) = dx_.middleRows(3 * p, 3) + parent_rotation(k) * (dJ - model.J_shapedirs.middleRows(3 * p, 3));
+            dx_.middleRows(3 * k, 3) =
+                dx_.middleRows(3 * p, 3) + parent_rotation(k) * (dJ - model.J_shapedirs.middleRows(3 * p, 3));
         dc_.middleRows(3 * k, 3) = dx_.middleRows(3 * k, 3) - posed_.rotation[static_cast<std::size_t>(k)] * dJ;
     }
 }
@@ -63,7 +64,9 @@ Vec3 PosedBody::vertex(int v) const {
     for (Eigen::Index b = 0; b < model_.weights_idx.cols(); ++b) {
         const double w = model_.weights_val(v, b);
         const int k = model_.weights_idx(v, b);
-        if (w != 0) sum += w * (posed_.rotation[static_cast<std::size_t>(k)] * (rest_.row(v) - J_.row(k)).transpose() + joint(k));
+        if (w != 0)
+            sum +=
+                w * (posed_.rotation[static_cast<std::size_t>(k)] * (rest_.row(v) - J_.row(k)).transpose() + joint(k));
     }
     return sum;
 }
@@ -89,7 +92,8 @@ void PosedBody::add_vertex(int v, const Vec3& direction, BodyGradient& out) cons
         const Mat3& R = posed_.rotation[static_cast<std::size_t>(bone)];
         const Vec3 p = w * (R * (rest_.row(v) - J_.row(bone)).transpose() + joint(bone));
         A += w * R;
-        if (shape_derivatives_) out.values.tail(model_.shapes()) += w * (dc_.middleRows(3 * bone, 3).transpose() * direction);
+        if (shape_derivatives_)
+            out.values.tail(model_.shapes()) += w * (dc_.middleRows(3 * bone, 3).transpose() * direction);
         for (int k = bone; k >= 0; k = model_.parents[static_cast<std::size_t>(k)]) {
             const auto i = static_cast<std::size_t>(k);
             if (out.mass_[i] == 0) path.push_back(k);  // weights are not negative
@@ -107,18 +111,21 @@ void PosedBody::add_vertex(int v, const Vec3& direction, BodyGradient& out) cons
     }
     out.values.segment<3>(K3) += direction;
     if (shape_derivatives_)
-        out.values.tail(model_.shapes()) += model_.shapedirs.middleRows(3 * v, 3).transpose() * (A.transpose() * direction);
+        out.values.tail(model_.shapes()) +=
+            model_.shapedirs.middleRows(3 * v, 3).transpose() * (A.transpose() * direction);
 }
 
 void PosedBody::add_joint(int joint_index, const Vec3& direction, BodyGradient& out) const {
     const Vec3 x = joint(joint_index);
-    for (int k = model_.parents[static_cast<std::size_t>(joint_index)]; k >= 0; k = model_.parents[static_cast<std::size_t>(k)]) {
+    for (int k = model_.parents[static_cast<std::size_t>(joint_index)]; k >= 0;
+         k = model_.parents[static_cast<std::size_t>(k)]) {
         touch(k, out);
         const Vec3 arm = x - joint(k);
         out.values.segment<3>(3 * k) += parent_rotation(k).transpose() * arm.cross(direction);
     }
     out.values.segment<3>(3 * static_cast<Eigen::Index>(model_.joints())) += direction;
-    if (shape_derivatives_) out.values.tail(model_.shapes()) += dx_.middleRows(3 * joint_index, 3).transpose() * direction;
+    if (shape_derivatives_)
+        out.values.tail(model_.shapes()) += dx_.middleRows(3 * joint_index, 3).transpose() * direction;
 }
 
 }  // namespace toile

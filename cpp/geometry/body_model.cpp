@@ -16,15 +16,17 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
     for (Eigen::Index k = 1; k < K; ++k)
         require(m.parents[static_cast<std::size_t>(k)] >= 0 && m.parents[static_cast<std::size_t>(k)] < k,
                 kernel + ": body_model.parents[" + std::to_string(k) + "] must lie before its child");
-    require(m.J.rows() == K, kernel + ": body_model.J has " + std::to_string(m.J.rows()) + " rows, parents " + std::to_string(K));
+    require(m.J.rows() == K,
+            kernel + ": body_model.J has " + std::to_string(m.J.rows()) + " rows, parents " + std::to_string(K));
     check_finite(kernel, "body_model.J", m.J);
     require(m.weights_idx.rows() == n && m.weights_val.rows() == n && m.weights_idx.cols() == m.weights_val.cols(),
             kernel + ": body_model.weights_idx and weights_val must both be (" + std::to_string(n) + ", B)");
     check_finite(kernel, "body_model.weights_val", m.weights_val);
     for (Eigen::Index v = 0; v < n; ++v) {
         for (Eigen::Index b = 0; b < m.weights_idx.cols(); ++b)
-            require(m.weights_idx(v, b) >= 0 && m.weights_idx(v, b) < K,
-                    kernel + ": body_model.weights_idx[" + std::to_string(v) + "] holds joint " + std::to_string(m.weights_idx(v, b)));
+            require(m.weights_idx(v, b) >= 0 && m.weights_idx(v, b) < K, kernel + ": body_model.weights_idx[" +
+                                                                             std::to_string(v) + "] holds joint " +
+                                                                             std::to_string(m.weights_idx(v, b)));
         require(m.weights_val.row(v).minCoeff() >= 0 && std::abs(m.weights_val.row(v).sum() - 1) < 1e-6,
                 kernel + ": body_model.weights_val[" + std::to_string(v) + "] is negative or does not sum to 1");
     }
@@ -35,8 +37,9 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
 namespace {
 
 Vertices displaced(const Vertices& base, const Matrix& directions, const Vector& amounts, const char* what) {
-    require(amounts.size() <= directions.cols(), std::string("body model: ") + what + " has " + std::to_string(amounts.size()) +
-                                                     " entries, the basis " + std::to_string(directions.cols()));
+    require(amounts.size() <= directions.cols(), std::string("body model: ") + what + " has " +
+                                                     std::to_string(amounts.size()) + " entries, the basis " +
+                                                     std::to_string(directions.cols()));
     Vertices out = base;
     if (amounts.size() == 0) return out;
     const Vector d = directions.leftCols(amounts.size()) * amounts;
@@ -46,8 +49,12 @@ Vertices displaced(const Vertices& base, const Matrix& directions, const Vector&
 
 }  // namespace
 
-Vertices shaped_vertices(const BodyModel& m, const Vector& shape) { return displaced(m.v_template, m.shapedirs, shape, "shape"); }
-Vertices shaped_joints(const BodyModel& m, const Vector& shape) { return displaced(m.J, m.J_shapedirs, shape, "shape"); }
+Vertices shaped_vertices(const BodyModel& m, const Vector& shape) {
+    return displaced(m.v_template, m.shapedirs, shape, "shape");
+}
+Vertices shaped_joints(const BodyModel& m, const Vector& shape) {
+    return displaced(m.J, m.J_shapedirs, shape, "shape");
+}
 
 Mat3 rotation_matrix(const Vec3& r) {
     const double angle = r.norm();
@@ -65,11 +72,13 @@ std::vector<Mat3> rotation_matrices(const Vertices& rotations) {
     return local;
 }
 
-Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const Vertices& rotations, const Vec3& translation) {
+Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const Vertices& rotations,
+                  const Vec3& translation) {
     return pose_joints(parents, J, rotation_matrices(rotations), translation);
 }
 
-Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const std::vector<Mat3>& locals, const Vec3& translation) {
+Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const std::vector<Mat3>& locals,
+                  const Vec3& translation) {
     Posed posed;
     posed.rotation.resize(parents.size());
     posed.joints.resize(J.rows(), 3);

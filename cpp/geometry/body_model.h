@@ -44,8 +44,10 @@ Vertices shaped_vertices(const BodyModel& model, const Vector& shape);
 Vertices shaped_joints(const BodyModel& model, const Vector& shape);
 
 /// Forward kinematics: R_k = R_parent exp([r_k]), x_k = x_parent + R_parent (J_k - J_parent), x_0 = J_0 + translation.
-Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const std::vector<Mat3>& local, const Vec3& translation);
-Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const Vertices& rotations, const Vec3& translation);
+Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const std::vector<Mat3>& local,
+                  const Vec3& translation);
+Posed pose_joints(const std::vector<int>& parents, const Vertices& J, const Vertices& rotations,
+                  const Vec3& translation);
 std::vector<Mat3> rotation_matrices(const Vertices& rotations);
 
 /// Linear blend skinning: sum_k w_k (R_k (v - J_k) + x_k).

@@ -60,7 +60,8 @@ struct Fitted {
 };
 
 /// Reweighted least squares of E(d); `fit` is 0 for a frame, whose body already follows the fused shape.
-Fitted fit_displacement(Weighted& system, const Vector& mass, const Evidence& e, const InnerOptions& o, double fit, Vertices d) {
+Fitted fit_displacement(Weighted& system, const Vector& mass, const Evidence& e, const InnerOptions& o, double fit,
+                        Vertices d) {
     Fitted result;
     const Eigen::Index n = mass.size();
     Vector weights(n);
@@ -103,9 +104,10 @@ Indexes index_garments(const std::vector<InnerGarment>& garments) {
     return out;
 }
 
-/// Per vertex, how far along its normal the nearest cloth lies (negative: the vertex is outside it); infinity where none is
-/// in reach, or where the nearest lies beside the vertex, beyond a hem. The innermost garment counts.
-Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin, const Indexes& garments, double reach) {
+/// Per vertex, how far along its normal the nearest cloth lies (negative: the vertex is outside it); infinity where
+/// none is in reach, or where the nearest lies beside the vertex, beyond a hem. The innermost garment counts.
+Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin, const Indexes& garments,
+                  double reach) {
     Vector room = Vector::Constant(Y.rows(), kNone);
     parallel_for(Y.rows(), [&](std::int64_t v) {
         if (skin[v] >= 1) return;
@@ -156,7 +158,8 @@ Vector tapered(const Vector& visible, const Adjacency& neighbours, const Vertice
         const auto [d, v] = queue.top();
         queue.pop();
         if (d > distance[v]) continue;
-        for (int e = neighbours.start[static_cast<std::size_t>(v)]; e < neighbours.start[static_cast<std::size_t>(v) + 1]; ++e) {
+        for (int e = neighbours.start[static_cast<std::size_t>(v)];
+             e < neighbours.start[static_cast<std::size_t>(v) + 1]; ++e) {
             const int w = neighbours.index[static_cast<std::size_t>(e)];
             const double next = d + (V.row(v) - V.row(w)).norm();
             if (next >= distance[w] || next > taper) continue;
@@ -174,15 +177,18 @@ Vector tapered(const Vector& visible, const Adjacency& neighbours, const Vertice
 
 void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyModel& m) {
     const Eigen::Index n = m.v_template.rows();
-    require(f.rotations.rows() == m.joints(), "inner: " + name + ".rotations has " + std::to_string(f.rotations.rows()) +
-                                                  " rows, the model " + std::to_string(m.joints()) + " joints");
-    require(f.tracked.rows() == n && f.visible.size() == n, "inner: " + name + ".tracked and .visible have " +
-                std::to_string(f.tracked.rows()) + " and " + std::to_string(f.visible.size()) + " rows, the model " + std::to_string(n) + " vertices");
+    require(f.rotations.rows() == m.joints(), "inner: " + name + ".rotations has " +
+                                                  std::to_string(f.rotations.rows()) + " rows, the model " +
+                                                  std::to_string(m.joints()) + " joints");
+    require(f.tracked.rows() == n && f.visible.size() == n,
+            "inner: " + name + ".tracked and .visible have " + std::to_string(f.tracked.rows()) + " and " +
+                std::to_string(f.visible.size()) + " rows, the model " + std::to_string(n) + " vertices");
     check_finite("inner", name + ".rotations", f.rotations);
     check_finite("inner", name + ".translation", f.translation);
     check_finite("inner", name + ".tracked", f.tracked);
     for (Eigen::Index v = 0; v < n; ++v)
-        require(f.visible[v] >= 0 && f.visible[v] <= 1, "inner: " + name + ".visible[" + std::to_string(v) + "] must lie in [0, 1]");
+        require(f.visible[v] >= 0 && f.visible[v] <= 1,
+                "inner: " + name + ".visible[" + std::to_string(v) + "] must lie in [0, 1]");
     for (std::size_t g = 0; g < f.garments.size(); ++g)
         check_mesh("inner", f.garments[g].V, f.garments[g].F, name + ".garments[" + std::to_string(g) + "].V",
                    name + ".garments[" + std::to_string(g) + "].F");
@@ -222,8 +228,8 @@ void average_skin(const std::vector<Unposed>& frames, double scale, Vertices& me
 }
 
 /// Tightest room over the frames at rest shape X: the quantile of the vertex's room in the frames where it is hidden.
-Vector tightest_room(const BodyModel& m, const Vertices& X, const Vertices& J, const std::vector<Unposed>& frames, const Vector& skin,
-                     const InnerOptions& o) {
+Vector tightest_room(const BodyModel& m, const Vertices& X, const Vertices& J, const std::vector<Unposed>& frames,
+                     const Vector& skin, const InnerOptions& o) {
     std::vector<Vector> rooms;
     for (const Unposed& f : frames) {
         const Vertices Y = skin_vertices(m, X, J, f.posed);
@@ -242,7 +248,8 @@ Vector tightest_room(const BodyModel& m, const Vertices& X, const Vertices& J, c
 
 /// Shape coefficients that fit the seen skin and leave no hidden vertex outside the cloth: ridge regression about the
 /// prior N(0, 1), one-sided terms reweighted. `room` is measured at the rest shape of `start`.
-Vector refit_shape(const BodyModel& m, const Vector& start, const Evidence& e, const Vertices& skin_rest, const Vector& mass, const InnerOptions& o) {
+Vector refit_shape(const BodyModel& m, const Vector& start, const Evidence& e, const Vertices& skin_rest,
+                   const Vector& mass, const InnerOptions& o) {
     const int S = m.shapes();
     if (S == 0) return start;
     const Vertices base = shaped_vertices(m, start);
@@ -290,12 +297,16 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
     : model_(std::move(model)), shape_(std::move(shape)), J_(std::move(J)), options_(options) {
     check_body_model("inner", model_);
     check_finite("inner", "shape", shape_);
-    require(shape_.size() <= model_.shapes(), "inner: shape has " + std::to_string(shape_.size()) + " entries, the model " + std::to_string(model_.shapes()));
-    require(J_.rows() == model_.joints(), "inner: J has " + std::to_string(J_.rows()) + " rows, the model " + std::to_string(model_.joints()) + " joints");
+    require(shape_.size() <= model_.shapes(), "inner: shape has " + std::to_string(shape_.size()) +
+                                                  " entries, the model " + std::to_string(model_.shapes()));
+    require(J_.rows() == model_.joints(), "inner: J has " + std::to_string(J_.rows()) + " rows, the model " +
+                                              std::to_string(model_.joints()) + " joints");
     check_finite("inner", "J", J_);
     const InnerOptions& o = options_;
-    for (double positive : {o.length, o.skin, o.out, o.prior, o.fit_scale, o.reach, o.shape_sigma, o.shape_observations, o.tolerance})
-        require(std::isfinite(positive) && positive > 0, "inner: length, skin, out, prior, fit_scale, reach, tolerance and the shape's terms must be positive");
+    for (double positive :
+         {o.length, o.skin, o.out, o.prior, o.fit_scale, o.reach, o.shape_sigma, o.shape_observations, o.tolerance})
+        require(std::isfinite(positive) && positive > 0,
+                "inner: length, skin, out, prior, fit_scale, reach, tolerance and the shape's terms must be positive");
     require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0, "inner: fit, gap and taper must not be negative");
     require(o.tightness >= 0 && o.tightness <= 1, "inner: tightness must lie in [0, 1]");
     require(o.rounds > 0 && o.max_iterations > 0, "inner: rounds and max_iterations must be positive");
@@ -314,7 +325,8 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
         check_inner_frame("frames[" + std::to_string(f) + "]", frames[f], model_);
         const Posed posed = pose_joints(model_.parents, J_, frames[f].rotations, frames[f].translation);
         unposed.push_back({posed, unskin_vertices(model_, frames[f].tracked, J_, posed),
-                           tapered(frames[f].visible, neighbours_, rest_, o.taper), index_garments(frames[f].garments)});
+                           tapered(frames[f].visible, neighbours_, rest_, o.taper),
+                           index_garments(frames[f].garments)});
     }
     InnerFused out;
     Evidence e;
@@ -330,7 +342,8 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
     for (int round = 0; round < o.rounds; ++round) {
         out.rest = M + fitted.d;
         e.normals = vertex_normals(out.rest, model_.F);
-        e.room = tightest_room(model_, out.rest, J_, unposed, e.skin, o) + e.normals.cwiseProduct(fitted.d).rowwise().sum();
+        e.room =
+            tightest_room(model_, out.rest, J_, unposed, e.skin, o) + e.normals.cwiseProduct(fitted.d).rowwise().sum();
         fitted = fit_displacement(system, mass_, e, o, o.fit, fitted.d);
         out.energy.insert(out.energy.end(), fitted.energy.begin(), fitted.energy.end());
     }
@@ -345,12 +358,13 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
 }
 
 InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& frame) const {
-    require(fused_rest.rows() == rest_.rows(), "inner: fused_rest has " + std::to_string(fused_rest.rows()) + " rows, the model " +
-                                                   std::to_string(rest_.rows()) + " vertices");
+    require(fused_rest.rows() == rest_.rows(), "inner: fused_rest has " + std::to_string(fused_rest.rows()) +
+                                                   " rows, the model " + std::to_string(rest_.rows()) + " vertices");
     check_finite("inner", "fused_rest", fused_rest);
     check_inner_frame("frame", frame, model_);
     const InnerOptions& o = options_;
-    const Vertices Y = skin_vertices(model_, fused_rest, J_, pose_joints(model_.parents, J_, frame.rotations, frame.translation));
+    const Vertices Y =
+        skin_vertices(model_, fused_rest, J_, pose_joints(model_.parents, J_, frame.rotations, frame.translation));
     const Indexes garments = index_garments(frame.garments);
     InnerResult out;
     Evidence e;
@@ -363,7 +377,8 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     const Fitted fitted = fit_displacement(system, mass_, e, o, 0, Vertices::Zero(Y.rows(), 3));
     const auto g = e.skin.array();
     out.V = (frame.tracked.array().colwise() * g + (Y + fitted.d).array().colwise() * (1 - g)).matrix();
-    count_outside(cloth_room(out.V, vertex_normals(out.V, model_.F), e.skin, garments, o.reach), e.skin, out.depth_after, out.outside_after);
+    count_outside(cloth_room(out.V, vertex_normals(out.V, model_.F), e.skin, garments, o.reach), e.skin,
+                  out.depth_after, out.outside_after);
     out.skin = e.skin;
     out.stop = fitted.converged ? "converged" : "max_iterations";
     out.iterations = static_cast<int>(fitted.energy.size());

@@ -6,8 +6,8 @@
 //                                              + out [n.d_v - b_v]_+^2 + fit rho(b_v - n.d_v) )
 //
 // m areas, L cotangent Laplacian; o what the tracked surface shows where it is skin (g falls to 0 beside the cloth);
-// b how far along the normal n the cloth lies less `gap`: the body must stay inside (out), and where cloth is close, lies
-// against it (fit, Geman-McClure: loose cloth says nothing). After Zhang et al. 2017 (arXiv 1703.04454), own form.
+// b how far along the normal n the cloth lies less `gap`: the body must stay inside (out), and where cloth is close,
+// lies against it (fit, Geman-McClure: loose cloth says nothing). After Zhang et al. 2017 (arXiv 1703.04454), own form.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -52,7 +52,7 @@ struct InnerFrame {
 struct InnerFused {
     Vertices rest;                 ///< (n,3) [m]
     Vector shape;                  ///< (S,) refitted to skin and cloth
-    Vector bound;                  ///< (n,) room between the rest and the tightest cloth along the normal [m]; infinity: none
+    Vector bound;  ///< (n,) room between the rest and the tightest cloth along the normal [m]; infinity: none
     std::string stop;              ///< "converged" or "max_iterations"
     int iterations = 0;
     std::vector<double> energy;    ///< of each iteration

@@ -76,7 +76,8 @@ class SkeletonSolver {
 public:
     /// joint_sigma (K,) [rad]: spread of each joint about rest; 0 locks it at its start, infinity frees it.
     /// joint_limit (K,) [rad]: largest angle from rest. vertex_weights (n,): 0 where no scan ever sees the model.
-    SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights, SkeletonOptions options = {});
+    SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights,
+                   SkeletonOptions options = {});
 
     SkeletonResult solve(const SkeletonFrame& frame) const;
 

@@ -23,7 +23,8 @@ BodyState nudged(const BodyState& s, int unknown, double h) {
     if (unknown < 9) {
         Vec3 u = Vec3::Zero();
         u[unknown % 3] = h;
-        out.local[static_cast<std::size_t>(unknown / 3)] = rotation_matrix(u) * s.local[static_cast<std::size_t>(unknown / 3)];
+        out.local[static_cast<std::size_t>(unknown / 3)] =
+            rotation_matrix(u) * s.local[static_cast<std::size_t>(unknown / 3)];
     } else if (unknown < 12)
         out.translation[unknown - 9] += h;
     else
@@ -55,7 +56,8 @@ int main() {
         for (int u = 0; u < 14; ++u) {
             const double h = 1e-5;
             const PosedBody plus(m, nudged(state, u, h), false), minus(m, nudged(state, u, -h), false);
-            const Vec3 d = vertex ? plus.vertex(item) - minus.vertex(item) : plus.joint(item - 156) - minus.joint(item - 156);
+            const Vec3 d =
+                vertex ? plus.vertex(item) - minus.vertex(item) : plus.joint(item - 156) - minus.joint(item - 156);
             worst = std::max(worst, std::abs(direction.dot(d) / (2 * h) - g.values[u]));
         }
     }
@@ -66,7 +68,9 @@ int main() {
         const Mat3 J = log_jacobian(r);
         for (int c = 0; c < 3; ++c) {
             const Vec3 u = 1e-6 * Vec3::Unit(c);
-            const Vec3 d = (rotation_log(rotation_matrix(u) * rotation_matrix(r)) - rotation_log(rotation_matrix(-u) * rotation_matrix(r))) / 2e-6;
+            const Vec3 d = (rotation_log(rotation_matrix(u) * rotation_matrix(r)) -
+                            rotation_log(rotation_matrix(-u) * rotation_matrix(r))) /
+                           2e-6;
             CHECK((d - J.col(c)).norm() < 1e-7);
         }
     }
@@ -80,7 +84,8 @@ int main() {
     frame.keypoints.sigma = Vector::Constant(8, 0.005);
     for (int i = 0; i < 8; ++i) {
         const BodyKeypoint& k = m.keypoints[static_cast<std::size_t>(i)];
-        frame.keypoints.points.row(i) = k.joint >= 0 ? body.joint(k.joint) : Vec3(0.5 * (body.vertex(k.vertices[0]) + body.vertex(k.vertices[1])));
+        frame.keypoints.points.row(i) =
+            k.joint >= 0 ? body.joint(k.joint) : Vec3(0.5 * (body.vertex(k.vertices[0]) + body.vertex(k.vertices[1])));
     }
     SkeletonOptions weak;
     weak.shape_weight = 1e-6;
@@ -90,7 +95,8 @@ int main() {
     CHECK((exact.pose.shape - state.shape).norm() < 1e-3);
 
     LAW("the energy of a solve never rises once its correspondences are good");
-    for (std::size_t i = exact.energy.size() / 2 + 1; i < exact.energy.size(); ++i) CHECK(exact.energy[i] <= exact.energy[i - 1] * (1 + 1e-9) + 1e-12);
+    for (std::size_t i = exact.energy.size() / 2 + 1; i < exact.energy.size(); ++i)
+        CHECK(exact.energy[i] <= exact.energy[i - 1] * (1 + 1e-9) + 1e-12);
 
     LAW("a start beside the answer needs no keypoints");
     SkeletonFrame warm = frame;
@@ -105,8 +111,10 @@ int main() {
     sigma[1] = 0;
     SkeletonOptions fixed;
     fixed.solve_shape = false;
-    const SkeletonResult locked = SkeletonSolver(m, sigma, Vector::Constant(3, 10.0), Vector::Ones(156), fixed).solve(warm);
-    CHECK((locked.pose.rotations.row(1) - exact.pose.rotations.row(1)).norm() < 1e-9 && locked.pose.shape == exact.pose.shape);
+    const SkeletonResult locked =
+        SkeletonSolver(m, sigma, Vector::Constant(3, 10.0), Vector::Ones(156), fixed).solve(warm);
+    CHECK((locked.pose.rotations.row(1) - exact.pose.rotations.row(1)).norm() < 1e-9 &&
+          locked.pose.shape == exact.pose.shape);
 
     LAW("two frames of one body share its shape");
     SkeletonFrame other = frame;

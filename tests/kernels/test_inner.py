@@ -71,7 +71,7 @@ def test_more_frames_bound_the_body_more_tightly(scene):
 
 
 def test_loose_cloth_says_nothing_and_cloth_inside_pushes_the_body_in(scene):
-    model, (rotations, translation, _, visible, (( _, faces),), truth) = scene.model, scene.frames[0]
+    model, (rotations, translation, _, visible, ((_, faces),), truth) = scene.model, scene.frames[0]
     solver = InnerSolver(model, scene.shape, scene.J)
     N = vertex_normals(truth, model.f)
     without = solver.solve(scene.body, rotations, translation, truth, visible, [])
@@ -80,7 +80,9 @@ def test_loose_cloth_says_nothing_and_cloth_inside_pushes_the_body_in(scene):
     assert moved.max() < 1e-3 and moved.mean() < 1e-5
     tight = solver.solve(scene.body, rotations, translation, truth, visible, [(truth - 0.005 * N, faces)])
     assert tight.outside_before > 500 and tight.depth_before > 0.004
-    assert tight.outside_after < tight.outside_before / 10 and tight.depth_after < 0.003  # skin at the hem holds its place
+    assert (
+        tight.outside_after < tight.outside_before / 10 and tight.depth_after < 0.003
+    )  # skin at the hem holds its place
     assert ((tight.V - truth) * N).sum(1)[scene.covered].mean() < -0.003
 
 
@@ -92,7 +94,13 @@ def test_a_turn_of_the_world_turns_the_frame_and_leaves_the_fused_shape(scene):
         rotations = rotations.copy()
         rotations[0] = (R * Rotation.from_rotvec(rotations[0])).as_rotvec()
         root = scene.J[0]
-        return rotations, R.apply(root + translation) + t - root, R.apply(tracked) + t, visible, [(R.apply(V) + t, F) for V, F in garments]
+        return (
+            rotations,
+            R.apply(root + translation) + t - root,
+            R.apply(tracked) + t,
+            visible,
+            [(R.apply(V) + t, F) for V, F in garments],
+        )
 
     plain = solver.fuse(arguments(scene)[:2])
     moved = solver.fuse([turned(*f) for f in arguments(scene)[:2]])
@@ -122,7 +130,9 @@ def test_bad_input_is_refused_by_name(scene):
     with pytest.raises(InputError, match=r"inner: frames\[1\].tracked\[5\]"):
         solver.fuse([arguments(scene)[0], (rotations, translation, bad, visible, garments)])
     with pytest.raises(InputError, match=r"frame.visible\[3\]"):
-        solver.solve(scene.body, rotations, translation, tracked, np.where(np.arange(len(visible)) == 3, -1, visible), garments)
+        solver.solve(
+            scene.body, rotations, translation, tracked, np.where(np.arange(len(visible)) == 3, -1, visible), garments
+        )
     with pytest.raises(InputError, match="fused_rest has 3 rows"):
         solver.solve(scene.body[:3], rotations, translation, tracked, visible, garments)
     with pytest.raises(InputError, match="J has 2 rows"):

@@ -8,7 +8,16 @@ import pytest
 from toile.io.body import load_body_model
 from toile.kernels import InputError, SkeletonSolver, vertex_normals
 
-MOVING = {"spine": 0.08, "neck01": 0.2, "clavicle": 0.1, "upperarm01": 0.5, "upperleg01": 0.4, "lowerarm01": 0.5, "lowerleg01": 0.5, "finger": 0.2}
+MOVING = {
+    "spine": 0.08,
+    "neck01": 0.2,
+    "clavicle": 0.1,
+    "upperarm01": 0.5,
+    "upperleg01": 0.4,
+    "lowerarm01": 0.5,
+    "lowerleg01": 0.5,
+    "finger": 0.2,
+}
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +46,9 @@ def truth(model):
     scan = np.concatenate([V[a] + V[b], V[b] + V[c], V[c] + V[a]]) / 2
     m = len(model.f)
     faces = np.arange(3 * m).reshape(3, m).T
-    return SimpleNamespace(rotations=rotations, translation=translation, shape=shape, V=V, joints=joints, scan=scan, faces=faces)
+    return SimpleNamespace(
+        rotations=rotations, translation=translation, shape=shape, V=V, joints=joints, scan=scan, faces=faces
+    )
 
 
 def keypoints(model, truth, noise=0.0, seed=0):
@@ -100,7 +111,9 @@ def test_one_shape_for_three_frames_beats_each_frame_alone(model, truth):
         x = model.joint_transforms(J, rotations, truth.translation)[1]
         points = model.keypoints(V, x) + rng.normal(0, 0.005, (len(model.keypoint_names), 3))
         cut = model.f[(V[model.f].mean(1) @ rng.normal(0, 1, 3)) > 0.2]  # a scan of about half the body
-        frames.append(dict(scan_V=V, scan_F=cut, keypoints=SimpleNamespace(names=model.keypoint_names, points=points, sigma=None)))
+        frames.append(
+            dict(scan_V=V, scan_F=cut, keypoints=SimpleNamespace(names=model.keypoint_names, points=points, sigma=None))
+        )
     solver = SkeletonSolver(model)
     alone = [solver.solve(**f).shape for f in frames]
     shared = solver.solve_shared(frames)
@@ -114,7 +127,11 @@ def test_one_shape_for_three_frames_beats_each_frame_alone(model, truth):
 
 def test_earlier_frames_hold_what_nothing_else_sees(model, solver, truth):
     seen = keypoints(model, truth)
-    arm = [i for i, n in enumerate(model.keypoint_names) if n.startswith("hand_left") or n in ("body.wrist.L", "body.lowerarm01.L")]
+    arm = [
+        i
+        for i, n in enumerate(model.keypoint_names)
+        if n.startswith("hand_left") or n in ("body.wrist.L", "body.lowerarm01.L")
+    ]
     seen.points[arm] = np.nan
     before = (truth.rotations, truth.translation, truth.shape)
     held = solver.solve(None, None, seen, previous=[before, before])

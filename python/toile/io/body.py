@@ -108,7 +108,9 @@ class Fields:
             self.refuse(name, f"holds {array.dtype}, expected integers")
         bad = np.argwhere((array < least) | (array >= limit))
         if len(bad):
-            self.refuse(f"{name}[{', '.join(map(str, bad[0]))}]", f"is {array[tuple(bad[0])]}, expected {least} to {limit - 1}")
+            self.refuse(
+                f"{name}[{', '.join(map(str, bad[0]))}]", f"is {array[tuple(bad[0])]}, expected {least} to {limit - 1}"
+            )
         return np.ascontiguousarray(array, np.int32)
 
     def names(self, name, count, default):
@@ -175,7 +177,9 @@ class Fields:
 
     def no_pose_correctives(self):
         if "posedirs" in self and np.any(self.floats("posedirs", self.get("posedirs").shape)):
-            self.refuse("posedirs", "is not zero: pose correctives are not supported; remove the field to fit without them")
+            self.refuse(
+                "posedirs", "is not zero: pose correctives are not supported; remove the field to fit without them"
+            )
 
     def index_lists(self, prefix, n):
         """{name: vertices} from `PREFIX_names`, `PREFIX_vertices`, `PREFIX_starts`."""

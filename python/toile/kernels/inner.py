@@ -13,10 +13,10 @@ class InnerSolver:
         E(d) = length^4 |L d|^2_{M^-1} + sum_v m_v ( skin g_v |d_v - o_v|^2 + prior |d_v|^2
                                                    + out [n.d_v - b_v]_+^2 + fit rho(b_v - n.d_v) )
 
-    over displacements d: o is the tracked surface where it shows skin (g, falling to 0 within `taper` of the cloth), b the
-    room to the cloth along the normal less `gap`. shape (s,): coefficients from tracking, where the refit under the cloth
-    starts; J (K,3): rest joints of the poses [m], by default those of `shape`. Options with their units: `InnerOptions`
-    (cpp/kernels/inner.h); an unknown name is a TypeError. After Zhang et al. 2017 (arXiv 1703.04454), in a form of our own.
+    over displacements d: o is the tracked surface where it shows skin (g, falling to 0 within `taper` of the cloth),
+    b the room to the cloth along the normal less `gap`. shape (s,): coefficients from tracking, where the refit starts;
+    J (K,3): rest joints of the poses [m], by default those of `shape`. Options with their units: `InnerOptions`
+    (cpp/kernels/inner.h); an unknown name is a TypeError. After Zhang et al. 2017 (arXiv 1703.04454), own form.
     """
 
     def __init__(self, body_model, shape=(), J=None, **options):
@@ -27,12 +27,13 @@ class InnerSolver:
         self._solver = _core.InnerSolver(body_model.core, shape, as_vertices("inner", "J", J), **options)
 
     def fuse(self, frames) -> InnerFused:
-        """One rest shape (n,3) for all frames, each (rotations (K,3), translation (3,), tracked (n,3), visible (n,), garments).
+        """One rest shape (n,3) for all frames.
 
-        visible in [0,1]: 1 where the tracked surface is the inner layer; garments: [(V, F), ...] registered and posed. A
-        vertex is skin where any frame shows it; a hidden one lies inside the tightest cloth (a low quantile over frames).
-        -> .rest [m], .shape (S,) refitted, .bound (n,) room left to the cloth [m], .observed, .bounded, .stop, .iterations,
-        .energy, .factorisations.
+        A frame is (rotations (K,3), translation (3,), tracked (n,3), visible (n,), garments): visible in [0,1], 1 where
+        the tracked surface is the inner layer; garments [(V, F), ...] registered and posed. A vertex is skin where any
+        frame shows it; a hidden one lies inside the tightest cloth (a low quantile over frames).
+        -> .rest [m], .shape (S,) refitted, .bound (n,) room left to the cloth [m], .observed, .bounded, .stop,
+        .iterations, .energy, .factorisations.
         """
         return self._solver.fuse([_frame(f"frames[{i}]", *frame) for i, frame in enumerate(frames)])
 
@@ -53,7 +54,9 @@ def _frame(name, rotations, translation, tracked, visible, garments):
         as_vertices("inner", f"{name}.tracked", tracked),
         as_floats("inner", f"{name}.visible", visible, (None,)),
         [
-            _core.InnerGarment(as_vertices("inner", f"{name}.garments[{i}].V", V), as_faces("inner", f"{name}.garments[{i}].F", F))
+            _core.InnerGarment(
+                as_vertices("inner", f"{name}.garments[{i}].V", V), as_faces("inner", f"{name}.garments[{i}].F", F)
+            )
             for i, (V, F) in enumerate(garments)
         ],
     )

