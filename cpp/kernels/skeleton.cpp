@@ -243,7 +243,7 @@ SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
         reach = std::max(o.reach, 0.75 * reach);
     }
     SkeletonResult result = result_of(model_, problem, state, system);
-    result.stop = stop;
+    result.stop = scan && result.matched == 0 ? "unmatched" : stop;
     result.iterations = static_cast<int>(energies.size());
     result.energy = std::move(energies);
     return result;

@@ -64,7 +64,7 @@ struct SkeletonResult {
     SkeletonPose pose;
     Vertices V;                        ///< (n,3) posed model [m]
     Vertices joints;                   ///< (K,3) [m]
-    std::string stop;                  ///< "converged" or "max_iterations"
+    std::string stop;                  ///< "converged", "max_iterations", or "unmatched": a scan, none of it in reach
     int iterations = 0;
     std::vector<double> energy;        ///< per iteration of the last stage
     double rms = 0;                    ///< of matched point-to-plane distances [m]
