@@ -83,7 +83,8 @@ class SkeletonSolver:
 
         -> .rotations (K,3) [rad], .translation (3,) [m], .shape (S,), .V (n,3) [m], .joints (K,3) [m], .stop
         ("converged",
-        "max_iterations", "unmatched": no scan within reach), .iterations, .energy (per iteration), .rms [m] and .matched of the surface,
+        "max_iterations", "unmatched": no scan within reach), .iterations, .energy (per iteration), .rms [m] and
+        .matched of the surface,
         .keypoint_rms [m]. Raises InputError (argument, index) and SolveError.
         """
         return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed))
