@@ -43,7 +43,7 @@ class SegmentSettings(Settings):
     rim_step: float = 0.002  # [m]
     rim_stiffness: float = 0.15  # cost of a unit step of the border between samples one spacing apart
     rim_spacing: float = 0.004  # [m]
-    rim_smoothing: float = 0.008  # Gaussian along the border [m]
+    rim_smoothing: float = 0.012  # Gaussian along the border [m]
     rim_depth: tuple[float, float] = (-0.003, 0.012)  # layers searched below and above the scan [m]
     rim_layer: float = 0.003  # [m]
     rim_lift: float = 0.5  # cost of the first layer off the scan; grows with the square
@@ -59,7 +59,7 @@ class DressSettings(Settings):
     fit_reach: float = 0.04  # reach of the body's shape when a template is carried to the person [m]
     skin_smoothing: int = 10  # umbrella steps on transferred skinning weights
     fit_frames: int = 6  # sampled frames that personalise the rest shape, 0 for none
-    fit_smoothing: int = 2  # umbrella steps on the personal displacement
+    fit_stiffness: float = 0.3  # smoothness of the personal displacement against one sample's evidence
     loop_reach: float = 0.10  # a rim of the scan farther than this from a template's loop is not its own [m]
     loop_cosine: float = 0.4  # least agreement of directions of loop and rim
     loop_iterations: int = 8

@@ -99,12 +99,24 @@ def _personalise(model, person, template, samples, settings):
         dressed, matches = dresser.register(frame, tracked, segmented)
         lengths.append([_observed_length(m) for m in matches])
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
-        w = np.array([0.05, 0.3, 1.0])[dressed.confidence][:, None]
-        total, weight = total + w * rest, weight + w
-    shift = smooth_on(template.faces, total / weight - template.rest, settings.fit_smoothing)
+        w = (dressed.confidence == OBSERVED)[:, None]
+        total, weight = total + w * (rest - template.rest), weight + w
+    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness)
     _report_fit(template, np.array(lengths), settings)
     fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
     return GarmentTemplate(**{**fields, "rest": template.rest + shift})
+
+
+def _filled(template, shift, weight, stiffness):
+    """argmin_s sum_i weight_i |s_i - shift_i|^2 + stiffness sum_i |(L s)_i|^2 with the umbrella Laplacian,
+    so that what no sample showed follows its surroundings."""
+    from scipy.sparse import coo_matrix, diags
+    from scipy.sparse.linalg import splu
+
+    n, e = len(shift), kernels.unique_edges(template.faces)
+    A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
+    L = diags(np.asarray(A.sum(1)).ravel()) - A
+    return splu((diags(weight + 1e-6) + stiffness * (L.T @ L)).tocsc()).solve(weight[:, None] * shift)
 
 
 def _observed_length(match: LoopMatch):
@@ -153,10 +165,12 @@ class Dresser:
         inside = segmented.scan_faces == t.label
         if inside.sum() < 100:
             raise RuntimeError(f"dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register it")
-        boundary = [(l, m.target) for l, m in zip(t.loops, matches) if m.observed.mean() > s.loop_observed]
+        boundary = [(l[m.observed], m.target) for l, m in zip(t.loops, matches) if m.observed.mean() > s.loop_observed]
         result = self.nricp.solve(V, F[inside], start=start, boundary=boundary or None)
         vertices = np.asarray(result.V)
         confidence, distance = self._confidence(vertices, V, F[inside])
+        for loop, match in zip(t.loops, matches):
+            confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
         diagnostics = self._diagnostics(vertices, matches, strange, tracked, confidence, distance, start)
         return Dressed(vertices, confidence, diagnostics), matches
 

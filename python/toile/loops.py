@@ -7,6 +7,8 @@ import numpy as np
 from .curves import Curve, resample, tangents
 
 _TURN = 0.05  # distance that a difference of one in unit direction is worth [m]
+_SLIDE = 0.3  # weight of a residual along the loop against one across it
+_STRETCH = 0.05  # cost of stretching a loop's edge against distance to the rim
 
 
 @dataclass(frozen=True)
@@ -54,12 +56,12 @@ def match_loops(loops, curves, settings):
     for step in range(settings.loop_iterations):
         fade = step / max(settings.loop_iterations - 1, 1)
         reach = settings.loop_reach * (1 - fade) + 0.3 * settings.loop_reach * fade
-        bending = settings.loop_bending * 10 ** (-3 * fade)
+        bending = settings.loop_bending * 10 ** (-2 * fade)
         claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
         for i, loop in enumerate(loops):
             target, observed, _ = _nearest_rim(at[i], P[claimed == i], T[claimed == i], reach, settings.loop_cosine)
             if observed.sum() >= 3:
-                at[i] = loop + _closed_spline(target - loop, observed, loop, bending)
+                at[i] = loop + _closed_spline(target - loop, observed, at[i], bending)
     matches, used = [], np.zeros(len(P), bool)
     claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
     for i in range(len(loops)):
@@ -81,16 +83,23 @@ def _nearest_rim(at, P, T, reach, cosine):
     d = np.linalg.norm(P[j] - at, axis=1)
     found = (d < reach) & (np.einsum("ki,ki->k", way, T[j]) > cosine)
     target = np.where(found[:, None], P[j], at)
-    # a loop vertex beyond the end of an open rim would be pulled along it: what counts is the distance across
-    along = np.abs(np.einsum("ki,ki->k", target - at, way))
-    found &= along < np.maximum(0.5 * d, 0.004)
+    # loop vertices beyond the end of an open rim all find its last point, which itself belongs to one of them
+    _, back = cKDTree(np.concatenate([at, _TURN * way], 1)).query(np.concatenate([P, _TURN * T], 1)[j])
+    edge = loop_length(at) / k
+    found &= np.linalg.norm(at[back] - at, axis=1) < edge
     return target, found, np.where(found, d, np.nan)
 
 
-def _closed_spline(wanted, known, loop, bending):
-    """argmin_d sum_known |d - wanted|^2 + bending sum |d''|^2 + 1e-3 bending sum |d'|^2 on a closed curve (k,3)."""
-    k = len(loop)
+def _closed_spline(wanted, known, at, bending):
+    """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 on a closed curve (k,3).
+
+    P takes away all but a trace of what runs along the curve `at`: a loop slides along its rim until its own length
+    is spread evenly, so that seen parts do not drain the unseen ones."""
+    k = len(at)
+    way = tangents(Curve(at, True))
+    P = known[:, None, None] * (np.eye(3) - (1 - _SLIDE) * way[:, :, None] * way[:, None, :])
     D = np.roll(np.eye(k), 1, axis=1) - np.eye(k)
     B = D @ np.roll(D, 1, axis=0)
-    A = np.diag(known.astype(float)) + bending * B.T @ B + (1e-3 * bending + 1e-6) * D.T @ D
-    return np.linalg.solve(A, known[:, None] * wanted)
+    A = np.kron(bending * B.T @ B + (_STRETCH + 1e-3 * bending) * D.T @ D, np.eye(3)).reshape(k, 3, k, 3)
+    A[np.arange(k), :, np.arange(k), :] += P + 1e-6 * np.eye(3)
+    return np.linalg.solve(A.reshape(3 * k, 3 * k), np.einsum("kij,kj->ki", P, wanted).ravel()).reshape(k, 3)
