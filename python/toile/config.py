@@ -47,6 +47,7 @@ class SegmentSettings(Settings):
     rim_depth: tuple[float, float] = (-0.003, 0.012)  # layers searched below and above the scan [m]
     rim_layer: float = 0.003  # [m]
     rim_lift: float = 0.5  # cost of the first layer off the scan; grows with the square
+    edge_reach: float = 0.016  # half length of the colour profiles that place the border within a pixel [m]
     ramp: float = 0.012  # half width of the probability's ramp about the border [m]
     min_region: float = 0.004  # smaller islands of a label are dissolved [m^2]
     seed: int = 0

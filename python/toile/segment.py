@@ -201,6 +201,31 @@ class _Evidence:
         return total + np.where(weight > 0, 0.5 * np.log((share[:, 0] + floor) / (share[:, 1] + floor)), 0.0)
 
 
+    def edges(self, points, normals, s):
+        """Colour edges along profiles (k,m,3) that run from outside in at places s (m,) [m] about 0: shift (k,) [m]
+        of the edge from 0 and weight (k,). Each view's profile is read as a mix of its two ends' colours; the edge
+        lies where a sharp one would cover the same length."""
+        k, m = points.shape[:2]
+        flank = np.abs(s) > 0.55 * s[-1]
+        total, weight = np.zeros(k), np.zeros(k)
+        for name, map_ in self.maps.items():
+            uv, w = self.views[name].see(points.reshape(-1, 3), normals.reshape(-1, 3), self.settings.tolerance,
+                                         self.settings.min_cosine)
+            rgb = read(map_[..., 2 * self.L :], uv).reshape(k, m, 3)
+            out, inner = rgb[:, flank & (s < 0)].mean(1), rgb[:, flank & (s > 0)].mean(1)
+            step = inner - out
+            contrast = np.linalg.norm(step, axis=1)
+            share = np.einsum("kmi,ki->km", rgb - out[:, None], step) / np.maximum(contrast, 1e-6)[:, None] ** 2
+            rest = rgb - out[:, None] - share[..., None] * step[:, None]  # colours off the mixing line: print, folds
+            spoilt = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
+            at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
+            good = w.reshape(k, m).min(1) * np.exp(-((0.1 / np.maximum(contrast, 1e-6)) ** 2))
+            good = good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / 0.2) ** 2)) * (np.abs(at) < 0.6 * s[-1])
+            total += good * at
+            weight += good
+        return total / np.maximum(weight, 1e-9), weight
+
+
 def _place_costs(model, previous, settings):
     """Costs (n,L) of the tracked vertices from all sampled frames and the previous frame."""
     cost = -settings.prior_weight * np.log(model.prior)
@@ -311,38 +336,52 @@ class _Ribbon:
         """Offsets (k,) [m] to the left, and the rim as a curve in space."""
         closed, step = self.curve.closed, settings.rim_step
         s = np.arange(-1, 1 + 1e-9, step / settings.rim_reach) * settings.rim_reach
-        cost, _, _ = self._costs(s, np.zeros(1), 0.0, evidence, column, rival, settings)
+        cost = self._costs(s, np.zeros(1), 0.0, evidence, column, rival, settings)
         cost = cost[:, 0] + 0.02 * (s / step) ** 2 * (step / settings.rim_reach)  # stay where nothing speaks
         path = _closed_path(cost, (np.arange(len(s))[:, None] - np.arange(len(s))) ** 2.0, settings.rim_stiffness, closed)
         offset = smooth(s[path] + _parabola(cost, path) * step, closed, settings.rim_smoothing / settings.rim_spacing)
 
         h = np.arange(settings.rim_depth[0], settings.rim_depth[1] + 1e-9, settings.rim_layer)
         r = np.arange(-6, 7) * step
-        cost, points, normals = self._costs(r, h, offset, evidence, column, rival, settings)
+        cost = self._costs(r, h, offset, evidence, column, rival, settings)
         cost += settings.rim_lift * ((h[:, None] - 0.003) / settings.rim_layer) ** 2
         i, j = np.divmod(np.arange(len(h) * len(r)), len(r))
         apart = (j[:, None] - j) ** 2 + 40.0 * (i[:, None] - i) ** 2
         path = _closed_path(cost.reshape(len(cost), -1), apart, settings.rim_stiffness, closed)
         i, j = np.divmod(path, len(r))
-        row = np.arange(len(path))
         sigma = settings.rim_smoothing / settings.rim_spacing
-        rim = points[row, j] + h[i, None] * normals[row, j]
-        rim = self.curve.points + smooth(rim - self.curve.points, closed, sigma)
-        return smooth(offset + r[j], closed, sigma), Curve(rim, closed)
+        offset, height = (smooth(x, closed, sigma) for x in (offset + r[j], h[i]))
+        offset = offset + self._subpixel(offset, height, evidence, sigma, settings)
+        points, normals = self._surface(offset[:, None])
+        rim = points[:, 0] + height[:, None] * normals[:, 0]
+        return offset, Curve(self.curve.points + smooth(rim - self.curve.points, closed, sigma), closed)
+
+    def _subpixel(self, offset, height, evidence, sigma, settings):
+        """Shifts (k,) [m] that halve the pictures' edge ramps: a class of colours takes a mixed pixel for its own."""
+        s = np.arange(-settings.edge_reach, settings.edge_reach + 1e-9, settings.rim_step)
+        points, normals = self._surface(offset[:, None] + s)
+        shift, weight = evidence.edges(points + height[:, None, None] * normals, normals, s)
+        weight = weight + 1e-6
+        mean = smooth(weight * shift, self.curve.closed, sigma) / smooth(weight, self.curve.closed, sigma)
+        sure = smooth(weight, self.curve.closed, sigma)
+        return mean * sure / (sure + 0.1)
+
+    def _surface(self, across):
+        """Scan points and normals (k,m,3) at signed distances `across` (k,m) to the left of the curve."""
+        at = self.curve.points[:, None] + across[..., None] * self.left[:, None]
+        face, points, bary, _ = self.index.closest(at.reshape(-1, 3))
+        return points.reshape(at.shape), _interpolate(self.N, self.F[face], bary).reshape(at.shape)
 
     def _costs(self, s, h, offset, evidence, column, rival, settings):
         """Costs (k, len(h), len(s)) of a cut at s of layer h: the garment's evidence to its right, less that to its
-        left; and the surface points and normals (k, len(s), 3)."""
-        across = (np.zeros(len(self.curve.points)) + offset)[:, None] + s
-        at = self.curve.points[:, None] + across[..., None] * self.left[:, None]
-        face, points, bary, _ = self.index.closest(at.reshape(-1, 3))
-        normals = _interpolate(self.N, self.F[face], bary)
-        lifted = (points[:, None] + h[:, None] * normals[:, None]).reshape(-1, 3)
-        odds = evidence.odds(lifted, np.repeat(normals, len(h), 0), column, np.repeat(rival, len(s) * len(h)))
-        odds = odds.reshape(len(at), len(s), len(h)).transpose(0, 2, 1)
+        left."""
+        points, normals = self._surface((np.zeros(len(self.curve.points)) + offset)[:, None] + s)
+        lifted = points[:, :, None] + h[:, None] * normals[:, :, None]
+        facing = np.repeat(normals.reshape(-1, 3), len(h), 0)
+        odds = evidence.odds(lifted.reshape(-1, 3), facing, column, np.repeat(rival, len(s) * len(h)))
+        odds = odds.reshape(lifted.shape[:3]).transpose(0, 2, 1)
         below = np.cumsum(odds, axis=2)
-        cost = 2 * below - odds - below[..., -1:]
-        return cost * (settings.rim_step / 0.004), points.reshape(at.shape), normals.reshape(at.shape)
+        return (2 * below - odds - below[..., -1:]) * (settings.rim_step / 0.004)
 
 
 def _closed_path(cost, apart, stiffness, closed):
