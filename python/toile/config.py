@@ -56,7 +56,7 @@ class SegmentSettings(Settings):
 class DressSettings(Settings):
     """Garments from labelled scans."""
 
-    quality: str = "standard"  # preset of nricp
+    stiffness: float = 0.05  # of a garment's bending against its distance to the scan
     fit_reach: float = 0.04  # reach of the body's shape when a template is carried to the person [m]
     skin_smoothing: int = 10  # umbrella steps on transferred skinning weights
     fit_frames: int = 6  # sampled frames that personalise the rest shape, 0 for none

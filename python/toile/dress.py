@@ -7,7 +7,8 @@ import numpy as np
 from . import kernels
 from .curves import isolines
 from .loops import LoopMatch, loop_length, match_loops, name_loops
-from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate, blended_transforms
+from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate
+from .settle import Settler
 
 _CARRY_NEIGHBOURS = 24
 
@@ -144,7 +145,7 @@ class Dresser:
         self.model, self.person, self.template, self.settings = body_model, person, template, settings
         self.known = np.concatenate(template.loops).astype(np.int32)
         self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
-        self.nricp = kernels.NricpSolver(template.rest, template.faces, preset=settings.quality)
+        self.settler = Settler(template.rest, template.faces, settings.stiffness)
         names = np.array(body_model.joint_names)
         strongest = np.take_along_axis(
             np.asarray(body_model.weights_idx, np.int64), np.asarray(body_model.weights_val).argmax(1)[:, None], 1)[:, 0]
@@ -166,8 +167,7 @@ class Dresser:
         if inside.sum() < 100:
             raise RuntimeError(f"dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register it")
         boundary = [(l[m.observed], m.target) for l, m in zip(t.loops, matches) if m.observed.mean() > s.loop_observed]
-        result = self.nricp.solve(V, F[inside], start=start, boundary=boundary or None)
-        vertices = np.asarray(result.V)
+        vertices = self.settler.solve(V, F[inside], start, boundary)
         confidence, distance = self._confidence(vertices, V, F[inside])
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)

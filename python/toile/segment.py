@@ -220,7 +220,7 @@ class _Evidence:
             spoilt = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
             at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
             good = w.reshape(k, m).min(1) * np.exp(-((0.1 / np.maximum(contrast, 1e-6)) ** 2))
-            good = good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / 0.2) ** 2)) * (np.abs(at) < 0.6 * s[-1])
+            good = good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / 0.1) ** 2)) * (np.abs(at) < 0.6 * s[-1])
             total += good * at
             weight += good
         return total / np.maximum(weight, 1e-9), weight
@@ -364,7 +364,7 @@ class _Ribbon:
         weight = weight + 1e-6
         mean = smooth(weight * shift, self.curve.closed, sigma) / smooth(weight, self.curve.closed, sigma)
         sure = smooth(weight, self.curve.closed, sigma)
-        return mean * sure / (sure + 0.1)
+        return mean * sure / (sure + 0.03)
 
     def _surface(self, across):
         """Scan points and normals (k,m,3) at signed distances `across` (k,m) to the left of the curve."""

@@ -1,0 +1,66 @@
+"""The last millimetres of dressing: a garment that already lies along its scan settles onto it."""
+
+import numpy as np
+
+from . import kernels
+
+_GATES = (0.05, 0.04, 0.03, 0.02, 0.02, 0.02)  # reach of the scan, step by step [m]
+_COSINE = 0.6  # least agreement of normals
+_RIM = 0.05  # weight of a loop vertex against one of a surface vertex
+
+
+class Settler:
+    """Non-rigid fit of one template, started within centimetres.
+
+    Each step solves min_d sum_i w_i |d_i - t_i|^2 + stiffness m d' L M^-1 L d, m the mean mass, with t_i the offset along the scan's
+    normal to its nearest point, w_i its gate, and loop vertices drawn to their curves. Offsets along the normal keep
+    the three coordinates apart: one factor of n unknowns a step instead of one of 3n.
+    """
+
+    def __init__(self, V, F, stiffness):
+        from scipy.sparse import diags
+
+        self.F, self.n = F, len(V)
+        L, M = kernels.cotangent_laplacian(V, F), kernels.voronoi_mass(V, F)
+        M = np.maximum(M, 1e-6 * M.mean())
+        self.bending = (L.T @ diags(M.mean() / M) @ L).tocsc()
+        self.steps = [(stiffness * factor, gate) for factor, gate in zip((60, 20, 6, 2, 1, 1), _GATES)]
+
+    def solve(self, scan_V, scan_F, start, boundary):
+        """Fitted vertices (n,3) from `start` (n,3); `boundary` [(vertex indices, closed polyline (k,3))]."""
+        from scipy.sparse import diags, identity
+        from scipy.sparse.linalg import splu
+
+        index, normals = kernels.SurfaceIndex(scan_V, scan_F), kernels.face_normals(scan_V, scan_F)
+        border = _border_vertices(scan_F, len(scan_V))
+        V = np.array(start, dtype=np.float64)
+        for stiffness, gate in self.steps:
+            face, point, bary, distance = index.closest(V)
+            n = normals[face]
+            facing = np.einsum("ni,ni->n", n, kernels.vertex_normals(V, self.F))
+            beyond = (border[scan_F[face]] & (bary > 1e-6)).any(1) & (border[scan_F[face]].sum(1) > 1)  # what lies beside the border may belong to what is under the cloth
+            w = ((facing > _COSINE) & (distance < gate) & ~beyond).astype(np.float64)
+            t = np.einsum("ni,ni->n", n, point - V)[:, None] * n
+            for vertices, curve in boundary:
+                w[vertices], t[vertices] = _RIM, _to_curve(V[vertices], curve)
+            A = diags(w) + stiffness * self.bending + 1e-6 * identity(self.n)
+            V = V + splu(A.tocsc()).solve(w[:, None] * t)
+        return V
+
+
+def _border_vertices(F, n):
+    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
+    _, inverse, count = np.unique(np.sort(half, 1), axis=0, return_inverse=True, return_counts=True)
+    border = np.zeros(n, bool)
+    border[half[count[inverse.ravel()] == 1]] = True
+    return border
+
+
+def _to_curve(points, curve):
+    """Offsets (k,3) to the nearest points of a closed polyline (m,3)."""
+    a, d = curve, np.roll(curve, -1, 0) - curve
+    r = points[:, None] - a
+    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
+    offset = s[..., None] * d - r
+    best = np.einsum("kmi,kmi->km", offset, offset).argmin(1)
+    return offset[np.arange(len(points)), best]
