@@ -6,7 +6,7 @@ from . import kernels
 
 _GATES = (0.05, 0.04, 0.03, 0.02, 0.02, 0.02)  # reach of the scan, step by step [m]
 _COSINE = 0.6  # least agreement of normals
-_RIM = 0.05  # weight of a loop vertex against one of a surface vertex
+_RIM = 0.01  # weight of a loop vertex against one of a surface vertex
 
 
 class Settler:

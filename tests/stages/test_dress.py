@@ -1,0 +1,132 @@
+"""A sleeve on a bending pipe: one joint in the middle, a scan of a larger tube around it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapes import tube
+
+from toile import kernels
+from toile.config import DressSettings
+from toile.curves import Curve
+from toile.dress import Dresser, prepare
+from toile.scene import BodyModel, CaptureError, Frame, Garment, Mesh, Person, Segmented, Tracked
+from toile.settle import Settler
+from toile.template import cut, make_template
+
+SLEEVE = Garment("sleeve", "templates/sleeve.obj", "sleeve")
+
+
+def pipe():
+    V, F = tube(60, 48, 0.10, 1.0)
+    bend = np.clip((V[:, 2] - 0.4) / 0.2, 0, 1)
+    idx, val = np.tile([0, 1], (len(V), 1)), np.stack([1 - bend, bend], 1)
+    J = np.array([[0, 0, 0.0], [0, 0, 0.5]])
+    return BodyModel(V, F, J, np.array([-1, 0]), idx, val, np.zeros((len(V), 3, 0)), np.zeros((2, 3, 0)), ("root", "elbow"))
+
+
+def sleeve(radius, low=0.2, high=0.8, rings=45, sectors=64):
+    V, F = tube(rings, sectors, radius, high - low)
+    return V + [0, 0, low], F
+
+
+@pytest.fixture(scope="module")
+def scene():
+    model = pipe()
+    person = Person(np.zeros(0), model.v_template, model.J)
+    rotations, translation = np.array([[0, 0, 0], [0.6, 0, 0]]), np.array([0.1, 0, 0.2])
+    posed = model.skin(model.v_template, model.J, rotations, translation)
+    tracked = Tracked(posed, rotations, translation, np.zeros((0, 3)), np.full(len(posed), 2, np.uint8), {})
+    truth, F = sleeve(0.115, rings=70, sectors=90)
+    bend = np.clip((truth[:, 2] - 0.4) / 0.2, 0, 1)
+    cloth = BodyModel(truth, F, model.J, model.parents, np.tile([0, 1], (len(truth), 1)), np.stack([1 - bend, bend], 1),
+                      np.zeros((len(truth), 3, 0)), np.zeros((2, 3, 0)), model.joint_names)
+    target = cloth.skin(truth, model.J, rotations, translation)
+    rims = tuple(Curve(target[loop], True) for loop in kernels.boundary_loops(F))
+    probability = np.tile(np.float32([0, 1]), (len(target), 1))
+    segmented = Segmented(np.ones(len(posed), np.uint8), np.full(len(F), 2, np.uint8), probability,
+                          np.array([1, 2], np.uint8), {}, {2: rims})
+    return model, person, Frame(0, Mesh(target, F)), tracked, segmented, target, F
+
+
+def test_sleeve_of_wrong_size_settles_on_scan_and_rims(scene):
+    model, person, frame, tracked, segmented, target, F = scene
+    V, T = sleeve(0.110, 0.215, 0.79)
+    template = prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented)], DressSettings())
+    result = Dresser(model, person, template, DressSettings()).dress(frame, tracked, segmented)
+    distance = kernels.SurfaceIndex(target, F).closest(result.vertices)[3]
+    assert distance.mean() < 0.001
+    for loop in template.loops:
+        rim = np.concatenate([c.points for c in segmented.rims[2]])
+        gap = np.linalg.norm(result.vertices[loop][:, None] - rim, axis=2).min(1)
+        assert gap.mean() < 0.004
+    assert (result.confidence == 2).mean() > 0.95
+    assert result.diagnostics["unsupported_contact"] == 0
+
+
+def test_cloth_that_the_scan_lacks_is_not_called_observed(scene):
+    model, person, frame, tracked, segmented, target, F = scene
+    V, T = sleeve(0.115)
+    template = prepare(model, person, SLEEVE, 2, Mesh(V, T), [], DressSettings())
+    gone = target[F].mean(1)[:, 0] > 0.12  # a side of the sleeve is missing
+    part = replace(frame, scan=Mesh(target, F[~gone]))
+    labels = replace(segmented, scan_faces=segmented.scan_faces[~gone])
+    result = Dresser(model, person, template, DressSettings()).dress(part, tracked, labels)
+    missing = result.vertices[:, 0] > 0.15
+    assert (result.confidence[missing] < 2).mean() > 0.9
+    assert (result.confidence[result.vertices[:, 0] < 0.08] == 2).mean() > 0.9
+
+
+def test_template_without_open_loop_is_refused_by_file():
+    from shapes import sphere
+
+    model = pipe()
+    V, F = sphere(12, 16, 0.2)
+    with pytest.raises(CaptureError, match="templates/sleeve.obj.*no open loop"):
+        prepare(model, Person(np.zeros(0), model.v_template, model.J), SLEEVE, 2, Mesh(V, F), [], DressSettings())
+
+
+def test_missing_loop_is_said(scene):
+    model, person, frame, tracked, segmented, _, _ = scene
+    V, T = sleeve(0.115)
+    one = replace(segmented, rims={2: segmented.rims[2][:1]})
+    with pytest.warns(UserWarning, match="no sampled frame shows loop"):
+        prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one)], DressSettings())
+
+
+def test_settling_onto_itself_moves_nothing():
+    V, F = sleeve(0.1)
+    moved = Settler(V, F, 0.05).solve(V, F, V, [])
+    assert np.abs(moved - V).max() < 1e-9
+
+
+def test_settling_follows_a_rigid_motion_of_the_world():
+    V, F = sleeve(0.1)
+    S, T = sleeve(0.104, rings=60, sectors=80)
+    c, s = np.cos(0.5), np.sin(0.5)
+    R, t = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([1.0, -2, 3])
+    a = Settler(V, F, 0.05).solve(S, T, V, [])
+    b = Settler(V, F, 0.05).solve(S @ R.T + t, T, V @ R.T + t, [])
+    np.testing.assert_allclose(b, a @ R.T + t, atol=2e-4)  # a symmetric start ties for closest faces
+
+
+def test_cut_keeps_the_area_above_the_level():
+    V, F = tube(40, 64, 0.2, 0.6)
+    W, G = cut(V, F, V[:, 2], 0.251)
+    assert W[:, 2].min() == pytest.approx(0.251, abs=1e-12)
+    whole = kernels.face_areas(V, F).sum()
+    assert kernels.face_areas(W, G).sum() == pytest.approx(whole * (0.6 - 0.251) / 0.6, rel=1e-9)
+    assert len(kernels.boundary_loops(G)) == 2
+
+
+def test_template_made_from_labels_has_the_region_s_loops_and_weights():
+    model = pipe()
+    z = model.v_template[:, 2]
+    labels = np.where((z > 0.25) & (z < 0.7), 2, 1)
+    template = make_template(model, Person(np.zeros(0), model.v_template, model.J), "sleeve", 2, labels, edge=0.02)
+    assert len(template.loops) == 2
+    assert template.rest[:, 2].min() == pytest.approx(0.25, abs=0.02)
+    np.testing.assert_allclose(template.skin.sum(1), 1, atol=1e-12)
+    upper = template.rest[:, 2] > 0.65
+    assert (template.skin[upper, 1] > 0.9).all()
+    assert template.uv.min() >= 0 and template.uv.max() <= 1

@@ -1,0 +1,96 @@
+"""Labels and borders on a painted ball seen by synthetic cameras."""
+
+import numpy as np
+import pytest
+from shapes import sphere
+from test_reconstruct import ring_of_cameras
+
+from toile.config import SegmentSettings
+from toile.curves import isolines
+from toile.scene import CaptureError, Frame, Garment, Mesh, Scene, Tracked
+from toile.segment import prepare, segment
+from toile.views import View
+
+CENTRE, RIM, RADIUS = np.array([0, 0, 1.0]), 1.05, 0.5
+
+
+def true_label(points):
+    """Shirt (2) above the rim, skin (1) below."""
+    return np.where(points[..., 2] > RIM, 2, 1)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    V, F = sphere(90, 180, RADIUS)
+    V = V + CENTRE
+    cameras, rng = ring_of_cameras(6, distortion=(-0.03, 0, 0, 0, 0)), np.random.default_rng(0)
+    images, labels = {}, {}
+    for name, camera in cameras.items():
+        view = View(camera, V, F)
+        seen = view.face >= 0
+        centroid = V[F].mean(1)
+        sub = np.zeros((512, 512, 3))
+        # the rim as the camera sees it: four by four rays a pixel on the exact sphere
+        offsets = (np.arange(4) + 0.5) / 4
+        for dy in offsets:
+            for dx in offsets:
+                row, col = np.mgrid[0:512, 0:512]
+                label = true_label(on_ball(camera, np.stack([col + dx, row + dy], -1).reshape(-1, 2))).reshape(512, 512)
+                sub += np.where((label == 2)[..., None], [60, 90, 170], [215, 165, 140]) / 16
+        images[name] = np.clip(np.where(seen[..., None], sub, 70) + rng.normal(0, 2, sub.shape), 0, 255).astype(np.uint8)
+        given = np.where(seen, true_label(centroid[view.face.clip(0)]), 0).astype(np.uint8)
+        given = np.where(seen & (np.roll(given, -4, 0) > 0), np.roll(given, -4, 0), given)  # border four pixels too low
+        for _ in range(6):  # blobs
+            at = np.argwhere(seen)[rng.integers(seen.sum())]
+            blob = seen & (np.hypot(*(np.indices(seen.shape) - at[:, None, None])) < 8)
+            given[blob] = rng.integers(1, 3)
+        labels[name] = given
+    scene = Scene("ball", 30, "m", "z", "anny", {"skin": 1, "shirt": 2}, (Garment("shirt", "t.obj", "shirt"),))
+    coarse_V, coarse_F = sphere(50, 80, RADIUS)
+    n = len(coarse_V)
+    tracked = Tracked(coarse_V + CENTRE, np.zeros((1, 3)), np.zeros(3), np.zeros((0, 3)), np.full(n, 2, np.uint8), {})
+    return scene, cameras, Frame(0, Mesh(V, F), None, images, {}, labels), tracked, coarse_F
+
+
+def on_ball(camera, uv):
+    """Points of the ball under pixels (undistorted by fixed-point steps); anywhere where the ray misses."""
+    target = (uv - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]
+    xy = target.copy()
+    for _ in range(8):
+        xy += target - camera.distort(xy)
+    d = np.concatenate([xy, np.ones((len(xy), 1))], 1) @ camera.T_camera_world[:3, :3]
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    o = camera.centre - CENTRE
+    b = d @ o
+    return camera.centre + (-b - np.sqrt(np.maximum(b * b - o @ o + RADIUS**2, 0)))[:, None] * d
+
+
+def test_border_is_found_within_two_millimetres_under_shifted_labels_and_blobs(ball):
+    scene, cameras, frame, tracked, faces = ball
+    model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+    result = segment(scene, cameras, model, frame, tracked, faces, SegmentSettings())
+    wrong = result.vertices != true_label(tracked.vertices)
+    assert wrong.mean() < 0.02
+    V, F = frame.scan.vertices, frame.scan.faces
+    rim = isolines(V, F, result.scan_probability[:, 1].astype(float))[0]
+    assert rim.closed and np.abs(rim.points[:, 2] - RIM).mean() < 0.002
+    assert np.abs(result.rims[2][0].points[:, 2] - RIM).mean() < 0.002
+    np.testing.assert_allclose(result.scan_probability.sum(1), 1, atol=1e-4)
+
+
+def test_segment_gives_the_same_bits_for_any_number_of_threads(ball, threads):
+    scene, cameras, frame, tracked, faces = ball
+    results = []
+    for count in (1, 3):
+        threads(count)
+        model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+        results.append(segment(scene, cameras, model, frame, tracked, faces, SegmentSettings()))
+    assert np.array_equal(results[0].scan_probability, results[1].scan_probability)
+    assert np.array_equal(results[0].vertices, results[1].vertices)
+
+
+def test_label_that_no_picture_carries_is_refused_by_name(ball):
+    scene, cameras, frame, tracked, faces = ball
+    wrong = Scene("ball", 30, "m", "z", "anny", {"skin": 1, "shirt": 2, "coat": 7}, (Garment("coat", "t.obj", "coat"),))
+    with pytest.raises(CaptureError, match="labels.coat = 7"):
+        prepare(wrong, cameras, [(frame, tracked)], faces, SegmentSettings())
