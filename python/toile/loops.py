@@ -87,6 +87,7 @@ def _nearest_rim(at, P, T, reach, cosine):
     _, back = cKDTree(np.concatenate([at, _TURN * way], 1)).query(np.concatenate([P, _TURN * T], 1)[j])
     edge = loop_length(at) / k
     found &= np.linalg.norm(at[back] - at, axis=1) < edge
+    found &= np.abs(np.einsum("ki,ki->k", target - at, way)) < np.maximum(0.5 * d, 0.3 * edge)
     return target, found, np.where(found, d, np.nan)
 
 
