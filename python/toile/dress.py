@@ -50,7 +50,7 @@ class _Skinning:
 
 
 def _personalise(model, person, template, samples, settings):
-    """Rest shape from frames registered with the unfitted template: unposed, weighted by what was observed, averaged."""
+    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed."""
     dresser = Dresser(model, person, template, settings)
     total, weight, lengths = 0, 0, []
     for frame, tracked, segmented in samples:
@@ -91,8 +91,8 @@ def _report_fit(template, lengths, settings):
                 "its border is extrapolated", stacklevel=4)
         elif abs(np.median(seen) / own - 1) > settings.ambiguous_size:
             warnings.warn(
-                f"garment {template.name}: loop {name} is {np.median(seen) / own:.2f} times as long in the capture as in "
-                "the template: is it of another size?", stacklevel=4)
+                f"garment {template.name}: loop {name} is {np.median(seen) / own:.2f} times as long in the capture as "
+                "in the template: is it of another size?", stacklevel=4)
 
 
 class Dresser:
@@ -104,10 +104,11 @@ class Dresser:
         self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
         self.settler = Settler(template.rest, template.faces, settings.stiffness)
         names = np.array(body_model.joint_names)
-        strongest = np.take_along_axis(
-            np.asarray(body_model.weights_idx, np.int64), np.asarray(body_model.weights_val).argmax(1)[:, None], 1)[:, 0]
+        largest = np.asarray(body_model.weights_val).argmax(1)
+        strongest = np.asarray(body_model.weights_idx)[np.arange(len(largest)), largest]
         hand = np.array([n.startswith(("finger", "metacarpal")) for n in names])
-        self.hands = [np.flatnonzero(hand[strongest] & np.char.endswith(names, side)[strongest]) for side in (".L", ".R")]
+        sides = [hand & np.char.endswith(names, side) for side in (".L", ".R")]
+        self.hands = [np.flatnonzero(side[strongest]) for side in sides]
 
     def dress(self, frame, tracked, segmented, previous=None):
         """One frame -> Dressed. `previous` is the same garment in the neighbouring frame before, or None."""
@@ -122,7 +123,7 @@ class Dresser:
         start = posed + self.biharmonic.solve(np.concatenate([m.target - posed[l] for m, l in zip(matches, t.loops)]))
         inside = segmented.scan_faces == t.label
         if inside.sum() < 100:
-            raise RuntimeError(f"dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register it")
+            raise RuntimeError(f"dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
         boundary = [(l[m.observed], m.target) for l, m in zip(t.loops, matches) if m.observed.mean() > s.loop_observed]
         vertices = self.settler.solve(V, F[inside], start, boundary)
         confidence, distance = self._confidence(vertices, V, F[inside])
@@ -146,9 +147,10 @@ class Dresser:
 
     def _diagnostics(self, vertices, matches, strange, tracked, confidence, distance, start):
         t, s = self.template, self.settings
+        seen = confidence == OBSERVED
         out = {
-            "observed": float((confidence == OBSERVED).mean()),
-            "surface_mm": float(1e3 * distance[confidence == OBSERVED].mean()) if (confidence == OBSERVED).any() else -1.0,
+            "observed": float(seen.mean()),
+            "surface_mm": float(1e3 * distance[seen].mean()) if seen.any() else -1.0,
             "moved_mm": float(1e3 * np.linalg.norm(vertices - start, axis=1).mean()),
             "strange_rim_mm": 1e3 * strange,
         }
@@ -157,9 +159,9 @@ class Dresser:
             gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
             out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
         index = kernels.SurfaceIndex(vertices, t.faces)
-        touch = [float((index.closest(tracked.vertices[h])[3] < s.contact).mean()) if len(h) else 0.0 for h in self.hands]
-        out["hand_contact"] = max(touch)
-        out["unsupported_contact"] = float(max(touch) > s.contact_share)
+        touch = [(index.closest(tracked.vertices[hand])[3] < s.contact).mean() for hand in self.hands if len(hand)]
+        out["hand_contact"] = float(max(touch, default=0.0))
+        out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out
 
 

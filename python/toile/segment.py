@@ -75,7 +75,8 @@ def segment(scene, cameras, model, frame, tracked, faces, settings, previous=Non
         probability[:, column] = p
         moved.append(shift)
         rims[scene.labels[garment.label]] = curves
-    vertex_labels = _tracked_labels(tracked, faces, scan_V, scan_F, scan_index, probability, evidence, model, previous, settings)
+    place = _place_costs(model, previous, settings)
+    vertex_labels = _tracked_labels(tracked, faces, scan_F, scan_index, probability, evidence, place, settings)
     face_labels = model.ids[probability[scan_F].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {
@@ -178,7 +179,8 @@ class _Evidence:
         Errors are alike in all views, so views are averaged, not added."""
         s, L = self.settings, self.L
         mean, weight = _mean_over_views(self.maps, self.views, points, normals, s)
-        cost = -s.colour_weight * mean[:, :L] - s.label_weight * np.log((1 - s.wrong) * mean[:, L : 2 * L] + s.wrong / L)
+        given = np.log((1 - s.wrong) * mean[:, L : 2 * L] + s.wrong / L)
+        cost = -s.colour_weight * mean[:, :L] - s.label_weight * given
         cost[weight == 0] = 0
         return cost, mean[:, 2 * L :], weight > 0
 
@@ -338,7 +340,8 @@ class _Ribbon:
         s = np.arange(-1, 1 + 1e-9, step / settings.rim_reach) * settings.rim_reach
         cost = self._costs(s, np.zeros(1), 0.0, evidence, column, rival, settings)
         cost = cost[:, 0] + 0.02 * (s / step) ** 2 * (step / settings.rim_reach)  # stay where nothing speaks
-        path = _closed_path(cost, (np.arange(len(s))[:, None] - np.arange(len(s))) ** 2.0, settings.rim_stiffness, closed)
+        j = np.arange(len(s))
+        path = _closed_path(cost, (j[:, None] - j) ** 2.0, settings.rim_stiffness, closed)
         offset = smooth(s[path] + _parabola(cost, path) * step, closed, settings.rim_smoothing / settings.rim_spacing)
 
         h = np.arange(settings.rim_depth[0], settings.rim_depth[1] + 1e-9, settings.rim_layer)
@@ -417,17 +420,13 @@ def _parabola(cost, path):
     return np.where(bend > 1e-9, np.clip(0.5 * (a - c) / np.maximum(bend, 1e-9), -0.5, 0.5), 0.0)
 
 
-def _tracked_labels(tracked, faces, scan_V, scan_F, index, probability, evidence, model, previous, settings):
+def _tracked_labels(tracked, faces, scan_F, index, probability, evidence, place, settings):
     """Columns (n,) per tracked vertex: the scan's where it is near, the pictures and the neighbours elsewhere."""
     V = tracked.vertices
     face, _, bary, distance = index.closest(V)
     near = distance < settings.tolerance
     p = _interpolate(probability, scan_F[face], bary)
     cost, colour, _ = evidence.costs(V, kernels.vertex_normals(V, faces))
-    cost += _place_costs(model, previous, settings)
+    cost += place
     cost[near] = -4 * np.log(p[near] + 1e-3)
-    return _solve(cost, V, faces, colour, replace_smoothness(settings, 0.5))
-
-
-def replace_smoothness(settings, factor):
-    return settings.model_copy(update={"smoothness": settings.smoothness * factor})
+    return _solve(cost, V, faces, colour, settings.model_copy(update={"smoothness": 0.5 * settings.smoothness}))

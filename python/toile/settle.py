@@ -6,15 +6,15 @@ from . import kernels
 
 _GATES = (0.05, 0.04, 0.03, 0.02, 0.02, 0.02)  # reach of the scan, step by step [m]
 _COSINE = 0.6  # least agreement of normals
-_RIM = 0.01  # weight of a loop vertex against one of a surface vertex
+_RIM = 0.01  # weight of a loop vertex against a surface vertex: the biharmonic start has laid it there; more pins noise
 
 
 class Settler:
     """Non-rigid fit of one template, started within centimetres.
 
-    Each step solves min_d sum_i w_i |d_i - t_i|^2 + stiffness m d' L M^-1 L d, m the mean mass, with t_i the offset along the scan's
-    normal to its nearest point, w_i its gate, and loop vertices drawn to their curves. Offsets along the normal keep
-    the three coordinates apart: one factor of n unknowns a step instead of one of 3n.
+    Each step solves min_d sum_i w_i |d_i - t_i|^2 + stiffness m d' L M^-1 L d, m the mean mass, t_i the offset along
+    the scan's normal to its nearest point, w_i its gate, and loop vertices drawn to their curves. Offsets along the
+    normal keep the three coordinates apart: one factor of n unknowns a step instead of one of 3n.
     """
 
     def __init__(self, V, F, stiffness):
@@ -38,7 +38,8 @@ class Settler:
             face, point, bary, distance = index.closest(V)
             n = normals[face]
             facing = np.einsum("ni,ni->n", n, kernels.vertex_normals(V, self.F))
-            beyond = (border[scan_F[face]] & (bary > 1e-6)).any(1) & (border[scan_F[face]].sum(1) > 1)  # what lies beside the border may belong to what is under the cloth
+            rim = border[scan_F[face]]  # a face at the scan's border may belong to what is under the cloth
+            beyond = (rim & (bary > 1e-6)).any(1) & (rim.sum(1) > 1)
             w = ((facing > _COSINE) & (distance < gate) & ~beyond).astype(np.float64)
             t = np.einsum("ni,ni->n", n, point - V)[:, None] * n
             for vertices, curve in boundary:
