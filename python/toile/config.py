@@ -71,3 +71,46 @@ class DressSettings(Settings):
     contact: float = 0.012  # a hand vertex this close to the garment touches it [m]
     contact_share: float = 0.05  # of one hand's vertices that makes an unsupported contact
     ambiguous_size: float = 0.15  # loop lengths off by more than this share are reported
+
+
+class TrackSettings(Settings):
+    """Pose and surface of the single layer."""
+
+    quality: str = "standard"  # preset of nricp
+    rest_smoothing: int = 5  # umbrella steps on the personal offsets
+    observed: float = 0.004  # a tracked vertex this close to the scan is observed [m]
+    interpolated: float = 0.02  # within this it is interpolated, beyond hidden [m]
+
+
+class InnerSettings(Settings):
+    """The body under the garments."""
+
+    margin: float = 0.002  # of cloth off the body [m]
+
+
+class Config(Settings):
+    """All settings of a run, as RUN/config.toml keeps them."""
+
+    quality: str = "standard"
+    samples: int = 10  # frames of the preparatory pass
+    reconstruct: ReconstructSettings = ReconstructSettings()
+    track: TrackSettings = TrackSettings()
+    segment: SegmentSettings = SegmentSettings()
+    dress: DressSettings = DressSettings()
+    inner: InnerSettings = InnerSettings()
+
+
+QUALITIES = ("draft", "standard", "fine")
+SAMPLES = {"draft": 5, "standard": 10, "fine": 16}
+
+
+def preset(quality):
+    """The settings of a quality preset."""
+    if quality not in QUALITIES:
+        raise ValueError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+    return Config(
+        quality=quality,
+        samples=SAMPLES[quality],
+        track=TrackSettings(quality=quality),
+        dress=DressSettings(quality=quality, fit_frames=6 if quality != "draft" else 3),
+    )

@@ -1,0 +1,149 @@
+"""The command line: parses, calls, reports. Exit codes: 0 ok, 1 bad input, 2 some frames failed, 3 internal error."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from .scene import CaptureError
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+
+
+@app.command()
+def plan(capture: Path):
+    """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
+    from .capture import open_capture
+    from .pipeline import plan as make_plan
+
+    opened = open_capture(capture)
+    typer.echo(f"{opened.scene.name}: {len(opened.frames)} frames, {len(opened.cameras)} cameras")
+    for step in make_plan(opened):
+        typer.echo(f"  {'run ' if step.runs else 'skip'}  {step.stage:<12} {step.why}")
+
+
+@app.command()
+def register(
+    capture: Path,
+    run: Path,
+    quality: Annotated[str, typer.Option(help="draft, standard or fine")] = "standard",
+    frames: Annotated[Optional[str], typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    step: Annotated[int, typer.Option(help="every n-th of those frames")] = 1,
+):
+    """Register a capture: the body and each garment, every frame, in fixed topologies."""
+    from .capture import open_capture
+    from .config import preset
+    from .pipeline import register as run_pipeline
+
+    numbers = frame_numbers(frames, open_capture(capture).frames, step)
+    try:
+        config = preset(quality)
+    except ValueError as error:
+        raise CaptureError(str(error)) from None
+    with progress_bars() as progress:
+        outcome = run_pipeline(capture, run, config, numbers, progress)
+    typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed")
+    for number, reason in outcome.failed.items():
+        typer.echo(f"  frame {number}: {reason}", err=True)
+    raise typer.Exit(2 if outcome.failed else 0)
+
+
+@app.command()
+def evaluate(run: Path, as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False):
+    """Measure a run against its scans and, where the capture has it, the truth."""
+    from .evaluate import evaluate as measure
+
+    result = measure(run)
+    if as_json:
+        typer.echo(json.dumps(result, allow_nan=False))
+        return
+    for line in table(result["all"]):
+        typer.echo(line)
+
+
+@app.command()
+def report(run: Path, out: Annotated[Optional[Path], typer.Option(help="default: RUN/report.html")] = None):
+    """Write one self-contained HTML page about a run."""
+    from .report import write_report
+
+    typer.echo(str(write_report(run, out)))
+
+
+def frame_numbers(text, available, step=1):
+    """"1-50,60" -> the numbers of that list that are captured, every `step`-th; all of them for None."""
+    if step < 1:
+        raise CaptureError(f"--step {step}: expected at least 1")
+    if text is None:
+        return tuple(available)[::step]
+    numbers = []
+    for part in text.split(","):
+        first, _, last = part.strip().partition("-")
+        if not first.isdigit() or (last and not last.isdigit()):
+            raise CaptureError(f"--frames {text}: '{part}' is not a number or a range")
+        numbers += [n for n in range(int(first), int(last or first) + 1) if not last or n in set(available)]
+    return tuple(dict.fromkeys(numbers))[::step]
+
+
+def table(values, indent=""):
+    """Nested measures as aligned lines."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield f"{indent}{name}"
+            yield from table(value, indent + "  ")
+        else:
+            yield f"{indent}{name:<24} {'-' if value is None else f'{value:.3f}' if isinstance(value, float) else value}"
+
+
+@contextmanager
+def progress_bars():
+    """-> progress(stage, done, total), one bar a stage, on stderr."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        tasks = {}
+
+        def progress(stage, done, total):
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield progress
+
+
+def main():
+    """Entry point with the exit codes of this page."""
+    from .kernels import InputError
+    from .studio.command import studio
+
+    app.command()(studio)
+    try:
+        from .template import template_command
+        app.command("template")(template_command)
+    except ImportError:
+        pass
+    try:
+        code = app(standalone_mode=False)
+    except (CaptureError, InputError) as error:
+        print(f"toile: {error}", file=sys.stderr)
+        code = 1
+    except (typer.Abort, KeyboardInterrupt):
+        print("toile: stopped", file=sys.stderr)
+        code = 130
+    except Exception as error:
+        if hasattr(error, "exit_code") and hasattr(error, "format_message"):
+            print(f"toile: {error.format_message()}", file=sys.stderr)
+            code = 1
+        else:
+            import traceback
+
+            traceback.print_exc()
+            print(f"toile: internal error: {type(error).__name__}: {error}", file=sys.stderr)
+            code = 3
+    sys.exit(code or 0)

@@ -1,0 +1,371 @@
+"""The order of the stages. This module alone knows it.
+
+prepare   a person from sampled frames; colour models; each garment's template; the fused inner shape
+track     every frame: pose and surface           segment, dress   where the scene names a garment
+inner     every frame, once all are dressed: the body under the garments, and the garments out of it
+
+Temporal state lives inside blocks of 50 absolute frame numbers and is dropped where a frame is missing or failed.
+Results between passes lie in RUN/work until the run is whole, so a killed run goes on with the same bits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from . import dress, inner, reconstruct, segment, track
+from .capture import check_capture, open_capture
+from .config import Config
+from .io.body import load_body_model
+from .kernels import InputError, SolveError
+from .scene import CaptureError, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
+from .store import FAILED, OK, PENDING, Registered, Status, load_record, save_record, write_text
+
+BLOCK = 50
+FRAME_ERRORS = (CaptureError, InputError, SolveError, OSError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage of a plan: whether it runs, and the line of the scene or the data that decides."""
+
+    stage: str
+    runs: bool
+    why: str
+
+
+def plan(capture):
+    """The stages that this capture asks for, in order, and those left out, each with why."""
+    scene, names = capture.scene, [g.name for g in capture.scene.garments]
+    first = capture.frame(capture.frames[0])
+    cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
+    labels = "scan.ply carries labels" if first.scan is not None and first.scan.face_labels is not None else "labels/*.png"
+    return [
+        Step("reconstruct", first.keypoints is not None, "keypoints.json" if first.keypoints else "no keypoints.json"),
+        Step("track", True, f'[body] model = "{scene.body_model}"'),
+        Step("segment", bool(names), f"{cloth}; {labels}" if names else cloth),
+        Step("dress", bool(names), cloth),
+        Step("inner", bool(names), cloth),
+        Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),
+    ]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: frame numbers that are registered, and those that failed with their reasons."""
+
+    ok: tuple[int, ...]
+    failed: dict[int, str]
+
+
+def register(capture_path, run_path, config=None, frames=None, progress=None):
+    """Registers `frames` (numbers; all by default) of a capture into `run_path` and returns an Outcome.
+
+    `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
+    stood. CaptureError: the capture, or a run folder that holds something else, cannot be used; nothing is left behind.
+    """
+    config = config or Config()
+    capture = open_capture(capture_path)
+    frames = tuple(capture.frames if frames is None else frames)
+    unknown = sorted(set(frames) - set(capture.frames))
+    if unknown or not frames:
+        raise CaptureError(f"{capture.root}/frames: no frame {unknown[0]}" if unknown else f"{capture.root}/frames: no frame asked for")
+    check_capture(capture, frames)
+    run, fresh = Path(run_path), not Path(run_path).exists()
+    _open_run(run, capture, config, frames)
+    try:
+        return _Run(capture, run, config, frames, progress or (lambda *_: None)).go()
+    except FRAME_ERRORS:
+        if fresh:
+            shutil.rmtree(run, ignore_errors=True)
+        raise
+
+
+def _open_run(run, capture, config, frames):
+    """Writes config.toml, or checks that it asks for the same."""
+    import tomli_w
+
+    from . import __version__
+
+    text = tomli_w.dumps(
+        {
+            "capture": str(capture.root.resolve()),
+            "inputs": _inputs(capture, frames),
+            "frames": list(frames),
+            "versions": {"toile": __version__, "numpy": np.__version__},
+            "settings": config.model_dump(mode="json"),
+        }
+    )
+    path = run / "config.toml"
+    if path.exists():
+        if path.read_text(encoding="utf-8") != text:
+            raise CaptureError(f"{path}: this run was made from another capture, other frames or other settings")
+        return
+    if run.exists() and any(run.iterdir()):
+        raise CaptureError(f"{run}: the folder is not empty and holds no run")
+    write_text(path, text)
+
+
+def _inputs(capture, frames):
+    """sha256 over the scene's files and over names and sizes of the frames' files."""
+    digest = hashlib.sha256()
+    for path in sorted(p for p in capture.root.rglob("*") if p.is_file() and "frames" not in p.parts and "truth" not in p.parts):
+        digest.update(path.relative_to(capture.root).as_posix().encode() + b"\0" + path.read_bytes())
+    for number in frames:
+        folder = capture.root / "frames" / f"{number:06d}"
+        for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+            digest.update(f"{path.relative_to(capture.root).as_posix()} {path.stat().st_size}\n".encode())
+    return digest.hexdigest()
+
+
+class _Run:
+    """One run over its frames; every result goes through RUN/work, so that it is made once."""
+
+    def __init__(self, capture, run, config, frames, progress):
+        self.capture, self.run, self.config, self.frames, self.progress = capture, run, config, frames, progress
+        self.scene, self.work = capture.scene, run / "work"
+        self.model = load_body_model(capture.root / self.scene.body_model if self.scene.body_model.endswith(".npz") else self.scene.body_model, up=self.scene.up)
+        self.status = Status(run / "status.jsonl")
+
+    def go(self):
+        store = self.run / "registered.zarr"
+        if not (store.exists() and self._whole(Registered(store))):
+            self._prepare()
+            self._first_pass()
+            if self.scene.garments:
+                self._fuse()
+            self._last_pass()
+            shutil.rmtree(self.work)
+        return self._outcome(Registered(store))
+
+    def _whole(self, registered):
+        return all(registered.done(f) != PENDING for f in self.frames)
+
+    def _kept(self, name, kind, make, tuples=()):
+        """The record RUN/work/NAME.npz, made when it is not there."""
+        path = self.work / f"{name}.npz"
+        if not path.exists():
+            save_record(path, make())
+        return load_record(path, kind, tuples)
+
+    # Preparation ------------------------------------------------------------------------------------------------
+
+    def _prepare(self):
+        self.progress("prepare", 0, 1)
+        self.person = self._kept("person", Person, self._make_person)
+        self.tracker = track.Tracker(self.model, self.person, self.config.track)
+        self.templates, self.colours = (), None
+        if self.scene.garments:
+            self._prepare_garments()
+        self.progress("prepare", 1, 1)
+
+    def _samples(self):
+        """Frames spread evenly over the run that can be read, with their keypoints in space."""
+        count = min(self.config.samples, len(self.frames))
+        chosen = [self.frames[i] for i in np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int))]
+        samples, reasons = [], []
+        for number in chosen:
+            try:
+                frame = self.capture.frame(number)
+                samples.append((frame, self._points(frame)))
+            except FRAME_ERRORS as error:
+                reasons.append(str(error))
+        if not samples:
+            raise CaptureError(reasons[0])
+        return samples
+
+    def _points(self, frame):
+        if frame.keypoints is None:
+            return None
+        return reconstruct.triangulate(frame.keypoints, self.capture.cameras, self.config.reconstruct)
+
+    def _make_person(self):
+        return track.prepare(self.model, self._samples(), self.config.track)
+
+    def _prepare_garments(self):
+        names = [g.name for g in self.scene.garments]
+        paths = [self.work / "colours.npz", *(self.work / f"template.{n}.npz" for n in names)]
+        if not all(p.exists() for p in paths):
+            samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
+            colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
+            save_record(paths[0], colours)
+            labelled = [(f, t, self._segment(colours, f, t, None)) for f, t in samples]
+            for garment, path in zip(self.scene.garments, paths[1:]):
+                mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
+                save_record(path, dress.prepare(self.model, self.person, garment, label, mesh, labelled, self.config.dress))
+        self.colours = load_record(paths[0], segment.SegmentModel)
+        self.templates = tuple(load_record(p, GarmentTemplate, ("loops",)) for p in paths[1:])
+        self.dressers = {t.name: dress.Dresser(self.model, self.person, t, self.config.dress) for t in self.templates}
+
+    def _segment(self, colours, frame, tracked, previous):
+        return segment.segment(
+            self.scene, self.capture.cameras, colours, frame, tracked, self.model.f, self.config.segment, previous
+        )
+
+    # Every frame: track, segment, dress -------------------------------------------------------------------------
+
+    def _first_pass(self):
+        before, last = None, None
+        for i, number in enumerate(self.frames):
+            if last is None or number != last + 1 or number // BLOCK != last // BLOCK:
+                before = None
+            before, last = self._first_stages(number, before), number
+            self.progress("track, segment, dress" if self.templates else "track", i + 1, len(self.frames))
+
+    def _folder(self, number):
+        return self.work / "frames" / f"{number:06d}"
+
+    def _first_stages(self, number, before):
+        """(Tracked, Segmented, {name: Dressed}) of a frame, kept or made; None when it failed."""
+        folder = self._folder(number)
+        if (folder / "failed.json").exists():
+            return None
+        if not (folder / "whole").exists():
+            try:
+                self._make_first_stages(number, before, folder)
+            except FRAME_ERRORS as error:
+                self._fail(number, error)
+                return None
+            write_text(folder / "whole", "")
+        return self._load_first_stages(folder)
+
+    def _make_first_stages(self, number, before, folder):
+        frame, seconds = self.capture.frame(number), {}
+
+        def timed(stage, make):
+            start = time.perf_counter()
+            result = make()
+            seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
+            return result
+
+        points = timed("reconstruct", lambda: self._points(frame))
+        tracked = timed("track", lambda: self.tracker.track(frame, points, before and before[0]))
+        save_record(folder / "track.npz", tracked)
+        if self.templates:
+            segmented = timed("segment", lambda: self._segment(self.colours, frame, tracked, before and before[1]))
+            save_record(folder / "segment.npz", segmented)
+            for name, dresser in self.dressers.items():
+                dressed = timed("dress", lambda: dresser.dress(frame, tracked, segmented, before and before[2][name]))
+                save_record(folder / f"dress.{name}.npz", dressed)
+        for stage, value in seconds.items():
+            self.status.add(frame=number, stage=stage, seconds=value, ok=True)
+
+    def _load_first_stages(self, folder):
+        tracked = load_record(folder / "track.npz", Tracked)
+        if not self.templates:
+            return tracked, None, {}
+        dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in self.templates}
+        return tracked, load_record(folder / "segment.npz", Segmented), dressed
+
+    def _fail(self, number, error):
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        write_text(self._folder(number) / "failed.json", json.dumps({"reason": reason}))
+        self.status.add(frame=number, stage="frame", seconds=0.0, ok=False, reason=reason)
+
+    # Inner layer and the store ----------------------------------------------------------------------------------
+
+    def _fuse(self):
+        def make():
+            good = [n for n in self.frames if (self._folder(n) / "whole").exists()]
+            if not good:
+                return InnerShape(self.person.rest, {})
+            count = min(self.config.samples, len(good))
+            chosen = [good[i] for i in np.unique(np.linspace(0, len(good) - 1, count).round().astype(int))]
+            samples = [self._load_first_stages(self._folder(n)) for n in chosen]
+            return inner.prepare(self.model, self.person, samples, self.templates, self.config.inner)
+
+        shape = self._kept("inner", InnerShape, make)
+        self.inner = inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
+
+    def _last_pass(self):
+        path = self.run / "registered.zarr"
+        registered = Registered(path) if path.exists() else self._create_store(path)
+        for i, number in enumerate(self.frames):
+            if registered.done(number) == PENDING:
+                self._finish(registered, number)
+            self.progress("inner" if self.templates else "store", i + 1, len(self.frames))
+
+    def _finish(self, registered, number):
+        folder, values, diagnostics = self._folder(number), None, {}
+        if (folder / "whole").exists():
+            try:
+                values, diagnostics = self._values(number, *self._load_first_stages(folder))
+            except FRAME_ERRORS as error:
+                self._fail(number, error)
+        if values is None:
+            diagnostics = json.loads((folder / "failed.json").read_text(encoding="utf-8"))
+        write_text(self.run / "diagnostics" / f"{number:06d}.json", json.dumps(diagnostics, indent=1))
+        registered.write(number, values or {}, FAILED if values is None else OK)
+
+    def _values(self, number, tracked, segmented, dressed):
+        """The store's arrays of one frame, and its diagnostics by stage."""
+        values = {
+            "track/vertices": tracked.vertices,
+            "pose/rotations": tracked.rotations,
+            "pose/translation": tracked.translation,
+            "confidence/track": tracked.confidence,
+        }
+        diagnostics = {"track": tracked.diagnostics}
+        if self.scene.face_keypoints:
+            values["face"] = tracked.face
+        if self.templates:
+            start = time.perf_counter()
+            layer = self.inner.solve(tracked, segmented, dressed)
+            self.status.add(frame=number, stage="inner", seconds=time.perf_counter() - start, ok=True)
+            values |= {"labels": segmented.vertices, "inner/vertices": layer.vertices, "confidence/inner": layer.confidence}
+            diagnostics |= {"segment": segmented.diagnostics, "inner": layer.diagnostics}
+            for name, vertices in layer.garments.items():
+                values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
+                diagnostics[f"dress {name}"] = dressed[name].diagnostics
+        return values, diagnostics
+
+    def _create_store(self, path):
+        n, K = len(self.model.v_template), len(self.model.parents)
+        fixed = {"track/faces": self.model.f, "shape": self.person.shape}
+        per_frame = {
+            "track/vertices": ((n, 3), "float64"),
+            "pose/rotations": ((K, 3), "float64"),
+            "pose/translation": ((3,), "float64"),
+            "confidence/track": ((n,), "uint8"),
+        }
+        if self.scene.face_keypoints:
+            q = sum(name.startswith("face.") for name in self.model.keypoint_names)
+            per_frame["face"] = ((q, 3), "float64")
+        if self.templates:
+            fixed["inner/faces"] = self.model.f
+            per_frame |= {"labels": ((n,), "uint8"), "inner/vertices": ((n, 3), "float64"), "confidence/inner": ((n,), "uint8")}
+        for t in self.templates:
+            at, g = f"garment/{t.name}", len(t.rest)
+            fixed |= {f"{at}/faces": t.faces, f"{at}/uv": t.uv, f"{at}/face_uv": t.face_uv, f"{at}/skin": t.skin}
+            per_frame |= {f"{at}/vertices": ((g, 3), "float64"), f"confidence/{t.name}": ((g,), "uint8")}
+        return Registered.create(path, self.frames, fixed, per_frame, self._attributes())
+
+    def _attributes(self):
+        garments = [
+            {
+                "name": t.name,
+                "label": t.label,
+                "loops": {name: [int(v) for v in loop] for name, loop in zip(t.loop_names, t.loops)},
+            }
+            for t in self.templates
+        ]
+        scene = {"name": self.scene.name, "fps": self.scene.fps, "up": self.scene.up, "labels": self.scene.labels}
+        return {
+            "scene": scene | {"garments": garments},
+            "joint_names": list(self.model.joint_names),
+            "body_model": self.scene.body_model,
+        }
+
+    def _outcome(self, registered):
+        failed = {}
+        for number in self.frames:
+            if registered.done(number) == FAILED:
+                text = (self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8")
+                failed[number] = json.loads(text)["reason"]
+        return Outcome(tuple(f for f in self.frames if f not in failed), failed)

@@ -1,0 +1,124 @@
+"""What a run leaves on disk: the registered store, the state that lets a killed run go on, and its status lines.
+
+Every file is written under another name first and renamed, so a run that is killed at any instant leaves whole files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+PENDING, OK, FAILED = 0, 1, 2
+
+
+def replace_file(path, write):
+    """Calls `write(temporary path)` and renames the result to `path`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    write(temporary)
+    os.replace(temporary, path)
+
+
+def write_text(path, text):
+    replace_file(path, lambda p: p.write_text(text, encoding="utf-8"))
+
+
+def save_record(path, record):
+    """A dataclass of arrays, strings, numbers and dictionaries of numbers, as .npz without pickles."""
+    arrays = {}
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, dict) or isinstance(value, tuple):
+            value = {k: _plain(v) for k, v in value.items()} if isinstance(value, dict) else [_plain(v) for v in value]
+            arrays[f"json.{field.name}"] = np.array(json.dumps(value))
+        elif isinstance(value, str):
+            arrays[f"json.{field.name}"] = np.array(json.dumps(value))
+        elif value is not None:
+            arrays[field.name] = np.asarray(value)
+
+    def write(p):
+        with open(p, "wb") as file:
+            np.savez(file, **arrays)
+
+    replace_file(path, write)
+
+
+def load_record(path, kind, tuples=()):
+    """The dataclass `kind` back; fields named in `tuples` are tuples of index arrays."""
+    with np.load(path, allow_pickle=False) as data:
+        values = {}
+        for field in fields(kind):
+            if field.name in data:
+                value = data[field.name]
+                values[field.name] = value.item() if value.ndim == 0 else value
+            elif f"json.{field.name}" in data:
+                value = json.loads(str(data[f"json.{field.name}"]))
+                if field.name in tuples:
+                    value = tuple(np.array(v, dtype=np.int32) for v in value)
+                values[field.name] = tuple(value) if isinstance(value, list) else value
+            else:
+                values[field.name] = None
+    return kind(**values)
+
+
+def _plain(value):
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+class Status:
+    """status.jsonl: one line a stage and frame."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def add(self, **line):
+        with open(self.path, "a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+
+
+class Registered:
+    """RUN/registered.zarr: one zarr 3 group, a chunk a frame, `done` written last."""
+
+    def __init__(self, path):
+        import zarr
+
+        self.group = zarr.open_group(str(path), mode="r+")
+        self.row = {int(f): i for i, f in enumerate(self.group["frames"][:])}
+
+    @staticmethod
+    def create(path, frames, fixed, per_frame, attributes):
+        """A store with arrays `fixed` {name: array} and, NaN or zero until written, `per_frame` {name: (shape, dtype)}."""
+        import zarr
+
+        part = path.with_name(f".{path.name}.part")
+        if part.exists():
+            shutil.rmtree(part)
+        group = zarr.open_group(str(part), mode="w", zarr_format=3)
+        group.attrs.update(attributes)
+        for name, values in {"frames": np.asarray(frames, np.int64), **fixed}.items():
+            group.create_array(name, data=np.asarray(values))
+        config = {"write_empty_chunks": True}
+        for name, (shape, dtype) in {**per_frame, "done": ((), "uint8")}.items():
+            fill = np.nan if np.dtype(dtype).kind == "f" else 0
+            group.create_array(
+                name, shape=(len(frames), *shape), chunks=(1, *shape), dtype=dtype, fill_value=fill, config=config
+            )
+        os.replace(part, path)
+        return Registered(path)
+
+    def done(self, frame):
+        return int(self.group["done"][self.row[frame]])
+
+    def write(self, frame, values, done):
+        """One frame: its arrays first, `done` last."""
+        row = self.row[frame]
+        for name, value in values.items():
+            self.group[name][row] = value
+        self.group["done"][row] = done
