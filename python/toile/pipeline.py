@@ -21,6 +21,7 @@ import numpy as np
 
 from . import dress, inner, reconstruct, segment, track
 from .capture import check_capture, open_capture
+from .colours import ColourModel
 from .config import Config
 from .io.body import load_body_model
 from .kernels import InputError, SolveError
@@ -199,7 +200,7 @@ class _Run:
             for garment, path in zip(self.scene.garments, paths[1:]):
                 mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
                 save_record(path, dress.prepare(self.model, self.person, garment, label, mesh, labelled, self.config.dress))
-        self.colours = load_record(paths[0], segment.SegmentModel)
+        self.colours = load_record(paths[0], segment.SegmentModel, colours=ColourModel)
         self.templates = tuple(load_record(p, GarmentTemplate, ("loops",)) for p in paths[1:])
         self.dressers = {t.name: dress.Dresser(self.model, self.person, t, self.config.dress) for t in self.templates}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,17 +29,8 @@ def write_text(path, text):
 
 
 def save_record(path, record):
-    """A dataclass of arrays, strings, numbers and dictionaries of numbers, as .npz without pickles."""
-    arrays = {}
-    for field in fields(record):
-        value = getattr(record, field.name)
-        if isinstance(value, dict) or isinstance(value, tuple):
-            value = {k: _plain(v) for k, v in value.items()} if isinstance(value, dict) else [_plain(v) for v in value]
-            arrays[f"json.{field.name}"] = np.array(json.dumps(value))
-        elif isinstance(value, str):
-            arrays[f"json.{field.name}"] = np.array(json.dumps(value))
-        elif value is not None:
-            arrays[field.name] = np.asarray(value)
+    """A dataclass of arrays, strings, numbers, dictionaries of numbers and such dataclasses, as .npz without pickles."""
+    arrays = _arrays(record)
 
     def write(p):
         with open(p, "wb") as file:
@@ -48,21 +39,39 @@ def save_record(path, record):
     replace_file(path, write)
 
 
-def load_record(path, kind, tuples=()):
-    """The dataclass `kind` back; fields named in `tuples` are tuples of index arrays."""
+def load_record(path, kind, tuples=(), **records):
+    """The dataclass `kind` back; fields named in `tuples` are tuples of index arrays, `records` names dataclasses."""
     with np.load(path, allow_pickle=False) as data:
-        values = {}
-        for field in fields(kind):
-            if field.name in data:
-                value = data[field.name]
-                values[field.name] = value.item() if value.ndim == 0 else value
-            elif f"json.{field.name}" in data:
-                value = json.loads(str(data[f"json.{field.name}"]))
-                if field.name in tuples:
-                    value = tuple(np.array(v, dtype=np.int32) for v in value)
-                values[field.name] = tuple(value) if isinstance(value, list) else value
-            else:
-                values[field.name] = None
+        return _record(data, kind, "", tuples, records)
+
+
+def _arrays(record, prefix=""):
+    arrays = {}
+    for field in fields(record):
+        value, name = getattr(record, field.name), prefix + field.name
+        if is_dataclass(value):
+            arrays |= _arrays(value, f"{name}.")
+        elif isinstance(value, (dict, tuple, str)):
+            arrays[f"json.{name}"] = np.array(json.dumps(value, default=_plain))
+        elif value is not None:
+            arrays[name] = np.asarray(value)
+    return arrays
+
+
+def _record(data, kind, prefix, tuples, records):
+    values = {}
+    for field in fields(kind):
+        name = prefix + field.name
+        values[field.name] = None
+        if name in data:
+            values[field.name] = data[name].item() if data[name].ndim == 0 else data[name]
+        elif f"json.{name}" in data:
+            value = json.loads(str(data[f"json.{name}"]))
+            if field.name in tuples:
+                value = [np.array(v, dtype=np.int32) for v in value]
+            values[field.name] = tuple(value) if isinstance(value, list) else value
+        elif field.name in records and any(key.startswith(f"{name}.") for key in data):
+            values[field.name] = _record(data, records[field.name], f"{name}.", tuples, records)
     return kind(**values)
 
 

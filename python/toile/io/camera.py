@@ -1,0 +1,70 @@
+"""cameras.json."""
+
+import json
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ..scene import Camera, CaptureError
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    width: int
+    height: int
+    K: list[list[float]]
+    distortion: list[float]
+    T_camera_world: list[list[float]]
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    cameras: list[_Entry]
+
+
+def first_error(path, error):
+    """One line of a pydantic error: the file, the field, what is wrong."""
+    first = error.errors()[0]
+    field = ".".join(str(part) for part in first["loc"])
+    return CaptureError(f"{path}: {field}: {first['msg']}")
+
+
+def read_cameras(path, metres=1.0):
+    """{name: Camera}; translations are scaled by `metres` a unit."""
+    try:
+        entries = _File(**json.loads(path.read_text(encoding="utf-8"))).cameras
+    except FileNotFoundError:
+        raise CaptureError(f"{path}: the file is missing") from None
+    except ValidationError as error:
+        raise first_error(path, error) from None
+    except (ValueError, TypeError) as error:
+        raise CaptureError(f"{path}: not JSON of cameras: {error}") from None
+    cameras = {}
+    for i, entry in enumerate(entries):
+        if entry.name in cameras:
+            raise CaptureError(f"{path}: cameras.{i}.name: '{entry.name}' stands there twice")
+        cameras[entry.name] = _camera(path, i, entry, metres)
+    return cameras
+
+
+def _camera(path, i, entry, metres):
+    def array(field, shape):
+        values = np.array(getattr(entry, field), dtype=np.float64) if _regular(getattr(entry, field)) else np.zeros(0)
+        if values.shape != shape or not np.isfinite(values).all():
+            raise CaptureError(f"{path}: cameras.{i}.{field} ({entry.name}): expected {shape} finite numbers")
+        return values
+
+    K, distortion, T = array("K", (3, 3)), array("distortion", (5,)), array("T_camera_world", (4, 4))
+    if entry.width <= 0 or entry.height <= 0 or K[0, 0] <= 0 or K[1, 1] <= 0:
+        raise CaptureError(f"{path}: cameras.{i} ({entry.name}): width, height and focal lengths must be positive")
+    R = T[:3, :3]
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
+        raise CaptureError(f"{path}: cameras.{i}.T_camera_world ({entry.name}): its upper left is not a rotation")
+    T = T.copy()
+    T[:3, 3] *= metres
+    return Camera(entry.name, entry.width, entry.height, K, distortion, T)
+
+
+def _regular(values):
+    return not values or not isinstance(values[0], list) or len({len(row) for row in values}) == 1

@@ -1,0 +1,27 @@
+"""Images, masks and label maps, checked against their camera."""
+
+import numpy as np
+
+from ..scene import CaptureError
+
+MAX_PIXELS = 100_000_000
+
+
+def read_image(path, size, mode):
+    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". CaptureError for another size than (height, width)."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            width, height = image.size
+            if width * height > MAX_PIXELS:
+                raise CaptureError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
+            if (height, width) != tuple(size):
+                raise CaptureError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
+            if mode == "L" and image.mode not in ("L", "P", "1"):
+                raise CaptureError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
+            return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
+    except CaptureError:
+        raise
+    except Exception as error:
+        raise CaptureError(f"{path}: cannot be read as an image: {error}") from None
