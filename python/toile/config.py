@@ -76,7 +76,7 @@ class DressSettings(Settings):
 class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
-    quality: str = "standard"  # preset of nricp
+    stiffness: float = 0.02  # bending of the free-form displacement, see settle.Settler
     rest_smoothing: int = 5  # umbrella steps on the personal offsets
     observed: float = 0.004  # a tracked vertex this close to the scan is observed [m]
     interpolated: float = 0.02  # within this it is interpolated, beyond hidden [m]
@@ -111,6 +111,5 @@ def preset(quality):
     return Config(
         quality=quality,
         samples=SAMPLES[quality],
-        track=TrackSettings(quality=quality),
-        dress=DressSettings(quality=quality, fit_frames=6 if quality != "draft" else 3),
+        dress=DressSettings(fit_frames={"draft": 3, "standard": 6, "fine": 10}[quality]),
     )

@@ -14,7 +14,7 @@ import hashlib
 import json
 import shutil
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from . import dress, inner, reconstruct, segment, track
 from .capture import check_capture, open_capture
 from .colours import ColourModel
 from .config import Config
+from .curves import Curve
 from .io.body import load_body_model
 from .kernels import InputError, SolveError
 from .scene import CaptureError, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
@@ -123,6 +124,13 @@ def _inputs(capture, frames):
         for path in sorted(p for p in folder.rglob("*") if p.is_file()):
             digest.update(f"{path.relative_to(capture.root).as_posix()} {path.stat().st_size}\n".encode())
     return digest.hexdigest()
+
+
+def _load_segmented(path):
+    """JSON turned the rims' ids into strings and their curves into plain dictionaries."""
+    segmented = load_record(path, Segmented)
+    rims = {int(k): [Curve(np.array(c["points"]), c["closed"]) for c in v] for k, v in segmented.rims.items()}
+    return replace(segmented, rims=rims)
 
 
 class _Run:
@@ -262,7 +270,7 @@ class _Run:
         if not self.templates:
             return tracked, None, {}
         dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in self.templates}
-        return tracked, load_record(folder / "segment.npz", Segmented), dressed
+        return tracked, _load_segmented(folder / "segment.npz"), dressed
 
     def _fail(self, number, error):
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__

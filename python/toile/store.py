@@ -76,6 +76,8 @@ def _record(data, kind, prefix, tuples, records):
 
 
 def _plain(value):
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, np.ndarray):
         return value.tolist()
     return value.item() if isinstance(value, np.generic) else value

@@ -1,9 +1,10 @@
-"""Single-layer tracking: one rest surface for the person, a pose a frame, then the surface itself by non-rigid ICP."""
+"""Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
 import numpy as np
 
 from . import kernels
 from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Person, Tracked
+from .settle import Settler
 
 
 def prepare(model, frames, settings):
@@ -88,14 +89,15 @@ class _Surface:
 
     def __init__(self, model, rest, settings):
         self.model, self.settings = model, settings
-        self.solver = kernels.NricpSolver(rest, model.f, preset=settings.quality, motion="small", rebase=True)
+        self.settler = Settler(rest, model.f, settings.stiffness)
 
     def fit(self, scan, start):
         """-> vertices (n,3) and confidence (n,)."""
-        result = self.solver.solve(scan.vertices, scan.faces, start=start)
-        if result.stop == "no_overlap":
+        V = self.settler.solve(scan.vertices, scan.faces, start, ())
+        confidence = self._confidence(V, scan)
+        if not (confidence == OBSERVED).any():
             raise CaptureError("scan.ply: the scan and the posed body do not overlap")
-        return np.asarray(result.V), self._confidence(result.V, scan)
+        return V, confidence
 
     def _confidence(self, V, scan):
         """Observed where the scan is near and faces the same way; interpolated beside that; else hidden."""
