@@ -1,0 +1,221 @@
+"""A run measured against its scans and, where the capture has it, against the truth."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from . import kernels
+from .capture import open_capture
+from .io.body import load_body_model
+from .scene import CaptureError
+from .store import OK
+
+INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
+COVER = 0.06  # cloth within this along a body vertex's normal hides it [m]
+
+
+def evaluate(run):
+    """Measures as {"all": {...}, "per_frame": [...]}; lengths in mm; None where the truth or the thing is missing.
+
+    joint_mm: mean distance of the model's joints to the true ones of the same name. track_to_scan_mm: mean distance of
+    observed tracked vertices to the scan's surface. label_iou: by area over the tracked surface, against the label of the nearest
+    point of the true outer surface (garments, and the body that no garment covers). garment: boundary_mm, a loop's
+    vertices to the nearest true rim; surface_mm, vertices to the true garment's surface; correspondence_mm, vertices to
+    their true places through the truth's map; jitter_mm, mean length of the second difference over time of that error
+    (consecutive frames only). inner: vertices to the true body's surface, hidden where confidence is 0.
+    intersections_left: triangle pairs of garments and the inner skin, by exact predicates. seconds: mean a frame.
+    """
+    run = Path(run)
+    return _Evaluation(run).result()
+
+
+class _Evaluation:
+    def __init__(self, run):
+        import zarr
+
+        if not (run / "registered.zarr").exists():
+            raise CaptureError(f"{run}: no registered.zarr; is it a run of `toile register`?")
+        self.run, self.store = run, zarr.open_group(str(run / "registered.zarr"), mode="r")
+        self.config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
+        self.capture = open_capture(self.config["capture"])
+        body = self.store.attrs["body_model"]
+        path = self.capture.root / body if body.endswith(".npz") else body
+        self.model = load_body_model(path, up=self.capture.scene.up)
+        self.garments = self.store.attrs["scene"]["garments"]
+        truth = self.capture.root / "truth" / "truth.zarr"
+        self.truth = zarr.open_group(str(truth), mode="r") if truth.exists() else None
+        self.true_row = {int(f): i for i, f in enumerate(self.truth["frames"][:])} if self.truth else {}
+        n = len(self.model.v_template)
+        self.outside = np.ones(n, bool)
+        for segment in INSIDE:
+            self.outside[self.model.segments.get(segment, [])] = False
+        component = kernels.vertex_components(self.model.f, n)
+        self.skin = np.ascontiguousarray(self.model.f[component[self.model.f[:, 0]] == np.bincount(component).argmax()])
+
+    def result(self):
+        numbers, done = self.store["frames"][:], self.store["done"][:]
+        per_frame, errors = [], defaultdict(dict)
+        for row, number in enumerate(int(n) for n in numbers):
+            if done[row] == OK:
+                per_frame.append({"frame": number, **self._frame(row, number, errors)})
+        everything = _mean(per_frame) if per_frame else {}
+        everything.pop("frame", None)
+        for name, by_frame in errors.items():
+            everything["garment"][name]["jitter_mm"] = _jitter(by_frame)
+        if everything.get("intersections_left") is not None:
+            everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
+        everything["seconds"] = self._seconds()
+        everything["frames_ok"], everything["frames_failed"] = len(per_frame), int(len(numbers) - len(per_frame))
+        return {"all": everything, "per_frame": per_frame}
+
+    def _frame(self, row, number, errors):
+        true = self.true_row.get(number)
+        tracked = self.store["track/vertices"][row]
+        out = {
+            "joint_mm": None if true is None else self._joints(row, true),
+            "track_to_scan_mm": self._to_scan(row, number, tracked),
+            "label_iou": None,
+            "garment": {},
+            "inner": {"hidden_mm": None, "visible_mm": None},
+            "intersections_left": None,
+        }
+        if not self.garments:
+            return out
+        inner = self.store["inner/vertices"][row]
+        cloth = {g["name"]: self.store[f"garment/{g['name']}/vertices"][row] for g in self.garments}
+        faces = {g["name"]: self.store[f"garment/{g['name']}/faces"][:] for g in self.garments}
+        pairs = (kernels.intersecting_pairs(cloth[n], faces[n], inner, self.skin) for n in cloth)
+        out["intersections_left"] = int(sum(len(p) for p in pairs))
+        if true is None:
+            out["garment"] = {n: dict.fromkeys(("boundary_mm", "surface_mm", "correspondence_mm", "jitter_mm")) for n in cloth}
+            return out
+        for garment in self.garments:
+            name = garment["name"]
+            out["garment"][name], errors[name][number] = self._garment(garment, cloth[name], true)
+        out["label_iou"] = self._labels(self.store["labels"][row], tracked, true)
+        out["inner"] = self._inner(inner, self.store["confidence/inner"][row] == 0, true)
+        return out
+
+    def _joints(self, row, true):
+        J = self.model.rest(self.store["shape"][:])[1]
+        _, x = self.model.joint_transforms(J, self.store["pose/rotations"][row], self.store["pose/translation"][row])
+        names = [str(n) for n in self.truth.attrs["joint_names"]]
+        at = [self.model.joint_names.index(n) for n in names if n in self.model.joint_names]
+        there = [i for i, n in enumerate(names) if n in self.model.joint_names]
+        return _mm(np.linalg.norm(x[at] - self.truth["joints"][true][there], axis=1))
+
+    def _to_scan(self, row, number, tracked):
+        try:
+            scan = self.capture.frame(number).scan
+        except CaptureError:
+            return None
+        seen = self.store["confidence/track"][row] == 2
+        if scan is None or not seen.any():
+            return None
+        return _mm(kernels.SurfaceIndex(scan.vertices, scan.faces).closest(tracked[seen])[3])
+
+    def _true_garment(self, name, true):
+        group = self.truth[f"garment/{name}"]
+        return group["vertices"][true].astype(np.float64), group["faces"][:]
+
+    def _garment(self, garment, V, true):
+        """-> measures, and the error vectors (g,3) for the jitter."""
+        name = garment["name"]
+        T, F = self._true_garment(name, true)
+        rims = [T[loop] for loop in kernels.boundary_loops(F)]
+        boundary = {
+            loop: min(_mm(_to_polyline(V[vertices], rim)) for rim in rims) for loop, vertices in garment["loops"].items()
+        }
+        group = self.truth[f"garment/{name}"]
+        error = V - np.einsum("gk,gki->gi", group["map_bary"][:], T[F[group["map_face"][:]]])
+        measures = {
+            "boundary_mm": boundary,
+            "surface_mm": _mm(kernels.SurfaceIndex(T, F).closest(V)[3]),
+            "correspondence_mm": _mm(np.linalg.norm(error, axis=1)),
+            "jitter_mm": None,
+        }
+        return measures, error
+
+    def _labels(self, labels, tracked, true):
+        """IoU by label over the outside of the tracked surface."""
+        body, F = self.truth["body/vertices"][true].astype(np.float64), self.truth["body/faces"][:]
+        normals, hidden = kernels.vertex_normals(body, F), np.zeros(len(body), bool)
+        parts = []
+        for garment in self.garments:
+            T, TF = self._true_garment(garment["name"], true)
+            hidden |= kernels.SurfaceIndex(T, TF).occluded(body, normals, 0.0, COVER)
+            parts.append((T, TF, np.full(len(TF), garment["label"])))
+        bare = F[~hidden[F].any(1)]
+        parts.append((body, bare, self.truth["labels"][:][bare[:, 0]]))
+        offset = np.cumsum([0, *(len(p[0]) for p in parts)])
+        V = np.concatenate([p[0] for p in parts])
+        faces = np.concatenate([p[1] + o for p, o in zip(parts, offset)]).astype(np.int32)
+        truth = np.concatenate([p[2] for p in parts])[kernels.SurfaceIndex(V, faces).closest(tracked)[0]]
+        area = np.zeros(len(tracked))
+        np.add.at(area, self.model.f.ravel(), np.repeat(kernels.face_areas(tracked, self.model.f) / 3, 3))
+        area *= self.outside
+        iou = {}
+        for name, label in self.capture.scene.labels.items():
+            a, b = labels == label, truth == label
+            union = area[a | b].sum()
+            iou[name] = float(area[a & b].sum() / union) if union > 0 else None
+        return iou
+
+    def _inner(self, V, hidden, true):
+        body, F = self.truth["body/vertices"][true].astype(np.float64), self.truth["body/faces"][:]
+        distance = kernels.SurfaceIndex(body, F).closest(V)[3]
+        return {
+            "hidden_mm": _mm(distance[hidden & self.outside]),
+            "visible_mm": _mm(distance[~hidden & self.outside]),
+        }
+
+    def _seconds(self):
+        total, frames = defaultdict(float), defaultdict(set)
+        path = self.run / "status.jsonl"
+        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+            try:
+                entry = json.loads(line)
+            except ValueError:  # the last line of a run that was killed
+                continue
+            if entry.get("ok"):
+                total[entry["stage"]] += entry["seconds"]
+                frames[entry["stage"]].add(entry["frame"])
+        return {stage: total[stage] / len(frames[stage]) for stage in total}
+
+
+def _mm(distances):
+    return float(np.mean(distances) * 1e3) if len(distances) else None
+
+
+def _to_polyline(points, closed):
+    """Distance (k,) to a closed polyline (m,3)."""
+    a, d = closed, np.roll(closed, -1, 0) - closed
+    r = points[:, None] - a
+    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
+    return np.linalg.norm(r - s[..., None] * d, axis=2).min(1)
+
+
+def _jitter(errors):
+    """Mean second difference of the error over consecutive frames {number: (g,3)} [mm]."""
+    lengths = [
+        np.linalg.norm(errors[n - 1] - 2 * errors[n] + errors[n + 1], axis=1).mean()
+        for n in errors
+        if n - 1 in errors and n + 1 in errors
+    ]
+    return float(np.mean(lengths) * 1e3) if lengths else None
+
+
+def _mean(values):
+    """The mean of equal nested measures; None where none has a number."""
+    first = values[0]
+    if isinstance(first, dict):
+        return {key: _mean([v[key] for v in values]) for key in first}
+    if isinstance(first, dict) or any(isinstance(v, dict) for v in values):
+        return _mean([v for v in values if isinstance(v, dict)])
+    numbers = [v for v in values if v is not None]
+    return float(np.mean(numbers)) if numbers else None
