@@ -74,6 +74,23 @@ def report(run: Path, out: Annotated[Optional[Path], typer.Option(help="default:
     typer.echo(str(write_report(run, out)))
 
 
+@app.command()
+def template(
+    run: Path,
+    out: Annotated[Path, typer.Argument(help="the template, an .obj in the body model's rest pose")],
+    name: Annotated[str, typer.Option(help="the garment's name")],
+    label: Annotated[str, typer.Option(help="its label in the run's scene")],
+):
+    """Make a garment template from a run's tracked surface and labels."""
+    from .pipeline import person_of
+    from .template import template_command
+
+    model, person, labels, ids = person_of(run)
+    if label not in ids:
+        raise CaptureError(f"--label {label}: the run knows {', '.join(ids)}")
+    typer.echo(template_command(run, out, name, ids[label], model, person, labels))
+
+
 def frame_numbers(text, available, step=1):
     """"1-50,60" -> the numbers of that list that are captured, every `step`-th; all of them for None."""
     if step < 1:
@@ -123,11 +140,6 @@ def main():
     from .studio.command import studio
 
     app.command()(studio)
-    try:
-        from .template import template_command
-        app.command("template")(template_command)
-    except ImportError:
-        pass
     try:
         code = app(standalone_mode=False)
     except (CaptureError, InputError) as error:

@@ -215,7 +215,18 @@ def _mean(values):
     first = values[0]
     if isinstance(first, dict):
         return {key: _mean([v[key] for v in values]) for key in first}
-    if isinstance(first, dict) or any(isinstance(v, dict) for v in values):
+    if any(isinstance(v, dict) for v in values):
         return _mean([v for v in values if isinstance(v, dict)])
     numbers = [v for v in values if v is not None]
     return float(np.mean(numbers)) if numbers else None
+
+
+def flatten(values, prefix=""):
+    """Nested measures as {"garment tshirt surface_mm": number}."""
+    flat = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{name} ")
+        elif value is None or isinstance(value, (int, float)):
+            flat[f"{prefix}{name}"] = value
+    return flat

@@ -378,3 +378,21 @@ class _Run:
                 text = (self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8")
                 failed[number] = json.loads(text)["reason"]
         return Outcome(tuple(f for f in self.frames if f not in failed), failed)
+
+
+def person_of(run):
+    """(BodyModel, Person, labels (T,n) of the frames that are ok, label table) of a finished run that segmented."""
+    import zarr
+
+    group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
+    if "labels" not in group:
+        raise CaptureError(f"{run}/registered.zarr: labels: the run has none, its scene names no garment")
+    model = load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"])
+    shape = group["shape"][:]
+    rest, J = model.rest(shape)
+    good = np.flatnonzero(group["done"][:] == OK)
+    unposed = [
+        model.unskin(group["track/vertices"][i], J, group["pose/rotations"][i], group["pose/translation"][i]) for i in good
+    ]
+    person = Person(shape, np.median(unposed, axis=0) if unposed else rest, J)
+    return model, person, group["labels"][:][good], group.attrs["scene"]["labels"]

@@ -1,0 +1,208 @@
+"""One self-contained HTML page about a run: what was registered, how well, where it is worst and why."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from . import kernels
+from .evaluate import evaluate, flatten
+
+WORST = 40  # frames shown with pictures
+SIZE = (360, 220)  # (height, width) of a picture [px]
+BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
+STYLE = """
+:root { color-scheme: light dark; --ink: #1d2430; --soft: #66707f; --page: #f7f6f3; --card: #fff; --line: #e2dfd8; --mark: #b4552d }
+@media (prefers-color-scheme: dark) { :root { --ink: #e8e6e1; --soft: #9aa3b0; --page: #16191e; --card: #1e2229; --line: #323842; --mark: #e08a5f } }
+body { margin: 0 auto; max-width: 1100px; padding: 2.5rem 1.5rem; background: var(--page); color: var(--ink); font: 15px/1.5 system-ui, sans-serif }
+h1 { font-size: 1.7rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.5rem 0 .8rem } p.soft, .soft { color: var(--soft) }
+.cards { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.2rem 0 } .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .7rem 1rem; min-width: 8rem }
+.card b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums } .card span { color: var(--soft); font-size: .85rem }
+.frame { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .8rem 1rem; margin: .8rem 0 }
+.frame h3 { margin: 0; font-size: 1rem } .frame .row { display: flex; flex-wrap: wrap; gap: .6rem; margin-top: .5rem } figure { margin: 0 } figcaption { color: var(--soft); font-size: .8rem; text-align: center }
+img { border-radius: 4px; display: block } .why { color: var(--mark) } .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: .8rem }
+svg { width: 100%; background: var(--card); border: 1px solid var(--line); border-radius: 8px } svg text { fill: var(--soft); font-size: 11px } polyline { fill: none; stroke: var(--mark); stroke-width: 1.6 }
+pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; overflow: auto; font-size: 12px }
+"""
+
+
+def write_report(run, out=None):
+    """Writes the page of a run (default RUN/report.html) and returns its path. CaptureError where there is no run."""
+    run = Path(run)
+    result = evaluate(run)
+    config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
+    page = _Page(run, result, config).html()
+    path = Path(out) if out else run / "report.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+class _Page:
+    def __init__(self, run, result, config):
+        import zarr
+
+        self.run, self.result, self.config = run, result, config
+        self.store = zarr.open_group(str(run / "registered.zarr"), mode="r")
+        self.scene = self.store.attrs["scene"]
+        self.numbers = [int(n) for n in self.store["frames"][:]]
+        self.flat = {f["frame"]: flatten({k: v for k, v in f.items() if k != "frame"}) for f in result["per_frame"]}
+
+    def html(self):
+        ok, failed = self.result["all"].get("frames_ok", 0), self.result["all"].get("frames_failed", 0)
+        title = f"{self.scene['name']}: {ok} frames registered" + (f", {failed} failed" if failed else "")
+        ranked = self._ranked()
+        shown = "".join(self._frame(number, why) for number, why in ranked[:WORST])
+        layers = ", ".join(["body", *(g["name"] for g in self.scene["garments"])])
+        settings = html.escape(json.dumps({k: v for k, v in self.config.items()}, indent=1))
+        return (
+            "<!doctype html><html lang='en'><head><meta charset='utf-8'><link rel='icon' href='data:,'>"
+            f"<meta name='viewport' content='width=device-width'><title>{html.escape(title)}</title><style>{STYLE}</style></head>"
+            f"<body><h1>{html.escape(title)}</h1><p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
+            f"<div class='cards'>{self._cards()}</div><h2>Errors over time</h2><div class='plots'>{self._plots()}</div>"
+            f"<h2>Frames, worst first</h2>{shown}<h2>Settings and versions</h2><pre>{settings}</pre></body></html>"
+        )
+
+    def _cards(self):
+        flat = flatten(self.result["all"])
+        return "".join(
+            f"<div class='card'><b>{_number(value)}</b><span>{html.escape(name)}</span></div>"
+            for name, value in flat.items()
+            if value is not None
+        )
+
+    def _plots(self):
+        names = list(dict.fromkeys(name for values in self.flat.values() for name in values))
+        plots = []
+        for name in names:
+            points = [(n, v[name]) for n, v in sorted(self.flat.items()) if v.get(name) is not None]
+            if points:
+                plots.append(_plot(name, points))
+        return "".join(plots)
+
+    def _ranked(self):
+        """[(frame, why)]: failed ones first, then by the measure that is farthest above its median over the run."""
+        ranked = []
+        medians = {}
+        for name in {n for values in self.flat.values() for n in values}:
+            values = [v[name] for v in self.flat.values() if v.get(name) is not None]
+            medians[name] = float(np.median(values)) if values else 0.0
+        for number in self.numbers:
+            if number not in self.flat:
+                ranked.append((np.inf, number, f"failed: {self._diagnostics(number).get('reason', 'not finished')}"))
+                continue
+            score, why = max(
+                ((_excess(n, v, medians[n]), _words(n, v, medians[n])) for n, v in self.flat[number].items() if v is not None),
+                default=(0.0, "no measure"),
+            )
+            contact = _contact(self._diagnostics(number))
+            ranked.append((score + (100 if contact else 0), number, f"{contact}; {why}" if contact else why))
+        ranked.sort(key=lambda item: (-item[0], item[1]))
+        return [(number, why) for _, number, why in ranked]
+
+    def _diagnostics(self, number):
+        path = self.run / "diagnostics" / f"{number:06d}.json"
+        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+    def _frame(self, number, why):
+        pictures = "" if number not in self.flat else self._pictures(self.numbers.index(number))
+        return (
+            f"<section class='frame'><h3>frame {number} <span class='why'>{html.escape(why)}</span></h3>"
+            f"<div class='row'>{pictures}</div></section>"
+        )
+
+    def _pictures(self, row):
+        up = self.scene["up"]
+        track = (self.store["track/vertices"][row], self.store["track/faces"][:], BODY)
+        figures = [("tracked, front", [track], 0), ("tracked, back", [track], np.pi)]
+        if self.scene["garments"]:
+            layers = [(self.store["inner/vertices"][row], self.store["inner/faces"][:], BODY)]
+            inner = [("inner, front", list(layers), 0)]
+            for i, garment in enumerate(self.scene["garments"]):
+                group = self.store[f"garment/{garment['name']}"]
+                layers.append((group["vertices"][row], group["faces"][:], CLOTH[i % len(CLOTH)]))
+            figures += inner + [("layers, front", layers, 0), ("layers, back", layers, np.pi)]
+        return "".join(
+            f"<figure><img alt='{caption}' src='data:image/jpeg;base64,{render(parts, angle, up)}'><figcaption>{caption}</figcaption></figure>"
+            for caption, parts, angle in figures
+        )
+
+
+def render(parts, angle, up="z", size=SIZE):
+    """Shaded layers [(V, F, colour)] from the front (0) or elsewhere about the up axis [rad]; JPEG as base64."""
+    from PIL import Image
+
+    V = np.concatenate([p[0] for p in parts])
+    offset = np.cumsum([0, *(len(p[0]) for p in parts)])
+    F = np.concatenate([p[1] + o for p, o in zip(parts, offset)]).astype(np.int32)
+    colour = np.concatenate([np.broadcast_to(p[2], (len(p[1]), 3)) for p in parts])
+    camera = _view(V, angle, up)
+    height, width = size[0] * 2, size[1] * 2
+    span = max(np.ptp(camera[:, 1]) / height, np.ptp(camera[:, 0]) / width) * 1.08
+    distance = 6.0
+    camera = camera + [0, 0, distance]
+    focal = distance / span
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    hit = kernels.raster(camera, F, K, (height, width)).face
+    normals = kernels.vertex_normals(camera, F)[F].mean(1)
+    light = np.clip(0.35 + 0.65 * np.abs(normals @ np.array([0.35, -0.45, -0.82])), 0, 1)
+    shaded = np.concatenate([colour * light[:, None], [[244, 243, 240]]])
+    picture = shaded[hit].reshape(size[0], 2, size[1], 2, 3).mean((1, 3)).round().astype(np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "JPEG", quality=82)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def _view(V, angle, up):
+    """Vertices in a camera that looks at the person's front: x right, y down, z forward, centred."""
+    axes = {"z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "y": ((-1, 0, 0), (0, -1, 0), (0, 0, -1)), "x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1))}
+    P = (V - (V.min(0) + V.max(0)) / 2) @ np.array(axes[up], dtype=np.float64).T
+    c, s = np.cos(angle), np.sin(angle)
+    return P @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+
+
+def _number(value):
+    return str(value) if isinstance(value, int) else f"{value:.3g}"
+
+
+def _excess(name, value, median):
+    """How far a measure is on its bad side, relative to its median; IoU is bad when low."""
+    if "iou" in name:
+        return (median - value) * 10
+    if name == "intersections_left":
+        return 50.0 if value else 0.0
+    return (value - median) / max(abs(median), 1e-9)
+
+
+def _words(name, value, median):
+    if name == "intersections_left" and value:
+        return f"{int(value)} triangle pairs of garment and body still intersect"
+    worse = "below" if "iou" in name else "above"
+    return f"{name.replace('_', ' ')} is {_number(value)}, {worse} the run's median of {_number(median)}"
+
+
+def _contact(diagnostics):
+    """In words, when a stage reports contact that the method cannot represent."""
+    for stage, values in diagnostics.items():
+        if isinstance(values, dict) and values.get("unsupported_contact"):
+            return f"{stage}: hands touch the cloth, which the method cannot represent"
+    return ""
+
+
+def _plot(name, points):
+    """An inline SVG of one measure over the frame numbers."""
+    x, y = np.array(points, dtype=np.float64).T
+    top = y.max() if y.max() > 0 else 1.0
+    px = 44 + 262 * (x - x.min()) / max(np.ptp(x), 1)
+    py = 128 - 96 * y / top
+    line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py))
+    return (
+        f"<svg viewBox='0 0 320 150' role='img' aria-label='{html.escape(name)}'><text x='44' y='18'>{html.escape(name)}</text>"
+        f"<text x='6' y='36'>{top:.3g}</text><text x='6' y='131'>0</text><text x='44' y='145'>{x.min():.0f}</text>"
+        f"<text x='306' y='145' text-anchor='end'>{x.max():.0f}</text><polyline points='{line}'/></svg>"
+    )
