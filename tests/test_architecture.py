@@ -23,7 +23,7 @@ ALLOWED = {
     "store": set(),
     "capture": TYPES | {"io"},
     "evaluate": TYPES | {"capture", "io", "store"},
-    "report": TYPES | {"evaluate"},
+    "report": TYPES | {"evaluate", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "store", "__init__"},
     "cli": TYPES | {"capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
     "io": {"scene"},

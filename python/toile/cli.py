@@ -48,6 +48,11 @@ def register(
     with progress_bars() as progress:
         outcome = run_pipeline(capture, run, config, numbers, progress)
     typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed")
+    for warning in outcome.warnings:
+        typer.echo(f"  warning: {warning}", err=True)
+    if outcome.unsupported_contact:
+        numbers = ", ".join(map(str, outcome.unsupported_contact))
+        typer.echo(f"  unsupported contact, hands touch the cloth: frames {numbers}", err=True)
     for number, reason in outcome.failed.items():
         typer.echo(f"  frame {number}: {reason}", err=True)
     raise typer.Exit(2 if outcome.failed else 0)

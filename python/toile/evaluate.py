@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections import defaultdict
 from pathlib import Path
@@ -13,7 +12,7 @@ from . import kernels
 from .capture import open_capture
 from .io.body import load_body_model
 from .scene import CaptureError
-from .store import OK
+from .store import OK, Status
 
 INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
 COVER = 0.06  # cloth within this along a body vertex's normal hides it [m]
@@ -176,12 +175,7 @@ class _Evaluation:
 
     def _seconds(self):
         total, frames = defaultdict(float), defaultdict(set)
-        path = self.run / "status.jsonl"
-        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-            try:
-                entry = json.loads(line)
-            except ValueError:  # the last line of a run that was killed
-                continue
+        for entry in Status(self.run / "status.jsonl").lines():
             if entry.get("ok"):
                 total[entry["stage"]] += entry["seconds"]
                 frames[entry["stage"]].add(entry["frame"])

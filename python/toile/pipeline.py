@@ -14,6 +14,7 @@ import hashlib
 import json
 import shutil
 import time
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -60,10 +61,13 @@ def plan(capture):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: frame numbers that are registered, and those that failed with their reasons."""
+    """How a run ended: frames registered; frames failed with their reasons; registered frames in which hands touch cloth
+    in a way that the layers cannot represent; and what the garments' preparation warned of."""
 
     ok: tuple[int, ...]
     failed: dict[int, str]
+    unsupported_contact: tuple[int, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def register(capture_path, run_path, config=None, frames=None, progress=None):
@@ -207,7 +211,12 @@ class _Run:
             labelled = [(f, t, self._segment(colours, f, t, None)) for f, t in samples]
             for garment, path in zip(self.scene.garments, paths[1:]):
                 mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
-                save_record(path, dress.prepare(self.model, self.person, garment, label, mesh, labelled, self.config.dress))
+                with warnings.catch_warnings(record=True) as caught:
+                    warnings.simplefilter("always")
+                    template = dress.prepare(self.model, self.person, garment, label, mesh, labelled, self.config.dress)
+                for warning in caught:
+                    self.status.add(stage="dress", ok=False, warning=str(warning.message))
+                save_record(path, template)
         self.colours = load_record(paths[0], segment.SegmentModel, colours=ColourModel)
         self.templates = tuple(load_record(p, GarmentTemplate, ("loops",)) for p in paths[1:])
         self.dressers = {t.name: dress.Dresser(self.model, self.person, t, self.config.dress) for t in self.templates}
@@ -372,12 +381,15 @@ class _Run:
         }
 
     def _outcome(self, registered):
-        failed = {}
+        failed, contact = {}, []
         for number in self.frames:
+            diagnostics = json.loads((self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8"))
             if registered.done(number) == FAILED:
-                text = (self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8")
-                failed[number] = json.loads(text)["reason"]
-        return Outcome(tuple(f for f in self.frames if f not in failed), failed)
+                failed[number] = diagnostics["reason"]
+            elif any(stage.get("unsupported_contact") for stage in diagnostics.values()):
+                contact.append(number)
+        ok = tuple(f for f in self.frames if f not in failed)
+        return Outcome(ok, failed, tuple(contact), tuple(self.status.warnings()))
 
 
 def person_of(run):

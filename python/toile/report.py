@@ -13,6 +13,7 @@ import numpy as np
 
 from . import kernels
 from .evaluate import evaluate, flatten
+from .store import Status
 
 WORST = 40  # frames shown with pictures
 SIZE = (360, 220)  # (height, width) of a picture [px]
@@ -64,9 +65,12 @@ class _Page:
             "<!doctype html><html lang='en'><head><meta charset='utf-8'><link rel='icon' href='data:,'>"
             f"<meta name='viewport' content='width=device-width'><title>{html.escape(title)}</title><style>{STYLE}</style></head>"
             f"<body><h1>{html.escape(title)}</h1><p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
-            f"<div class='cards'>{self._cards()}</div><h2>Errors over time</h2><div class='plots'>{self._plots()}</div>"
+            f"{self._warnings()}<div class='cards'>{self._cards()}</div><h2>Errors over time</h2><div class='plots'>{self._plots()}</div>"
             f"<h2>Frames, worst first</h2>{shown}<h2>Settings and versions</h2><pre>{settings}</pre></body></html>"
         )
+
+    def _warnings(self):
+        return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in Status(self.run / "status.jsonl").warnings())
 
     def _cards(self):
         flat = flatten(self.result["all"])

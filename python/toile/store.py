@@ -93,6 +93,18 @@ class Status:
         with open(self.path, "a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
 
+    def lines(self):
+        """All whole lines; a run that was killed may have left the last one cut."""
+        for text in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else []:
+            try:
+                yield json.loads(text)
+            except ValueError:
+                continue
+
+    def warnings(self):
+        """What was warned of, each once."""
+        return list(dict.fromkeys(line["warning"] for line in self.lines() if "warning" in line))
+
 
 class Registered:
     """RUN/registered.zarr: one zarr 3 group, a chunk a frame, `done` written last."""

@@ -1,0 +1,82 @@
+"""Files of a capture: what is read is what was written, in metres, in file order."""
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toile.capture import open_capture
+from toile.io.mesh import read_mesh, write_ply
+from toile.scene import CaptureError
+from toile.store import load_record, save_record
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+
+
+def test_obj_keeps_vertices_and_uvs_in_topologies_of_their_own(tmp_path):
+    path = tmp_path / "seam.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt .5 .5\nf 1/1 2/2 3/3 4/4\nf -4/5 -2/3 -1/4\n")
+    mesh = read_mesh(path)
+    assert mesh.vertices.shape == (4, 3) and mesh.uv.shape == (5, 2)
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 2, 3]]
+    assert mesh.face_uv.tolist() == [[0, 1, 2], [0, 2, 3], [4, 2, 3]]
+
+
+def test_ply_keeps_the_order_of_vertices_and_duplicates(tmp_path):
+    V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0]], dtype=np.float64)
+    F = np.array([[3, 1, 2], [0, 1, 2]])
+    write_ply(tmp_path / "m.ply", V, F)
+    mesh = read_mesh(tmp_path / "m.ply")
+    assert np.array_equal(mesh.vertices, V) and np.array_equal(mesh.faces, F)
+
+
+def test_face_that_names_a_missing_vertex_is_refused(tmp_path):
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    with pytest.raises(CaptureError, match="m.obj: face 0"):
+        read_mesh(tmp_path / "m.obj")
+
+
+def test_centimetres_are_the_same_capture_in_metres(tmp_path):
+    capture = tmp_path / "cm"
+    shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "00000[1-5]"))
+    text = (capture / "scene.toml").read_text()
+    (capture / "scene.toml").write_text(text.replace('units = "m"', 'units = "cm"'))
+    cameras = json.loads((capture / "cameras.json").read_text())
+    for camera in cameras["cameras"]:
+        for row in camera["T_camera_world"][:3]:
+            row[3] *= 100
+    (capture / "cameras.json").write_text(json.dumps(cameras))
+    scan = read_mesh(capture / "frames" / "000000" / "scan.ply")
+    write_ply(capture / "frames" / "000000" / "scan.ply", scan.vertices * 100, scan.faces)
+    there, here = open_capture(capture), open_capture(SAMPLE)
+    name = next(iter(here.cameras))
+    point = here.frame(0).scan.vertices[::1000]
+    assert np.allclose(there.frame(0).scan.vertices[::1000], point, atol=1e-6)
+    assert np.allclose(there.cameras[name].project(point)[0], here.cameras[name].project(point)[0], atol=1e-6)
+
+
+@dataclass(frozen=True)
+class Part:
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Record:
+    array: np.ndarray
+    name: str
+    numbers: dict
+    loops: tuple
+    part: Part | None
+    nothing: np.ndarray | None = None
+
+
+def test_records_come_back_to_the_bit(tmp_path):
+    record = Record(np.array([0.1, np.nan]), "x", {"a": 0.1}, (np.arange(3), np.arange(2)), Part(np.pi * np.arange(3)))
+    save_record(tmp_path / "r.npz", record)
+    back = load_record(tmp_path / "r.npz", Record, ("loops",), part=Part)
+    assert back.array.tobytes() == record.array.tobytes() and back.name == "x" and back.numbers == {"a": 0.1}
+    assert [l.tolist() for l in back.loops] == [[0, 1, 2], [0, 1]] and back.nothing is None
+    assert back.part.values.tobytes() == record.part.values.tobytes()
