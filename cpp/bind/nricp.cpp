@@ -1,7 +1,56 @@
+#include "kernels/nricp.h"
+
 #include "bind/common.h"
 
 namespace toile::bind {
 
-void bind_nricp(py::module_&) {}
+void bind_nricp(py::module_& m) {
+    py::class_<NricpOptions>(m, "NricpOptions")
+        .def(py::init<>())
+        .def_readwrite("large_motion", &NricpOptions::large_motion)
+        .def_readwrite("rebase", &NricpOptions::rebase)
+        .def_readwrite("radii", &NricpOptions::radii)
+        .def_readwrite("iterations", &NricpOptions::iterations)
+        .def_readwrite("stiffness_start", &NricpOptions::stiffness_start)
+        .def_readwrite("stiffness_end", &NricpOptions::stiffness_end)
+        .def_readwrite("robust_start", &NricpOptions::robust_start)
+        .def_readwrite("robust_end", &NricpOptions::robust_end)
+        .def_readwrite("reverse", &NricpOptions::reverse)
+        .def_readwrite("fine_iterations", &NricpOptions::fine_iterations)
+        .def_readwrite("fine_sweeps", &NricpOptions::fine_sweeps)
+        .def_readwrite("fine_stiffness", &NricpOptions::fine_stiffness)
+        .def_readwrite("fine_robust", &NricpOptions::fine_robust)
+        .def_readwrite("point_weight", &NricpOptions::point_weight)
+        .def_readwrite("boundary_weight", &NricpOptions::boundary_weight)
+        .def_readwrite("rotation_weight", &NricpOptions::rotation_weight)
+        .def_readwrite("min_overlap", &NricpOptions::min_overlap)
+        .def_readwrite("exposure", &NricpOptions::exposure)
+        .def_readwrite("labels", &NricpOptions::labels);
+    py::class_<NricpResult>(m, "NricpResult")
+        .def_readonly("V", &NricpResult::V)
+        .def_readonly("stop", &NricpResult::stop)
+        .def_readonly("iterations", &NricpResult::iterations)
+        .def_readonly("energy", &NricpResult::energy)
+        .def_readonly("rms", &NricpResult::rms)
+        .def_readonly("matched", &NricpResult::matched);
+    using RowSparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
+    py::class_<NricpFrame>(m, "NricpFrame")
+        .def(py::init([](Vertices V, Faces F, Vertices start, RowSparse W, Vertices P, Vector sigma,
+                         const std::vector<std::pair<Indices, Vertices>>& boundary, Indices labels) {
+            NricpFrame frame{std::move(V), std::move(F), std::move(start), {std::move(W), std::move(P), std::move(sigma)},
+                             {}, std::move(labels)};
+            for (const auto& [vertices, polyline] : boundary) frame.loops.push_back({vertices, polyline});
+            return frame;
+        }));
+    py::class_<NricpSolver>(m, "NricpSolver")
+        .def(py::init([](const Vertices& V, const Faces& F, const std::string& preset, const py::kwargs& options) {
+            const auto chosen = options_from<NricpOptions>(options, "nricp", nricp_preset(preset));
+            py::gil_scoped_release release;
+            return std::make_unique<NricpSolver>(V, F, chosen);
+        }))
+        .def("solve", &NricpSolver::solve, py::call_guard<py::gil_scoped_release>())
+        .def_property_readonly("analyses", &NricpSolver::analyses)
+        .def_property_readonly("factorisations", &NricpSolver::factorisations);
+}
 
 }  // namespace toile::bind

@@ -1,1 +1,315 @@
 #include "kernels/nricp.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "base/errors.h"
+#include "base/parallel.h"
+#include "geometry/laplacian.h"
+#include "kernels/nricp_fine.h"
+#include "kernels/nricp_graph.h"
+#include "kernels/nricp_match.h"
+
+namespace toile {
+
+namespace {
+
+using std::to_string;
+
+/// Geometric from `a` to `b` as i runs over [0, count).
+double anneal(double a, double b, int i, int count) {
+    return count > 1 ? a * std::pow(b / a, static_cast<double>(i) / (count - 1)) : b;
+}
+
+/// A third of the faces' areas to each vertex, as shares of the whole.
+Vector area_shares(const Vertices& V, const Faces& F) {
+    const Vector areas = face_areas(V, F);
+    Vector share = Vector::Zero(V.rows());
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) share[F(f, c)] += areas[f] / 3;
+    return share / areas.sum();
+}
+
+/// 1 where at least `least` of the rays from a vertex leave the template, else 0: cavities are never scanned.
+Vector visible_vertices(const Vertices& V, const Faces& F, double least) {
+    if (least <= 0) return Vector::Ones(V.rows());
+    constexpr int rays = 48;
+    const Vertices normals = vertex_normals(V, F);
+    const SurfaceIndex index(V, F);
+    Vector visible(V.rows());
+    parallel_for(V.rows(), [&](std::int64_t v) {
+        const Vec3 n = normals.row(v).transpose();
+        const Vec3 origin = V.row(v).transpose() + 1e-4 * n;
+        int free = 0;
+        for (int i = 0; i < rays; ++i) {  // Fibonacci sphere, folded to the side of the normal
+            const double z = 1 - (2 * i + 1.0) / rays, r = std::sqrt(1 - z * z), a = i * M_PI * (3 - std::sqrt(5.0));
+            const Vec3 d(r * std::cos(a), r * std::sin(a), z);
+            free += !index.occluded(origin, d.dot(n) < 0 ? Vec3(-d) : d, 1e-4);
+        }
+        visible[v] = free >= least * rays && n.squaredNorm() > 0;
+    });
+    return visible.sum() > 0 ? visible : Vector::Ones(V.rows());
+}
+
+void check_options(const NricpOptions& o) {
+    const std::size_t levels = o.radii.size();
+    require(levels > 0, "nricp: radii is empty");
+    const auto fits = [&](const auto& values, const char* name) {
+        require(values.size() == levels, std::string("nricp: ") + name + " has " + to_string(values.size()) +
+                                             " entries, radii has " + to_string(levels));
+        for (std::size_t i = 0; i < values.size(); ++i)
+            require(values[i] >= 0 && std::isfinite(values[i]), std::string("nricp: ") + name + "[" + to_string(i) + "] is not a number >= 0");
+    };
+    const auto positive = [&](const std::vector<double>& values, const char* name) {
+        fits(values, name);
+        for (std::size_t i = 0; i < levels; ++i)
+            require(values[i] > 0, std::string("nricp: ") + name + "[" + to_string(i) + "] is not positive");
+    };
+    positive(o.radii, "radii");
+    fits(o.iterations, "iterations");
+    positive(o.stiffness_start, "stiffness_start");
+    positive(o.stiffness_end, "stiffness_end");
+    positive(o.robust_start, "robust_start");
+    positive(o.robust_end, "robust_end");
+    fits(o.reverse, "reverse");
+    require(o.fine_robust > 0, "nricp: fine_robust is not positive");
+    require(o.fine_stiffness > 0, "nricp: fine_stiffness is not positive");
+    require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
+}
+
+void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& options) {
+    check_mesh("nricp", f.V, f.F, "scan_V", "scan_F");
+    require(f.F.rows() > 0, "nricp: scan_F is empty");
+    if (f.start.rows() > 0) {
+        require(f.start.rows() == n, "nricp: start has " + to_string(f.start.rows()) + " rows, V has " + to_string(n));
+        check_finite("nricp", "start", f.start);
+    }
+    const auto& [W, P, sigma] = f.landmarks;
+    const Eigen::Index k = W.rows();
+    if (k > 0) require(W.cols() == n, "nricp: landmarks W has " + to_string(W.cols()) + " columns, V has " + to_string(n) + " rows");
+    require(P.rows() == k, "nricp: landmarks P has " + to_string(P.rows()) + " rows, W has " + to_string(k));
+    if (k > 0) check_finite("nricp", "landmarks P", P);
+    require(k == 0 || sigma.size() == 1 || sigma.size() == k, "nricp: landmarks sigma has " + to_string(sigma.size()) + " entries, W has " + to_string(k) + " rows");
+    for (Eigen::Index i = 0; i < sigma.size(); ++i)
+        require(sigma[i] > 0 && std::isfinite(sigma[i]), "nricp: landmarks sigma[" + to_string(i) + "] is not positive");
+    for (Eigen::Index i = 0; i < k; ++i) {
+        double sum = 0, least = 0;
+        for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator r(W, i); r; ++r) {
+            sum += r.value();
+            least = std::min(least, r.value());
+        }
+        require(std::abs(sum - 1) < 1e-6 && least >= 0, "nricp: landmarks W[" + to_string(i) + "] is not a convex combination (weights >= 0 with sum 1)");
+    }
+    for (std::size_t l = 0; l < f.loops.size(); ++l) {
+        const std::string name = "boundary[" + to_string(l) + "]";
+        check_indices("nricp", name + " vertices", f.loops[l].vertices, n);
+        require(f.loops[l].polyline.rows() > 1, "nricp: " + name + " polyline has fewer than 2 points");
+        check_finite("nricp", name + " polyline", f.loops[l].polyline);
+    }
+    require(f.labels.size() == 0 || f.labels.size() == f.F.rows(), "nricp: scan_labels has " + to_string(f.labels.size()) + " entries, scan_F has " + to_string(f.F.rows()));
+    require(f.labels.size() == 0 || !options.labels.empty(), "nricp: scan_labels given, but the option `labels` names no valid one");
+}
+
+}  // namespace
+
+NricpOptions nricp_preset(const std::string& name) {
+    NricpOptions o;
+    if (name == "draft") {
+        o.iterations = {6, 4, 2};
+        o.reverse = {5, 0, 0};
+        o.fine_iterations = 0;
+    } else if (name == "fine") {
+        o.iterations = {12, 8, 6};
+        o.fine_iterations = 5;
+        o.fine_sweeps = 15;
+    } else {
+        require(name == "standard", "nricp: preset is '" + name + "', expected draft, standard or fine");
+    }
+    return o;
+}
+
+/// Works in the template's own frame: about its mean, sized so that its area is 1.
+struct NricpSolver::State {
+    NricpOptions options;
+    Faces F;
+    Vec3 middle;
+    double size;
+    Vertices V;
+    Vector area, visible;
+    std::vector<NricpGraph> graphs;
+    std::optional<NricpFine> fine;
+
+    Vertices into(const Vertices& x) const { return (x.rowwise() - middle.transpose()) / size; }
+    Vertices out_of(const Vertices& x) const { return (x * size).rowwise() + middle.transpose(); }
+    NricpFrame into(const NricpFrame& frame) const;
+};
+
+NricpFrame NricpSolver::State::into(const NricpFrame& frame) const {
+    NricpFrame f = frame;
+    f.V = into(frame.V);
+    f.F = target_faces(f.V, frame.F, frame.labels, options.labels);
+    if (frame.start.rows() > 0) f.start = into(frame.start);
+    if (frame.landmarks.P.rows() > 0) f.landmarks.P = into(frame.landmarks.P);
+    f.landmarks.sigma /= size;
+    for (NricpLoop& loop : f.loops) loop.polyline = into(loop.polyline);
+    return f;
+}
+
+namespace {
+
+/// One frame's solve: positions, evidence, and the match of each step.
+struct Progress {
+    const NricpFrame& frame;
+    const NricpTarget& target;
+    const Faces& F;
+    const Vector &area, &visible;
+    const NricpOptions& options;
+    Vertices x;
+    NricpResult result;
+    double last_move = INFINITY;
+
+    /// False when nothing overlaps; landmarks may still be pulling the template there.
+    bool match(double mu, double reverse, Pull& pull) {
+        pull = pull_of(target, frame, x, F, area, visible, {mu, reverse, options.point_weight, options.boundary_weight});
+        result.energy.push_back(pull.energy);
+        result.rms = pull.rms;
+        result.matched = pull.matched;
+        return pull.overlap >= options.min_overlap || frame.landmarks.W.rows() > 0;
+    }
+    void move_to(Vertices next) {
+        last_move = std::sqrt((next - x).rowwise().squaredNorm().mean());
+        x = std::move(next);
+        ++result.iterations;
+    }
+};
+
+/// One Gauss-Newton step of a rigid motion of everything.
+Vertices rigid_step(const Vertices& x, const Pull& pull) {
+    const Eigen::RowVector3d middle = x.colwise().mean();
+    Eigen::Matrix<double, 6, 6> H = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
+    Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
+    for (Eigen::Index v = 0; v < x.rows(); ++v) {
+        const Vec3 a = (x.row(v) - middle).transpose();
+        Eigen::Matrix<double, 3, 6> J;
+        J << 0, a.z(), -a.y(), 1, 0, 0, -a.z(), 0, a.x(), 0, 1, 0, a.y(), -a.x(), 0, 0, 0, 1;
+        H += J.transpose() * pull.A[v] * J;
+        g += J.transpose() * pull.b.row(v).transpose();
+    }
+    const Eigen::Matrix<double, 6, 1> s = H.ldlt().solve(g);
+    const double angle = s.head<3>().norm();
+    const Mat3 R = angle > 0 ? Eigen::AngleAxisd(angle, s.head<3>() / angle).toRotationMatrix() : Mat3::Identity();
+    return ((x.rowwise() - middle) * R.transpose()).rowwise() + (middle + s.tail<3>().transpose());
+}
+
+bool run_rigid(Progress& p) {
+    constexpr int steps = 10;
+    Pull pull;
+    for (int i = 0; i < steps; ++i) {
+        if (!p.match(p.options.robust_start[0], p.options.reverse[0], pull)) return false;
+        p.move_to(rigid_step(p.x, pull));
+    }
+    return true;
+}
+
+bool run_graph(Progress& p, NricpGraph& graph, const Vertices& rest, std::size_t level) {
+    const NricpOptions& o = p.options;
+    graph.start(rest, p.x);
+    Pull pull;
+    for (int i = 0, count = o.iterations[level]; i < count; ++i) {
+        const double mu = anneal(o.robust_start[level], o.robust_end[level], i, count);
+        if (!p.match(mu, o.reverse[level], pull)) return false;
+        graph.step(pull, anneal(o.stiffness_start[level], o.stiffness_end[level], i, count), o.rotation_weight);
+        p.move_to(graph.positions());
+    }
+    return true;
+}
+
+bool run_fine(Progress& p, NricpFine& fine) {
+    const NricpOptions& o = p.options;
+    constexpr double base_length = 0.004, usual_roughness = 0.03;
+    const double length = base_length * std::pow(o.fine_stiffness, 0.25) * (1 + p.target.roughness / usual_roughness);
+    const Vertices anchor = p.x;
+    Pull pull;
+    for (int i = 0; i < o.fine_iterations; ++i) {
+        if (!p.match(o.fine_robust, 0, pull)) return false;
+        p.move_to(fine.step(anchor, p.x, pull, length, o.fine_sweeps));
+    }
+    return true;
+}
+
+}  // namespace
+
+NricpSolver::NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& options) : state_(std::make_unique<State>()) {
+    check_options(options);
+    check_mesh("nricp", V, F);
+    require(F.rows() > 0, "nricp: F is empty");
+    State& s = *state_;
+    s.options = options;
+    s.F = F;
+    Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) sum += V.row(F(f, c)) - V.row(F(0, 0));
+    s.middle = (V.row(F(0, 0)) + sum / (3.0 * F.rows())).transpose();
+    s.size = std::sqrt(face_areas(V.rowwise() - s.middle.transpose(), F).sum());
+    require(s.size > 0, "nricp: the faces F of V have no area");
+    s.V = s.into(V);
+    s.area = area_shares(s.V, F);
+    s.visible = visible_vertices(s.V, F, options.exposure);
+    const std::size_t first = options.large_motion ? 0 : options.radii.size() - 1;
+    for (std::size_t level = first; level < options.radii.size(); ++level) s.graphs.emplace_back(s.V, F, options.radii[level]);
+    if (options.fine_iterations > 0) s.fine.emplace(s.V, F);
+}
+
+NricpSolver::~NricpSolver() = default;
+NricpSolver::NricpSolver(NricpSolver&&) noexcept = default;
+
+NricpResult NricpSolver::solve(const NricpFrame& given) {
+    State& s = *state_;
+    const NricpOptions& o = s.options;
+    check_frame(given, s.V.rows(), o);
+    const NricpFrame frame = s.into(given);
+    NricpResult none;
+    none.V = Vertices::Constant(s.V.rows(), 3, std::numeric_limits<double>::quiet_NaN());
+    none.rms = std::numeric_limits<double>::quiet_NaN();
+    none.matched = Vector::Zero(s.V.rows());
+    none.stop = "no_overlap";
+    if (frame.F.rows() == 0) return none;
+
+    NricpTarget target(frame.V, frame.F);
+    const Vertices start = frame.start.rows() > 0 ? frame.start : s.V;
+    const Vertices rest = o.rebase ? start : s.V;
+    target.orient(start, vertex_normals(start, s.F), s.visible);
+    Progress p{frame, target, s.F, s.area, s.visible, o, start, {}};
+    bool overlaps = !o.large_motion || run_rigid(p);
+    for (std::size_t i = 0; overlaps && i < s.graphs.size(); ++i)
+        overlaps = run_graph(p, s.graphs[i], rest, o.radii.size() - s.graphs.size() + i);
+    if (overlaps && s.fine) overlaps = run_fine(p, *s.fine);
+    Pull last;
+    overlaps = overlaps && (p.match(o.fine_iterations > 0 ? o.fine_robust : o.robust_end.back(), 0, last), last.overlap >= o.min_overlap);
+    none.iterations = p.result.iterations;
+    if (!overlaps) return none;
+    constexpr double still = 1e-4;  // of the template's size
+    p.result.stop = p.last_move < still ? "converged" : "max_iterations";
+    p.result.V = s.out_of(p.x);
+    p.result.rms *= s.size;
+    for (double& e : p.result.energy) e *= s.size * s.size;
+    return p.result;
+}
+
+std::int64_t NricpSolver::analyses() const {
+    std::int64_t sum = state_->fine ? state_->fine->factor.analyses() : 0;
+    for (const NricpGraph& g : state_->graphs) sum += g.factor.analyses();
+    return sum;
+}
+
+std::int64_t NricpSolver::factorisations() const {
+    std::int64_t sum = state_->fine ? state_->fine->factor.factorisations() : 0;
+    for (const NricpGraph& g : state_->graphs) sum += g.factor.factorisations();
+    return sum;
+}
+
+}  // namespace toile

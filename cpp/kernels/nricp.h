@@ -1,1 +1,84 @@
+// Non-rigid registration of a template to a scan: coarse to fine, robust, the template's part prepared once.
 #pragma once
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/types.h"
+
+namespace toile {
+
+/// Lengths are fractions of the template's size, the square root of its area (1.4 m for an adult): the same options
+/// serve every scale.
+struct NricpOptions {
+    bool large_motion = true;      ///< rigid and coarse levels first; false: `start` lies within a few hundredths
+    bool rebase = false;           ///< the rest shape is `start`, not V
+    std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine; small motion uses the last
+    std::vector<int> iterations{10, 6, 4};          ///< Gauss-Newton steps a level
+    std::vector<double> stiffness_start{30, 30, 1}, stiffness_end{0.3, 0.3, 0.1};       ///< of the graph
+    std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.01};   ///< Geman-McClure scale mu
+    std::vector<double> reverse{5, 1, 0.3};         ///< weight of the scan -> template term
+    int fine_iterations = 3;       ///< steps of the vertices' own displacement, 0: the graph's answer
+    int fine_sweeps = 8;           ///< conjugate gradient steps each
+    double fine_stiffness = 1;     ///< of the displacement's gradient and Laplacian, grows with the scan's noise
+    double fine_robust = 0.006;    ///< Geman-McClure scale of the fine steps
+    double point_weight = 0.003;   ///< share of point-to-point beside point-to-plane
+    double boundary_weight = 3;    ///< of a loop vertex against a surface vertex
+    double rotation_weight = 1;    ///< penalty on rotation differences of neighbouring nodes
+    double min_overlap = 0.01;     ///< matched share of the visible template below which there is no overlap
+    double exposure = 0.04;        ///< share of rays that must leave the template for a vertex to be visible; 0: all are
+    std::vector<int> labels;       ///< scan labels that are valid targets; needed with scan_labels
+};
+
+/// draft | standard | fine: the one place of the presets. InputError for another name.
+NricpOptions nricp_preset(const std::string& name);
+
+struct NricpLandmarks {
+    Eigen::SparseMatrix<double, Eigen::RowMajor> W;  ///< (k,n) rows are convex weights
+    Vertices P;                                      ///< (k,3) [m]
+    Vector sigma;                                    ///< (k,) or (1,) [m]
+};
+
+struct NricpLoop {
+    Indices vertices;   ///< of the template
+    Vertices polyline;  ///< (k,3) closed [m]
+};
+
+struct NricpFrame {
+    Vertices V;
+    Faces F;
+    Vertices start;                 ///< (n,3) or empty
+    NricpLandmarks landmarks;       ///< or empty
+    std::vector<NricpLoop> loops;   ///< or empty
+    Indices labels;                 ///< per face, or empty
+};
+
+struct NricpResult {
+    Vertices V;                  ///< (n,3) [m]; NaN when nothing overlaps
+    std::string stop;            ///< "converged", "max_iterations" or "no_overlap"
+    int iterations = 0;          ///< over all levels
+    std::vector<double> energy;  ///< data energy before each step [m^2]
+    double rms = 0;              ///< weighted, of the matched vertices to the planes of their matches [m]
+    Vector matched;              ///< (n,) weight of the last match in [0,1]
+};
+
+/// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + loops + landmarks + stiffness * rigidity(x), w_v =
+/// Geman-McClure weight times squared cosine of the normals, annealed; x carried by a graph of rigid nodes (embedded
+/// deformation), then by a smooth displacement of its own. The same bits for any number of threads.
+class NricpSolver {
+public:
+    NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& options = {});
+    ~NricpSolver();
+    NricpSolver(NricpSolver&&) noexcept;
+
+    NricpResult solve(const NricpFrame& frame);
+
+    std::int64_t analyses() const;        ///< symbolic factorisations so far: those of the constructor
+    std::int64_t factorisations() const;  ///< numeric ones so far
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+}  // namespace toile

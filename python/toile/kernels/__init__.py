@@ -16,6 +16,7 @@ from .geometry import (
 from .inner import InnerSolver
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .mrf import mrf
+from .nricp import NricpSolver, nricp
 from .raster import raster
 from .skeleton import SkeletonSolver, skeleton
 from .untangle import UntangleSolver, untangle
@@ -24,6 +25,7 @@ __all__ = [
     "BiharmonicSolver",
     "InnerSolver",
     "InputError",
+    "NricpSolver",
     "SkeletonSolver",
     "SolveError",
     "SurfaceIndex",
@@ -35,6 +37,7 @@ __all__ = [
     "face_normals",
     "intersecting_pairs",
     "mrf",
+    "nricp",
     "raster",
     "self_intersections",
     "set_threads",

@@ -1,0 +1,83 @@
+"""Non-rigid registration of a template mesh to a scan."""
+
+import numpy as np
+import scipy.sparse as sp
+
+from .. import _core
+from .._core import InputError, NricpResult
+from .arrays import as_faces, as_floats, as_indices, as_vertices
+
+
+class NricpSolver:
+    """Fits one template V (n,3) [m], F (m,3) to scans, frame after frame:
+
+        argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + scan-to-template + loops + landmarks + stiffness rigidity(x)
+
+    q_v the closest scan point, w_v = Geman-McClure(distance / mu) (n_v . m_v)^2 with mu annealed, a_v shares of area;
+    matches on the scan's border or beyond 3 mu do not count, nor do vertices in cavities. x is carried by rigid nodes,
+    coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights), then by a smooth displacement of its
+    own. Nodes, operators and orderings are made once; the same bits for any number of threads.
+
+    preset: "draft", "standard" or "fine". Options (`NricpOptions` in cpp/kernels/nricp.h; lengths in units of the
+    square root of the template's area): `large_motion=False` skips the rigid and coarse levels when `start` is close;
+    `rebase=True` makes `start` the rest shape, as for a skinned pose; `labels=[...]` the scan labels that are targets;
+    `boundary_weight`, ... An unknown name is a TypeError.
+    """
+
+    def __init__(self, V, F, preset="standard", **options):
+        self._V = as_vertices("nricp", "V", V)
+        self._solver = _core.NricpSolver(self._V, as_faces("nricp", "F", F), preset, **options)
+
+    def solve(self, scan_V, scan_F, start=None, landmarks=None, boundary=None, scan_labels=None) -> NricpResult:
+        """One scan: scan_V (p,3) [m], scan_F (t,3).
+
+        start (n,3) [m]: first positions, V without it. landmarks: (W sparse (k,n) with convex rows, P (k,3) [m], sigma
+        scalar or (k,) [m]), pulls W x to P. boundary: [(loop vertices (l,), closed polyline (k,3) [m])], each vertex is
+        pulled to the closest point of its polyline. scan_labels (t,): only faces with a label in the option `labels`
+        are targets.
+
+        -> .V (n,3) [m]; .stop "converged", "max_iterations", or "no_overlap" (then V is NaN: no answer); .iterations;
+        .energy [m^2] per step; .rms [m] of matched vertices to their planes; .matched (n,) in [0,1] weight of the match.
+        InputError names the argument and index.
+        """
+        none = np.zeros((0, 3))
+        W, P, sigma = (sp.csr_matrix((0, len(self._V))), none, np.zeros(0)) if landmarks is None else _landmarks(landmarks)
+        loops = [
+            (as_indices("nricp", f"boundary[{i}] vertices", v), as_vertices("nricp", f"boundary[{i}] polyline", line))
+            for i, (v, line) in enumerate(boundary or ())
+        ]
+        frame = _core.NricpFrame(
+            as_vertices("nricp", "scan_V", scan_V),
+            as_faces("nricp", "scan_F", scan_F),
+            none if start is None else as_vertices("nricp", "start", start),
+            W,
+            P,
+            sigma,
+            loops,
+            np.zeros(0, np.int32) if scan_labels is None else as_indices("nricp", "scan_labels", scan_labels),
+        )
+        return self._solver.solve(frame)
+
+    @property
+    def analyses(self):
+        """Symbolic factorisations so far: those of the template, none per frame."""
+        return self._solver.analyses
+
+    @property
+    def factorisations(self):
+        """Numeric factorisations so far."""
+        return self._solver.factorisations
+
+
+def nricp(V, F, scan_V, scan_F, preset="standard", start=None, landmarks=None, **options):
+    """`NricpSolver(V, F, preset, **options).solve(scan_V, scan_F, start, landmarks)`."""
+    return NricpSolver(V, F, preset, **options).solve(scan_V, scan_F, start, landmarks)
+
+
+def _landmarks(landmarks):
+    W, P, sigma = landmarks
+    W = sp.csr_matrix(W, dtype=np.float64)
+    if not np.isfinite(W.data).all():
+        raise InputError("nricp: landmarks W is not finite")
+    P = as_vertices("nricp", "landmarks P", P)
+    return W, P, as_floats("nricp", "landmarks sigma", np.atleast_1d(np.asarray(sigma, np.float64)), (None,))
