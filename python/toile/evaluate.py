@@ -205,12 +205,10 @@ def _jitter(errors):
 
 
 def _mean(values):
-    """The mean of equal nested measures; None where none has a number."""
-    first = values[0]
-    if isinstance(first, dict):
-        return {key: _mean([v[key] for v in values]) for key in first}
-    if any(isinstance(v, dict) for v in values):
-        return _mean([v for v in values if isinstance(v, dict)])
+    """The mean of nested measures over those that have a number; None where none has."""
+    nested = [v for v in values if isinstance(v, dict)]
+    if nested:
+        return {key: _mean([v.get(key) for v in nested]) for key in dict.fromkeys(k for v in nested for k in v)}
     numbers = [v for v in values if v is not None]
     return float(np.mean(numbers)) if numbers else None
 
