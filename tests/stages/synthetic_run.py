@@ -20,7 +20,7 @@ def copy_capture(folder):
     capture = Path(shutil.copytree(SAMPLE, folder / "capture"))
     truth = zarr.open_group(str(capture / "truth" / "truth.zarr"), mode="r+")
     model = load_body_model("anny")
-    for row in range(len(truth["frames"])):
+    for row in range(truth["frames"].shape[0]):
         _, x = model.joint_transforms(model.J, truth["pose/rotations"][row], truth["pose/translation"][row])
         named = [model.joint_names.index(n) for n in truth.attrs["joint_names"]]
         truth["joints"][row] = x[named]
