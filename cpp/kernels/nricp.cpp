@@ -120,7 +120,7 @@ NricpOptions nricp_preset(const std::string& name) {
     NricpOptions o;
     if (name == "draft") {
         o.iterations = {6, 4, 2};
-        o.reverse = {5, 0, 0};
+        o.reverse = {10, 0, 0};
         o.fine_iterations = 0;
     } else if (name == "fine") {
         o.iterations = {12, 8, 6};

@@ -15,9 +15,9 @@ struct NricpOptions {
     bool rebase = false;           ///< the rest shape is `start`, not V
     std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine; small motion uses the last
     std::vector<int> iterations{10, 6, 4};          ///< Gauss-Newton steps a level
-    std::vector<double> stiffness_start{30, 30, 1}, stiffness_end{0.3, 0.3, 0.1};       ///< of the graph
+    std::vector<double> stiffness_start{1, 0.3, 0.1}, stiffness_end{0.02, 0.02, 0.02};  ///< of the graph
     std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.01};   ///< Geman-McClure scale mu
-    std::vector<double> reverse{5, 1, 0.3};         ///< weight of the scan -> template term
+    std::vector<double> reverse{10, 3, 1};          ///< weight of the scan -> template term
     int fine_iterations = 3;       ///< steps of the vertices' own displacement, 0: the graph's answer
     int fine_sweeps = 8;           ///< conjugate gradient steps each
     double fine_stiffness = 1;     ///< of the displacement's gradient and Laplacian, grows with the scan's noise

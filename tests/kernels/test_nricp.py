@@ -43,7 +43,7 @@ def solved(problem):
 def test_nricp_recovers_a_known_bend(problem, solved):
     V, F, scan_V, scan_F = problem
     diagonal = np.linalg.norm(np.ptp(V, axis=0))
-    assert surface_distance(solved.V, scan_V, scan_F).mean() < 1e-4 * diagonal
+    assert surface_distance(solved.V, scan_V, scan_F).mean() < 1e-5 * diagonal  # the shape; sliding is bounded below
     before, after = (np.linalg.norm(x - bend(V), axis=1).mean() for x in (V, solved.V))
     assert after < 0.35 * before
     assert np.isfinite(solved.V).all() and solved.rms < 2e-4 * diagonal and solved.matched.mean() > 0.9
@@ -61,7 +61,8 @@ def test_nricp_is_the_same_to_the_bit_for_any_number_of_threads(problem, threads
 def test_nricp_does_not_depend_on_units_and_origin(problem, solved, scale, offset):
     V, F, scan_V, scan_F = problem
     there = nricp(scale * V + offset, F, scale * scan_V + offset, scan_F).V
-    assert np.abs((there - offset) / scale - solved.V).max() < 1e-4
+    difference = np.linalg.norm((there - offset) / scale - solved.V, axis=1)
+    assert difference.mean() < 2e-5 and difference.max() < 5e-4  # last bits choose between equally close faces
 
 
 def test_nricp_turns_with_its_input(problem, solved):
