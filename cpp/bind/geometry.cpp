@@ -1,4 +1,5 @@
 #include "base/errors.h"
+#include "base/sparse.h"
 #include "bind/common.h"
 #include "geometry/closest.h"
 #include "geometry/laplacian.h"
@@ -41,6 +42,12 @@ void bind_geometry(py::module_& m) {
     m.def("boundary_loops", [](const Faces& F) { return boundary_loops(F); });
     m.def("unique_edges", [](const Faces& F) { return unique_edges(F); });
     m.def("vertex_components", [](const Faces& F, Eigen::Index n) { return vertex_components(F, n); });
+    py::class_<CholeskyFactor>(m, "CholeskyFactor")
+        .def(py::init<>())
+        .def("factorize", &CholeskyFactor::factorize, py::call_guard<py::gil_scoped_release>())
+        .def("solve", &CholeskyFactor::solve, py::call_guard<py::gil_scoped_release>())
+        .def_property_readonly("factorisations", &CholeskyFactor::factorisations)
+        .def_property_readonly("analyses", &CholeskyFactor::analyses);
     py::class_<SurfaceIndex>(m, "SurfaceIndex")
         .def(py::init([](const Vertices& V, const Faces& F) {
             check_mesh("SurfaceIndex", V, F);

@@ -24,12 +24,12 @@ class Settler:
         L, M = kernels.cotangent_laplacian(V, F), kernels.voronoi_mass(V, F)
         M = np.maximum(M, 1e-6 * M.mean())
         self.bending = (L.T @ diags(M.mean() / M) @ L).tocsc()
+        self.factor = kernels.CholeskyFactor()
         self.steps = [(stiffness * factor, gate) for factor, gate in zip((60, 20, 6, 2, 1, 1), _GATES)]
 
     def solve(self, scan_V, scan_F, start, boundary):
         """Fitted vertices (n,3) from `start` (n,3); `boundary` [(vertex indices, closed polyline (k,3))]."""
-        from scipy.sparse import diags, identity
-        from scipy.sparse.linalg import splu
+        from scipy.sparse import diags
 
         index, normals = kernels.SurfaceIndex(scan_V, scan_F), kernels.face_normals(scan_V, scan_F)
         border = _border_vertices(scan_F, len(scan_V))
@@ -44,8 +44,7 @@ class Settler:
             t = np.einsum("ni,ni->n", n, point - V)[:, None] * n
             for vertices, curve in boundary:
                 w[vertices], t[vertices] = _RIM, _to_curve(V[vertices], curve)
-            A = diags(w) + stiffness * self.bending + 1e-6 * identity(self.n)
-            V = V + splu(A.tocsc()).solve(w[:, None] * t)
+            V = V + self.factor.factorize(stiffness * self.bending + diags(w + 1e-6)).solve(w[:, None] * t)
         return V
 
 

@@ -3,6 +3,7 @@
 from .._core import InputError, SolveError, set_threads, threads
 from .biharmonic import BiharmonicSolver, biharmonic
 from .geometry import (
+    CholeskyFactor,
     SurfaceIndex,
     boundary_loops,
     cotangent_laplacian,
@@ -23,6 +24,7 @@ from .untangle import UntangleSolver, untangle
 
 __all__ = [
     "BiharmonicSolver",
+    "CholeskyFactor",
     "InnerSolver",
     "InputError",
     "NricpSolver",

@@ -46,6 +46,31 @@ def vertex_components(F, n):
     return _core.vertex_components(as_faces("vertex_components", "F", F), int(n))
 
 
+class CholeskyFactor:
+    """LL' of sparse symmetric positive definite matrices of one pattern (CHOLMOD): the fill-reducing order is found at
+    the first `factorize` and kept for as long as the size stays the same."""
+
+    def __init__(self):
+        self._factor = _core.CholeskyFactor()
+
+    def factorize(self, A):
+        """A (n,n) sparse; the lower triangle is read. SolveError when it is not positive definite."""
+        self._factor.factorize(A.tocsc())
+        return self
+
+    def solve(self, B):
+        """B (n,k) -> A^-1 B (n,k)."""
+        return self._factor.solve(np.ascontiguousarray(B, np.float64))
+
+    @property
+    def factorisations(self):
+        return self._factor.factorisations
+
+    @property
+    def analyses(self):
+        return self._factor.analyses
+
+
 class SurfaceIndex:
     """Closest points and rays on one mesh (Embree), built once for any number of queries."""
 
