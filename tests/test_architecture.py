@@ -13,10 +13,11 @@ TYPES = {"scene", "kernels"}
 ALLOWED = {
     "scene": {"kernels"},
     "colours": set(), "curves": set(), "views": TYPES, "loops": TYPES | {"curves"}, "garment": TYPES, "settle": TYPES,
+    "evidence": {"views"}, "ribbon": {"curves"}, "rims": TYPES | {"curves", "loops", "ribbon"},
     "reconstruct": TYPES,
     "track": TYPES | {"settle"},
-    "segment": TYPES | {"colours", "curves", "views"},
-    "dress": TYPES | {"curves", "garment", "loops", "settle"},
+    "segment": TYPES | {"colours", "curves", "evidence", "ribbon", "views"},
+    "dress": TYPES | {"curves", "garment", "loops", "rims", "settle"},
     "inner": TYPES,
     "template": TYPES | {"garment", "loops"},
     "config": set(),

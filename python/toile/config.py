@@ -47,6 +47,7 @@ class SegmentSettings(Settings):
     rim_depth: tuple[float, float] = (-0.003, 0.012)  # layers searched below and above the scan [m]
     rim_layer: float = 0.003  # [m]
     rim_lift: float = 0.5  # cost of the first layer off the scan; grows with the square
+    rim_sure: float = 0.05  # least log odds on either side of a rim
     edge_reach: float = 0.016  # half length of the colour profiles that place the border within a pixel [m]
     ramp: float = 0.012  # half width of the probability's ramp about the border [m]
     min_region: float = 0.004  # smaller islands of a label are dissolved [m^2]
@@ -65,6 +66,7 @@ class DressSettings(Settings):
     loop_cosine: float = 0.4  # least agreement of directions of loop and rim
     loop_iterations: int = 8
     loop_bending: float = 30.0  # first, then less: cost of bending a loop's displacement against its distance
+    loop_sure: float = 0.3  # log odds on either side of a rim that count as seen, see rims.trace_loop
     loop_observed: float = 0.25  # least observed share of a loop that enters as a boundary term
     observed: float = 0.006  # a vertex this close to the labelled scan is observed [m]
     interpolated: float = 0.05  # within this of an observed one it is interpolated [m]

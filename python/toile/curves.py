@@ -72,6 +72,17 @@ def resample(curve, spacing):
     return Curve(np.stack([np.interp(at, s, points[:, i]) for i in range(3)], 1), curve.closed)
 
 
+def pieces(curve, keep):
+    """The open curves left of `curve` where `keep` (k,) holds; the whole curve where it holds everywhere."""
+    if keep.all():
+        return [curve]
+    if curve.closed:  # begin with a gap
+        first = int(np.argmin(keep))
+        curve, keep = Curve(np.roll(curve.points, -first, 0), False), np.roll(keep, -first)
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], keep.astype(np.int8), [0]])))
+    return [Curve(curve.points[a:b], False) for a, b in ends.reshape(-1, 2) if b - a > 2]
+
+
 def smooth(values, closed, sigma):
     """Gaussian smoothing along a curve of values (k, ...), sigma in samples; open ends are held by reflection."""
     from scipy.ndimage import gaussian_filter1d

@@ -8,13 +8,14 @@ from . import kernels
 from .curves import isolines
 from .garment import carry, transfer_skin, unwrap
 from .loops import LoopMatch, loop_length, match_loops, name_loops
+from .rims import Rivals, trace_loop
 from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate
 from .settle import Settler
 
 
 def prepare(model, person, garment, label_id, mesh, samples, settings):
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples` are
-    [(Frame, Tracked, Segmented)], of which some are registered loosely, unposed and averaged.
+    [(Frame, Tracked, Segmented, Evidence)], of which some are registered loosely, unposed and averaged.
 
     Warns where the template does not fit: size by loop lengths, a loop that no frame shows. Raises CaptureError for a
     template without open loops."""
@@ -53,8 +54,8 @@ def _personalise(model, person, template, samples, settings):
     """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed."""
     dresser = Dresser(model, person, template, settings)
     total, weight, lengths = 0, 0, []
-    for frame, tracked, segmented in samples:
-        dressed, matches = dresser.register(frame, tracked, segmented)
+    for frame, tracked, segmented, evidence in samples:
+        dressed, matches = dresser.register(frame, tracked, segmented, evidence)
         lengths.append([_observed_length(m) for m in matches])
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
         w = (dressed.confidence == OBSERVED)[:, None]
@@ -110,27 +111,44 @@ class Dresser:
         sides = [hand & np.char.endswith(names, side) for side in (".L", ".R")]
         self.hands = [np.flatnonzero(side[strongest]) for side in sides]
 
-    def dress(self, frame, tracked, segmented, previous=None):
-        """One frame -> Dressed. `previous` is the same garment in the neighbouring frame before, or None."""
-        return self.register(frame, tracked, segmented, previous)[0]
+    def dress(self, frame, tracked, segmented, evidence):
+        """One frame -> Dressed."""
+        return self.register(frame, tracked, segmented, evidence)[0]
 
-    def register(self, frame, tracked, segmented, previous=None):
-        """As `dress`, with the LoopMatch of each loop."""
+    def register(self, frame, tracked, segmented, evidence):
+        """As `dress`, with the LoopMatch of each loop.
+
+        The loops are laid on the scan's rims first, and the garment settles; then each is laid on the rim that the
+        pictures show along it, which may hang free of the scan, and the garment settles again."""
         t, s = self.template, self.settings
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
         matches, strange = match_loops([posed[l] for l in t.loops], _rims_of(segmented, t.label, V, F), s)
-        start = posed + self.biharmonic.solve(np.concatenate([m.target - posed[l] for m, l in zip(matches, t.loops)]))
+        start = self._lay(posed, matches)
         inside = segmented.scan_faces == t.label
+        if evidence.views:  # what no picture shows may be a web that the reconstruction spans under the hem
+            inside &= evidence.seen(V, kernels.vertex_normals(V, F))[F].any(1)
         if inside.sum() < 100:
-            raise RuntimeError(f"dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
-        boundary = [(l[m.observed], m.target) for l, m in zip(t.loops, matches) if m.observed.mean() > s.loop_observed]
-        vertices = self.settler.solve(V, F[inside], start, boundary)
+            raise CaptureError(f"frame {frame.number}: dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
+        vertices = self.settler.solve(V, F[inside], start, self._boundary(matches))
+        rivals = Rivals(V, F, segmented, t.label)
+        if evidence.views:
+            matches = [trace_loop(vertices, t.faces, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
+            vertices = self.settler.solve(V, F[inside], self._lay(vertices, matches), self._boundary(matches), steps=2)
         confidence, distance = self._confidence(vertices, V, F[inside])
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
         diagnostics = self._diagnostics(vertices, matches, strange, tracked, confidence, distance, start)
         return Dressed(vertices, confidence, diagnostics), matches
+
+    def _lay(self, vertices, matches):
+        """Biharmonic displacement that takes the loops to their targets."""
+        move = np.concatenate([m.target - vertices[l] for m, l in zip(matches, self.template.loops)])
+        return vertices + self.biharmonic.solve(move)
+
+    def _boundary(self, matches):
+        pairs = zip(self.template.loops, matches)
+        return [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop_observed]
 
     def _confidence(self, vertices, V, F):
         """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""

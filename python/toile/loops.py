@@ -61,7 +61,7 @@ def match_loops(loops, curves, settings):
         for i, loop in enumerate(loops):
             target, observed, _ = _nearest_rim(at[i], P[claimed == i], T[claimed == i], reach, settings.loop_cosine)
             if observed.sum() >= 3:
-                at[i] = loop + _closed_spline(target - loop, observed, at[i], bending)
+                at[i] = loop + fill(target - loop, observed, at[i], bending)
     matches, used = [], np.zeros(len(P), bool)
     claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
     for i in range(len(loops)):
@@ -91,7 +91,7 @@ def _nearest_rim(at, P, T, reach, cosine):
     return target, found, np.where(found, d, np.nan)
 
 
-def _closed_spline(wanted, known, at, bending):
+def fill(wanted, known, at, bending, stay=1e-6):
     """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 on a closed curve (k,3).
 
     P takes away all but a trace of what runs along the curve `at`: a loop slides along its rim until its own length
@@ -102,5 +102,5 @@ def _closed_spline(wanted, known, at, bending):
     D = np.roll(np.eye(k), 1, axis=1) - np.eye(k)
     B = D @ np.roll(D, 1, axis=0)
     A = np.kron(bending * B.T @ B + (_STRETCH + 1e-3 * bending) * D.T @ D, np.eye(3)).reshape(k, 3, k, 3)
-    A[np.arange(k), :, np.arange(k), :] += P + 1e-6 * np.eye(3)
+    A[np.arange(k), :, np.arange(k), :] += P + stay * np.eye(3)
     return np.linalg.solve(A.reshape(3 * k, 3 * k), np.einsum("kij,kj->ki", P, wanted).ravel()).reshape(k, 3)

@@ -208,7 +208,7 @@ class _Run:
             samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
             colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
             save_record(paths[0], colours)
-            labelled = [(f, t, self._segment(colours, f, t, None)) for f, t in samples]
+            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in samples]
             for garment, path in zip(self.scene.garments, paths[1:]):
                 mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
                 with warnings.catch_warnings(record=True) as caught:
@@ -222,9 +222,10 @@ class _Run:
         self.dressers = {t.name: dress.Dresser(self.model, self.person, t, self.config.dress) for t in self.templates}
 
     def _segment(self, colours, frame, tracked, previous):
-        return segment.segment(
-            self.scene, self.capture.cameras, colours, frame, tracked, self.model.f, self.config.segment, previous
-        )
+        """(Segmented, Evidence) of a frame."""
+        settings, faces = self.config.segment, self.model.f
+        evidence = segment.evidence(frame, self.capture.cameras, colours, tracked, faces, settings)
+        return segment.segment(self.scene, evidence, colours, frame, tracked, faces, settings, previous), evidence
 
     # Every frame: track, segment, dress -------------------------------------------------------------------------
 
@@ -266,10 +267,10 @@ class _Run:
         tracked = timed("track", lambda: self.tracker.track(frame, points, before and before[0]))
         save_record(folder / "track.npz", tracked)
         if self.templates:
-            segmented = timed("segment", lambda: self._segment(self.colours, frame, tracked, before and before[1]))
+            segmented, evidence = timed("segment", lambda: self._segment(self.colours, frame, tracked, before and before[1]))
             save_record(folder / "segment.npz", segmented)
             for name, dresser in self.dressers.items():
-                dressed = timed("dress", lambda: dresser.dress(frame, tracked, segmented, before and before[2][name]))
+                dressed = timed("dress", lambda: dresser.dress(frame, tracked, segmented, evidence))
                 save_record(folder / f"dress.{name}.npz", dressed)
         for stage, value in seconds.items():
             self.status.add(frame=number, stage=stage, seconds=value, ok=True)

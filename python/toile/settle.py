@@ -27,14 +27,15 @@ class Settler:
         self.factor = kernels.CholeskyFactor()
         self.steps = [(stiffness * factor, gate) for factor, gate in zip((60, 20, 6, 2, 1, 1), _GATES)]
 
-    def solve(self, scan_V, scan_F, start, boundary):
-        """Fitted vertices (n,3) from `start` (n,3); `boundary` [(vertex indices, closed polyline (k,3))]."""
+    def solve(self, scan_V, scan_F, start, boundary, steps=6):
+        """Fitted vertices (n,3) from `start` (n,3); `boundary` [(vertex indices, closed polyline (k,3))]; only the last
+        `steps` of the schedule for a start within millimetres."""
         from scipy.sparse import diags
 
         index, normals = kernels.SurfaceIndex(scan_V, scan_F), kernels.face_normals(scan_V, scan_F)
         border = _border_vertices(scan_F, len(scan_V))
         V = np.array(start, dtype=np.float64)
-        for stiffness, gate in self.steps:
+        for stiffness, gate in self.steps[-steps:]:
             face, point, bary, distance = index.closest(V)
             n = normals[face]
             facing = np.einsum("ni,ni->n", n, kernels.vertex_normals(V, self.F))

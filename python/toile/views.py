@@ -19,15 +19,21 @@ class View:
 
     def see(self, points, normals, tolerance, min_cosine):
         """Pixels (n,2) of points (n,3), and weights (n,): the cosine to the view where visible, else 0."""
+        uv, clear = self.clearance(points)
+        ray = self.camera.centre - points
+        cosine = np.einsum("ni,ni->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
+        visible = (cosine > min_cosine) & (clear > -tolerance / np.maximum(cosine, min_cosine)) & np.isfinite(clear)
+        return uv, np.where(visible, cosine, 0.0)
+
+    def clearance(self, points):
+        """Pixels (n,2), and by how far (n,) [m] each point lies before the surface: +inf where the picture shows none,
+        -inf outside the picture."""
         uv, z = self.camera.project(points)
         column, row = (np.floor(uv[:, i]).astype(np.int64) for i in (0, 1))
         inside = (z > 0) & (column >= 0) & (row >= 0) & (column < self.camera.width) & (row < self.camera.height)
-        at = np.full(len(points), np.inf)
+        at = np.full(len(points), -np.inf)
         at[inside] = self.depth[row[inside], column[inside]]
-        ray = self.camera.centre - points
-        cosine = np.einsum("ni,ni->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
-        visible = inside & (cosine > min_cosine) & (z < at + tolerance / np.maximum(cosine, min_cosine))
-        return uv, np.where(visible & np.isfinite(at), cosine, 0.0)
+        return uv, at - z
 
 
 def occlusion_border(depth, step, width):

@@ -1,0 +1,125 @@
+"""What the pictures of one frame say about any point: labels given, labels by colour, colours."""
+
+import cv2
+import numpy as np
+
+from .views import View, occlusion_border, read
+
+_OUTLIER = -4.0  # least log likelihood ratio that one picture may give
+_FREE = 0.02  # a point this far before the surface floats [m]
+
+
+def look(frame, cameras, V, F):
+    """The View of the surface from each camera whose label image the frame has."""
+    return {name: View(cameras[name], V, F) for name in frame.labels if name in cameras}
+
+
+def soft_labels(image, ids, settings):
+    """Blurred indicator (H,W,L) of each label."""
+    return cv2.GaussianBlur((image[..., None] == ids).astype(np.float32), (0, 0), settings.label_blur)
+
+
+def mean_over_views(maps, views, points, normals, settings):
+    """Mean (n,C) over the views that see each point of what their maps (H,W,C) say, and the views' weight (n,)."""
+    channels = next(iter(maps.values())).shape[2] if maps else 0
+    total, weight = np.zeros((len(points), channels)), np.zeros(len(points))
+    for name, map_ in maps.items():
+        uv, w = views[name].see(points, normals, settings.tolerance, settings.min_cosine)
+        on = np.flatnonzero(w)
+        total[on] += w[on, None] * read(map_, uv[on])
+        weight[on] += w[on]
+    return total / np.maximum(weight, 1e-9)[:, None], weight
+
+
+class Evidence:
+    """Per view maps of log likelihoods by colour (H,W,L), shares of the blurred labels (H,W,L), and RGB (H,W,3).
+
+    `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings."""
+
+    def __init__(self, frame, views, ids, colours, settings):
+        self.views, self.settings, self.L = views, settings, len(ids)
+        self.likelihood, self.share, self.rgb, self.empty, self._ratios = {}, {}, {}, {}, {}
+        for name, view in views.items():
+            labels = frame.labels[name]
+            self.share[name] = soft_labels(labels, ids, settings)
+            self.empty[name] = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), 1.0)[..., None]
+            self.likelihood[name] = np.zeros(view.depth.shape + (self.L,), np.float32)
+            self.rgb[name] = np.zeros(view.depth.shape + (3,), np.float32)
+            if colours is not None and name in frame.images:
+                clear = (labels > 0) & ~occlusion_border(view.depth, 0.03, 1)
+                self.likelihood[name][clear] = colours.evidence(frame.images[name][clear])
+                self.rgb[name] = frame.images[name] / np.float32(255)
+
+    def costs(self, points, normals):
+        """Unary costs (n,L), mean RGB (n,3) in 0..1, and whether any view sees the point (n,).
+
+        Errors are alike in all views, so views are averaged, not added."""
+        s, L = self.settings, self.L
+        maps = {n: np.concatenate([self.likelihood[n], self.share[n], self.rgb[n]], 2) for n in self.views}
+        mean, weight = mean_over_views(maps, self.views, points, normals, s)
+        given = np.log((1 - s.wrong) * mean[:, L : 2 * L] + s.wrong / L)
+        cost = -s.colour_weight * mean[:, :L] - s.label_weight * given
+        cost[weight == 0] = 0
+        return cost, mean[:, 2 * L :], weight > 0
+
+    def seen(self, points, normals):
+        """Whether any view sees each point (n,)."""
+        s = self.settings
+        return np.any([v.see(points, normals, s.tolerance, s.min_cosine)[1] > 0 for v in self.views.values()], axis=0)
+
+    def odds(self, points, normals, column, rival):
+        """Log odds (n,) of label `column` against what is not it: by colour against each point's label `rival`, by
+        given labels against all others and the background. Summed over views with weights below 1.
+
+        A point well before the surface: that a picture shows the garment farther behind says nothing; where no view
+        faces it, it is not cloth if any picture shows the background there."""
+        s = self.settings
+        total, share, weight, carved = (np.zeros(len(points)) for _ in range(4))
+        for name in self.views:
+            uv, w = self.views[name].see(points, normals, s.tolerance, s.min_cosine)
+            clear = self.views[name].clearance(points)[1]
+            empty = np.flatnonzero(clear > _FREE)
+            carved[empty] = np.maximum(carved[empty], read(self.empty[name], uv[empty])[:, 0])
+            w[(clear > _FREE) & (read(self.share[name][..., column, None], uv)[:, 0] > 0.5)] = 0
+            for other in np.unique(rival):
+                on = np.flatnonzero((w > 0) & (rival == other))
+                value = read(self._ratio(name, column, other), uv[on])
+                total[on] += w[on] * value[:, 0]
+                share[on] += w[on] * value[:, 1]
+                weight[on] += w[on]
+        share = share / np.maximum(weight, 1e-9)
+        floor = s.wrong / self.L
+        total += np.where(weight > 0, 0.5 * np.log((share + floor) / (1 - share + floor)), 0.0)
+        return total + _OUTLIER * np.clip((carved - 0.6) / 0.35, 0, 1) * np.clip(1 - weight, 0, 1)
+
+    def _ratio(self, name, column, other):
+        """(H,W,2): log likelihood ratio of two labels by colour, share of the first."""
+        key = name, int(column), int(other)
+        if key not in self._ratios:
+            likelihood = self.likelihood[name]
+            ratio = np.clip(likelihood[..., column] - likelihood[..., other], _OUTLIER, -_OUTLIER)
+            self._ratios[key] = np.stack([ratio, self.share[name][..., column]], 2)
+        return self._ratios[key]
+
+    def edges(self, points, normals, s):
+        """Colour edges along profiles (k,m,3) that run from outside in at places s (m,) [m] about 0: shift (k,) [m]
+        of the edge from 0 and weight (k,). Each view's profile is read as a mix of its two ends' colours; the edge
+        lies where a sharp one would cover the same length."""
+        k, m = points.shape[:2]
+        flank = np.abs(s) > 0.55 * s[-1]
+        total, weight = np.zeros(k), np.zeros(k)
+        for name, view in self.views.items():
+            uv, w = view.see(points.reshape(-1, 3), normals.reshape(-1, 3), self.settings.tolerance, self.settings.min_cosine)
+            rgb = read(self.rgb[name], uv).reshape(k, m, 3)
+            out, inner = rgb[:, flank & (s < 0)].mean(1), rgb[:, flank & (s > 0)].mean(1)
+            step = inner - out
+            contrast = np.linalg.norm(step, axis=1)
+            share = np.einsum("kmi,ki->km", rgb - out[:, None], step) / np.maximum(contrast, 1e-6)[:, None] ** 2
+            rest = rgb - out[:, None] - share[..., None] * step[:, None]  # colours off the mixing line: print, folds
+            spoilt = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
+            at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
+            good = w.reshape(k, m).min(1) * np.exp(-((0.1 / np.maximum(contrast, 1e-6)) ** 2))
+            good = good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / 0.1) ** 2)) * (np.abs(at) < 0.6 * s[-1])
+            total += good * at
+            weight += good
+        return total / np.maximum(weight, 1e-9), weight

@@ -1,0 +1,78 @@
+"""A garment's loops laid on the rims that the pictures show beside them, on the scan or hanging free of it."""
+
+import numpy as np
+
+from . import kernels
+from .curves import Curve, resample, smooth, tangents
+from .loops import LoopMatch, fill
+from .ribbon import Ribbon
+
+_BOUND = 0.01  # way that a loop follows background alone [m]
+_STAY = 0.05  # weight of staying against a seen rim
+
+
+class Rivals:
+    """Which label a garment's rim parts it from: that of the nearest face of the scan that is not the garment's."""
+
+    def __init__(self, V, F, segmented, label):
+        from scipy.spatial import cKDTree
+
+        others = segmented.scan_faces != label
+        self.column = int(np.searchsorted(segmented.ids, label))
+        self.columns = np.searchsorted(segmented.ids, segmented.scan_faces[others])
+        self.tree = cKDTree(V[F[others]].mean(1)) if others.any() else None
+
+    def __call__(self, points):
+        """Columns (k,) of the labels' table; any other label where the scan shows the garment alone."""
+        if self.tree is None:
+            return np.full(len(points), int(self.column == 0))
+        return self.columns[self.tree.query(points)[1]]
+
+
+def trace_loop(V, F, loop, evidence, rivals, match, settings):
+    """The LoopMatch of one loop of the garment (V,F) that already lies within `rim_reach` of its rim.
+
+    Along a strip that continues the garment past its loop, the pictures tell where cloth ends. Where they do not, the
+    loop follows its seen neighbours; where they hardly do anywhere, `match` stands."""
+    spacing = evidence.settings.rim_spacing
+    curve = resample(Curve(V[loop], True), spacing)
+    curve = Curve(smooth(curve.points, True, 0.008 / spacing), True)
+    offset, rim, sides = Ribbon(curve, _strip(V, F, curve)).cut(evidence, rivals.column, rivals(curve.points))
+    seen = _sure(offset, sides) > settings.loop_sure
+    if seen.mean() < settings.loop_observed:
+        return match
+    at = V[loop]
+    nearest = np.linalg.norm(at[:, None] - curve.points, axis=2).argmin(1)
+    way = tangents(Curve(at, True))
+    wanted = rim.points[nearest] - at
+    wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
+    observed = seen[nearest]
+    move = fill(wanted, observed, at, settings.loop_bending / 100, _STAY)
+    return LoopMatch(at + move, observed, np.where(observed, np.linalg.norm(wanted - move, axis=1), np.nan))
+
+
+def _sure(offset, sides):
+    """How sure (k,) a rim is. Background seen past it bounds it, though nothing may show the cloth before it: that is
+    believed for a short way, since a strip that leaves the cloth sideways meets background too."""
+    outer, inner = -sides[:, 0], sides[:, 1]
+    return np.where(np.abs(offset) < _BOUND, 0.5 * (inner + outer), np.minimum(inner, outer))
+
+
+def _strip(V, F, curve):
+    """The Ribbon's map: the garment's own surface on the left, its tangent plane beyond the loop."""
+    index, N = kernels.SurfaceIndex(V, F), kernels.vertex_normals(V, F)
+    face, _, bary, _ = index.closest(curve.points)
+    normal = np.einsum("kc,kci->ki", bary, N[F[face]])
+    normal = smooth(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9), True, 3.0)
+    left = np.cross(normal, tangents(curve))
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
+
+    def surface(across):
+        at = curve.points[:, None] + across[..., None] * left[:, None]
+        normals = np.broadcast_to(normal[:, None], at.shape).copy()
+        inner = across > 0
+        face, points, bary, _ = index.closest(at[inner])
+        at[inner], normals[inner] = points, np.einsum("kc,kci->ki", bary, N[F[face]])
+        return at, normals
+
+    return surface
