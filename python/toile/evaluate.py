@@ -15,7 +15,6 @@ from .scene import CaptureError
 from .store import OK, Status
 
 INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
-COVER = 0.06  # cloth within this along a body vertex's normal hides it [m]
 
 
 def evaluate(run):
@@ -48,6 +47,9 @@ class _Evaluation:
         self.garments = self.store.attrs["scene"]["garments"]
         truth = self.capture.root / "truth" / "truth.zarr"
         self.truth = zarr.open_group(str(truth), mode="r") if truth.exists() else None
+        missing = [g["name"] for g in self.garments if self.truth and f"garment/{g['name']}" not in self.truth]
+        if missing:
+            raise CaptureError(f"{truth}: garment/{missing[0]}: the run has this garment, the truth does not")
         self.true_row = {int(f): i for i, f in enumerate(self.truth["frames"][:])} if self.truth else {}
         n = len(self.model.v_template)
         self.outside = np.ones(n, bool)
@@ -62,7 +64,7 @@ class _Evaluation:
         for row, number in enumerate(int(n) for n in numbers):
             if done[row] == OK:
                 per_frame.append({"frame": number, **self._frame(row, number, errors)})
-        everything = _mean(per_frame) if per_frame else {}
+        everything = _mean(per_frame or [self._nothing()])
         everything.pop("frame", None)
         for name, by_frame in errors.items():
             everything["garment"][name]["jitter_mm"] = _jitter(by_frame)
@@ -75,14 +77,9 @@ class _Evaluation:
     def _frame(self, row, number, errors):
         true = self.true_row.get(number)
         tracked = self.store["track/vertices"][row]
-        out = {
-            "joint_mm": None if true is None else self._joints(row, true),
-            "track_to_scan_mm": self._to_scan(row, number, tracked),
-            "label_iou": None,
-            "garment": {},
-            "inner": {"hidden_mm": None, "visible_mm": None},
-            "intersections_left": None,
-        }
+        out = self._nothing()
+        out["joint_mm"] = None if true is None else self._joints(row, true)
+        out["track_to_scan_mm"] = self._to_scan(row, number, tracked)
         if not self.garments:
             return out
         inner = self.store["inner/vertices"][row]
@@ -91,7 +88,6 @@ class _Evaluation:
         pairs = (kernels.intersecting_pairs(cloth[n], faces[n], inner, self.skin) for n in cloth)
         out["intersections_left"] = int(sum(len(p) for p in pairs))
         if true is None:
-            out["garment"] = {n: dict.fromkeys(("boundary_mm", "surface_mm", "correspondence_mm", "jitter_mm")) for n in cloth}
             return out
         for garment in self.garments:
             name = garment["name"]
@@ -99,6 +95,18 @@ class _Evaluation:
         out["label_iou"] = self._labels(self.store["labels"][row], tracked, true)
         out["inner"] = self._inner(inner, self.store["confidence/inner"][row] == 0, true)
         return out
+
+    def _nothing(self):
+        """The measures of one frame, none of them known."""
+        garment = ("boundary_mm", "surface_mm", "correspondence_mm", "jitter_mm")
+        return {
+            "joint_mm": None,
+            "track_to_scan_mm": None,
+            "label_iou": None,
+            "garment": {g["name"]: dict.fromkeys(garment) for g in self.garments},
+            "inner": {"hidden_mm": None, "visible_mm": None},
+            "intersections_left": None,
+        }
 
     def _joints(self, row, true):
         J = self.model.rest(self.store["shape"][:])[1]
@@ -113,7 +121,7 @@ class _Evaluation:
             scan = self.capture.frame(number).scan
         except CaptureError:
             return None
-        seen = self.store["confidence/track"][row] == 2
+        seen = (self.store["confidence/track"][row] == 2) & self.outside
         if scan is None or not seen.any():
             return None
         return _mm(kernels.SurfaceIndex(scan.vertices, scan.faces).closest(tracked[seen])[3])
@@ -126,12 +134,12 @@ class _Evaluation:
         """-> measures, and the error vectors (g,3) for the jitter."""
         name = garment["name"]
         T, F = self._true_garment(name, true)
-        rims = [T[loop] for loop in kernels.boundary_loops(F)]
-        boundary = {
-            loop: min(_mm(_to_polyline(V[vertices], rim)) for rim in rims) for loop, vertices in garment["loops"].items()
-        }
         group = self.truth[f"garment/{name}"]
-        error = V - np.einsum("gk,gki->gi", group["map_bary"][:], T[F[group["map_face"][:]]])
+        place = np.einsum("gk,gki->gi", group["map_bary"][:], T[F[group["map_face"][:]]])
+        rims, boundary, error = [T[loop] for loop in kernels.boundary_loops(F)], {}, V - place
+        for loop, at in garment["loops"].items():
+            own = min(rims, key=lambda rim: _to_polyline(place[at], rim).mean())
+            boundary[loop] = _mm(_to_polyline(V[at], own))
         measures = {
             "boundary_mm": boundary,
             "surface_mm": _mm(kernels.SurfaceIndex(T, F).closest(V)[3]),
@@ -143,11 +151,11 @@ class _Evaluation:
     def _labels(self, labels, tracked, true):
         """IoU by label over the outside of the tracked surface."""
         body, F = self.truth["body/vertices"][true].astype(np.float64), self.truth["body/faces"][:]
-        normals, hidden = kernels.vertex_normals(body, F), np.zeros(len(body), bool)
+        hidden = np.zeros(len(body), bool)
         parts = []
         for garment in self.garments:
             T, TF = self._true_garment(garment["name"], true)
-            hidden |= kernels.SurfaceIndex(T, TF).occluded(body, normals, 0.0, COVER)
+            hidden |= kernels.winding_number(body, T, TF) > 0.5
             parts.append((T, TF, np.full(len(TF), garment["label"])))
         bare = F[~hidden[F].any(1)]
         parts.append((body, bare, self.truth["labels"][:][bare[:, 0]]))

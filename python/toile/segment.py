@@ -81,7 +81,8 @@ def segment(scene, evidence, model, frame, tracked, faces, settings, previous=No
         moved.append(shift)
         rims[scene.labels[garment.label]] = curves
     place = _place_costs(model, previous, settings)
-    vertex_labels = _tracked_labels(tracked, faces, scan_F, scan_index, probability, evidence, place, settings)
+    shown = scan_F[observed[scan_F].any(1)] if observed.any() else scan_F
+    vertex_labels = _tracked_labels(tracked, faces, scan_V, shown, probability, evidence, place, settings)
     face_labels = model.ids[probability[scan_F].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {
@@ -242,13 +243,15 @@ def _strip(curve, N, F, index):
     return left, surface
 
 
-def _tracked_labels(tracked, faces, scan_F, index, probability, evidence, place, settings):
-    """Columns (n,) per tracked vertex: the scan's where it is near, the pictures and the neighbours elsewhere."""
+def _tracked_labels(tracked, faces, scan_V, scan_F, probability, evidence, place, settings):
+    """Columns (n,) per tracked vertex: those of the scan's faces `scan_F` that pictures show, where one is near or where
+    no picture shows the vertex; the pictures' elsewhere; and the neighbours'."""
     V = tracked.vertices
-    face, _, bary, distance = index.closest(V)
-    near = distance < settings.tolerance
+    face, _, bary, distance = kernels.SurfaceIndex(scan_V, scan_F).closest(V)
     p = _interpolate(probability, scan_F[face], bary)
-    cost, colour, _ = evidence.costs(V, kernels.vertex_normals(V, faces))
+    cost, colour, seen = evidence.costs(V, kernels.vertex_normals(V, faces))
     cost += place
+    near = distance < settings.tolerance
+    cost[~seen] = -2 * np.log(p[~seen] + 0.02)
     cost[near] = -4 * np.log(p[near] + 1e-3)
     return _solve(cost, V, faces, colour, settings.model_copy(update={"smoothness": 0.5 * settings.smoothness}))

@@ -65,8 +65,7 @@ def true_run(capture_folder, folder):
     face, bary = group["map_face"][:], group["map_bary"][:]
     for row, frame in enumerate(frames):
         body, cloth = truth["body/vertices"][row].astype(float), group["vertices"][row].astype(float)
-        normals = kernels.vertex_normals(body, model.f)
-        covered = kernels.SurfaceIndex(cloth, group["faces"][:]).occluded(body, normals, 0.0, 0.06)
+        covered = kernels.winding_number(body, cloth, group["faces"][:]) > 0.5
         values = {
             "track/vertices": body,
             "inner/vertices": body,

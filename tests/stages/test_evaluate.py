@@ -8,6 +8,7 @@ import zarr
 
 from synthetic_run import copy_capture, true_run
 from toile.evaluate import evaluate
+from toile.scene import CaptureError
 
 
 @pytest.fixture
@@ -63,3 +64,28 @@ def test_failed_frames_are_left_out(made):
     done[0] = 2
     result = evaluate(made[1])
     assert len(result["per_frame"]) == done.shape[0] - 1 and result["all"]["frames_failed"] == 1
+
+
+def test_measures_are_null_where_every_frame_failed(made):
+    whole = evaluate(made[1])["all"]
+    zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")["done"][:] = 2
+    empty = evaluate(made[1])["all"]
+    assert empty.keys() == whole.keys() and empty["frames_ok"] == 0
+    assert empty["joint_mm"] is None and empty["garment"]["tshirt"].keys() == whole["garment"]["tshirt"].keys()
+
+
+def test_a_loop_on_another_loops_rim_is_not_on_its_own(made):
+    store = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")
+    loops = store.attrs["scene"]["garments"][0]["loops"]
+    hem, other = list(loops.values())[:2]
+    vertices = store["garment/tshirt/vertices"][:]
+    vertices[:, hem] = vertices[:, np.resize(other, len(hem))]
+    store["garment/tshirt/vertices"][:] = vertices
+    boundary = evaluate(made[1])["all"]["garment"]["tshirt"]["boundary_mm"]
+    assert boundary["loop0"] > 100 and boundary["loop1"] < 5
+
+
+def test_a_garment_that_the_truth_lacks_is_named(made):
+    shutil.rmtree(made[0] / "truth" / "truth.zarr" / "garment")
+    with pytest.raises(CaptureError, match="garment/tshirt"):
+        evaluate(made[1])
