@@ -125,9 +125,7 @@ class Dresser:
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
         matches, strange = match_loops([posed[l] for l in t.loops], _rims_of(segmented, t.label, V, F), s)
         start = self._lay(posed, matches)
-        inside = segmented.scan_faces == t.label
-        if evidence.views:  # what no picture shows may be a web that the reconstruction spans under the hem
-            inside &= evidence.seen(V, kernels.vertex_normals(V, F))[F].any(1)
+        inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < 100:
             raise CaptureError(f"frame {frame.number}: dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
         vertices = self.settler.solve(V, F[inside], start, self._boundary(matches))

@@ -3,9 +3,11 @@
 import cv2
 import numpy as np
 
+from . import kernels
 from .views import View, occlusion_border, read
 
 _OUTLIER = -4.0  # least log likelihood ratio that one picture may give
+_OFF = 0.008  # a point this far from the scan is off it [m]
 _FREE = 0.02  # a point this far before the surface floats [m]
 
 
@@ -34,10 +36,15 @@ def mean_over_views(maps, views, points, normals, settings):
 class Evidence:
     """Per view maps of log likelihoods by colour (H,W,L), shares of the blurred labels (H,W,L), and RGB (H,W,3).
 
-    `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings."""
+    V, F the scan, `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings. `seen` (m,)
+    are the faces that some view sees, all where none sees any; the others may be webs that a reconstruction spans under
+    a hem."""
 
-    def __init__(self, frame, views, ids, colours, settings):
+    def __init__(self, frame, views, V, F, ids, colours, settings):
         self.views, self.settings, self.L = views, settings, len(ids)
+        self.seen = self._seen(V, kernels.vertex_normals(V, F))[F].any(1)
+        self.seen |= not self.seen.any()
+        self._surface = kernels.SurfaceIndex(V, F[self.seen])
         self.likelihood, self.share, self.rgb, self.empty, self._ratios = {}, {}, {}, {}, {}
         for name, view in views.items():
             labels = frame.labels[name]
@@ -62,43 +69,55 @@ class Evidence:
         cost[weight == 0] = 0
         return cost, mean[:, 2 * L :], weight > 0
 
-    def seen(self, points, normals):
+    def _seen(self, points, normals):
         """Whether any view sees each point (n,)."""
         s = self.settings
-        return np.any([v.see(points, normals, s.tolerance, s.min_cosine)[1] > 0 for v in self.views.values()], axis=0)
+        return np.any([np.zeros(len(points), bool)] + [v.see(points, normals, s.tolerance, s.min_cosine)[1] > 0 for v in self.views.values()], axis=0)
 
-    def odds(self, points, normals, column, rival):
-        """Log odds (n,) of label `column` against what is not it: by colour against each point's label `rival`, by
-        given labels against all others and the background. Summed over views with weights below 1.
+    def odds(self, points, normals, column, rival, free=False):
+        """Log odds (n,) of label `column` against each point's label `rival`, by colour and by the labels given. Summed
+        over views with weights below 1.
 
-        A point well before the surface: that a picture shows the garment farther behind says nothing; where no view
-        faces it, it is not cloth if any picture shows the background there."""
+        `free` points may float before the surface: any label given speaks against `column` there; that a picture shows the label farther behind them says nothing;
+        and where a point lies off the scan, no view faces it and a picture shows the background, there is no cloth."""
         s = self.settings
-        total, share, weight, carved = (np.zeros(len(points)) for _ in range(4))
+        total, weight, carved = (np.zeros(len(points)) for _ in range(3))
+        share = np.zeros((len(points), 2))
         for name in self.views:
             uv, w = self.views[name].see(points, normals, s.tolerance, s.min_cosine)
-            clear = self.views[name].clearance(points)[1]
-            empty = np.flatnonzero(clear > _FREE)
-            carved[empty] = np.maximum(carved[empty], read(self.empty[name], uv[empty])[:, 0])
-            w[(clear > _FREE) & (read(self.share[name][..., column, None], uv)[:, 0] > 0.5)] = 0
+            if free:
+                before = np.flatnonzero(self.views[name].clearance(points)[1] > _FREE)
+                carved[before] = np.maximum(carved[before], read(self.empty[name], uv[before])[:, 0])
+                w[before[read(self.share[name][..., column, None], uv[before])[:, 0] > 0.5]] = 0
             for other in np.unique(rival):
                 on = np.flatnonzero((w > 0) & (rival == other))
-                value = read(self._ratio(name, column, other), uv[on])
+                value = read(self._ratio(name, column, other, free), uv[on])
                 total[on] += w[on] * value[:, 0]
-                share[on] += w[on] * value[:, 1]
+                share[on] += w[on, None] * value[:, 1:]
                 weight[on] += w[on]
-        share = share / np.maximum(weight, 1e-9)
-        floor = s.wrong / self.L
-        total += np.where(weight > 0, 0.5 * np.log((share + floor) / (1 - share + floor)), 0.0)
-        return total + _OUTLIER * np.clip((carved - 0.6) / 0.35, 0, 1) * np.clip(1 - weight, 0, 1)
+        share = share / np.maximum(weight, 1e-9)[:, None] + s.wrong / self.L
+        total += np.where(weight > 0, 0.5 * np.log(share[:, 0] / share[:, 1]), 0.0)
+        if free:
+            carved *= self._off_scan(points, carved > 0.6) * np.clip(1 - weight, 0, 1)
+            total += _OUTLIER * np.clip((carved - 0.6) / 0.35, 0, 1)
+        return total
 
-    def _ratio(self, name, column, other):
-        """(H,W,2): log likelihood ratio of two labels by colour, share of the first."""
-        key = name, int(column), int(other)
+    def _off_scan(self, points, among):
+        """Which of the points (n,) `among` (n,) lie off what the views see of the scan."""
+        off = among.copy()
+        if among.any():
+            off[among] = self._surface.closest(points[among], _OFF)[0] < 0
+        return off
+
+    def _ratio(self, name, column, other, free):
+        """(H,W,3): log likelihood ratio of two labels by colour, share of the one, share of what speaks against it."""
+        key = name, int(column), int(other), free
         if key not in self._ratios:
             likelihood = self.likelihood[name]
             ratio = np.clip(likelihood[..., column] - likelihood[..., other], _OUTLIER, -_OUTLIER)
-            self._ratios[key] = np.stack([ratio, self.share[name][..., column]], 2)
+            share = self.share[name]
+            against = share.sum(2) - share[..., column] if free else share[..., other]
+            self._ratios[key] = np.stack([ratio, share[..., column], against], 2)
         return self._ratios[key]
 
     def edges(self, points, normals, s):

@@ -5,6 +5,7 @@ import numpy as np
 from .curves import Curve, smooth
 
 _FLANK = 0.012  # of the strip on either side that is asked whether a rim is seen [m]
+_ROUNDED = 0.003  # by which the rounded step of a scan lies under the rim of cloth [m]
 
 
 class Ribbon:
@@ -12,10 +13,10 @@ class Ribbon:
     so that the rim itself lies off the scan; the views agree about its colour edge only where it truly is.
 
     `surface(across (k,m) [m])` gives points and unit normals (k,m,3) at signed distances to the left of the curve, where
-    the garment is."""
+    the garment is; a `free` strip may leave the scan."""
 
-    def __init__(self, curve, surface):
-        self.curve, self.surface = curve, surface
+    def __init__(self, curve, surface, free=False):
+        self.curve, self.surface, self.free = curve, surface, free
 
     def cut(self, evidence, column, rival):
         """Offsets (k,) [m] to the left of the curve, the rim as a curve in space, and the mean log odds (k,2) for the
@@ -33,7 +34,7 @@ class Ribbon:
         h = np.arange(settings.rim_depth[0], settings.rim_depth[1] + 1e-9, settings.rim_layer)
         r = np.arange(-6, 7) * step
         cost = _cut_costs(self._odds(r, h, offset, evidence, column, rival), step)
-        cost += settings.rim_lift * ((h[:, None] - 0.003) / settings.rim_layer) ** 2
+        cost += settings.rim_lift * ((h[:, None] - _ROUNDED) / settings.rim_layer) ** 2
         i, j = np.divmod(np.arange(len(h) * len(r)), len(r))
         apart = (j[:, None] - j) ** 2 + 40.0 * (i[:, None] - i) ** 2
         path = _closed_path(cost.reshape(k, -1), apart, settings.rim_stiffness, closed)
@@ -50,7 +51,7 @@ class Ribbon:
         points, normals = self.surface(offset[:, None] + s)
         lifted = points[:, :, None] + h[:, None] * normals[:, :, None]
         facing = np.repeat(normals.reshape(-1, 3), len(h), 0)
-        odds = evidence.odds(lifted.reshape(-1, 3), facing, column, np.repeat(rival, len(s) * len(h)))
+        odds = evidence.odds(lifted.reshape(-1, 3), facing, column, np.repeat(rival, len(s) * len(h)), self.free)
         return odds.reshape(lifted.shape[:3]).transpose(0, 2, 1)
 
     def _subpixel(self, offset, height, evidence, sigma):

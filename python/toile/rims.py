@@ -37,7 +37,7 @@ def trace_loop(V, F, loop, evidence, rivals, match, settings):
     spacing = evidence.settings.rim_spacing
     curve = resample(Curve(V[loop], True), spacing)
     curve = Curve(smooth(curve.points, True, 0.008 / spacing), True)
-    offset, rim, sides = Ribbon(curve, _strip(V, F, curve)).cut(evidence, rivals.column, rivals(curve.points))
+    offset, rim, sides = Ribbon(curve, _strip(V, F, curve), free=True).cut(evidence, rivals.column, rivals(curve.points))
     seen = _sure(offset, sides) > settings.loop_sure
     if seen.mean() < settings.loop_observed:
         return match

@@ -47,7 +47,7 @@ def evidence(frame, cameras, model, tracked, faces, settings):
     """What the frame's pictures say, seen past the scan and the tracked surface."""
     V, F = _surface(frame, tracked, faces)
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
-    return Evidence(frame, look(frame, cameras, *both), model.ids, model.colours, settings)
+    return Evidence(frame, look(frame, cameras, *both), V, F, model.ids, model.colours, settings)
 
 
 def _surface(frame, tracked, faces):
@@ -81,8 +81,7 @@ def segment(scene, evidence, model, frame, tracked, faces, settings, previous=No
         moved.append(shift)
         rims[scene.labels[garment.label]] = curves
     place = _place_costs(model, previous, settings)
-    shown = scan_F[observed[scan_F].any(1)] if observed.any() else scan_F
-    vertex_labels = _tracked_labels(tracked, faces, scan_V, shown, probability, evidence, place, settings)
+    vertex_labels = _tracked_labels(tracked, faces, scan_V, scan_F[evidence.seen], probability, evidence, place, settings)
     face_labels = model.ids[probability[scan_F].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {

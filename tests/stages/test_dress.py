@@ -7,14 +7,20 @@ import pytest
 from shapes import tube
 
 from toile import kernels
-from toile.config import DressSettings
+from toile.config import DressSettings, SegmentSettings
 from toile.curves import Curve
 from toile.dress import Dresser, prepare
+from toile.evidence import Evidence
 from toile.scene import BodyModel, CaptureError, Frame, Garment, Mesh, Person, Segmented, Tracked
 from toile.settle import Settler
 from toile.template import cut, make_template
 
 SLEEVE = Garment("sleeve", "templates/sleeve.obj", "sleeve")
+
+
+def dark(frame):
+    """No camera."""
+    return Evidence(frame, {}, frame.scan.vertices, frame.scan.faces, np.array([1, 2], np.uint8), None, SegmentSettings())
 
 
 def pipe():
@@ -52,8 +58,8 @@ def scene():
 def test_sleeve_of_wrong_size_settles_on_scan_and_rims(scene):
     model, person, frame, tracked, segmented, target, F = scene
     V, T = sleeve(0.110, 0.215, 0.79)
-    template = prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented)], DressSettings())
-    result = Dresser(model, person, template, DressSettings()).dress(frame, tracked, segmented)
+    template = prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented, dark(frame))], DressSettings())
+    result = Dresser(model, person, template, DressSettings()).dress(frame, tracked, segmented, dark(frame))
     distance = kernels.SurfaceIndex(target, F).closest(result.vertices)[3]
     assert distance.mean() < 0.001
     for loop in template.loops:
@@ -71,7 +77,7 @@ def test_cloth_that_the_scan_lacks_is_not_called_observed(scene):
     gone = target[F].mean(1)[:, 0] > 0.12  # a side of the sleeve is missing
     part = replace(frame, scan=Mesh(target, F[~gone]))
     labels = replace(segmented, scan_faces=segmented.scan_faces[~gone])
-    result = Dresser(model, person, template, DressSettings()).dress(part, tracked, labels)
+    result = Dresser(model, person, template, DressSettings()).dress(part, tracked, labels, dark(part))
     missing = result.vertices[:, 0] > 0.15
     assert (result.confidence[missing] < 2).mean() > 0.9
     assert (result.confidence[result.vertices[:, 0] < 0.08] == 2).mean() > 0.9
@@ -91,7 +97,7 @@ def test_missing_loop_is_said(scene):
     V, T = sleeve(0.115)
     one = replace(segmented, rims={2: segmented.rims[2][:1]})
     with pytest.warns(UserWarning, match="no sampled frame shows loop"):
-        prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one)], DressSettings())
+        prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one, dark(frame))], DressSettings())
 
 
 def test_settling_onto_itself_moves_nothing():

@@ -8,7 +8,7 @@ from test_reconstruct import ring_of_cameras
 from toile.config import SegmentSettings
 from toile.curves import isolines
 from toile.scene import CaptureError, Frame, Garment, Mesh, Scene, Tracked
-from toile.segment import prepare, segment
+from toile.segment import evidence, prepare, segment
 from toile.views import View
 
 CENTRE, RIM, RADIUS = np.array([0, 0, 1.0]), 1.05, 0.5
@@ -65,10 +65,15 @@ def on_ball(camera, uv):
     return camera.centre + (-b - np.sqrt(np.maximum(b * b - o @ o + RADIUS**2, 0)))[:, None] * d
 
 
+def labelled(scene, cameras, model, frame, tracked, faces):
+    seen = evidence(frame, cameras, model, tracked, faces, SegmentSettings())
+    return segment(scene, seen, model, frame, tracked, faces, SegmentSettings())
+
+
 def test_border_is_found_within_two_millimetres_under_shifted_labels_and_blobs(ball):
     scene, cameras, frame, tracked, faces = ball
     model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
-    result = segment(scene, cameras, model, frame, tracked, faces, SegmentSettings())
+    result = labelled(scene, cameras, model, frame, tracked, faces)
     wrong = result.vertices != true_label(tracked.vertices)
     assert wrong.mean() < 0.02
     V, F = frame.scan.vertices, frame.scan.faces
@@ -84,7 +89,7 @@ def test_segment_gives_the_same_bits_for_any_number_of_threads(ball, threads):
     for count in (1, 3):
         threads(count)
         model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
-        results.append(segment(scene, cameras, model, frame, tracked, faces, SegmentSettings()))
+        results.append(labelled(scene, cameras, model, frame, tracked, faces))
     assert np.array_equal(results[0].scan_probability, results[1].scan_probability)
     assert np.array_equal(results[0].vertices, results[1].vertices)
 
