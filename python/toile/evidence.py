@@ -7,7 +7,7 @@ from . import kernels
 from .views import View, occlusion_border, read
 
 _OUTLIER = -4.0  # least log likelihood ratio that one picture may give
-_OFF = 0.008  # a point this far from the scan is off it [m]
+_OFF = 0.005  # a point this far from the scan is off it [m]
 _FREE = 0.02  # a point this far before the surface floats [m]
 
 

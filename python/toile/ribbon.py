@@ -32,6 +32,7 @@ class Ribbon:
         offset = smooth(s[path] + _parabola(cost, path) * step, closed, settings.rim_smoothing / settings.rim_spacing)
 
         h = np.arange(settings.rim_depth[0], settings.rim_depth[1] + 1e-9, settings.rim_layer)
+        h = np.array([_ROUNDED]) if self.free else h
         r = np.arange(-6, 7) * step
         cost = _cut_costs(self._odds(r, h, offset, evidence, column, rival), step)
         cost += settings.rim_lift * ((h[:, None] - _ROUNDED) / settings.rim_layer) ** 2
