@@ -260,6 +260,7 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
         results.push_back(solve(frame));
         shape += results.back().pose.shape / static_cast<double>(frames.size());
     }
+    if (S == 0) return results;
     SkeletonOptions fixed = options_;
     fixed.solve_shape = false;
     const SkeletonSolver poses(model_, joint_sigma_, joint_limit_, vertex_weights_, fixed);

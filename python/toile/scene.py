@@ -147,7 +147,7 @@ class BodyModel:
     uv: np.ndarray | None = None  # (t,2)
     f_uv: np.ndarray | None = None  # (m,3)
     keypoint_names: tuple[str, ...] = ()
-    keypoint_joint: np.ndarray | None = None  # (q,)
+    keypoint_joint: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))  # (q,)
     keypoint_vertices: tuple[np.ndarray, ...] = ()
     segments: dict[str, np.ndarray] = field(default_factory=dict)  # name -> vertex indices
 
