@@ -166,3 +166,20 @@ def test_bad_input_is_refused_by_name(model, solver, truth):
         solver.solve(truth.scan, truth.faces, start=(np.zeros((3, 3)), np.zeros(3), np.zeros(16)))
     with pytest.raises(TypeError, match="no option named 'reech'"):
         SkeletonSolver(model, reech=1)
+
+
+def test_a_model_without_shapes_or_keypoints_is_posed_from_scans_alone(model):
+    """What remains of a user's own model: vertices, weights, joints."""
+    from dataclasses import replace
+
+    bare = replace(
+        model, shapedirs=np.zeros((len(model.v_template), 3, 0)), J_shapedirs=np.zeros((104, 3, 0)),
+        keypoint_names=(), keypoint_joint=np.zeros(0, np.int64), keypoint_vertices=(),
+    )  # fmt: skip
+    rotations = np.zeros((104, 3))
+    rotations[model.joint_names.index("upperarm01.L")] = 0, 0.15, 0
+    V = model.skin(model.v_template, model.J, rotations, np.array([0.02, 0.01, 0.0]))
+    results = SkeletonSolver(bare).solve_shared([{"scan_V": V, "scan_F": model.f}] * 2)
+    for result in results:
+        assert result.shape.shape == (0,) and result.rms < 2e-3
+        assert np.linalg.norm(result.V - V, axis=1).mean() < 5e-3
