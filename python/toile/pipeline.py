@@ -148,17 +148,15 @@ class _Run:
 
     def go(self):
         store = self.run / "registered.zarr"
-        if not (store.exists() and self._whole(Registered(store))):
+        if not (store.exists() and Registered(store).whole):
             self._prepare()
             self._first_pass()
             if self.scene.garments:
                 self._fuse()
             self._last_pass()
+            self._write_diagnostics(Registered(store))
             shutil.rmtree(self.work)
         return self._outcome(Registered(store))
-
-    def _whole(self, registered):
-        return all(registered.done(f) != PENDING for f in self.frames)
 
     def _kept(self, name, kind, make, tuples=()):
         """The record RUN/work/NAME.npz, made when it is not there."""
@@ -321,6 +319,17 @@ class _Run:
             diagnostics = json.loads((folder / "failed.json").read_text(encoding="utf-8"))
         write_text(self.run / "diagnostics" / f"{number:06d}.json", json.dumps(diagnostics, indent=1))
         registered.write(number, values or {}, FAILED if values is None else OK)
+
+    def _write_diagnostics(self, registered):
+        """What every stage measured of itself, and its seconds, a frame."""
+        table = {}
+        for number in self.frames:
+            stages = json.loads((self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8"))
+            table[number] = {} if "reason" in stages else {stage.replace(" ", "."): v for stage, v in stages.items()}
+        for line in self.status.lines():
+            if line.get("ok") and line.get("frame") in table:
+                table[line["frame"]].setdefault("seconds", {})[line["stage"]] = line["seconds"]
+        registered.write_diagnostics(table)
 
     def _values(self, number, tracked, segmented, dressed):
         """The store's arrays of one frame, and its diagnostics by stage."""

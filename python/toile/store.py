@@ -145,3 +145,17 @@ class Registered:
         for name, value in values.items():
             self.group[name][row] = value
         self.group["done"][row] = done
+
+    def write_diagnostics(self, table):
+        """`diagnostics/STAGE/NAME (T,)` from {frame: {stage: {name: number}}}, NaN where a frame has none; once all frames
+        are done. `whole` tells whether this has been."""
+        names = sorted({(stage, name) for stages in table.values() for stage, values in stages.items() for name in values})
+        group = self.group.create_group("diagnostics", overwrite=True)
+        for stage, name in names:
+            column = [table.get(frame, {}).get(stage, {}).get(name, np.nan) for frame in self.row]
+            group.create_array(f"{stage}/{name}", data=np.array(column, np.float64))
+        group.attrs["whole"] = True
+
+    @property
+    def whole(self):
+        return "diagnostics" in self.group and bool(self.group["diagnostics"].attrs.get("whole"))

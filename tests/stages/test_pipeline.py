@@ -77,6 +77,8 @@ def test_store_holds_what_the_layout_names(run):
     assert found["inner/vertices"].shape == (3, n, 3)
     assert found["garment/tshirt/skin"].shape == (g, found["pose/rotations"].shape[1])
     assert np.allclose(found["garment/tshirt/skin"].sum(1), 1)
+    for name in ("dress.tshirt/surface_mm", "track/skeleton_rms_m", "inner/intersections_left", "seconds/segment"):
+        assert found[f"diagnostics/{name}"].shape == (3,) and np.isfinite(found[f"diagnostics/{name}"]).all(), name
     assert not (run / "work").exists()
 
 
@@ -97,7 +99,7 @@ def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
     assert pipeline.register(SAMPLE, out, CONFIG, FRAMES).ok == FRAMES
     once, twice = arrays(run), arrays(out)
     assert once.keys() == twice.keys()
-    for name in once:
+    for name in (n for n in once if not n.startswith("diagnostics/seconds/")):
         assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
 
 
@@ -108,7 +110,9 @@ def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tm
     for module, name in (("segment", "segment"), ("segment", "prepare"), ("dress", "prepare"), ("inner", "prepare")):
         monkeypatch.setattr(getattr(pipeline, module), name, lambda *_: pytest.fail(f"{module}.{name} ran"))
     pipeline.register(bare, tmp_path / "run", CONFIG, (0,))
-    assert set(arrays(tmp_path / "run")) == {
+    found = arrays(tmp_path / "run")
+    assert {name.split("/")[1] for name in found if name.startswith("diagnostics/")} == {"track", "seconds"}
+    assert {name for name in found if not name.startswith("diagnostics/")} == {
         "frames", "done", "shape", "face", "track/vertices", "track/faces", "pose/rotations", "pose/translation", "confidence/track",
     }  # fmt: skip
     stages = {json.loads(line)["stage"] for line in (tmp_path / "run" / "status.jsonl").read_text().splitlines()}
