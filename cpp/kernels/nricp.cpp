@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <mutex>
 #include <optional>
 
 #include "base/errors.h"
@@ -142,6 +143,7 @@ struct NricpSolver::State {
     Vector area, visible;
     std::vector<NricpGraph> graphs;
     std::optional<NricpFine> fine;
+    std::mutex busy;  ///< graphs and factors hold the frame under way: one solve at a time
 
     Vertices into(const Vertices& x) const { return (x.rowwise() - middle.transpose()) / size; }
     Vertices out_of(const Vertices& x) const { return (x * size).rowwise() + middle.transpose(); }
@@ -269,6 +271,7 @@ NricpSolver::NricpSolver(NricpSolver&&) noexcept = default;
 
 NricpResult NricpSolver::solve(const NricpFrame& given) {
     State& s = *state_;
+    const std::lock_guard lock(s.busy);
     const NricpOptions& o = s.options;
     check_frame(given, s.V.rows(), o);
     const NricpFrame frame = s.into(given);
