@@ -19,12 +19,15 @@ app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_
 def plan(capture: Path):
     """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
     from .capture import open_capture
+    from .pipeline import blocks
     from .pipeline import plan as make_plan
 
     opened = open_capture(capture)
     typer.echo(f"{opened.scene.name}: {len(opened.frames)} frames, {len(opened.cameras)} cameras")
     for step in make_plan(opened):
         typer.echo(f"  {'run ' if step.runs else 'skip'}  {step.stage:<12} {step.why}")
+    count = len(blocks(opened.frames))
+    typer.echo(f"  {count} temporal block{'s' * (count > 1)}: more workers or shards than that have nothing to track")
 
 
 @app.command()
@@ -34,20 +37,27 @@ def register(
     quality: Annotated[str, typer.Option(help="draft, standard or fine")] = "standard",
     frames: Annotated[Optional[str], typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames")] = 1,
+    workers: Annotated[int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers")] = 1,
+    shard: Annotated[str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")] = "1/1",
+    retry: Annotated[Optional[str], typer.Option(help="failed: give the failed frames of a run again")] = None,
 ):
     """Register a capture: the body and each garment, every frame, in fixed topologies."""
     from .capture import open_capture
     from .config import preset
     from .pipeline import register as run_pipeline
 
+    if retry not in (None, "failed"):
+        raise CaptureError(f"--retry {retry}: expected failed")
+    part = shard_of(shard)
     numbers = frame_numbers(frames, open_capture(capture).frames, step)
     try:
         config = preset(quality)
     except ValueError as error:
         raise CaptureError(str(error)) from None
     with progress_bars() as progress:
-        outcome = run_pipeline(capture, run, config, numbers, progress)
-    typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed")
+        outcome = run_pipeline(capture, run, config, numbers, progress, workers, part, retry == "failed")
+    waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
+    typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed{waiting}")
     for warning in outcome.warnings:
         typer.echo(f"  warning: {warning}", err=True)
     if outcome.unsupported_contact:
@@ -109,6 +119,14 @@ def frame_numbers(text, available, step=1):
             raise CaptureError(f"--frames {text}: '{part}' is not a number or a range")
         numbers += [n for n in range(int(first), int(last or first) + 1) if not last or n in set(available)]
     return tuple(dict.fromkeys(numbers))[::step]
+
+
+def shard_of(text):
+    """"2/3" -> (2, 3)."""
+    i, _, n = text.partition("/")
+    if not (i.isdecimal() and n.isdecimal() and 1 <= int(i) <= int(n)):
+        raise CaptureError(f"--shard {text}: expected i/n with 1 <= i <= n")
+    return int(i), int(n)
 
 
 def table(values, indent=""):

@@ -4,8 +4,9 @@ prepare   a person from sampled frames; colour models; each garment's template; 
 track     every frame: pose and surface           segment, dress   where the scene names a garment
 inner     every frame, once all are dressed: the body under the garments, and the garments out of it
 
-Temporal state lives inside blocks of 50 absolute frame numbers and is dropped where a frame is missing or failed.
-Results between passes lie in RUN/work until the run is whole, so a killed run goes on with the same bits.
+Temporal state lives inside blocks of 50 absolute frame numbers and is dropped where a frame is missing or failed; workers
+and shards take whole blocks. Results between passes lie in RUN/work until the run is whole, so a killed run goes on with
+the same bits; what the preparation made stays in RUN/prepared, so that failed frames can be given again.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import shutil
 import time
 import warnings
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +32,7 @@ from .io.body import load_body_model
 from .kernels import InputError, SolveError
 from .scene import CaptureError, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from .store import FAILED, OK, PENDING, Registered, Status, load_record, save_record, write_text
+from .workers import Workers, locked
 
 BLOCK = 50
 FRAME_ERRORS = (CaptureError, InputError, SolveError, OSError, np.linalg.LinAlgError)
@@ -59,24 +63,37 @@ def plan(capture):
     ]
 
 
+def blocks(frames):
+    """The frames, in order, cut where the block of 50 absolute numbers changes: no temporal state crosses a cut."""
+    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: number // BLOCK)]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended: frames registered; frames failed with their reasons; registered frames in which hands touch cloth
-    in a way that the layers cannot represent; and what the garments' preparation warned of."""
+    in a way that the layers cannot represent; what the garments' preparation warned of; frames that wait for other shards.
+    """
 
     ok: tuple[int, ...]
     failed: dict[int, str]
     unsupported_contact: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
+    pending: tuple[int, ...] = ()
 
 
-def register(capture_path, run_path, config=None, frames=None, progress=None):
+def register(capture_path, run_path, config=None, frames=None, progress=None, workers=1, shard=(1, 1), retry=False):
     """Registers `frames` (numbers; all by default) of a capture into `run_path` and returns an Outcome.
 
     `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
-    stood. CaptureError: the capture, or a run folder that holds something else, cannot be used; nothing is left behind.
+    stood. `workers` processes share the work. `shard` (i, n) takes every n-th block from the i-th on, on its own or
+    beside other shards of the run; whichever ends last finishes the run. `retry` gives failed frames again, whose files
+    may have been mended, with no temporal state of the frames that stand; nothing else is touched. The bits depend on
+    neither workers nor shards. CaptureError: the capture, or a run folder that holds something else, cannot be used;
+    nothing is left behind.
     """
     config = config or Config()
+    if workers < 1 or not 1 <= shard[0] <= shard[1]:
+        raise CaptureError(f"workers {workers}, shard {shard[0]}/{shard[1]}: expected at least one worker and 1 <= i <= n")
     capture = open_capture(capture_path)
     frames = tuple(capture.frames if frames is None else frames)
     unknown = sorted(set(frames) - set(capture.frames))
@@ -84,45 +101,54 @@ def register(capture_path, run_path, config=None, frames=None, progress=None):
         raise CaptureError(f"{capture.root}/frames: no frame {unknown[0]}" if unknown else f"{capture.root}/frames: no frame asked for")
     check_capture(capture, frames)
     run, fresh = Path(run_path), not Path(run_path).exists()
-    _open_run(run, capture, config, frames)
+    _open_run(run, capture, config, frames, retry)
     try:
-        return _Run(capture, run, config, frames, progress or (lambda *_: None)).go()
+        return _Run(capture, run, config, frames, progress or (lambda *_: None), workers, shard).go(retry)
     except FRAME_ERRORS:
-        if fresh:
+        if fresh and not any((run / name).exists() for name in ("work", "registered.zarr")):
             shutil.rmtree(run, ignore_errors=True)
         raise
 
 
-def _open_run(run, capture, config, frames):
-    """Writes config.toml, or checks that it asks for the same."""
+def _open_run(run, capture, config, frames, retry):
+    """Writes config.toml, or checks that it asks for the same; a retry takes frames whose files were mended."""
+    import tomllib
+
     import tomli_w
 
     from . import __version__
 
-    text = tomli_w.dumps(
-        {
-            "capture": str(capture.root.resolve()),
-            "inputs": _inputs(capture, frames),
-            "frames": list(frames),
-            "versions": {"toile": __version__, "numpy": np.__version__},
-            "settings": config.model_dump(mode="json"),
-        }
-    )
+    asked = {
+        "capture": str(capture.root.resolve()),
+        "inputs": {"scene": _scene_hash(capture), "frames": _frames_hash(capture, frames)},
+        "frames": list(frames),
+        "versions": {"toile": __version__, "numpy": np.__version__},
+        "settings": config.model_dump(mode="json"),
+    }
     path = run / "config.toml"
-    if path.exists():
-        if path.read_text(encoding="utf-8") != text:
-            raise CaptureError(f"{path}: this run was made from another capture, other frames or other settings")
-        return
-    if run.exists() and any(run.iterdir()):
+    if run.exists() and not path.exists() and any(not p.name.startswith((".lock", ".config.toml")) for p in run.iterdir()):
         raise CaptureError(f"{run}: the folder is not empty and holds no run")
-    write_text(path, text)
+    with locked(run):
+        if path.exists():
+            found = tomllib.loads(path.read_text(encoding="utf-8"))
+            if retry and isinstance(found.get("inputs"), dict):
+                found["inputs"]["frames"] = asked["inputs"]["frames"]
+            if found != tomllib.loads(tomli_w.dumps(asked)):
+                raise CaptureError(f"{path}: this run was made from another capture, other frames or other settings")
+        write_text(path, tomli_w.dumps(asked))
 
 
-def _inputs(capture, frames):
-    """sha256 over the scene's files and over names and sizes of the frames' files."""
+def _scene_hash(capture):
+    """sha256 over the scene's files."""
     digest = hashlib.sha256()
     for path in sorted(p for p in capture.root.rglob("*") if p.is_file() and "frames" not in p.parts and "truth" not in p.parts):
         digest.update(path.relative_to(capture.root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _frames_hash(capture, frames):
+    """sha256 over names and sizes of the frames' files."""
+    digest = hashlib.sha256()
     for number in frames:
         folder = capture.root / "frames" / f"{number:06d}"
         for path in sorted(p for p in folder.rglob("*") if p.is_file()):
@@ -137,30 +163,79 @@ def _load_segmented(path):
     return replace(segmented, rims=rims)
 
 
+def _worker(root, run, config, frames):
+    """The _Run of a worker process: it loads what the run has prepared."""
+    own = _Run(open_capture(root), run, config, frames, lambda *_: None)
+    own._prepare()
+    return own
+
+
 class _Run:
     """One run over its frames; every result goes through RUN/work, so that it is made once."""
 
-    def __init__(self, capture, run, config, frames, progress):
+    def __init__(self, capture, run, config, frames, progress, workers=1, shard=(1, 1)):
         self.capture, self.run, self.config, self.frames, self.progress = capture, run, config, frames, progress
-        self.scene, self.work = capture.scene, run / "work"
+        self.scene, self.work, self.prepared, self.shard = capture.scene, run / "work", run / "prepared", shard
         self.model = load_body_model(capture.root / self.scene.body_model if self.scene.body_model.endswith(".npz") else self.scene.body_model, up=self.scene.up)
         self.status = Status(run / "status.jsonl")
+        self.store = run / "registered.zarr"
+        self.workers = Workers(workers, _worker, capture.root, run, config, frames) if workers > 1 else None
 
-    def go(self):
-        store = self.run / "registered.zarr"
-        if not (store.exists() and Registered(store).whole):
-            self._prepare()
+    def go(self, retry=False):
+        try:
+            with locked(self.run):
+                if retry:
+                    self._give_again()
+                if self._whole():
+                    return self._outcome()
+                self._prepare()
             self._first_pass()
-            if self.scene.garments:
-                self._fuse()
-            self._last_pass()
-            self._write_diagnostics(Registered(store))
-            shutil.rmtree(self.work)
-        return self._outcome(Registered(store))
+            with locked(self.run):
+                if not self._whole() and all(self._first_done(number) for number in self._left()):
+                    self._complete()
+                return self._outcome()
+        finally:
+            if self.workers:
+                self.workers.close()
+
+    def _whole(self):
+        return self.store.exists() and Registered(self.store).whole
+
+    def _complete(self):
+        """Once the first pass is behind every frame of the run, whichever process made it."""
+        if self.scene.garments:
+            self._fuse()
+        self._last_pass()
+        self._write_diagnostics(Registered(self.store))
+        shutil.rmtree(self.work, ignore_errors=True)
+
+    def _give_again(self):
+        """Failed frames become pending."""
+        if self._whole():
+            shutil.rmtree(self.work, ignore_errors=True)
+        for failed in self.work.glob("frames/*/failed.json"):
+            failed.unlink()
+        if self.store.exists():
+            Registered(self.store).reopen()
+
+    def _left(self):
+        """Frames that the store does not have."""
+        if not self.store.exists():
+            return self.frames
+        registered = Registered(self.store)
+        return tuple(f for f in self.frames if registered.done(f) == PENDING)
+
+    def _each(self, method, items):
+        """Frame numbers as `method(item)`, which yields them, has done them, here or in the workers."""
+        if self.workers and len(items) > 1:
+            yield from self.workers.each(method, items)
+        else:
+            for item in items:
+                yield from getattr(self, method)(item)
 
     def _kept(self, name, kind, make, tuples=()):
-        """The record RUN/work/NAME.npz, made when it is not there."""
-        path = self.work / f"{name}.npz"
+        """The record RUN/prepared/NAME.npz, made when it is not there."""
+        path = self.prepared / f"{name}.npz"
         if not path.exists():
             save_record(path, make())
         return load_record(path, kind, tuples)
@@ -201,7 +276,7 @@ class _Run:
 
     def _prepare_garments(self):
         names = [g.name for g in self.scene.garments]
-        paths = [self.work / "colours.npz", *(self.work / f"template.{n}.npz" for n in names)]
+        paths = [self.prepared / "colours.npz", *(self.prepared / f"template.{n}.npz" for n in names)]
         if not all(p.exists() for p in paths):
             samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
             colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
@@ -228,29 +303,37 @@ class _Run:
     # Every frame: track, segment, dress -------------------------------------------------------------------------
 
     def _first_pass(self):
-        before, last = None, None
-        for i, number in enumerate(self.frames):
-            if last is None or number != last + 1 or number // BLOCK != last // BLOCK:
-                before = None
-            before, last = self._first_stages(number, before), number
-            self.progress("track, segment, dress" if self.templates else "track", i + 1, len(self.frames))
+        own = blocks(self.frames)[self.shard[0] - 1 :: self.shard[1]]
+        stage, total = "track, segment, dress" if self.templates else "track", sum(map(len, own))
+        for i, _ in enumerate(self._each("first_block", own)):
+            self.progress(stage, i + 1, total)
+
+    def first_block(self, numbers):
+        """The first stages of one block's frames, in their order; frames that the store has are passed over."""
+        left, last = set(self._left()), None
+        for number in numbers:
+            if number in left and not self._first_done(number):
+                self._first_stages(number, last if number - 1 == last else None)
+            last = number
+            yield number
+
+    def _first_done(self, number):
+        return any((self._folder(number) / name).exists() for name in ("whole", "failed.json"))
 
     def _folder(self, number):
         return self.work / "frames" / f"{number:06d}"
 
-    def _first_stages(self, number, before):
-        """(Tracked, Segmented, {name: Dressed}) of a frame, kept or made; None when it failed."""
+    def _first_stages(self, number, previous):
+        """Makes a frame's Tracked, Segmented and Dressed; `previous` names the frame whose results give temporal state."""
         folder = self._folder(number)
-        if (folder / "failed.json").exists():
-            return None
-        if not (folder / "whole").exists():
-            try:
-                self._make_first_stages(number, before, folder)
-            except FRAME_ERRORS as error:
-                self._fail(number, error)
-                return None
+        try:
+            known = previous is not None and (self._folder(previous) / "whole").exists()
+            before = self._load_first_stages(self._folder(previous)) if known else None
+            self._make_first_stages(number, before, folder)
+        except FRAME_ERRORS as error:
+            self._fail(number, error)
+        else:
             write_text(folder / "whole", "")
-        return self._load_first_stages(folder)
 
     def _make_first_stages(self, number, before, folder):
         frame, seconds = self.capture.frame(number), {}
@@ -297,16 +380,26 @@ class _Run:
             samples = [self._load_first_stages(self._folder(n)) for n in chosen]
             return inner.prepare(self.model, self.person, samples, self.templates, self.config.inner)
 
-        shape = self._kept("inner", InnerShape, make)
-        self.inner = inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
+        self._kept("inner", InnerShape, make)
+
+    @cached_property
+    def inner(self):
+        shape = load_record(self.prepared / "inner.npz", InnerShape)
+        return inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
 
     def _last_pass(self):
-        path = self.run / "registered.zarr"
-        registered = Registered(path) if path.exists() else self._create_store(path)
-        for i, number in enumerate(self.frames):
-            if registered.done(number) == PENDING:
-                self._finish(registered, number)
-            self.progress("inner" if self.templates else "store", i + 1, len(self.frames))
+        if not self.store.exists():
+            self._create_store(self.store)
+        left = [(number,) for number in self._left()]
+        for i, _ in enumerate(self._each("last_frames", left)):
+            self.progress("inner" if self.templates else "store", len(self.frames) - len(left) + i + 1, len(self.frames))
+
+    def last_frames(self, numbers):
+        """The inner layer of these frames, and their arrays to the store: a chunk a frame, so each process writes its own."""
+        registered = Registered(self.store)
+        for number in numbers:
+            self._finish(registered, number)
+            yield number
 
     def _finish(self, registered, number):
         folder, values, diagnostics = self._folder(number), None, {}
@@ -390,16 +483,21 @@ class _Run:
             "body_model": self.scene.body_model,
         }
 
-    def _outcome(self, registered):
-        failed, contact = {}, []
+    def _outcome(self):
+        failed, contact, pending = {}, [], self._left()
         for number in self.frames:
-            diagnostics = json.loads((self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8"))
-            if registered.done(number) == FAILED:
-                failed[number] = diagnostics["reason"]
-            elif any(stage.get("unsupported_contact") for stage in diagnostics.values()):
-                contact.append(number)
-        ok = tuple(f for f in self.frames if f not in failed)
-        return Outcome(ok, failed, tuple(contact), tuple(self.status.warnings()))
+            reason = self._folder(number) / "failed.json"
+            if reason.exists():
+                failed[number] = json.loads(reason.read_text(encoding="utf-8"))["reason"]
+            elif number not in pending:
+                diagnostics = json.loads((self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8"))
+                if "reason" in diagnostics:
+                    failed[number] = diagnostics["reason"]
+                elif any(stage.get("unsupported_contact") for stage in diagnostics.values()):
+                    contact.append(number)
+        pending = tuple(f for f in pending if f not in failed)
+        ok = tuple(f for f in self.frames if f not in failed and f not in pending)
+        return Outcome(ok, failed, tuple(contact), tuple(self.status.warnings()), pending)
 
 
 def person_of(run):

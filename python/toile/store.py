@@ -19,7 +19,7 @@ PENDING, OK, FAILED = 0, 1, 2
 def replace_file(path, write):
     """Calls `write(temporary path)` and renames the result to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.part")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     write(temporary)
     os.replace(temporary, path)
 
@@ -155,6 +155,15 @@ class Registered:
             column = [table.get(frame, {}).get(stage, {}).get(name, np.nan) for frame in self.row]
             group.create_array(f"{stage}/{name}", data=np.array(column, np.float64))
         group.attrs["whole"] = True
+
+    def reopen(self):
+        """Failed frames become pending, and the store is no longer whole."""
+        failed = np.flatnonzero(self.group["done"][:] == FAILED)
+        if len(failed):
+            if "diagnostics" in self.group:
+                self.group["diagnostics"].attrs["whole"] = False
+            for row in failed:
+                self.group["done"][row] = PENDING
 
     @property
     def whole(self):

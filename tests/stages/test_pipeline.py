@@ -38,6 +38,12 @@ def arrays(run):
     return found
 
 
+def assert_same_bits(once, twice):
+    assert once.keys() == twice.keys()
+    for name in (n for n in once if not n.startswith("diagnostics/seconds/")):
+        assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("pipeline") / "run"
@@ -97,10 +103,7 @@ def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
     child.wait()
     assert not (out / "registered.zarr").exists()
     assert pipeline.register(SAMPLE, out, CONFIG, FRAMES).ok == FRAMES
-    once, twice = arrays(run), arrays(out)
-    assert once.keys() == twice.keys()
-    for name in (n for n in once if not n.startswith("diagnostics/seconds/")):
-        assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
+    assert_same_bits(arrays(run), arrays(out))
 
 
 def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tmp_path, monkeypatch):

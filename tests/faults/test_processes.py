@@ -1,0 +1,112 @@
+"""Workers, shards, kills and second tries: the same bits whoever did the work, and nothing done twice."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+
+from toile import cli, pipeline
+from toile.config import preset
+from toile.scene import CaptureError
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+CONFIG = preset("draft").model_copy(update={"samples": 1})
+FRAMES = (48, 49, 50, 51)  # two blocks of temporal state
+
+
+def arrays(run):
+    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
+    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
+
+
+def assert_same_bits(once, twice):
+    assert once.keys() == twice.keys()
+    for name in (n for n in once if not n.startswith("diagnostics/seconds/")):
+        assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """Four frames of the bundled capture without its garment, renumbered so that they lie in two blocks."""
+    folder = tmp_path_factory.mktemp("processes") / "capture"
+    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("truth", "frames"))
+    for i, number in enumerate(FRAMES):
+        shutil.copytree(SAMPLE / "frames" / f"{i:06d}", folder / "frames" / f"{number:06d}")
+    text = (folder / "scene.toml").read_text()
+    start, end = text.index("[[garment]]"), text.index("[cameras]")
+    (folder / "scene.toml").write_text(text[:start] + text[end:])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(capture, tmp_path_factory):
+    run = tmp_path_factory.mktemp("processes") / "run"
+    assert pipeline.register(capture, run, CONFIG, FRAMES).ok == FRAMES
+    return run
+
+
+def test_blocks_are_cut_at_multiples_of_50():
+    assert pipeline.blocks((48, 49, 50, 99, 100)) == [(48, 49), (50, 99), (100,)]
+
+
+def test_two_workers_give_the_bits_of_one(capture, undisturbed, tmp_path):
+    assert pipeline.register(capture, tmp_path / "run", CONFIG, FRAMES, workers=2).ok == FRAMES
+    assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
+
+
+def test_two_shards_give_the_bits_of_one_run(capture, undisturbed, tmp_path):
+    first = pipeline.register(capture, tmp_path / "run", CONFIG, FRAMES, shard=(2, 2))
+    assert first.pending == FRAMES and not first.ok and not (tmp_path / "run" / "registered.zarr").exists()
+    assert pipeline.register(capture, tmp_path / "run", CONFIG, FRAMES, shard=(1, 2)).ok == FRAMES
+    assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
+
+
+def test_killed_workers_leave_a_run_that_goes_on_with_the_same_bits(capture, undisturbed, tmp_path):
+    code = (
+        "from pathlib import Path; from toile import pipeline; from toile.config import preset\n"
+        "if __name__ == '__main__':\n"
+        "    config = preset('draft').model_copy(update={'samples': 1})\n"
+        f"    pipeline.register(Path({str(capture)!r}), Path({str(tmp_path / 'run')!r}), config, {FRAMES}, workers=2)\n"
+    )
+    (tmp_path / "program.py").write_text(code)
+    child = subprocess.Popen([sys.executable, tmp_path / "program.py"], start_new_session=True)
+    deadline = time.monotonic() + 120
+    while not any((tmp_path / "run" / "work").glob("frames/*/whole")) and time.monotonic() < deadline:
+        assert child.poll() is None, "the run ended before it could be killed"
+        time.sleep(0.02)
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    assert not (tmp_path / "run" / "registered.zarr").exists()
+    assert pipeline.register(capture, tmp_path / "run", CONFIG, FRAMES).ok == FRAMES
+    assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
+
+
+def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp_path, monkeypatch):
+    shutil.copytree(capture, tmp_path / "capture")
+    scan = tmp_path / "capture" / "frames" / "000050" / "scan.ply"
+    whole = scan.read_bytes()
+    scan.write_bytes(whole[:300])
+    assert list(pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES).failed) == [50]
+    before = arrays(tmp_path / "run")
+    scan.write_bytes(whole)
+    made, make = [], pipeline._Run._make_first_stages
+    monkeypatch.setattr(pipeline._Run, "_make_first_stages", lambda self, n, *rest: (made.append(n), make(self, n, *rest)))
+    assert pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES, retry=True).ok == FRAMES
+    after = arrays(tmp_path / "run")
+    assert made == [50] and after["done"].tolist() == [1, 1, 1, 1]
+    for name in ("track/vertices", "pose/rotations"):
+        assert np.array_equal(after[name][[0, 1, 3]], before[name][[0, 1, 3]])
+        assert np.array_equal(after[name][2], arrays(undisturbed)[name][2])  # the first of its block: no temporal state either way
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "-1/2", "1/0"])
+def test_a_shard_that_is_none_is_refused(text):
+    with pytest.raises(CaptureError, match="--shard"):
+        cli.shard_of(text)
