@@ -12,12 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from . import kernels
+from .capture import open_capture
 from .evaluate import evaluate, flatten
+from .scene import CaptureError
 from .store import Status
 
 WORST = 40  # frames shown with pictures
 SIZE = (360, 220)  # (height, width) of a picture [px]
 BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
+HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
+HEAT = ((44, 75, 130), (120, 170, 190), (240, 225, 150), (225, 120, 60), (140, 20, 40))  # evenly spaced from 0
+UNSEEN = (176, 174, 170)  # tracked vertices that the scan does not show
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2430; --soft: #66707f; --page: #f7f6f3; --card: #fff; --line: #e2dfd8; --mark: #b4552d }
 @media (prefers-color-scheme: dark) { :root { --ink: #e8e6e1; --soft: #9aa3b0; --page: #16191e; --card: #1e2229; --line: #323842; --mark: #e08a5f } }
@@ -27,6 +32,7 @@ h1 { font-size: 1.7rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.5rem 0 .8
 .card b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums } .card span { color: var(--soft); font-size: .85rem }
 .frame { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .8rem 1rem; margin: .8rem 0 }
 .frame h3 { margin: 0; font-size: 1rem } .frame .row { display: flex; flex-wrap: wrap; gap: .6rem; margin-top: .5rem } figure { margin: 0 } figcaption { color: var(--soft); font-size: .8rem; text-align: center }
+.scale { display: inline-block; width: 12rem; height: .7rem; border-radius: 3px; vertical-align: baseline; margin: 0 .4rem }
 img { border-radius: 4px; display: block } .why { color: var(--mark) } .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: .8rem }
 svg { width: 100%; background: var(--card); border: 1px solid var(--line); border-radius: 8px } svg text { fill: var(--soft); font-size: 11px } polyline { fill: none; stroke: var(--mark); stroke-width: 1.6 }
 pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; overflow: auto; font-size: 12px }
@@ -51,6 +57,7 @@ class _Page:
         self.run, self.result, self.config = run, result, config
         self.store = zarr.open_group(str(run / "registered.zarr"), mode="r")
         self.scene = self.store.attrs["scene"]
+        self.capture = open_capture(config["capture"])
         self.numbers = [int(n) for n in self.store["frames"][:]]
         self.flat = {f["frame"]: flatten({k: v for k, v in f.items() if k != "frame"}) for f in result["per_frame"]}
 
@@ -66,7 +73,7 @@ class _Page:
             f"<meta name='viewport' content='width=device-width'><title>{html.escape(title)}</title><style>{STYLE}</style></head>"
             f"<body><h1>{html.escape(title)}</h1><p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
             f"{self._warnings()}<div class='cards'>{self._cards()}</div><h2>Errors over time</h2><div class='plots'>{self._plots()}</div>"
-            f"<h2>Frames, worst first</h2>{shown}<h2>Settings and versions</h2><pre>{settings}</pre></body></html>"
+            f"<h2>Frames, worst first</h2>{_scale()}{shown}<h2>Settings and versions</h2><pre>{settings}</pre></body></html>"
         )
 
     def _warnings(self):
@@ -114,14 +121,14 @@ class _Page:
         return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
     def _frame(self, number, why):
-        pictures = "" if number not in self.flat else self._pictures(self.numbers.index(number))
+        pictures = "" if number not in self.flat else self._pictures(number)
         return (
             f"<section class='frame'><h3>frame {number} <span class='why'>{html.escape(why)}</span></h3>"
             f"<div class='row'>{pictures}</div></section>"
         )
 
-    def _pictures(self, row):
-        up = self.scene["up"]
+    def _pictures(self, number):
+        row, up = self.numbers.index(number), self.scene["up"]
         track = (self.store["track/vertices"][row], self.store["track/faces"][:], BODY)
         figures = [("tracked, front", [track], 0), ("tracked, back", [track], np.pi)]
         if self.scene["garments"]:
@@ -131,10 +138,53 @@ class _Page:
                 group = self.store[f"garment/{garment['name']}"]
                 layers.append((group["vertices"][row], group["faces"][:], CLOTH[i % len(CLOTH)]))
             figures += inner + [("layers, front", layers, 0), ("layers, back", layers, np.pi)]
+        figures += self._heat(number, row)
         return "".join(
             f"<figure><img alt='{caption}' src='data:image/jpeg;base64,{render(parts, angle, up)}'><figcaption>{caption}</figcaption></figure>"
             for caption, parts, angle in figures
         )
+
+    def _heat(self, number, row):
+        """The tracked surface and the garments coloured by their distance to the frame's scan; nothing without one."""
+        try:
+            scan = self.capture.frame(number).scan
+        except CaptureError:
+            return []
+        if scan is None:
+            return []
+        index = kernels.SurfaceIndex(scan.vertices, scan.faces)
+
+        def coloured(group, confidence=None):
+            V, F = group["vertices"][row], group["faces"][:]
+            colour = heat(index.closest(V)[3][F].mean(1))
+            if confidence is not None:
+                colour[(confidence[F] != 2).any(1)] = UNSEEN
+            return V, F, colour
+
+        surfaces = {"tracked": [coloured(self.store["track"], self.store["confidence/track"][row])]}
+        if self.scene["garments"]:
+            surfaces["garments"] = [coloured(self.store[f"garment/{g['name']}"]) for g in self.scene["garments"]]
+        return [
+            (f"{name} to scan, {side}", parts, angle)
+            for name, parts in surfaces.items()
+            for side, angle in (("front", 0), ("back", np.pi))
+        ]
+
+
+def heat(distance):
+    """Colours (k,3) of distances (k,) [m]: blue at 0, dark red from HEAT_MM on."""
+    at = np.clip(np.asarray(distance) * 1e3 / HEAT_MM, 0, 1)
+    knots = np.linspace(0, 1, len(HEAT))
+    return np.stack([np.interp(at, knots, channel) for channel in np.array(HEAT, dtype=np.float64).T], axis=1)
+
+
+def _scale():
+    """The colours of the pictures named "to scan"."""
+    stops = ", ".join(f"rgb{c}" for c in HEAT)
+    return (
+        f"<p class='soft'>Distance to scan: 0<span class='scale' style='background: linear-gradient(to right, {stops})'></span>"
+        f"{HEAT_MM:g} mm and more; grey where the scan does not show the tracked surface.</p>"
+    )
 
 
 def render(parts, angle, up="z", size=SIZE):
@@ -171,7 +221,12 @@ def _view(V, angle, up):
 
 
 def _number(value):
-    return str(value) if isinstance(value, int) else f"{value:.3g}"
+    """Three significant digits without an exponent; what is too small for them is said to be."""
+    if isinstance(value, int):
+        return str(value)
+    if 0 < abs(value) < 0.001:
+        return "under 0.001"
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _excess(name, value, median):
@@ -205,8 +260,11 @@ def _plot(name, points):
     px = 44 + 262 * (x - x.min()) / max(np.ptp(x), 1)
     py = 128 - 96 * y / top
     line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py))
+    words = name.replace("_mm", "").replace("_", " ")
+    title = words if len(words) <= 50 else f"{words[:20]}\u2026{words[-29:]}"  # 50 letters fill the width
     return (
-        f"<svg viewBox='0 0 320 150' role='img' aria-label='{html.escape(name)}'><text x='44' y='18'>{html.escape(name)}</text>"
-        f"<text x='6' y='36'>{top:.3g}</text><text x='6' y='131'>0</text><text x='44' y='145'>{x.min():.0f}</text>"
+        f"<svg viewBox='0 0 320 150' role='img' aria-label='{html.escape(name)}'><title>{html.escape(name)}</title>"
+        f"<text x='6' y='16'>{html.escape(title)}</text><text x='6' y='28'>{_number(top)}</text><text x='6' y='131'>0</text>"
+        f"<text x='44' y='145'>{x.min():.0f}</text>"
         f"<text x='306' y='145' text-anchor='end'>{x.max():.0f}</text><polyline points='{line}'/></svg>"
     )

@@ -4,10 +4,11 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 
 from test_pipeline import run  # noqa: F401  (the registered run is a fixture of that module)
-from toile.report import write_report
+from toile.report import HEAT, HEAT_MM, _number, _plot, heat, write_report
 
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
@@ -27,5 +28,20 @@ def test_report_loads_in_a_browser_without_a_console_error(run, tmp_path):  # no
     )
     assert loaded.returncode == 0
     assert "CONSOLE" not in loaded.stderr
-    assert "frames registered" in loaded.stdout and loaded.stdout.count("<img") == 3 * 5
+    assert "frames registered" in loaded.stdout and loaded.stdout.count("<img") == 3 * 9
     assert loaded.stdout.count("<polyline") >= 10
+
+
+def test_heat_runs_from_the_first_colour_to_the_last_and_stays_there():
+    colours = heat(np.array([0, HEAT_MM / 2, HEAT_MM, 1000 * HEAT_MM]) * 1e-3)
+    assert np.allclose(colours, [HEAT[0], HEAT[2], HEAT[-1], HEAT[-1]])
+
+
+def test_numbers_are_printed_without_an_exponent():
+    assert [_number(v) for v in (3, 0.0, 1.23456, 12345.6, 3e-9)] == ["3", "0", "1.23", "12346", "under 0.001"]
+
+
+def test_the_title_of_a_plot_stays_inside_it():
+    svg = _plot("garment " + "x" * 200 + " boundary_mm hem", [(0, 1.0), (1, 2.0)])
+    title = re.search(r"<text x='6' y='16'>(.*?)</text>", svg).group(1)
+    assert len(title) <= 50 and title.endswith("boundary hem")
