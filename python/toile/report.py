@@ -22,7 +22,7 @@ SIZE = (360, 220)  # (height, width) of a picture [px]
 BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
 HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
 HEAT = ((44, 75, 130), (120, 170, 190), (240, 225, 150), (225, 120, 60), (140, 20, 40))  # evenly spaced from 0
-UNSEEN = (176, 174, 170)  # tracked vertices that the scan does not show
+UNSEEN = (176, 174, 170)  # over holes of the scan
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2430; --soft: #66707f; --page: #f7f6f3; --card: #fff; --line: #e2dfd8; --mark: #b4552d }
 @media (prefers-color-scheme: dark) { :root { --ink: #e8e6e1; --soft: #9aa3b0; --page: #16191e; --card: #1e2229; --line: #323842; --mark: #e08a5f } }
@@ -32,7 +32,7 @@ h1 { font-size: 1.7rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.5rem 0 .8
 .card b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums } .card span { color: var(--soft); font-size: .85rem }
 .frame { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .8rem 1rem; margin: .8rem 0 }
 .frame h3 { margin: 0; font-size: 1rem } .frame .row { display: flex; flex-wrap: wrap; gap: .6rem; margin-top: .5rem } figure { margin: 0 } figcaption { color: var(--soft); font-size: .8rem; text-align: center }
-.scale { display: inline-block; width: 12rem; height: .7rem; border-radius: 3px; vertical-align: baseline; margin: 0 .4rem }
+.frame img { width: 200px; height: auto } .scale { display: inline-block; width: 12rem; height: .7rem; border-radius: 3px; vertical-align: baseline; margin: 0 .4rem }
 img { border-radius: 4px; display: block } .why { color: var(--mark) } .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: .8rem }
 svg { width: 100%; background: var(--card); border: 1px solid var(--line); border-radius: 8px } svg text { fill: var(--soft); font-size: 11px } polyline { fill: none; stroke: var(--mark); stroke-width: 1.6 }
 pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; overflow: auto; font-size: 12px }
@@ -154,14 +154,17 @@ class _Page:
             return []
         index = kernels.SurfaceIndex(scan.vertices, scan.faces)
 
-        def coloured(group, confidence=None):
+        rim = _rim(scan)
+
+        def coloured(group):
             V, F = group["vertices"][row], group["faces"][:]
-            colour = heat(index.closest(V)[3][F].mean(1))
-            if confidence is not None:
-                colour[(confidence[F] != 2).any(1)] = UNSEEN
+            face, _, bary, distance = index.closest(V)
+            beyond = (rim[scan.faces[face]] | (bary < 1e-6)).all(1)  # the nearest point lies on the scan's rim
+            colour = heat(distance[F].mean(1))
+            colour[beyond[F].any(1)] = UNSEEN
             return V, F, colour
 
-        surfaces = {"tracked": [coloured(self.store["track"], self.store["confidence/track"][row])]}
+        surfaces = {"tracked": [coloured(self.store["track"])]}
         if self.scene["garments"]:
             surfaces["garments"] = [coloured(self.store[f"garment/{g['name']}"]) for g in self.scene["garments"]]
         return [
@@ -178,12 +181,21 @@ def heat(distance):
     return np.stack([np.interp(at, knots, channel) for channel in np.array(HEAT, dtype=np.float64).T], axis=1)
 
 
+def _rim(mesh):
+    """Vertices (n,) of edges that belong to one face only."""
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edge, count = np.unique(edges, axis=0, return_counts=True)
+    rim = np.zeros(len(mesh.vertices), bool)
+    rim[edge[count == 1]] = True
+    return rim
+
+
 def _scale():
     """The colours of the pictures named "to scan"."""
     stops = ", ".join(f"rgb{c}" for c in HEAT)
     return (
         f"<p class='soft'>Distance to scan: 0<span class='scale' style='background: linear-gradient(to right, {stops})'></span>"
-        f"{HEAT_MM:g} mm and more; grey where the scan does not show the tracked surface.</p>"
+        f"{HEAT_MM:g} mm and more; grey over holes of the scan.</p>"
     )
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from test_pipeline import run  # noqa: F401  (the registered run is a fixture of that module)
-from toile.report import HEAT, HEAT_MM, _number, _plot, heat, write_report
+from toile.report import HEAT, HEAT_MM, _number, _plot, _rim, heat, write_report
+from toile.scene import Mesh
 
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
@@ -45,3 +46,9 @@ def test_the_title_of_a_plot_stays_inside_it():
     svg = _plot("garment " + "x" * 200 + " boundary_mm hem", [(0, 1.0), (1, 2.0)])
     title = re.search(r"<text x='6' y='16'>(.*?)</text>", svg).group(1)
     assert len(title) <= 50 and title.endswith("boundary hem")
+
+
+def test_only_vertices_of_open_edges_are_on_the_rim_of_a_scan():
+    corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 1]], dtype=np.float64)
+    pyramid = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
+    assert _rim(Mesh(corners, pyramid)).tolist() == [True] * 4 + [False]
