@@ -25,7 +25,7 @@ ALLOWED = {
     "workers": TYPES,
     "capture": TYPES | {"io"},
     "evaluate": TYPES | {"capture", "io", "store"},
-    "report": TYPES | {"evaluate", "store"},
+    "report": TYPES | {"capture", "evaluate", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "store", "workers", "__init__"},
     "cli": TYPES | {"capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
     "io": {"scene"},
