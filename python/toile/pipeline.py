@@ -11,7 +11,6 @@ the same bits; what the preparation made stays in RUN/prepared, so that failed f
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 import time
@@ -30,6 +29,7 @@ from .config import Config
 from .curves import Curve
 from .io.body import load_body_model
 from .kernels import InputError, SolveError
+from .request import open_run
 from .scene import CaptureError, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from .store import FAILED, OK, PENDING, Registered, Status, load_record, save_record, write_text
 from .workers import Workers, locked
@@ -100,59 +100,13 @@ def register(capture_path, run_path, config=None, frames=None, progress=None, wo
         raise CaptureError(f"{capture.root}/frames: no frame {unknown[0]}" if unknown else f"{capture.root}/frames: no frame asked for")
     check_capture(capture, frames)
     run, fresh = Path(run_path), not Path(run_path).exists()
-    _open_run(run, capture, config, frames, retry)
+    open_run(run, capture, config, frames, retry)
     try:
         return _Run(capture, run, config, frames, progress or (lambda *_: None), workers, shard).go(retry)
     except FRAME_ERRORS:
         if fresh and not any((run / name).exists() for name in ("work", "registered.zarr")):
             shutil.rmtree(run, ignore_errors=True)
         raise
-
-
-def _open_run(run, capture, config, frames, retry):
-    """Writes config.toml, or checks that it asks for the same; a retry takes frames whose files were mended."""
-    import tomllib
-
-    import tomli_w
-
-    from . import __version__
-
-    asked = {
-        "capture": str(capture.root.resolve()),
-        "inputs": {"scene": _scene_hash(capture), "frames": _frames_hash(capture, frames)},
-        "frames": list(frames),
-        "versions": {"toile": __version__, "numpy": np.__version__},
-        "settings": config.model_dump(mode="json"),
-    }
-    path = run / "config.toml"
-    if run.exists() and not path.exists() and any(not p.name.startswith((".lock", ".config.toml")) for p in run.iterdir()):
-        raise CaptureError(f"{run}: the folder is not empty and holds no run")
-    with locked(run):
-        if path.exists():
-            found = tomllib.loads(path.read_text(encoding="utf-8"))
-            if retry and isinstance(found.get("inputs"), dict):
-                found["inputs"]["frames"] = asked["inputs"]["frames"]
-            if found != tomllib.loads(tomli_w.dumps(asked)):
-                raise CaptureError(f"{path}: this run was made from another capture, other frames or other settings")
-        write_text(path, tomli_w.dumps(asked))
-
-
-def _scene_hash(capture):
-    """sha256 over the scene's files."""
-    digest = hashlib.sha256()
-    for path in sorted(p for p in capture.root.rglob("*") if p.is_file() and "frames" not in p.parts and "truth" not in p.parts):
-        digest.update(path.relative_to(capture.root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-def _frames_hash(capture, frames):
-    """sha256 over names and sizes of the frames' files."""
-    digest = hashlib.sha256()
-    for number in frames:
-        folder = capture.root / "frames" / f"{number:06d}"
-        for path in sorted(p for p in folder.rglob("*") if p.is_file()):
-            digest.update(f"{path.relative_to(capture.root).as_posix()} {path.stat().st_size}\n".encode())
-    return digest.hexdigest()
 
 
 def _load_segmented(path):

@@ -88,6 +88,32 @@ def test_store_holds_what_the_layout_names(run):
     assert not (run / "work").exists()
 
 
+def test_store_is_laid_out_to_the_letter(run):
+    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
+    n, m, g = 13718, 27420, len(group["garment/tshirt/skin"][:])
+    T, K, q = len(FRAMES), 104, group["face"].shape[1]
+    layout = {
+        "frames": ((T,), "int64"), "done": ((T,), "uint8"), "shape": (group["shape"].shape, "float64"),
+        "track/vertices": ((T, n, 3), "float64"), "track/faces": ((m, 3), "int32"),
+        "pose/rotations": ((T, K, 3), "float64"), "pose/translation": ((T, 3), "float64"), "face": ((T, q, 3), "float64"),
+        "labels": ((T, n), "uint8"), "confidence/track": ((T, n), "uint8"),
+        "confidence/tshirt": ((T, g), "uint8"), "confidence/inner": ((T, n), "uint8"),
+        "garment/tshirt/vertices": ((T, g, 3), "float64"), "garment/tshirt/skin": ((g, K), "float64"),
+        "inner/vertices": ((T, n, 3), "float64"), "inner/faces": ((m, 3), "int32"),
+    }  # fmt: skip
+    for name, (shape, dtype) in layout.items():
+        assert (group[name].shape, str(group[name].dtype)) == (shape, dtype), name
+    free = {"garment/tshirt/faces", "garment/tshirt/uv", "garment/tshirt/face_uv"}  # as large as the template and its atlas are
+    assert {name for name in arrays(run) if not name.startswith("diagnostics/")} == {*layout, *free}
+    fixed = {"frames", "shape", "track/faces", "inner/faces", "garment/tshirt/skin"}
+    for name in set(layout) - fixed:
+        assert group[name].chunks == (1, *layout[name][0][1:]), name
+    assert group.metadata.zarr_format == 3
+    attributes = group.attrs.asdict()
+    assert set(attributes) == {"scene", "joint_names", "body_model"} and len(attributes["joint_names"]) == K
+    assert [x["name"] for x in attributes["scene"]["garments"]] == ["tshirt"]
+
+
 def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
     out = tmp_path / "killed"
     code = (
