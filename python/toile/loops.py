@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import kernels
 from .curves import Curve, resample, tangents
 
 _TURN = 0.05  # distance that a difference of one in unit direction is worth [m]
@@ -95,12 +96,15 @@ def fill(wanted, known, at, bending, stay=1e-6):
     """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 on a closed curve (k,3).
 
     P takes away all but a trace of what runs along the curve `at`: a loop slides along its rim until its own length
-    is spread evenly, so that seen parts do not drain the unseen ones."""
+    is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known stay by `stay`."""
+    from scipy.sparse import block_diag, identity, kron
+
     k = len(at)
     way = tangents(Curve(at, True))
     P = known[:, None, None] * (np.eye(3) - (1 - _SLIDE) * way[:, :, None] * way[:, None, :])
-    D = np.roll(np.eye(k), 1, axis=1) - np.eye(k)
-    B = D @ np.roll(D, 1, axis=0)
-    A = np.kron(bending * B.T @ B + (_STRETCH + 1e-3 * bending) * D.T @ D, np.eye(3)).reshape(k, 3, k, 3)
-    A[np.arange(k), :, np.arange(k), :] += P + stay * np.eye(3)
-    return np.linalg.solve(A.reshape(3 * k, 3 * k), np.einsum("kij,kj->ki", P, wanted).ravel()).reshape(k, 3)
+    eye = identity(k, format="csr")
+    D = eye[np.r_[1:k, 0]] - eye
+    B = D @ D[np.r_[k - 1, 0 : k - 1]]
+    smooth = kron(bending * (B.T @ B) + (_STRETCH + 1e-3 * bending) * (D.T @ D), np.eye(3))
+    A = (smooth + block_diag(list(P + stay * np.eye(3)))).tocsc()
+    return kernels.CholeskyFactor().factorize(A).solve(np.einsum("kij,kj->ki", P, wanted).reshape(-1, 1)).reshape(k, 3)

@@ -50,10 +50,10 @@ class Settler:
 
 
 def _border_vertices(F, n):
-    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
-    _, inverse, count = np.unique(np.sort(half, 1), axis=0, return_inverse=True, return_counts=True)
+    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).astype(np.int64)
+    edge, count = np.unique(half.min(1) * n + half.max(1), return_counts=True)
     border = np.zeros(n, bool)
-    border[half[count[inverse.ravel()] == 1]] = True
+    border[np.concatenate(np.divmod(edge[count == 1], n))] = True
     return border
 
 
