@@ -31,9 +31,7 @@ void bind_untangle(py::module_& m) {
             py::gil_scoped_release release;
             return std::make_unique<UntangleSolver>(cloth_F, cloth_n, body_F, body_n, chosen);
         }))
-        .def("solve", &UntangleSolver::solve, py::call_guard<py::gil_scoped_release>())
-        .def_property_readonly("analyses", &UntangleSolver::analyses)
-        .def_property_readonly("factorisations", &UntangleSolver::factorisations);
+        .def("solve", &UntangleSolver::solve, py::call_guard<py::gil_scoped_release>());
 }
 
 }  // namespace toile::bind

@@ -4,11 +4,13 @@
 #include <CGAL/intersections.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <variant>
+#include <vector>
 
 #include "base/errors.h"
 #include "base/parallel.h"
-#include "geometry/box_tree.h"
 
 namespace toile {
 
@@ -45,32 +47,82 @@ bool meet_any(const Simplex& a, const Simplex& b) {
     return std::visit([](const auto& x, const auto& y) { return meet(x, y); }, a, b);
 }
 
-std::vector<Simplex> hulls(const Vertices& V, const Faces& F) {
-    std::vector<Simplex> out(static_cast<std::size_t>(F.rows()), Point());
-    parallel_for(F.rows(), [&](std::int64_t f) {
-        out[static_cast<std::size_t>(f)] = hull(V.row(F(f, 0)), V.row(F(f, 1)), V.row(F(f, 2)));
-    });
-    return out;
+/// +1 or -1 where p certainly lies on that side of the plane through a, b, c; 0 where rounding leaves it open.
+/// The bound is that of the plain determinant (Shewchuk 1997, section 4.3), with room for the underflow of tiny meshes.
+int certain_side(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& p) {
+    const Vec3 u = a - p, v = b - p, w = c - p;
+    const double vw_x = v[1] * w[2], wv_x = v[2] * w[1], vw_y = v[2] * w[0], wv_y = v[0] * w[2], vw_z = v[0] * w[1], wv_z = v[1] * w[0];
+    const double det = u[0] * (vw_x - wv_x) + u[1] * (vw_y - wv_y) + u[2] * (vw_z - wv_z);
+    const double size = std::abs(u[0]) * (std::abs(vw_x) + std::abs(wv_x)) + std::abs(u[1]) * (std::abs(vw_y) + std::abs(wv_y)) +
+                        std::abs(u[2]) * (std::abs(vw_z) + std::abs(wv_z));
+    const double bound = 8e-16 * size + 1e-250;
+    return det > bound ? 1 : det < -bound ? -1 : 0;
 }
 
-/// Per face of the first mesh the sorted partners of the second, laid end to end.
-template <class Search>
-Edges collect(Eigen::Index faces, Search&& partners_of) {
-    std::vector<std::vector<int>> partners(static_cast<std::size_t>(faces));
-    parallel_for(
-        faces,
-        [&](std::int64_t f) {
-            auto& mine = partners[static_cast<std::size_t>(f)];
-            partners_of(static_cast<int>(f), mine);
-            std::sort(mine.begin(), mine.end());
-        },
-        64);
-    Eigen::Index count = 0;
-    for (const auto& p : partners) count += static_cast<Eigen::Index>(p.size());
-    Edges pairs(count, 2);
-    Eigen::Index row = 0;
-    for (std::size_t f = 0; f < partners.size(); ++f)
-        for (int g : partners[f]) pairs.row(row++) << static_cast<int>(f), g;
+/// Does the plane of s certainly leave all of t on one side?
+bool certainly_beside(const BoxTree::Triangle& s, const BoxTree::Triangle& t) {
+    const int side = certain_side(s.a, s.b, s.c, t.a);
+    return side != 0 && certain_side(s.a, s.b, s.c, t.b) == side && certain_side(s.a, s.b, s.c, t.c) == side;
+}
+
+bool meet_exactly(const BoxTree::Triangle& s, const BoxTree::Triangle& t) {
+    if (certainly_beside(s, t) || certainly_beside(t, s)) return false;
+    return meet_any(hull(s.a, s.b, s.c), hull(t.a, t.b, t.c));
+}
+
+using Pair = std::array<int, 2>;
+
+/// Walks two trees at once; `visit(i, j)` is called for slots whose boxes meet.
+template <class Visit>
+void walk(const BoxTree& first, int a, const BoxTree& second, int b, Visit&& visit) {
+    const BoxTree::Node &na = first.nodes()[static_cast<std::size_t>(a)], &nb = second.nodes()[static_cast<std::size_t>(b)];
+    if (!na.box.intersects(nb.box)) return;
+    if (na.leaf() && nb.leaf()) {
+        for (int i = na.begin; i < na.end; ++i)
+            for (int j = nb.begin; j < nb.end; ++j)
+                if (first.box(i).intersects(second.box(j))) visit(i, j);
+    } else if (nb.leaf() || (!na.leaf() && na.size() >= nb.size())) {
+        walk(first, a + 1, second, b, visit);
+        walk(first, na.right, second, b, visit);
+    } else {
+        walk(first, a, second, b + 1, visit);
+        walk(first, a, second, nb.right, visit);
+    }
+}
+
+/// Subtrees of at most `size` faces that cover the tree.
+std::vector<int> subtrees(const BoxTree& tree, int size) {
+    std::vector<int> roots;
+    const int count = static_cast<int>(tree.nodes().size());
+    for (int k = 0; k < count;) {
+        const BoxTree::Node& node = tree.nodes()[static_cast<std::size_t>(k)];
+        if (node.leaf() || node.size() <= size) {
+            roots.push_back(k);
+            for (++k; k < count && tree.nodes()[static_cast<std::size_t>(k)].begin < node.end;) ++k;
+        } else {
+            ++k;
+        }
+    }
+    return roots;
+}
+
+/// Pairs (f, g) of faces for which `meet(f, slot of f, g, slot of g)`, sorted.
+template <class Meet>
+Edges collect(const BoxTree& first, const BoxTree& second, Meet&& meet) {
+    const std::vector<int> roots = subtrees(first, 256);
+    std::vector<std::vector<Pair>> found(roots.size());
+    parallel_for(static_cast<std::int64_t>(roots.size()), [&](std::int64_t k) {
+        auto& mine = found[static_cast<std::size_t>(k)];
+        walk(first, roots[static_cast<std::size_t>(k)], second, 0, [&](int i, int j) {
+            const int f = first.order()[static_cast<std::size_t>(i)], g = second.order()[static_cast<std::size_t>(j)];
+            if (meet(f, i, g, j)) mine.push_back({f, g});
+        });
+    }, 1);
+    std::vector<Pair> all;
+    for (const auto& some : found) all.insert(all.end(), some.begin(), some.end());
+    std::sort(all.begin(), all.end());
+    Edges pairs(static_cast<Eigen::Index>(all.size()), 2);
+    for (std::size_t k = 0; k < all.size(); ++k) pairs.row(static_cast<Eigen::Index>(k)) << all[k][0], all[k][1];
     return pairs;
 }
 
@@ -83,51 +135,25 @@ bool share_vertex(const Faces& F, int f, int g) {
 }  // namespace
 
 bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const Vec3& b0, const Vec3& b1, const Vec3& b2) {
-    return meet_any(hull(a0, a1, a2), hull(b0, b1, b2));
+    return meet_exactly({a0, a1, a2}, {b0, b1, b2});
 }
 
-struct TriangleIndex::State {
-    Faces F;
-    BoxTree tree;
-    std::vector<Simplex> faces;
-};
-
-TriangleIndex::TriangleIndex(const Vertices& V, const Faces& F)
-    : state_(std::make_unique<State>(State{F, BoxTree(V, F), hulls(V, F)})) {}
-TriangleIndex::~TriangleIndex() = default;
-TriangleIndex::TriangleIndex(TriangleIndex&&) noexcept = default;
-TriangleIndex& TriangleIndex::operator=(TriangleIndex&&) noexcept = default;
-
-Edges TriangleIndex::pairs(const Vertices& V1, const Faces& F1) const {
-    const State& s = *state_;
-    return collect(F1.rows(), [&](int f, std::vector<int>& partners) {
-        s.tree.overlapping(face_box(V1, F1, f), partners);
-        if (partners.empty()) return;
-        const Simplex mine = hull(V1.row(F1(f, 0)), V1.row(F1(f, 1)), V1.row(F1(f, 2)));
-        std::erase_if(partners, [&](int g) { return !meet_any(mine, s.faces[static_cast<std::size_t>(g)]); });
-    });
-}
-
-Edges TriangleIndex::self_pairs() const {
-    const State& s = *state_;
-    return collect(s.F.rows(), [&](int f, std::vector<int>& partners) {
-        s.tree.overlapping(s.tree.face_box(f), partners);
-        std::erase_if(partners, [&](int g) {
-            return g <= f || share_vertex(s.F, f, g) ||
-                   !meet_any(s.faces[static_cast<std::size_t>(f)], s.faces[static_cast<std::size_t>(g)]);
-        });
-    });
+Edges meeting_faces(const BoxTree& first, const BoxTree& second) {
+    return collect(first, second, [&](int, int i, int, int j) { return meet_exactly(first.triangle(i), second.triangle(j)); });
 }
 
 Edges intersecting_pairs(const Vertices& V1, const Faces& F1, const Vertices& V2, const Faces& F2) {
     check_mesh("intersecting_pairs", V1, F1, "V1", "F1");
     check_mesh("intersecting_pairs", V2, F2, "V2", "F2");
-    return TriangleIndex(V2, F2).pairs(V1, F1);
+    return meeting_faces(BoxTree(V1, F1), BoxTree(V2, F2));
 }
 
 Edges self_intersections(const Vertices& V, const Faces& F) {
     check_mesh("self_intersections", V, F);
-    return TriangleIndex(V, F).self_pairs();
+    const BoxTree tree(V, F);
+    return collect(tree, tree, [&](int f, int i, int g, int j) {
+        return f < g && !share_vertex(F, f, g) && meet_exactly(tree.triangle(i), tree.triangle(j));
+    });
 }
 
 }  // namespace toile

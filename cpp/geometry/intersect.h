@@ -1,8 +1,7 @@
 // Which triangles meet, decided by exact predicates: no tolerance, no rounding.
 #pragma once
-#include <memory>
-
 #include "base/types.h"
+#include "geometry/box_tree.h"
 
 namespace toile {
 
@@ -11,24 +10,9 @@ bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const V
 
 /// Faces (f of F1, g of F2) that intersect, sorted by f, then g: (k,2).
 Edges intersecting_pairs(const Vertices& V1, const Faces& F1, const Vertices& V2, const Faces& F2);
+Edges meeting_faces(const BoxTree& first, const BoxTree& second);  ///< the same; hidden faces meet nothing
 
 /// Faces (f < g) of one mesh that intersect and share no vertex index, sorted: (k,2).
 Edges self_intersections(const Vertices& V, const Faces& F);
-
-/// The second mesh prepared once for any number of first ones. The arrays given to `pairs` must be a sound mesh.
-class TriangleIndex {
-public:
-    TriangleIndex(const Vertices& V, const Faces& F);
-    ~TriangleIndex();
-    TriangleIndex(TriangleIndex&&) noexcept;
-    TriangleIndex& operator=(TriangleIndex&&) noexcept;
-
-    Edges pairs(const Vertices& V1, const Faces& F1) const;  ///< as intersecting_pairs
-    Edges self_pairs() const;                                ///< as self_intersections
-
-private:
-    struct State;
-    std::unique_ptr<State> state_;
-};
 
 }  // namespace toile

@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <tuple>
-
-#include "base/parallel.h"
-#include "geometry/laplacian.h"
+#include <utility>
 
 namespace toile {
 
@@ -13,166 +10,171 @@ namespace {
 
 constexpr double on_edge = 1e-12;  // a barycentric coordinate this small lies on the edge
 
-double signed_volume(const Vertices& V, const Faces& F) {
-    const Vec3 origin = V.row(F(0, 0));
+double signed_volume(const BoxTree& tree) {
+    const Vec3 origin = tree.triangle(0).a;
     double six = 0;
-    for (Eigen::Index f = 0; f < F.rows(); ++f) {
-        const Vec3 a = V.row(F(f, 0)).transpose() - origin, b = V.row(F(f, 1)).transpose() - origin,
-                   c = V.row(F(f, 2)).transpose() - origin;
-        six += a.dot(b.cross(c));
+    for (int k = 0; k < tree.nodes()[0].end; ++k) {
+        const BoxTree::Triangle& t = tree.triangle(k);
+        six += (t.a - origin).dot((t.b - origin).cross(t.c - origin));
     }
     return six / 6;
 }
 
-/// Normals weighted by the angle at the vertex: the sign of a point whose closest feature is the vertex follows them
-/// (Baerentzen and Aanaes 2005).
-Vertices angle_weighted_normals(const Vertices& V, const Faces& F, const Vertices& face_normal) {
-    Vertices normal = Vertices::Zero(V.rows(), 3);
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) {
-            const Vec3 a = V.row(F(f, c)), u = V.row(F(f, (c + 1) % 3)).transpose() - a,
-                       w = V.row(F(f, (c + 2) % 3)).transpose() - a;
-            normal.row(F(f, c)) += std::atan2(u.cross(w).norm(), u.dot(w)) * face_normal.row(f);
-        }
-    normal.rowwise().normalize();
-    return normal;
+Vec3 unit_or_zero(const Vec3& v) {
+    const double length = v.norm();
+    return length > 0 ? Vec3(v / length) : Vec3::Zero();
 }
 
-/// f(point, row) for every row, in parallel.
-template <class Function>
-std::vector<Probe> each(const Vertices& points, Function&& f) {
-    std::vector<Probe> out(static_cast<std::size_t>(points.rows()));
-    parallel_for(
-        points.rows(),
-        [&](std::int64_t i) { out[static_cast<std::size_t>(i)] = f(Vec3(points.row(i)), static_cast<std::size_t>(i)); }, 64);
-    return out;
+/// Length along the unit direction d from p to the triangle; `reach` where it is missed.
+double hit(const Vec3& p, const Vec3& d, double reach, const BoxTree::Triangle& t) {
+    const Vec3 u = t.b - t.a, v = t.c - t.a, n = u.cross(v), s = p - t.a;
+    const double slope = n.dot(d);
+    if (slope == 0) return reach;
+    const Vec3 q = s.cross(d) / slope;
+    const double x = -v.dot(q), y = u.dot(q), length = -n.dot(s) / slope;
+    return x >= 0 && y >= 0 && x + y <= 1 && length >= 0 ? std::min(length, reach) : reach;
 }
 
 }  // namespace
 
-SideTopology::SideTopology(const Faces& F) : across(Faces::Constant(F.rows(), 3, -1)) {
-    struct Side {
-        int low, high, face, corner;
+Obstacle::Obstacle(Faces F, double max_depth)
+    : F_(std::move(F)), max_depth_(max_depth), across_(Faces::Constant(F_.rows(), 3, -1)),
+      rim_(static_cast<std::size_t>(F_.maxCoeff()) + 1, 0), faces_of_(vertex_faces(F_, F_.maxCoeff() + 1)) {
+    const auto around = [&](int v) {
+        const int* faces = faces_of_.index.data();
+        return std::pair(faces + faces_of_.start[static_cast<std::size_t>(v)], faces + faces_of_.start[static_cast<std::size_t>(v) + 1]);
     };
-    std::vector<Side> sides;
-    sides.reserve(static_cast<std::size_t>(3 * F.rows()));
-    for (int f = 0; f < F.rows(); ++f)
+    for (int f = 0; f < F_.rows(); ++f)
         for (int c = 0; c < 3; ++c) {
-            const int i = F(f, c), j = F(f, (c + 1) % 3);
-            if (i != j) sides.push_back({std::min(i, j), std::max(i, j), f, c});
+            const int i = F_(f, c), j = F_(f, (c + 1) % 3);
+            if (i == j) continue;
+            int count = 0, beyond = -1;  // faces other than f at the edge ij
+            for (auto [g, end] = around(i); g != end; ++g)
+                for (int k = 0; k < 3; ++k) {
+                    const int a = F_(*g, k), b = F_(*g, (k + 1) % 3);
+                    const bool same_edge = (a == i && b == j) || (a == j && b == i);
+                    if (same_edge && !(*g == f && k == c)) beyond = *g, ++count;
+                }
+            if (count == 1) across_(f, c) = beyond;
+            if (count == 0) closed_ = false, rim_[static_cast<std::size_t>(i)] = rim_[static_cast<std::size_t>(j)] = 1;
         }
-    std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-        return std::tie(a.low, a.high, a.face, a.corner) < std::tie(b.low, b.high, b.face, b.corner);
-    });
-    rim.assign(F.rows() > 0 ? static_cast<std::size_t>(F.maxCoeff()) + 1 : 0, 0);
-    for (std::size_t i = 0, j; i < sides.size(); i = j) {
-        for (j = i; j < sides.size() && sides[j].low == sides[i].low && sides[j].high == sides[i].high;) ++j;
-        if (j - i == 1) {
-            closed = false;
-            rim[static_cast<std::size_t>(sides[i].low)] = rim[static_cast<std::size_t>(sides[i].high)] = 1;
-        } else if (j - i == 2) {
-            across(sides[i].face, sides[i].corner) = sides[i + 1].face;
-            across(sides[i + 1].face, sides[i + 1].corner) = sides[i].face;
-        }
-    }
 }
 
-Obstacle::Obstacle(const Vertices& V, const Faces& F, const SideTopology& topology, double max_depth)
-    : topology_(topology), max_depth_(max_depth), index_(V, F), face_normal_(face_normals(V, F)) {
-    vertex_normal_ = angle_weighted_normals(V, F, face_normal_);
-    Box box;
-    for (Eigen::Index f = 0; f < F.rows(); ++f) box.extend(toile::face_box(V, F, f));  // no unreferenced vertex counts
-    size_ = box.diagonal().norm();
-    if (!topology.closed) return;
-    orientation_ = signed_volume(V, F) < 0 ? -1 : 1;
-    winding_ = std::make_unique<WindingNumber>(V, F);
+void Obstacle::move(const Vertices& V) {
+    if (tree_)
+        tree_->refit(V, F_);
+    else
+        tree_ = std::make_unique<BoxTree>(V, F_);
+    size_ = tree_->nodes()[0].box.diagonal().norm();
+    if (!closed_) return;
+    orientation_ = signed_volume(*tree_) < 0 ? -1 : 1;
+    winding_ = std::make_unique<WindingMoments>(*tree_);
 }
 
 bool Obstacle::on_rim(const SurfacePoint& s) const {
-    if (topology_.closed) return false;
-    const auto face = index_.faces().row(s.face);
+    if (closed_) return false;
+    const auto face = F_.row(s.face);
     for (int c = 0; c < 3; ++c) {
-        if (s.barycentric[c] > 1 - on_edge) return topology_.rim[static_cast<std::size_t>(face[c])] != 0;
+        if (s.barycentric[c] > 1 - on_edge) return rim_[static_cast<std::size_t>(face[c])] != 0;
         const bool between = s.barycentric[(c + 2) % 3] < on_edge;
-        const bool rim_edge = topology_.across(s.face, c) < 0 && topology_.rim[static_cast<std::size_t>(face[c])] &&
-                              topology_.rim[static_cast<std::size_t>(face[(c + 1) % 3])];
+        const bool rim_edge = across_(s.face, c) < 0 && rim_[static_cast<std::size_t>(face[c])] &&
+                              rim_[static_cast<std::size_t>(face[(c + 1) % 3])];
         if (between && rim_edge) return true;
     }
     return false;
 }
 
-Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
-    Vec3 n = face_normal_.row(s.face);
-    for (int c = 0; c < 3; ++c) {
-        if (s.barycentric[c] > 1 - on_edge) return vertex_normal_.row(index_.faces()(s.face, c)) * orientation_;
-        const int beyond = topology_.across(s.face, c);
-        if (s.barycentric[(c + 2) % 3] < on_edge && beyond >= 0) n += face_normal_.row(beyond).transpose();
-    }
-    return n.normalized() * orientation_;
+Vec3 Obstacle::face_normal(int face) const {
+    const BoxTree::Triangle& t = tree_->triangle(tree_->slot_of(face));
+    return unit_or_zero((t.b - t.a).cross(t.c - t.a));
 }
 
-/// `side(distance)` says on which side p lies, `distance` from the surface; unknown leaves it to the normal there.
-template <class SideAt>
-Probe Obstacle::probe(const Vec3& p, SideAt&& side_at) const {
-    const SurfacePoint s = index_.closest(p);
+/// Weighted by the angle at the vertex: the sign of a point whose closest feature is the vertex follows it
+/// (Baerentzen and Aanaes 2005).
+Vec3 Obstacle::vertex_normal(int vertex) const {
+    Vec3 sum = Vec3::Zero();
+    const auto v = static_cast<std::size_t>(vertex);
+    for (int k = faces_of_.start[v]; k < faces_of_.start[v + 1]; ++k) {
+        const int f = faces_of_.index[static_cast<std::size_t>(k)];
+        const BoxTree::Triangle& t = tree_->triangle(tree_->slot_of(f));
+        const Vec3* corners[3] = {&t.a, &t.b, &t.c};
+        const Vec3 normal = unit_or_zero((t.b - t.a).cross(t.c - t.a));
+        for (int c = 0; c < 3; ++c) {
+            if (F_(f, c) != vertex) continue;
+            const Vec3 u = *corners[(c + 1) % 3] - *corners[c], w = *corners[(c + 2) % 3] - *corners[c];
+            sum += std::atan2(u.cross(w).norm(), u.dot(w)) * normal;
+        }
+    }
+    return unit_or_zero(sum);
+}
+
+Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
+    Vec3 n = face_normal(s.face);
+    for (int c = 0; c < 3; ++c) {
+        if (s.barycentric[c] > 1 - on_edge) return vertex_normal(F_(s.face, c)) * orientation_;
+        const int beyond = across_(s.face, c);
+        if (s.barycentric[(c + 2) % 3] < on_edge && beyond >= 0) n += face_normal(beyond);
+    }
+    return unit_or_zero(n) * orientation_;
+}
+
+Probe Obstacle::probe(const Vec3& p, int guess) const {
+    const SurfacePoint s = tree_->closest(p, guess);
     const Vec3 normal = pseudo_normal(s), offset = p - s.point;
-    const bool sided = normal.squaredNorm() > 0.5;  // false: the closest face has no area, hence no side
-    const Side side = side_at(s.distance);
-    const bool behind = sided || side == Side::unknown ? offset.dot(normal) < 0 : side == Side::inside;
+    const bool behind = offset.dot(normal) < 0;
     Probe out;
+    out.face = s.face;
     out.point = s.point;
+    out.sided = normal.squaredNorm() > 0.5;
     // Too near for a direction of its own (1e-9 of the size), the probe takes the surface's.
     out.outward = s.distance > 1e-9 * size_ ? Vec3(offset / (behind ? -s.distance : s.distance)) : normal;
-    if (side != Side::unknown) {
-        out.distance = side == Side::inside ? -s.distance : s.distance;
-        out.constrained = (side == Side::inside) == behind;  // else inside another part of a body that overlaps itself
-    } else {
-        // Beyond a rim there is neither in nor out, but within 45 degrees of the rim's normal it still reaches.
-        const bool beyond = on_rim(s) && std::abs(offset.dot(normal)) < std::sqrt(0.5) * s.distance;
-        out.constrained = sided && !beyond && !(behind && !winding_ && s.distance > max_depth_);
-        out.distance = behind && out.constrained ? -s.distance : s.distance;
-    }
+    // Beyond a rim there is neither in nor out, but within 45 degrees of the rim's normal it still reaches.
+    const bool beyond = on_rim(s) && std::abs(offset.dot(normal)) < std::sqrt(0.5) * s.distance;
+    out.constrained = out.sided && !beyond && !(behind && !closed_ && s.distance > max_depth_);
+    out.distance = behind && out.constrained ? -s.distance : s.distance;
     if (!(out.outward.squaredNorm() > 0.5)) out.constrained = false;
     return out;
 }
 
-Side Obstacle::side(const Vec3& p) const {
-    if (!winding_) return Side::unknown;
-    return orientation_ * winding_->at(p) > 0.5 ? Side::inside : Side::outside;
+double Obstacle::winding(const Vec3& p) const { return orientation_ * winding_->at(*tree_, p); }
+
+void Obstacle::decide(Probe& probe, bool inside) const {
+    const double distance = std::abs(probe.distance);
+    if (!probe.sided && inside) probe.outward = -probe.outward;
+    // Else inside another part of a body that overlaps itself.
+    probe.constrained = (!probe.sided || inside == probe.inside()) && probe.outward.squaredNorm() > 0.5;
+    probe.distance = inside ? -distance : distance;
 }
 
-Probe Obstacle::probe(const Vec3& p) const {
-    return probe(p, [&](double) { return side(p); });
-}
-
-std::vector<Probe> Obstacle::probe_each(const Vertices& points) const {
-    return each(points, [&](const Vec3& p, std::size_t) { return probe(p); });
-}
-
-std::vector<Probe> Obstacle::probe_each(const Vertices& points, const Vertices& former, const std::vector<Probe>& known) const {
-    return each(points, [&](const Vec3& p, std::size_t k) {
-        const double step = (p - former.row(static_cast<Eigen::Index>(k)).transpose()).norm();
-        return probe(p, [&](double distance) {
-            const bool crossed_nothing = step + 1e-6 * size_ < std::abs(known[k].distance) + distance;  // float32 distances
-            if (!winding_ || !crossed_nothing) return side(p);
-            return known[k].inside() ? Side::inside : Side::outside;
-        });
+bool Obstacle::pass_through(const Vec3& p, Probe& probe) const {
+    std::vector<std::pair<double, int>> hits;  // length, face
+    tree_->visit_overlapping(Box(p).extend(Vec3(p + max_depth_ * probe.outward)), [&](int slot) {
+        const double length = hit(p, probe.outward, max_depth_, tree_->triangle(slot));
+        if (length < max_depth_) hits.emplace_back(length, tree_->order()[static_cast<std::size_t>(slot)]);
     });
-}
-
-std::vector<Probe> Obstacle::probe_each_quickly(const Vertices& points, const std::vector<Probe>& known) const {
-    return each(points, [&](const Vec3& p, std::size_t k) {
-        Probe out = probe(p, [](double) { return Side::unknown; });
-        out.constrained = out.constrained && (!winding_ || known[k].constrained);
-        return out;
-    });
+    std::sort(hits.begin(), hits.end());
+    long parts = std::lround(winding(p));
+    for (const auto& [length, face] : hits) {
+        const Vec3 normal = face_normal(face) * orientation_;
+        parts += normal.dot(probe.outward) > 0 ? -1 : 1;
+        if (parts > 0) continue;
+        probe.point = p + length * probe.outward;
+        probe.outward = normal;
+        probe.distance = -length;
+        probe.face = face;
+        probe.constrained = true;
+        return true;
+    }
+    return false;
 }
 
 double Obstacle::room(const Probe& probe, double reach) const {
-    const double start = std::max(0.02 * reach, 1e-6 * size_);  // clear of the face that it leaves, in float32
+    const double start = std::max(0.02 * reach, 1e-6 * size_);  // clear of the face that it leaves
     if (start >= reach) return reach;
-    const RayHit hit = index_.first_hit(probe.point + start * probe.outward, probe.outward, 0, reach - start);
-    return hit.face < 0 ? reach : std::clamp(start + hit.distance, 0.0, reach);
+    const Vec3 from = probe.point + start * probe.outward, to = probe.point + reach * probe.outward;
+    double length = reach - start;
+    tree_->visit_overlapping(Box(from).extend(to), [&](int slot) { length = hit(from, probe.outward, length, tree_->triangle(slot)); });
+    return start + length;
 }
 
 }  // namespace toile

@@ -9,56 +9,80 @@
 namespace toile {
 
 namespace {
+
 // A node is summed by its moments from beyond `far` radii; the winding number is then 0.02 off on a body, 0.04 on balls.
 constexpr double far = 2.5;
-}  // namespace
-
-WindingNumber::WindingNumber(const Vertices& V, const Faces& F) : V_(V), F_(F), tree_(V, F) {
-    const auto& nodes = tree_.nodes();
-    moments_.resize(nodes.size());
-    parallel_for(static_cast<std::int64_t>(nodes.size()), [&](std::int64_t k) {
-        const BoxTree::Node& node = nodes[static_cast<std::size_t>(k)];
-        Moments& s = moments_[static_cast<std::size_t>(k)];
-        const Vec3 origin = node.box.center();  // sums of small offsets, far from the origin too
-        double area = 0;
-        Vec3 offset = Vec3::Zero();
-        for (int i = node.begin; i < node.end; ++i) {
-            const int f = tree_.order()[static_cast<std::size_t>(i)];
-            const Vec3 a = V_.row(F_(f, 0)), b = V_.row(F_(f, 1)), c = V_.row(F_(f, 2));
-            const Vec3 n = (b - a).cross(c - a) / 2, x = ((a - origin) + (b - origin) + (c - origin)) / 3;
-            s.normal += n;
-            s.spread += n * x.transpose();
-            offset += n.norm() * x;
-            area += n.norm();
-        }
-        if (area > 0) offset /= area;
-        s.centre = origin + offset;
-        s.spread -= s.normal * offset.transpose();
-        double square = 0;
-        for (int i = node.begin; i < node.end; ++i)
-            for (int c = 0; c < 3; ++c)
-                square = std::max(square, (V_.row(F_(tree_.order()[static_cast<std::size_t>(i)], c)).transpose() - s.centre).squaredNorm());
-        s.radius = std::sqrt(square);
-    });
-}
 
 // Van Oosterom and Strackee 1983, equation (8).
-double WindingNumber::solid_angle(const Vec3& p, int face) const {
-    const Vec3 a = V_.row(F_(face, 0)).transpose() - p, b = V_.row(F_(face, 1)).transpose() - p,
-               c = V_.row(F_(face, 2)).transpose() - p;
+double solid_angle(const Vec3& p, const BoxTree::Triangle& t) {
+    const Vec3 a = t.a - p, b = t.b - p, c = t.c - p;
     const double la = a.norm(), lb = b.norm(), lc = c.norm();
     const double y = a.dot(b.cross(c));
     const double x = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
     return y == 0 && x == 0 ? 0 : 2 * std::atan2(y, x);
 }
 
-double WindingNumber::at(const Vec3& p) const {
+double farthest_corner(const Box& box, const Vec3& p) {
+    return (p - box.min()).cwiseAbs().cwiseMax((box.max() - p).cwiseAbs()).norm();
+}
+
+}  // namespace
+
+WindingMoments::Moments WindingMoments::of_leaf(const BoxTree& tree, const BoxTree::Node& leaf) {
+    Moments s;
+    const Vec3 origin = leaf.box.center();  // sums of small offsets, far from the origin too
+    Vec3 offset = Vec3::Zero();
+    for (int k = leaf.begin; k < leaf.end; ++k) {
+        const BoxTree::Triangle& t = tree.triangle(k);
+        const Vec3 n = (t.b - t.a).cross(t.c - t.a) / 2, x = ((t.a - origin) + (t.b - origin) + (t.c - origin)) / 3;
+        const double area = n.norm();
+        s.normal += n;
+        s.spread += n * x.transpose();
+        offset += area * x;
+        s.area += area;
+    }
+    if (s.area > 0) offset /= s.area;
+    s.centre = origin + offset;
+    s.spread -= s.normal * offset.transpose();
+    double square = 0;
+    for (int k = leaf.begin; k < leaf.end; ++k)
+        for (const Vec3& corner : {tree.triangle(k).a, tree.triangle(k).b, tree.triangle(k).c})
+            square = std::max(square, (corner - s.centre).squaredNorm());
+    s.radius = std::sqrt(square);
+    return s;
+}
+
+WindingMoments::Moments WindingMoments::of_both(const Moments& left, const Moments& right, const Box& box) {
+    Moments s;
+    s.area = left.area + right.area;
+    s.normal = left.normal + right.normal;
+    const double share = s.area > 0 ? right.area / s.area : 0.5;
+    s.centre = left.centre + share * (right.centre - left.centre);
+    s.spread = left.spread + left.normal * (left.centre - s.centre).transpose() + right.spread +
+               right.normal * (right.centre - s.centre).transpose();
+    const double around_both = std::max((left.centre - s.centre).norm() + left.radius, (right.centre - s.centre).norm() + right.radius);
+    s.radius = std::min(around_both, farthest_corner(box, s.centre));
+    return s;
+}
+
+WindingMoments::WindingMoments(const BoxTree& tree) : moments_(tree.nodes().size()) {
+    const auto& nodes = tree.nodes();
+    parallel_for(static_cast<std::int64_t>(nodes.size()), [&](std::int64_t k) {
+        const auto self = static_cast<std::size_t>(k);
+        if (nodes[self].leaf()) moments_[self] = of_leaf(tree, nodes[self]);
+    });
+    for (std::size_t k = nodes.size(); k-- > 0;)
+        if (!nodes[k].leaf())
+            moments_[k] = of_both(moments_[k + 1], moments_[static_cast<std::size_t>(nodes[k].right)], nodes[k].box);
+}
+
+double WindingMoments::at(const BoxTree& tree, const Vec3& p) const {
     double sum = 0;
     int stack[64], top = 0;
     if (!moments_.empty()) stack[top++] = 0;
     while (top > 0) {
         const int self = stack[--top];
-        const BoxTree::Node& node = tree_.nodes()[static_cast<std::size_t>(self)];
+        const BoxTree::Node& node = tree.nodes()[static_cast<std::size_t>(self)];
         const Moments& s = moments_[static_cast<std::size_t>(self)];
         const Vec3 r = s.centre - p;
         const double distance = r.norm();
@@ -66,7 +90,7 @@ double WindingNumber::at(const Vec3& p) const {
             const double d2 = distance * distance, d3 = d2 * distance;
             sum += s.normal.dot(r) / d3 + s.spread.trace() / d3 - 3 * r.dot(s.spread * r) / (d3 * d2);
         } else if (node.leaf()) {
-            for (int k = node.begin; k < node.end; ++k) sum += solid_angle(p, tree_.order()[static_cast<std::size_t>(k)]);
+            for (int k = node.begin; k < node.end; ++k) sum += solid_angle(p, tree.triangle(k));
         } else {
             stack[top++] = node.right;
             stack[top++] = self + 1;

@@ -9,27 +9,37 @@
 
 namespace toile {
 
-/// How often the mesh winds around p: 1 inside and 0 outside of a closed, outward oriented surface; 2 where two such
-/// parts overlap; fractions near holes. Owns copies of the mesh.
-class WindingNumber {
+/// Sums over the faces below each node of a tree; good for the positions that the tree had.
+class WindingMoments {
 public:
-    WindingNumber(const Vertices& V, const Faces& F);
-    double at(const Vec3& p) const;
-    bool inside(const Vec3& p) const { return at(p) > 0.5; }
+    explicit WindingMoments(const BoxTree& tree);
+    double at(const BoxTree& tree, const Vec3& p) const;  ///< the winding number; `tree` as given before
 
 private:
     struct Moments {
         Vec3 centre = Vec3::Zero();  ///< area-weighted mean of face centres
         Vec3 normal = Vec3::Zero();  ///< sum of area vectors [m^2]
         Mat3 spread = Mat3::Zero();  ///< sum of area vector x (face centre - centre)' [m^3]
+        double area = 0;             ///< [m^2]
         double radius = 0;           ///< of a ball about the centre that holds the node's faces [m]
     };
-    double solid_angle(const Vec3& p, int face) const;
+    static Moments of_leaf(const BoxTree& tree, const BoxTree::Node& leaf);
+    static Moments of_both(const Moments& left, const Moments& right, const Box& box);
 
-    Vertices V_;
-    Faces F_;
-    BoxTree tree_;
     std::vector<Moments> moments_;
+};
+
+/// How often the mesh winds around p: 1 inside and 0 outside of a closed, outward oriented surface; 2 where two such
+/// parts overlap; fractions near holes.
+class WindingNumber {
+public:
+    WindingNumber(const Vertices& V, const Faces& F) : tree_(V, F), moments_(tree_) {}
+    double at(const Vec3& p) const { return moments_.at(tree_, p); }
+    bool inside(const Vec3& p) const { return at(p) > 0.5; }
+
+private:
+    BoxTree tree_;
+    WindingMoments moments_;
 };
 
 Vector winding_numbers(const Vertices& points, const WindingNumber& winding);  ///< parallel

@@ -4,13 +4,16 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <optional>
 #include <utility>
 #include <vector>
 
 #include "base/errors.h"
 #include "base/parallel.h"
-#include "base/sparse.h"
+#include "geometry/box_tree.h"
 #include "geometry/intersect.h"
+#include "geometry/membrane.h"
 #include "geometry/obstacle.h"
 #include "geometry/topology.h"
 
@@ -18,10 +21,10 @@ namespace toile {
 
 namespace {
 
-constexpr double hold = 1e4;         // weight of an active vertex against the spread's diagonal entries
-constexpr int releases_allowed = 2;  // so that the active set cannot cycle
-constexpr int refinements = 3;       // active-set passes over the first planes; later planes get one
-constexpr int patience = 10;         // steps without progress before giving up
+constexpr int patience = 10;             // steps without progress before giving up
+constexpr int sweeps_a_step = 100;       // of the membrane, at most
+constexpr double settled = 0.02;         // of the margin: the membrane's last movement
+constexpr double watched = 2;            // margins: vertices nearer than this are kept from the body
 
 void check_options(const UntangleOptions& o) {
     auto positive = [](const char* name, double value) {
@@ -35,28 +38,6 @@ void check_options(const UntangleOptions& o) {
             "untangle: tolerance is " + std::to_string(o.tolerance) + ", expected 0 to 1");
     require(o.max_iterations >= 1,
             "untangle: max_iterations is " + std::to_string(o.max_iterations) + ", expected at least 1");
-}
-
-/// L'L of the uniform graph Laplacian, with every diagonal entry present.
-Sparse spread_matrix(const Faces& F, Eigen::Index n) {
-    const Adjacency ring = vertex_neighbours(F, n);
-    std::vector<Eigen::Triplet<double>> entries;
-    for (int v = 0; v < n; ++v) {
-        const auto begin = static_cast<std::size_t>(ring.start[static_cast<std::size_t>(v)]),
-                   end = static_cast<std::size_t>(ring.start[static_cast<std::size_t>(v) + 1]);
-        if (begin == end) continue;
-        entries.emplace_back(v, v, 1.0);
-        const double share = 1.0 / static_cast<double>(end - begin);
-        for (std::size_t k = begin; k < end; ++k) entries.emplace_back(v, ring.index[k], -share);
-    }
-    Sparse L(n, n), zero(n, n);
-    L.setFromTriplets(entries.begin(), entries.end());
-    zero.setIdentity();
-    zero *= 0.0;
-    Sparse LtL = Sparse(L.transpose()) * L;
-    Sparse out = LtL + zero;
-    out.makeCompressed();
-    return out;
 }
 
 double mean_edge(const Vertices& V, const Edges& edges) {
@@ -77,55 +58,148 @@ bool crossing(const Vec3& p, const Vec3& q, const Vec3& a, const Vec3& b, const 
 }  // namespace
 
 struct UntangleSolver::State {
-    Faces cloth_F, body_F;
+    Faces cloth_F;
     Eigen::Index cloth_n, body_n;
     UntangleOptions options;
-    SideTopology sides;
     Edges cloth_edges;
-    Sparse spread;
-    CholeskyFactor factor;
+    Membrane membrane;
+    Obstacle body;
+    std::optional<BoxTree> cloth_tree;
+    std::vector<int> faces_below;  ///< of the body, under the cloth's vertices in the last frame
 };
 
 namespace {
 
-/// One frame: positions, planes and the active set, moved forward step by step.
+/// Groups of vertices, each named by its smallest.
+struct Groups {
+    std::vector<int> parent;
+    explicit Groups(Eigen::Index n) : parent(static_cast<std::size_t>(n)) { std::iota(parent.begin(), parent.end(), 0); }
+    int of(int v) {
+        int root = v;
+        while (parent[static_cast<std::size_t>(root)] != root) root = parent[static_cast<std::size_t>(root)];
+        while (parent[static_cast<std::size_t>(v)] != root) v = std::exchange(parent[static_cast<std::size_t>(v)], root);
+        return root;
+    }
+    void join(int v, int w) {
+        v = of(v), w = of(w);
+        parent[static_cast<std::size_t>(std::max(v, w))] = std::min(v, w);
+    }
+};
+
+/// One frame: the cloth's positions, what they see of the body, and the half-spaces that keep them out of it.
 struct Frame {
     const Vertices& start;
-    const Vertices& body_V;
     const Faces& F;
-    const Faces& body_F;
     const UntangleOptions& options;
-    Obstacle body;
-    TriangleIndex body_faces;
+    const Obstacle& body;
+    BoxTree& tree;
 
-    Vertices x;
-    std::vector<Probe> probes, start_probes;
-    Vector margin;         // half the room at most [m]
-    std::vector<char> active, releases;
-    Vertices target;       // displacement of active vertices from the start
-    Vertices way;          // of active vertices: the unit direction of their last push
-    Vertices nudge;        // for the next planes: pushes of the corners of pierced faces
+    Vertices x, probed_at;
+    std::vector<Probe> probes;
+    Vector margin;                  // half the room at most [m]
+    std::vector<char> was_violated;
+    std::vector<char> given_up;     // the body gave no direction where the vertex was when its side was decided
+    std::vector<HalfSpaces> lifts;  // of corners of pierced faces; stay for the frame
+    Vertices pushes;                // the sum of what lifted a vertex
+    Edges pairs;
 
-    /// Where every vertex stands. A quick look trusts normals alone; what it calls clear is looked at again.
-    void look(bool quick) {
-        probes = quick ? body.probe_each_quickly(x, probes) : body.probe_each(x, start, start_probes);
+    Frame(const Vertices& cloth_V, const Faces& cloth_F, const UntangleOptions& o, const Obstacle& obstacle, BoxTree& cloth_tree)
+        : start(cloth_V), F(cloth_F), options(o), body(obstacle), tree(cloth_tree), x(cloth_V), probed_at(cloth_V),
+          probes(static_cast<std::size_t>(cloth_V.rows())), margin(Vector::Constant(cloth_V.rows(), o.margin)),
+          was_violated(probes.size(), 0), given_up(probes.size(), 0), lifts(probes.size()),
+          pushes(Vertices::Zero(cloth_V.rows(), 3)) {}
+
+    Probe& at(Eigen::Index i) { return probes[static_cast<std::size_t>(i)]; }
+    const Probe& at(Eigen::Index i) const { return probes[static_cast<std::size_t>(i)]; }
+
+    /// The first look: every vertex, from a guess or from the face of the vertex before it.
+    void probe_all(const std::vector<int>& guesses) {
+        constexpr Eigen::Index block = 64;
+        parallel_for((x.rows() + block - 1) / block, [&](std::int64_t b) {
+            int guess = -1;
+            for (Eigen::Index i = b * block; i < std::min(x.rows(), (b + 1) * block); ++i) {
+                at(i) = body.probe(x.row(i), guesses.empty() ? guess : guesses[static_cast<std::size_t>(i)]);
+                guess = at(i).face;
+            }
+        }, 1);
         ask_margins();
     }
-    void first_look() {
-        probes = start_probes = body.probe_each(x);
+
+    /// Free distance that vertex i is sure of where it is now [m].
+    double sure_distance(Eigen::Index i) const {
+        return std::abs(at(i).distance) - (x.row(i) - probed_at.row(i)).norm();
+    }
+    bool known_clear(Eigen::Index i) const { return !at(i).inside() && sure_distance(i) > watched * options.margin; }
+
+    /// Looks again where a vertex may have come near, by normals alone.
+    void probe_near() {
+        parallel_for(x.rows(), [&](std::int64_t i) {
+            if (known_clear(i)) return;
+            at(i) = body.probe(x.row(i), at(i).face);
+            probed_at.row(i) = x.row(i);
+            if (given_up[static_cast<std::size_t>(i)]) at(i).constrained = false;
+        }, 64);
         ask_margins();
     }
+
     void ask_margins() {
         parallel_for(x.rows(), [&](std::int64_t i) {
-            const Probe& p = probes[static_cast<std::size_t>(i)];
-            if (p.constrained && p.distance < options.margin)
+            const Probe& p = at(i);
+            if (p.constrained && p.distance < (1 - options.tolerance) * options.margin)
                 margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
         }, 64);
     }
-    bool violated(Eigen::Index i) const {
-        const Probe& p = probes[static_cast<std::size_t>(i)];
-        return p.constrained && p.distance < (1 - options.tolerance) * margin[i];
+
+    /// Exact pairs. A face is left out when balls at its corners that hold nothing of the body cover it: every point of a
+    /// triangle lies within longest edge / sqrt(3) of a corner.
+    void find_pairs() {
+        std::vector<char> hidden(static_cast<std::size_t>(F.rows()));
+        parallel_for(F.rows(), [&](std::int64_t f) {
+            double free = std::numeric_limits<double>::infinity(), longest = 0;
+            for (int c = 0; c < 3; ++c) {
+                free = std::min(free, sure_distance(F(f, c)));
+                longest = std::max(longest, (x.row(F(f, c)) - x.row(F(f, (c + 1) % 3))).norm());
+            }
+            hidden[static_cast<std::size_t>(f)] = free > 0.578 * longest;
+        });
+        tree.refit(x, F, hidden);
+        pairs = meeting_faces(tree, body.tree());
     }
+
+    /// Sides by the winding number. It is constant along faces that do not meet the body, and along edges covered by
+    /// balls that hold nothing of it; so one look serves a whole group of vertices.
+    void decide_sides() {
+        if (!body.closed()) return;
+        std::vector<char> pierced(static_cast<std::size_t>(F.rows()), 0);
+        for (Eigen::Index k = 0; k < pairs.rows(); ++k) pierced[static_cast<std::size_t>(pairs(k, 0))] = 1;
+        Groups groups(x.rows());
+        for (Eigen::Index f = 0; f < F.rows(); ++f)
+            for (int c = 0; c < 3; ++c) {
+                const int i = F(f, c), j = F(f, (c + 1) % 3);
+                const bool covered = !pierced[static_cast<std::size_t>(f)] ||
+                                     (x.row(i) - x.row(j)).norm() < (1 - 1e-9) * (sure_distance(i) + sure_distance(j));
+                if (covered) groups.join(i, j);
+            }
+        std::vector<int> speaker(probes.size(), -1);  // the vertex of a group that is farthest from the body
+        for (int i = 0; i < x.rows(); ++i) {
+            int& s = speaker[static_cast<std::size_t>(groups.of(i))];
+            if (s < 0 || std::abs(at(i).distance) > std::abs(at(s).distance)) s = i;
+        }
+        std::vector<char> inside(probes.size(), 0);
+        parallel_for(x.rows(), [&](std::int64_t i) {
+            const int s = speaker[static_cast<std::size_t>(i)];
+            if (s >= 0) inside[static_cast<std::size_t>(i)] = body.inside(x.row(s));
+        }, 64);
+        for (int i = 0; i < x.rows(); ++i) {
+            const auto k = static_cast<std::size_t>(i);
+            if (!known_clear(i) || inside[static_cast<std::size_t>(groups.of(i))])
+                body.decide(probes[k], inside[static_cast<std::size_t>(groups.of(i))]);
+            given_up[k] = probes[k].inside() && !probes[k].constrained && !body.pass_through(x.row(i), probes[k]);
+        }
+        ask_margins();
+    }
+
+    bool violated(Eigen::Index i) const { return at(i).constrained && at(i).distance < (1 - options.tolerance) * margin[i]; }
     int violations() const {
         int count = 0;
         for (Eigen::Index i = 0; i < x.rows(); ++i) count += violated(i);
@@ -136,60 +210,79 @@ struct Frame {
     }
     Vector depth() const {
         Vector d(x.rows());
-        for (Eigen::Index i = 0; i < d.size(); ++i) d[i] = std::max(0.0, -probes[static_cast<std::size_t>(i)].distance);
+        for (Eigen::Index i = 0; i < d.size(); ++i) d[i] = std::max(0.0, -at(i).distance);
         return d;
     }
 
-    /// New members of the active set, and the planes of all members at the present position.
-    void renew_planes() {
-        for (Eigen::Index i = 0; i < x.rows(); ++i) {
-            const auto k = static_cast<std::size_t>(i);
-            const Probe& p = probes[k];
-            const Vec3 push = nudge.row(i);
-            if (violated(i) || push != Vec3::Zero()) active[k] = 1;
-            if (!active[k]) continue;
-            const double rise = p.constrained ? std::max(0.0, margin[i] - p.distance) : 0;
-            target.row(i) = x.row(i) - start.row(i) + rise * p.outward.transpose() + push.transpose();
-            if (push != Vec3::Zero()) way.row(i) = push.normalized();
-            if (rise > 0) way.row(i) = p.outward;
-        }
-        nudge.setZero();
+    /// The plane at the closest point for every vertex near the body, and what pierced faces asked for.
+    std::vector<HalfSpaces> half_spaces() {
+        std::vector<HalfSpaces> out(probes.size());
+        parallel_for(x.rows(), [&](std::int64_t i) {
+            HalfSpaces& h = out[static_cast<std::size_t>(i)];
+            const Probe& p = at(i);
+            char& held = was_violated[static_cast<std::size_t>(i)];
+            if (violated(i)) held = 1;
+            if (p.constrained && (held || p.distance < watched * options.margin)) {
+                h.normal[0] = p.outward;
+                h.least[0] = p.outward.dot(p.point - start.row(i).transpose()) + margin[i];
+                h.count = 1;
+            }
+            const HalfSpaces& lift = lifts[static_cast<std::size_t>(i)];
+            if (lift.count == 0) return;
+            h.normal[h.count] = lift.normal[0];
+            h.least[h.count++] = lift.least[0];
+        });
+        return out;
     }
 
     /// The middle of the curve along which cloth face f meets the given body faces.
     Vec3 middle_of_section(int f, const std::vector<int>& partners) const {
-        const auto corner = [](const Vertices& V, const Faces& G, int g, int c) { return Vec3(V.row(G(g, c % 3))); };
-        Vec3 sum = Vec3::Zero(), at;
+        const Vec3 mine[3] = {x.row(F(f, 0)), x.row(F(f, 1)), x.row(F(f, 2))};
+        Vec3 sum = Vec3::Zero(), where;
         int count = 0;
-        for (int g : partners)
+        for (int g : partners) {
+            const BoxTree::Triangle& t = body.tree().triangle(body.tree().slot_of(g));
+            const Vec3 theirs[3] = {t.a, t.b, t.c};
             for (int c = 0; c < 3; ++c) {
-                if (crossing(corner(x, F, f, c), corner(x, F, f, c + 1), corner(body_V, body_F, g, 0),
-                             corner(body_V, body_F, g, 1), corner(body_V, body_F, g, 2), at))
-                    sum += at, ++count;
-                if (crossing(corner(body_V, body_F, g, c), corner(body_V, body_F, g, c + 1), corner(x, F, f, 0),
-                             corner(x, F, f, 1), corner(x, F, f, 2), at))
-                    sum += at, ++count;
+                if (crossing(mine[c], mine[(c + 1) % 3], t.a, t.b, t.c, where)) sum += where, ++count;
+                if (crossing(theirs[c], theirs[(c + 1) % 3], mine[0], mine[1], mine[2], where)) sum += where, ++count;
             }
-        if (count == 0) return (corner(x, F, f, 0) + corner(x, F, f, 1) + corner(x, F, f, 2)) / 3;
-        return sum / count;
+        }
+        return count == 0 ? Vec3((mine[0] + mine[1] + mine[2]) / 3) : Vec3(sum / count);
     }
 
-    /// Corners of pierced faces are pushed out of the body so that the face clears the depth found in the section's middle.
+    /// Corners of pierced faces are lifted out of the body so that the face clears the depth found in the section's middle.
     /// At least by `least` [m]: a section that ends at the face's rim has its middle near the surface and tells no depth.
-    void raise_pierced(const Edges& pairs, double least) {
+    void lift_pierced(double least) {
+        Vector lifted = Vector::Zero(x.rows());
+        Vertices push = Vertices::Zero(x.rows(), 3);
         for (Eigen::Index k = 0, end; k < pairs.rows(); k = end) {
             const int f = pairs(k, 0);
             std::vector<int> partners;
             for (end = k; end < pairs.rows() && pairs(end, 0) == f; ++end) partners.push_back(pairs(end, 1));
             const Vec3 middle = middle_of_section(f, partners);
-            const Probe p = body.probe(middle);
-            const Vec3 b = closest_on_triangle(middle, x.row(F(f, 0)), x.row(F(f, 1)), x.row(F(f, 2))).barycentric;
+            Probe p = body.probe(middle);
+            if (body.closed()) body.decide(p, body.inside(middle));
+            if (p.inside() && !p.constrained) body.pass_through(middle, p);
             if (!p.constrained && std::abs(p.distance) > 0.5 * options.margin) continue;  // on the surface any side will do
+            const Vec3 b = closest_on_triangle(middle, x.row(F(f, 0)), x.row(F(f, 1)), x.row(F(f, 2))).barycentric;
             const double lift = std::max(0.0, -p.distance) + least;
             for (int c = 0; c < 3; ++c) {
+                const int i = F(f, c);
                 const double rise = lift * b[c] / b.squaredNorm();
-                if (rise > nudge.row(F(f, c)).norm()) nudge.row(F(f, c)) = rise * p.outward;
+                if (rise <= lifted[i]) continue;
+                lifted[i] = rise;
+                push.row(i) = rise * p.outward;
             }
+        }
+        for (Eigen::Index i = 0; i < x.rows(); ++i) {
+            if (lifted[i] == 0) continue;
+            HalfSpaces& h = lifts[static_cast<std::size_t>(i)];
+            pushes.row(i) += push.row(i);  // of two flanks of a ridge: up
+            const Vec3 way = pushes.row(i).transpose().normalized();
+            h.count = 1;
+            h.normal[0] = way;
+            h.least[0] = way.dot((x.row(i) - start.row(i) + push.row(i)).transpose());
         }
     }
 };
@@ -200,56 +293,20 @@ UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F
     check_options(options);
     check_mesh("untangle", Vertices::Zero(cloth_n, 3), cloth_F, "cloth_V", "cloth_F");
     check_mesh("untangle", Vertices::Zero(body_n, 3), body_F, "body_V", "body_F");
-    state_ = std::make_unique<State>(State{cloth_F, body_F, cloth_n, body_n, options, SideTopology(body_F),
-                                           unique_edges(cloth_F), spread_matrix(cloth_F, cloth_n), {}});
-    state_->factor.analyze(state_->spread);
+    state_ = std::make_unique<State>(State{cloth_F, cloth_n, body_n, options, unique_edges(cloth_F), Membrane(cloth_F, cloth_n),
+                                           Obstacle(std::move(body_F), options.max_depth), {}, {}});
 }
 
 UntangleSolver::~UntangleSolver() = default;
 UntangleSolver::UntangleSolver(UntangleSolver&&) noexcept = default;
 UntangleSolver& UntangleSolver::operator=(UntangleSolver&&) noexcept = default;
 
-std::int64_t UntangleSolver::analyses() const { return state_->factor.analyses(); }
-std::int64_t UntangleSolver::factorisations() const { return state_->factor.factorisations(); }
-
 namespace {
-
-/// d of least energy with active vertices held at their targets; vertices that the others would carry further out than
-/// their plane asks are released, and the rest is solved again.
-Vertices spread_targets(const Sparse& spread, double weight, CholeskyFactor& factor, Frame& frame, int passes) {
-    const Eigen::Index n = frame.x.rows();
-    const double held_weight = hold * (1 + weight);
-    Vertices d;
-    for (int pass = 0, released = 1; released > 0 && pass < passes; ++pass) {
-        Sparse A = spread;
-        Matrix rhs = Matrix::Zero(n, 3);
-        for (Eigen::Index i = 0; i < n; ++i) {
-            const bool held = frame.active[static_cast<std::size_t>(i)] != 0;
-            A.coeffRef(i, i) += weight + (held ? held_weight : 0.0);
-            if (held) rhs.row(i) = held_weight * frame.target.row(i);
-        }
-        factor.factorize(A);
-        d = factor.solve(rhs);
-        released = 0;
-        for (Eigen::Index i = 0; i < n; ++i) {
-            const auto k = static_cast<std::size_t>(i);
-            const double multiplier = (frame.target.row(i) - d.row(i)).dot(frame.way.row(i));
-            const bool needed = multiplier > -1e-5 * frame.options.margin;  // beyond rounding
-            if (!frame.active[k] || needed || frame.releases[k] >= releases_allowed) continue;
-            frame.active[k] = 0;
-            ++frame.releases[k];
-            ++released;
-        }
-    }
-    for (Eigen::Index i = 0; i < n; ++i)
-        if (frame.active[static_cast<std::size_t>(i)]) d.row(i) = frame.target.row(i);  // what `hold` leaves open
-    return d;
-}
 
 std::string reason_left(const UntangleResult& r, const Frame& frame) {
     int overlap = 0, tight = 0;
     for (Eigen::Index i = 0; i < frame.x.rows(); ++i) {
-        const Probe& p = frame.probes[static_cast<std::size_t>(i)];
+        const Probe& p = frame.at(i);
         if (p.inside() && !p.constrained) ++overlap;
         if (r.margin[i] < 0.25 * frame.options.margin) ++tight;
     }
@@ -275,44 +332,47 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     check_finite("untangle", "cloth_V", cloth_V);
     check_finite("untangle", "body_V", body_V);
     const UntangleOptions& o = s.options;
-    const auto n = static_cast<std::size_t>(s.cloth_n);
-    const Vertices nothing = Vertices::Zero(s.cloth_n, 3);
-    Frame frame{cloth_V, body_V, s.cloth_F, s.body_F, o, Obstacle(body_V, s.body_F, s.sides, o.max_depth),
-                TriangleIndex(body_V, s.body_F), cloth_V, {}, {}, Vector::Constant(s.cloth_n, o.margin),
-                std::vector<char>(n, 0), std::vector<char>(n, 0), nothing, nothing, nothing};
-    // From a spread of h/20 on nothing spreads; from 150 h on all of the cloth moves.
-    const double weight = std::clamp(std::pow(mean_edge(cloth_V, s.cloth_edges) / (2 * o.spread), 4), 1e-10, 1e4);
+    s.body.move(body_V);
+    if (!s.cloth_tree) s.cloth_tree.emplace(cloth_V, s.cloth_F);
+    Frame frame(cloth_V, s.cloth_F, o, s.body, *s.cloth_tree);
+    const double stiffness = std::clamp(1.5 * std::pow(mean_edge(cloth_V, s.cloth_edges) / o.spread, 2), 1e-8, 1e8);
 
     UntangleResult r;
-    frame.first_look();
+    frame.probe_all(s.faces_below);
+    s.faces_below.resize(frame.probes.size());
+    for (std::size_t i = 0; i < frame.probes.size(); ++i) s.faces_below[i] = frame.probes[i].face;
+    frame.find_pairs();
+    frame.decide_sides();
     r.depth_before = frame.depth();
-    r.intersections_before = static_cast<int>(frame.body_faces.pairs(frame.x, s.cloth_F).rows());
+    r.intersections_before = static_cast<int>(frame.pairs.rows());
     constexpr int unseen = std::numeric_limits<int>::max();
     std::pair<int, int> fewest{unseen, unseen};  // vertices to move, then pairs
-    Vertices best;
+    Vertices best, d = Vertices::Zero(s.cloth_n, 3);
     for (int idle = 0, former = unseen;; ++r.iterations) {
         int violations = frame.violations();
-        if (violations == 0 && r.iterations > 0) {
-            frame.look(false);
-            violations = frame.violations();
-        }
         const bool see_pairs = violations == 0 || violations >= former;  // stubborn vertices must not keep pairs waiting
         former = violations;
-        if (see_pairs) r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
-        const std::pair<int, int> left{violations, see_pairs ? static_cast<int>(r.pairs_left.rows()) : unseen};
+        if (see_pairs && r.iterations > 0) {
+            frame.find_pairs();
+            frame.decide_sides();
+            violations = frame.violations();
+        }
+        const std::pair<int, int> left{violations, see_pairs ? static_cast<int>(frame.pairs.rows()) : unseen};
         idle = left < fewest ? 0 : idle + 1;
         if (left < fewest) fewest = left, best = frame.x;
         if (left == std::pair(0, 0) || idle == patience || r.iterations == o.max_iterations) break;
-        if (see_pairs) frame.raise_pierced(r.pairs_left, 0.25 * o.margin * std::exp2(std::min(idle, 3)));
-        frame.renew_planes();
-        frame.x = cloth_V + spread_targets(s.spread, weight, s.factor, frame, refinements);
-        frame.look(true);
+        if (see_pairs) frame.lift_pierced(0.25 * o.margin * std::exp2(std::min(idle, 3)));
+        s.membrane.relax(d, frame.half_spaces(), stiffness, settled * o.margin, sweeps_a_step);
+        frame.x = cloth_V + d;
+        frame.probe_near();
     }
     if (fewest != std::pair(0, 0)) {
         frame.x = best;
-        frame.look(false);
+        frame.probe_near();
+        frame.find_pairs();
+        frame.decide_sides();
     }
-    r.pairs_left = frame.body_faces.pairs(frame.x, s.cloth_F);
+    r.pairs_left = frame.pairs;
     r.intersections_left = static_cast<int>(r.pairs_left.rows());
     r.vertices_left = frame.inside();
     r.depth_after = frame.depth();

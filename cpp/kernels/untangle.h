@@ -28,12 +28,13 @@ struct UntangleResult {
     std::string reason;  ///< why something is left, in words; empty when nothing is
 };
 
-/// Owns the topology of both meshes and the symbolic factor of the cloth's spread; serves any number of frames.
+/// Owns the topology of both meshes and their trees of boxes, which are refitted; serves any number of frames.
 ///
-/// Minimises |L d|^2 + (h / 2 spread)^4 |d|^2 over displacements d subject to outward . (x + d - b) >= margin, where L is
-/// the uniform graph Laplacian (L u)_i = u_i - mean of neighbours, h the mean edge length, b the closest point of the
-/// body. An active set holds vertices on their planes; planes are renewed after every solve. Where a body feature
-/// pokes through a face whose corners are clear, the corners are pushed along the body's normal in the section's middle.
+/// Minimises  sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum_i |d_i|^2  over displacements d, subject to
+/// outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length, b_i the closest point of the body and outward_i
+/// its direction: on a regular mesh a membrane whose pushes die away by a factor of e over `spread`. Planes are renewed
+/// after every solve. Where a body feature pokes through a face whose corners are clear, the corners are lifted along the
+/// body's normal in the section's middle.
 class UntangleSolver {
 public:
     UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options = {});
@@ -42,9 +43,6 @@ public:
     UntangleSolver& operator=(UntangleSolver&&) noexcept;
 
     UntangleResult solve(const Vertices& cloth_V, const Vertices& body_V);
-
-    std::int64_t analyses() const;        ///< symbolic factorisations so far: 1 however many frames
-    std::int64_t factorisations() const;  ///< numeric ones
 
 private:
     struct State;

@@ -51,13 +51,12 @@ int main() {
     CHECK(intersecting_pairs(r.V, body_F, body_V, body_F).rows() == 0);
     CHECK(r.depth_before.minCoeff() > 0.005 && r.depth_after.maxCoeff() == 0);
 
-    LAW("a sequence analyses the spread once and ends where single frames end, bit for bit");
+    LAW("a sequence ends where single frames end, bit for bit");
     UntangleSolver solver(body_F, body_V.rows(), body_F, body_V.rows());
     for (double scale : {0.97, 0.96}) {
         const Vertices frame = scale * body_V;
         CHECK(solver.solve(frame, body_V).V == untangle(frame, body_F, body_V, body_F).V);
     }
-    CHECK(solver.analyses() == 1 && solver.factorisations() >= 2);
 
     LAW("wrong sizes, bad options and bad indices are refused");
     CHECK_THROWS(InputError, solver.solve(cloth_V.topRows(10), body_V));

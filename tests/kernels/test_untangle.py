@@ -195,14 +195,13 @@ def test_an_open_garment_has_no_inside_beyond_its_rims_or_deeper_than_max_depth(
     assert np.array_equal(kernels.untangle(deep, F, inner_V, inner_F, max_depth=0.05).V, deep)
 
 
-def test_a_sequence_analyses_once_and_ends_where_single_frames_end():
+def test_a_sequence_ends_where_single_frames_end():
     body_V, body_F = trunk_and_arm()
     V, F = tube(0.145, 0.5)
     solver = kernels.UntangleSolver(F, len(V), body_F, len(body_V))
     for shift in (0.0, 0.002, 0.004):
         single = kernels.untangle(V + [shift, 0, 0], F, body_V, body_F)
         assert np.array_equal(solver.solve(V + [shift, 0, 0], body_V).V, single.V)
-    assert solver.analyses == 1 and solver.factorisations >= 3
 
 
 def test_threads_do_not_change_a_bit(threads):

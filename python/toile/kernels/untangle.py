@@ -31,16 +31,6 @@ class UntangleSolver:
         """
         return self._solver.solve(as_vertices("untangle", "cloth_V", cloth_V), as_vertices("untangle", "body_V", body_V))
 
-    @property
-    def analyses(self):
-        """Symbolic factorisations so far."""
-        return self._solver.analyses
-
-    @property
-    def factorisations(self):
-        """Numeric factorisations so far."""
-        return self._solver.factorisations
-
 
 def untangle(cloth_V, cloth_F, body_V, body_F, margin=0.002, **options):
     """Moves cloth (n,3) out of a body to `margin` [m]: one line over `UntangleSolver`, which see."""
