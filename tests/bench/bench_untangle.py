@@ -37,7 +37,7 @@ def body():
     return np.array(model.v_template), np.array(model.f)
 
 
-def shirt(n, body_V, body_F, offset=0.012):
+def shirt(n, body_V, body_F, offset=0.005):
     """A wavy shirt of about n vertices: torso and upper arms of the body, offset, remeshed by halving its longest edges."""
     z = (body_V[body_F, 2].mean(1) - body_V[:, 2].min()) / np.ptp(body_V[:, 2])
     x = np.abs(body_V[body_F, 0].mean(1))
