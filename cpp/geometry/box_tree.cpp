@@ -10,14 +10,8 @@ namespace toile {
 
 namespace {
 
-constexpr int leaf_size = 4;
-constexpr int stack_size = 64;             // median splits: depth <= log2(2^31 / leaf_size)
+constexpr int leaf_size = 4;  // as many faces as a register has lanes
 constexpr double rounding = 1 + 1e-12;     // so that pruning cannot decide between equal distances
-
-double squared_distance(const Box& box, const Vec3& p) {
-    const Vec3 low = box.min() - p, high = p - box.max();
-    return low.cwiseMax(high).cwiseMax(0.0).squaredNorm();
-}
 
 }  // namespace
 
@@ -32,6 +26,7 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
     const auto m = static_cast<std::size_t>(F.rows());
     order_.resize(m);
     slot_.resize(m);
+    leaf_.resize(m);
     triangles_.resize(m);
     boxes_.resize(m);
     std::iota(order_.begin(), order_.end(), 0);
@@ -39,14 +34,20 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
     for (std::size_t f = 0; f < m; ++f) centre[f] = toile::face_box(V, F, static_cast<Eigen::Index>(f)).center();
     nodes_.reserve(m);
     if (m > 0) split(centre, 0, static_cast<int>(m));
+    widen();
     for (std::size_t k = 0; k < m; ++k) slot_[static_cast<std::size_t>(order_[k])] = static_cast<int>(k);
     refit(V, F);
 }
 
 int BoxTree::split(const std::vector<Vec3>& centre, int begin, int end) {
     const int self = static_cast<int>(nodes_.size());
-    nodes_.push_back({Box(), begin, end, -1});
-    if (end - begin <= leaf_size) return self;
+    nodes_.push_back({Box(), begin, end, -1, -1});
+    if (end - begin <= leaf_size) {
+        for (int k = begin; k < end; ++k) leaf_[static_cast<std::size_t>(order_[static_cast<std::size_t>(k)])] = self;
+        nodes_.back().right = -1 - static_cast<int>(packs_.size());
+        packs_.emplace_back();
+        return self;
+    }
     Box centres;
     for (int k = begin; k < end; ++k) centres.extend(centre[static_cast<std::size_t>(order_[static_cast<std::size_t>(k)])]);
     int axis = 0;
@@ -62,23 +63,98 @@ int BoxTree::split(const std::vector<Vec3>& centre, int begin, int end) {
     return self;
 }
 
-void BoxTree::refit(const Vertices& V, const Faces& F, const std::vector<char>& hidden) {
-    parallel_for(F.rows(), [&](std::int64_t k) {
-        const auto slot = static_cast<std::size_t>(k);
-        const int f = order_[slot];
-        triangles_[slot] = {V.row(F(f, 0)), V.row(F(f, 1)), V.row(F(f, 2))};
-        const bool seen = hidden.empty() || !hidden[static_cast<std::size_t>(f)];
-        boxes_[slot] = seen ? toile::face_box(V, F, f) : Box();
-    }, 2048);
-    for (std::size_t self = nodes_.size(); self-- > 0;) {
-        Node& node = nodes_[self];
-        if (!node.leaf()) {
-            node.box = nodes_[self + 1].box.merged(nodes_[static_cast<std::size_t>(node.right)].box);
-            continue;
+/// Every second level of inner nodes, from the root on.
+void BoxTree::widen() {
+    std::vector<int> ahead;
+    if (!nodes_.empty() && !nodes_[0].leaf()) ahead.push_back(0);
+    while (!ahead.empty()) {
+        const int self = ahead.back();
+        ahead.pop_back();
+        nodes_[static_cast<std::size_t>(self)].wide = static_cast<int>(wide_.size());
+        Wide wide{{}, {}, {-1, -1, -1, -1}};
+        int count = 0;
+        for (int child : {self + 1, nodes_[static_cast<std::size_t>(self)].right}) {
+            const Node& node = nodes_[static_cast<std::size_t>(child)];
+            if (node.leaf()) {
+                wide.child[count++] = child;
+                continue;
+            }
+            for (int grandchild : {child + 1, node.right}) wide.child[count++] = grandchild;
         }
-        node.box.setEmpty();
-        for (int k = node.begin; k < node.end; ++k) node.box.extend(box(k));
+        for (int k = 0; k < count; ++k)
+            if (!nodes_[static_cast<std::size_t>(wide.child[k])].leaf()) ahead.push_back(wide.child[k]);
+        wide_.push_back(wide);
     }
+}
+
+void BoxTree::refit(const Vertices& V, const Faces& F, const std::vector<char>& hidden) {
+    parallel_for(static_cast<std::int64_t>(nodes_.size()), [&](std::int64_t self) {
+        Node& node = nodes_[static_cast<std::size_t>(self)];
+        if (!node.leaf()) return;
+        Pack& pack = packs_[static_cast<std::size_t>(-1 - node.right)];
+        node.box.setEmpty();
+        for (int lane = 0; lane < leaf_size; ++lane) {
+            const auto slot = static_cast<std::size_t>(std::min(node.begin + lane, node.end - 1));
+            const int f = order_[slot];
+            const Triangle& t = triangles_[slot] = {V.row(F(f, 0)), V.row(F(f, 1)), V.row(F(f, 2))};
+            for (int k = 0; k < 3; ++k) pack.a[k][lane] = t.a[k], pack.b[k][lane] = t.b[k], pack.c[k][lane] = t.c[k];
+            boxes_[slot].setEmpty();
+            if (hidden.empty() || !hidden[static_cast<std::size_t>(f)]) boxes_[slot].extend(t.a).extend(t.b).extend(t.c);
+            node.box.extend(boxes_[slot]);
+        }
+    });
+    for (std::size_t self = nodes_.size(); self-- > 0;)
+        if (Node& node = nodes_[self]; !node.leaf())
+            node.box = nodes_[self + 1].box.merged(nodes_[static_cast<std::size_t>(node.right)].box);
+    parallel_for(static_cast<std::int64_t>(wide_.size()), [&](std::int64_t k) {
+        Wide& wide = wide_[static_cast<std::size_t>(k)];
+        for (int lane = 0; lane < 4; ++lane) {
+            const Box box = wide.child[lane] < 0 ? Box() : nodes_[static_cast<std::size_t>(wide.child[lane])].box;
+            for (int axis = 0; axis < 3; ++axis) {
+                const bool none = box.isEmpty();
+                wide.low[axis][lane] = none ? std::numeric_limits<double>::infinity() : box.min()[axis];
+                wide.high[axis][lane] = none ? -std::numeric_limits<double>::infinity() : box.max()[axis];
+            }
+        }
+    });
+}
+
+BoxTree::Lanes BoxTree::squared_distances(const Wide& node, const Vec3& p) {
+    Lanes sum{};
+    for (int axis = 0; axis < 3; ++axis) {
+        const Lanes low = node.low[axis] - p[axis], high = p[axis] - node.high[axis];
+        const Lanes outside = low > high ? low : high;
+        const Lanes gap = outside > 0 ? outside : Lanes{};
+        sum += gap * gap;
+    }
+    return sum;
+}
+
+/// Of p to each face: the distance to the plane where p projects into the face, else to the nearest edge. Faces that are
+/// all but segments (height below 1e-9 of the length) have edges only.
+BoxTree::Lanes BoxTree::squared_distances(const Pack& t, const Vec3& p) {
+    struct Vector {
+        Lanes x, y, z;
+        Vector operator-(const Vector& o) const { return {x - o.x, y - o.y, z - o.z}; }
+        Lanes dot(const Vector& o) const { return x * o.x + y * o.y + z * o.z; }
+        Vector cross(const Vector& o) const { return {y * o.z - z * o.y, z * o.x - x * o.z, x * o.y - y * o.x}; }
+    };
+    const Lanes zero{}, one = zero + 1, tiny = zero + 1e-300;
+    const auto smaller = [](const Lanes& u, const Lanes& v) { return u < v ? u : v; };
+    const auto larger = [](const Lanes& u, const Lanes& v) { return u > v ? u : v; };
+    // Relative to p: no digits are lost far from the origin.
+    const Vector a{t.a[0] - p[0], t.a[1] - p[1], t.a[2] - p[2]}, b{t.b[0] - p[0], t.b[1] - p[1], t.b[2] - p[2]},
+        c{t.c[0] - p[0], t.c[1] - p[1], t.c[2] - p[2]}, ab = b - a, bc = c - b, ca = a - c, n = ab.cross(bc);
+    const auto to_edge = [&](const Vector& from, const Vector& edge) {
+        const Lanes s = smaller(larger(-from.dot(edge) / larger(edge.dot(edge), tiny), zero), one);
+        const Vector q{from.x + s * edge.x, from.y + s * edge.y, from.z + s * edge.z};
+        return q.dot(q);
+    };
+    const auto within = [&](const Vector& from, const Vector& edge) { return n.cross(edge).dot(from) <= zero; };
+    const Lanes edges = smaller(smaller(to_edge(a, ab), to_edge(b, bc)), to_edge(c, ca));
+    const Lanes height = n.dot(a), square = n.dot(n), length = larger(ab.dot(ab), bc.dot(bc));
+    const auto inside = within(a, ab) & within(b, bc) & within(c, ca) & (square > 1e-18 * length * length) & (square > tiny);
+    return inside ? height * height / square : edges;
 }
 
 SurfacePoint BoxTree::closest(const Vec3& p, int guess) const {
@@ -88,28 +164,33 @@ SurfacePoint BoxTree::closest(const Vec3& p, int guess) const {
     } stack[stack_size];
     int top = 0, slot = -1;
     double square = std::numeric_limits<double>::infinity();
-    const auto visit = [&](int k) {  // relative to p: no digits are lost far from the origin
-        const Triangle& t = triangle(k);
-        const double s = closest_on_triangle(Vec3::Zero(), t.a - p, t.b - p, t.c - p).point.squaredNorm();
-        const bool earlier = slot < 0 || order_[static_cast<std::size_t>(k)] < order_[static_cast<std::size_t>(slot)];
-        if (s < square || (s == square && earlier)) square = s, slot = k;
+    const auto visit = [&](const Node& leaf) {
+        const Lanes squares = squared_distances(packs_[static_cast<std::size_t>(-1 - leaf.right)], p);
+        for (int k = leaf.begin; k < leaf.end; ++k) {
+            const double s = squares[k - leaf.begin];
+            const bool earlier = slot < 0 || order_[static_cast<std::size_t>(k)] < order_[static_cast<std::size_t>(slot)];
+            if (s < square || (s == square && earlier)) square = s, slot = k;
+        }
     };
-    if (guess >= 0) visit(slot_of(guess));
-    if (!nodes_.empty()) stack[top++] = {0, squared_distance(nodes_[0].box, p)};
+    if (guess >= 0) visit(nodes_[static_cast<std::size_t>(leaf_[static_cast<std::size_t>(guess)])]);
+    if (!nodes_.empty()) stack[top++] = {0, 0};
     while (top > 0) {
         const auto [self, box_square] = stack[--top];
         if (box_square > square * rounding) continue;
         const Node& node = nodes_[static_cast<std::size_t>(self)];
         if (node.leaf()) {
-            for (int k = node.begin; k < node.end; ++k) visit(k);
+            visit(node);
             continue;
         }
-        const int left = self + 1, right = node.right;
-        const double l = squared_distance(nodes_[static_cast<std::size_t>(left)].box, p),
-                     r = squared_distance(nodes_[static_cast<std::size_t>(right)].box, p);
-        const bool left_first = l <= r;
-        stack[top++] = left_first ? Ahead{right, r} : Ahead{left, l};
-        stack[top++] = left_first ? Ahead{left, l} : Ahead{right, r};
+        const Wide& wide = wide_[static_cast<std::size_t>(node.wide)];
+        const Lanes squares = squared_distances(wide, p);
+        const int bottom = top;
+        for (int lane = 0; lane < 4; ++lane) {  // the nearest on top
+            if (!(squares[lane] <= square * rounding) || wide.child[lane] < 0) continue;
+            int k = top++;
+            for (; k > bottom && stack[k - 1].square < squares[lane]; --k) stack[k] = stack[k - 1];
+            stack[k] = {wide.child[lane], squares[lane]};
+        }
     }
     SurfacePoint out;
     if (slot < 0) return out;

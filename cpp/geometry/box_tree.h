@@ -19,7 +19,8 @@ public:
     struct Node {
         Box box;
         int begin = 0, end = 0;  ///< range in `order()`
-        int right = -1;          ///< -1: a leaf
+        int right = -1;          ///< the right child; of a leaf, -1 - its number among leaves
+        int wide = -1;           ///< number of the four-fold node that lists the children of its children
         bool leaf() const { return right < 0; }
         int size() const { return end - begin; }
     };
@@ -45,29 +46,45 @@ public:
     SurfacePoint closest(const Vec3& p, int guess = -1) const;
 
 private:
+    using Lanes = double __attribute__((vector_size(32)));
+    struct Pack {  ///< the faces of a leaf side by side: corners by axis; lanes beyond the last face repeat it
+        Lanes a[3], b[3], c[3];
+    };
+    struct Wide {  ///< boxes of up to four nodes by axis; infinitely far where there is none
+        Lanes low[3], high[3];
+        int child[4];
+    };
+    static constexpr int stack_size = 64;  // median splits: 3 entries for every two levels of at most log2(2^31 / 4)
     int split(const std::vector<Vec3>& centre, int begin, int end);
+    void widen();
+    static Lanes squared_distances(const Wide& node, const Vec3& p);
+    static Lanes squared_distances(const Pack& t, const Vec3& p);
 
     std::vector<Node> nodes_;
     std::vector<int> order_, slot_;
+    std::vector<int> leaf_;  ///< node of a face
     std::vector<Triangle> triangles_;
     std::vector<Box> boxes_;
+    std::vector<Pack> packs_;  ///< per leaf
+    std::vector<Wide> wide_;
 };
 
 template <class Visit>
 void BoxTree::visit_overlapping(const Box& box, Visit&& visit) const {
-    int stack[64], top = 0;  // median splits: depth <= log2(2^31 / leaf size)
+    int stack[stack_size], top = 0;
     if (!nodes_.empty()) stack[top++] = 0;
     while (top > 0) {
-        const int self = stack[--top];
-        const Node& node = nodes_[static_cast<std::size_t>(self)];
-        if (!node.box.intersects(box)) continue;
-        if (!node.leaf()) {
-            stack[top++] = node.right;
-            stack[top++] = self + 1;
+        const Node& node = nodes_[static_cast<std::size_t>(stack[--top])];
+        if (node.leaf()) {
+            for (int k = node.begin; k < node.end; ++k)
+                if (boxes_[static_cast<std::size_t>(k)].intersects(box)) visit(k);
             continue;
         }
-        for (int k = node.begin; k < node.end; ++k)
-            if (boxes_[static_cast<std::size_t>(k)].intersects(box)) visit(k);
+        const Wide& wide = wide_[static_cast<std::size_t>(node.wide)];
+        auto meets = wide.low[0] <= box.max()[0];
+        for (int axis = 0; axis < 3; ++axis) meets &= (wide.low[axis] <= box.max()[axis]) & (wide.high[axis] >= box.min()[axis]);
+        for (int lane = 0; lane < 4; ++lane)
+            if (meets[lane]) stack[top++] = wide.child[lane];
     }
 }
 

@@ -79,7 +79,7 @@ void walk(const BoxTree& first, int a, const BoxTree& second, int b, Visit&& vis
     if (!na.box.intersects(nb.box)) return;
     if (na.leaf() && nb.leaf()) {
         for (int i = na.begin; i < na.end; ++i)
-            for (int j = nb.begin; j < nb.end; ++j)
+            if (first.box(i).intersects(nb.box)) for (int j = nb.begin; j < nb.end; ++j)
                 if (first.box(i).intersects(second.box(j))) visit(i, j);
     } else if (nb.leaf() || (!na.leaf() && na.size() >= nb.size())) {
         walk(first, a + 1, second, b, visit);

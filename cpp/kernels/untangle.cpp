@@ -122,7 +122,6 @@ struct Frame {
                 guess = at(i).face;
             }
         }, 1);
-        ask_margins();
     }
 
     /// Free distance that vertex i is sure of where it is now [m].
@@ -169,7 +168,7 @@ struct Frame {
     /// Sides by the winding number. It is constant along faces that do not meet the body, and along edges covered by
     /// balls that hold nothing of it; so one look serves a whole group of vertices.
     void decide_sides() {
-        if (!body.closed()) return;
+        if (!body.closed()) return ask_margins();
         std::vector<char> pierced(static_cast<std::size_t>(F.rows()), 0);
         for (Eigen::Index k = 0; k < pairs.rows(); ++k) pierced[static_cast<std::size_t>(pairs(k, 0))] = 1;
         Groups groups(x.rows());
