@@ -10,16 +10,6 @@ namespace {
 
 constexpr double on_edge = 1e-12;  // a barycentric coordinate this small lies on the edge
 
-double signed_volume(const BoxTree& tree) {
-    const Vec3 origin = tree.triangle(0).a;
-    double six = 0;
-    for (int k = 0; k < tree.nodes()[0].end; ++k) {
-        const BoxTree::Triangle& t = tree.triangle(k);
-        six += (t.a - origin).dot((t.b - origin).cross(t.c - origin));
-    }
-    return six / 6;
-}
-
 Vec3 unit_or_zero(const Vec3& v) {
     const double length = v.norm();
     return length > 0 ? Vec3(v / length) : Vec3::Zero();
@@ -67,8 +57,8 @@ void Obstacle::move(const Vertices& V) {
         tree_ = std::make_unique<BoxTree>(V, F_);
     size_ = tree_->nodes()[0].box.diagonal().norm();
     if (!closed_) return;
-    orientation_ = signed_volume(*tree_) < 0 ? -1 : 1;
     winding_ = std::make_unique<WindingMoments>(*tree_);
+    orientation_ = winding_->volume() < 0 ? -1 : 1;
 }
 
 bool Obstacle::on_rim(const SurfacePoint& s) const {
@@ -166,15 +156,6 @@ bool Obstacle::pass_through(const Vec3& p, Probe& probe) const {
         return true;
     }
     return false;
-}
-
-double Obstacle::room(const Probe& probe, double reach) const {
-    const double start = std::max(0.02 * reach, 1e-6 * size_);  // clear of the face that it leaves
-    if (start >= reach) return reach;
-    const Vec3 from = probe.point + start * probe.outward, to = probe.point + reach * probe.outward;
-    double length = reach - start;
-    tree_->visit_overlapping(Box(from).extend(to), [&](int slot) { length = hit(from, probe.outward, length, tree_->triangle(slot)); });
-    return start + length;
 }
 
 }  // namespace toile

@@ -41,8 +41,6 @@ public:
     /// For p inside another part than the nearest: straight on along the probe's direction through all parts. Becomes the
     /// probe of the face where that comes out; false if it does not within `max_depth`.
     bool pass_through(const Vec3& p, Probe& probe) const;
-    /// Free length from the surface at the probe outwards, at most `reach` [m].
-    double room(const Probe& probe, double reach) const;
 
 private:
     Vec3 face_normal(int face) const;

@@ -76,6 +76,9 @@ WindingMoments::WindingMoments(const BoxTree& tree) : moments_(tree.nodes().size
             moments_[k] = of_both(moments_[k + 1], moments_[static_cast<std::size_t>(nodes[k].right)], nodes[k].box);
 }
 
+/// The divergence theorem; a closed surface has area vectors of sum zero, so the origin is free.
+double WindingMoments::volume() const { return moments_.empty() ? 0 : moments_[0].spread.trace() / 3; }
+
 double WindingMoments::at(const BoxTree& tree, const Vec3& p) const {
     double sum = 0;
     int stack[64], top = 0;

@@ -14,6 +14,7 @@ class WindingMoments {
 public:
     explicit WindingMoments(const BoxTree& tree);
     double at(const BoxTree& tree, const Vec3& p) const;  ///< the winding number; `tree` as given before
+    double volume() const;                                ///< [m^3]; negative where faces look inwards
 
 private:
     struct Moments {

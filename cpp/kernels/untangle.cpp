@@ -24,6 +24,7 @@ namespace {
 constexpr int patience = 10;             // steps without progress before giving up
 constexpr int sweeps_a_step = 100;       // of the membrane, at most
 constexpr double settled = 0.02;         // of the margin: the membrane's last movement
+constexpr double least_margin = 0.01;    // of the margin, between parts that leave no room
 constexpr double watched = 2;            // margins: vertices nearer than this are kept from the body
 
 void check_options(const UntangleOptions& o) {
@@ -99,6 +100,7 @@ struct Frame {
     Vector margin;                  // half the room at most [m]
     std::vector<char> was_violated;
     std::vector<char> given_up;     // the body gave no direction where the vertex was when its side was decided
+    std::vector<HalfSpaces> planes; // of the last step
     std::vector<HalfSpaces> lifts;  // of corners of pierced faces; stay for the frame
     Vertices pushes;                // the sum of what lifted a vertex
     Edges pairs;
@@ -106,7 +108,7 @@ struct Frame {
     Frame(const Vertices& cloth_V, const Faces& cloth_F, const UntangleOptions& o, const Obstacle& obstacle, BoxTree& cloth_tree)
         : start(cloth_V), F(cloth_F), options(o), body(obstacle), tree(cloth_tree), x(cloth_V), probed_at(cloth_V),
           probes(static_cast<std::size_t>(cloth_V.rows())), margin(Vector::Constant(cloth_V.rows(), o.margin)),
-          was_violated(probes.size(), 0), given_up(probes.size(), 0), lifts(probes.size()),
+          was_violated(probes.size(), 0), given_up(probes.size(), 0), planes(probes.size()), lifts(probes.size()),
           pushes(Vertices::Zero(cloth_V.rows(), 3)) {}
 
     Probe& at(Eigen::Index i) { return probes[static_cast<std::size_t>(i)]; }
@@ -137,16 +139,17 @@ struct Frame {
             at(i) = body.probe(x.row(i), at(i).face);
             probed_at.row(i) = x.row(i);
             if (given_up[static_cast<std::size_t>(i)]) at(i).constrained = false;
+            shrink_margin(i);
         }, 64);
-        ask_margins();
     }
 
-    void ask_margins() {
-        parallel_for(x.rows(), [&](std::int64_t i) {
-            const Probe& p = at(i);
-            if (p.constrained && p.distance < (1 - options.tolerance) * options.margin)
-                margin[i] = std::min(options.margin, body.room(p, 2 * options.margin) / 2);
-        }, 64);
+    /// Where a vertex that was pushed off one part now stands too near to another that faces it, the two meet in the
+    /// middle: it was `margin` from the first plane, so half of both distances is half the room.
+    void shrink_margin(Eigen::Index i) {
+        const HalfSpaces& last = planes[static_cast<std::size_t>(i)];
+        const Probe& p = at(i);
+        if (!violated(i) || last.count == 0 || last.normal[0].dot(p.outward) >= 0 || p.distance < -1.1 * margin[i]) return;
+        margin[i] = std::max(0.5 * (margin[i] + p.distance), least_margin * options.margin);
     }
 
     /// Exact pairs. A face is left out when balls at its corners that hold nothing of the body cover it: every point of a
@@ -168,7 +171,7 @@ struct Frame {
     /// Sides by the winding number. It is constant along faces that do not meet the body, and along edges covered by
     /// balls that hold nothing of it; so one look serves a whole group of vertices.
     void decide_sides() {
-        if (!body.closed()) return ask_margins();
+        if (!body.closed()) return;
         std::vector<char> pierced(static_cast<std::size_t>(F.rows()), 0);
         for (Eigen::Index k = 0; k < pairs.rows(); ++k) pierced[static_cast<std::size_t>(pairs(k, 0))] = 1;
         Groups groups(x.rows());
@@ -195,7 +198,6 @@ struct Frame {
                 body.decide(probes[k], inside[static_cast<std::size_t>(groups.of(i))]);
             given_up[k] = probes[k].inside() && !probes[k].constrained && !body.pass_through(x.row(i), probes[k]);
         }
-        ask_margins();
     }
 
     bool violated(Eigen::Index i) const { return at(i).constrained && at(i).distance < (1 - options.tolerance) * margin[i]; }
@@ -214,10 +216,9 @@ struct Frame {
     }
 
     /// The plane at the closest point for every vertex near the body, and what pierced faces asked for.
-    std::vector<HalfSpaces> half_spaces() {
-        std::vector<HalfSpaces> out(probes.size());
+    void renew_planes() {
         parallel_for(x.rows(), [&](std::int64_t i) {
-            HalfSpaces& h = out[static_cast<std::size_t>(i)];
+            HalfSpaces& h = planes[static_cast<std::size_t>(i)] = {};
             const Probe& p = at(i);
             char& held = was_violated[static_cast<std::size_t>(i)];
             if (violated(i)) held = 1;
@@ -231,7 +232,6 @@ struct Frame {
             h.normal[h.count] = lift.normal[0];
             h.least[h.count++] = lift.least[0];
         });
-        return out;
     }
 
     /// The middle of the curve along which cloth face f meets the given body faces.
@@ -361,7 +361,8 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
         if (left < fewest) fewest = left, best = frame.x;
         if (left == std::pair(0, 0) || idle == patience || r.iterations == o.max_iterations) break;
         if (see_pairs) frame.lift_pierced(0.25 * o.margin * std::exp2(std::min(idle, 3)));
-        s.membrane.relax(d, frame.half_spaces(), stiffness, settled * o.margin, sweeps_a_step);
+        frame.renew_planes();
+        s.membrane.relax(d, frame.planes, stiffness, settled * o.margin, sweeps_a_step);
         frame.x = cloth_V + d;
         frame.probe_near();
     }
