@@ -59,14 +59,35 @@ int certain_side(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& p) {
     return det > bound ? 1 : det < -bound ? -1 : 0;
 }
 
-/// Does the plane of s certainly leave all of t on one side?
-bool certainly_beside(const BoxTree::Triangle& s, const BoxTree::Triangle& t) {
-    const int side = certain_side(s.a, s.b, s.c, t.a);
-    return side != 0 && certain_side(s.a, s.b, s.c, t.b) == side && certain_side(s.a, s.b, s.c, t.c) == side;
+/// The certain sides of a triangle's corners towards the plane of another.
+struct Sides {
+    int of[3];
+    Sides(const BoxTree::Triangle& plane, const BoxTree::Triangle& t)
+        : of{certain_side(plane.a, plane.b, plane.c, t.a), certain_side(plane.a, plane.b, plane.c, t.b),
+             certain_side(plane.a, plane.b, plane.c, t.c)} {}
+    bool one() const { return of[0] != 0 && of[0] == of[1] && of[0] == of[2]; }
+};
+
+/// Does an edge of t, whose corners lie on these sides of s, certainly pass through the inside of s?
+bool certainly_pierced(const BoxTree::Triangle& s, const BoxTree::Triangle& t, const Sides& sides) {
+    const Vec3* corner[3] = {&t.a, &t.b, &t.c};
+    for (int k = 0; k < 3; ++k) {
+        const int other = (k + 1) % 3;
+        if (sides.of[k] * sides.of[other] >= 0) continue;
+        const Vec3 &p = *corner[k], &q = *corner[other];
+        const int turn = certain_side(p, q, s.a, s.b);
+        if (turn != 0 && certain_side(p, q, s.b, s.c) == turn && certain_side(p, q, s.c, s.a) == turn) return true;
+    }
+    return false;
 }
 
+/// Nearly all pairs are decided by signs that rounding cannot touch; the rest exactly.
 bool meet_exactly(const BoxTree::Triangle& s, const BoxTree::Triangle& t) {
-    if (certainly_beside(s, t) || certainly_beside(t, s)) return false;
+    const Sides of_t(s, t);
+    if (of_t.one()) return false;
+    const Sides of_s(t, s);
+    if (of_s.one()) return false;
+    if (certainly_pierced(s, t, of_t) || certainly_pierced(t, s, of_s)) return true;
     return meet_any(hull(s.a, s.b, s.c), hull(t.a, t.b, t.c));
 }
 

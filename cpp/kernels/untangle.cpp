@@ -66,10 +66,24 @@ struct UntangleSolver::State {
     Membrane membrane;
     Obstacle body;
     std::optional<BoxTree> cloth_tree;
+    std::vector<int> tour;         ///< vertices of the cloth, neighbours in space one after the other
     std::vector<int> faces_below;  ///< of the body, under the cloth's vertices in the last frame
 };
 
 namespace {
+
+/// Vertices in the order in which the tree's faces name them, then those of no face.
+std::vector<int> tour_of(const BoxTree& tree, const Faces& F, Eigen::Index n) {
+    std::vector<int> tour;
+    std::vector<char> seen(static_cast<std::size_t>(n), 0);
+    const auto visit = [&](int v) {
+        if (!std::exchange(seen[static_cast<std::size_t>(v)], 1)) tour.push_back(v);
+    };
+    for (int f : tree.order())
+        for (int c = 0; c < 3; ++c) visit(F(f, c));
+    for (int v = 0; v < n; ++v) visit(v);
+    return tour;
+}
 
 /// Groups of vertices, each named by its smallest.
 struct Groups {
@@ -94,6 +108,7 @@ struct Frame {
     const UntangleOptions& options;
     const Obstacle& body;
     BoxTree& tree;
+    const std::vector<int>& tour;
 
     Vertices x, probed_at;
     std::vector<Probe> probes;
@@ -105,8 +120,9 @@ struct Frame {
     Vertices pushes;                // the sum of what lifted a vertex
     Edges pairs;
 
-    Frame(const Vertices& cloth_V, const Faces& cloth_F, const UntangleOptions& o, const Obstacle& obstacle, BoxTree& cloth_tree)
-        : start(cloth_V), F(cloth_F), options(o), body(obstacle), tree(cloth_tree), x(cloth_V), probed_at(cloth_V),
+    Frame(const Vertices& cloth_V, const Faces& cloth_F, const UntangleOptions& o, const Obstacle& obstacle, BoxTree& cloth_tree,
+          const std::vector<int>& order)
+        : start(cloth_V), F(cloth_F), options(o), body(obstacle), tree(cloth_tree), tour(order), x(cloth_V), probed_at(cloth_V),
           probes(static_cast<std::size_t>(cloth_V.rows())), margin(Vector::Constant(cloth_V.rows(), o.margin)),
           was_violated(probes.size(), 0), given_up(probes.size(), 0), planes(probes.size()), lifts(probes.size()),
           pushes(Vertices::Zero(cloth_V.rows(), 3)) {}
@@ -119,7 +135,8 @@ struct Frame {
         constexpr Eigen::Index block = 64;
         parallel_for((x.rows() + block - 1) / block, [&](std::int64_t b) {
             int guess = -1;
-            for (Eigen::Index i = b * block; i < std::min(x.rows(), (b + 1) * block); ++i) {
+            for (Eigen::Index k = b * block; k < std::min(x.rows(), (b + 1) * block); ++k) {
+                const int i = tour[static_cast<std::size_t>(k)];
                 at(i) = body.probe(x.row(i), guesses.empty() ? guess : guesses[static_cast<std::size_t>(i)]);
                 guess = at(i).face;
             }
@@ -134,7 +151,8 @@ struct Frame {
 
     /// Looks again where a vertex may have come near, by normals alone.
     void probe_near() {
-        parallel_for(x.rows(), [&](std::int64_t i) {
+        parallel_for(x.rows(), [&](std::int64_t k) {
+            const int i = tour[static_cast<std::size_t>(k)];
             if (known_clear(i)) return;
             at(i) = body.probe(x.row(i), at(i).face);
             probed_at.row(i) = x.row(i);
@@ -293,7 +311,7 @@ UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F
     check_mesh("untangle", Vertices::Zero(cloth_n, 3), cloth_F, "cloth_V", "cloth_F");
     check_mesh("untangle", Vertices::Zero(body_n, 3), body_F, "body_V", "body_F");
     state_ = std::make_unique<State>(State{cloth_F, cloth_n, body_n, options, unique_edges(cloth_F), Membrane(cloth_F, cloth_n),
-                                           Obstacle(std::move(body_F), options.max_depth), {}, {}});
+                                           Obstacle(std::move(body_F), options.max_depth), {}, {}, {}});
 }
 
 UntangleSolver::~UntangleSolver() = default;
@@ -332,8 +350,11 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     check_finite("untangle", "body_V", body_V);
     const UntangleOptions& o = s.options;
     s.body.move(body_V);
-    if (!s.cloth_tree) s.cloth_tree.emplace(cloth_V, s.cloth_F);
-    Frame frame(cloth_V, s.cloth_F, o, s.body, *s.cloth_tree);
+    if (!s.cloth_tree) {
+        s.cloth_tree.emplace(cloth_V, s.cloth_F);
+        s.tour = tour_of(*s.cloth_tree, s.cloth_F, s.cloth_n);
+    }
+    Frame frame(cloth_V, s.cloth_F, o, s.body, *s.cloth_tree, s.tour);
     const double stiffness = std::clamp(1.5 * std::pow(mean_edge(cloth_V, s.cloth_edges) / o.spread, 2), 1e-8, 1e8);
 
     UntangleResult r;
