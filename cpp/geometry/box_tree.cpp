@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <numeric>
 
 #include "base/parallel.h"
 
@@ -22,45 +21,67 @@ Box face_box(const Vertices& V, const Faces& F, Eigen::Index face) {
     return box;
 }
 
+/// Nodes of a tree over so many faces, and its leaves: fixed by the number alone, so subtrees can be built side by side.
+BoxTree::Count BoxTree::count(int faces) {
+    if (faces <= leaf_size) return {1, 1};
+    const Count left = count(faces / 2), right = faces % 2 ? count(faces - faces / 2) : left;
+    return {1 + left.nodes + right.nodes, left.leaves + right.leaves};
+}
+
 BoxTree::BoxTree(const Vertices& V, const Faces& F) {
     const auto m = static_cast<std::size_t>(F.rows());
+    if (m == 0) return;
+    const Count all = count(static_cast<int>(m));
+    nodes_.resize(static_cast<std::size_t>(all.nodes));
+    packs_.resize(static_cast<std::size_t>(all.leaves));
     order_.resize(m);
     slot_.resize(m);
     leaf_.resize(m);
     triangles_.resize(m);
     boxes_.resize(m);
-    std::iota(order_.begin(), order_.end(), 0);
-    std::vector<Vec3> centre(m);
-    for (std::size_t f = 0; f < m; ++f) centre[f] = toile::face_box(V, F, static_cast<Eigen::Index>(f)).center();
-    nodes_.reserve(m);
-    if (m > 0) split(centre, 0, static_cast<int>(m));
-    widen();
+    std::vector<Centre> centres(m);
+    parallel_for(F.rows(), [&](std::int64_t f) {
+        centres[static_cast<std::size_t>(f)] = {toile::face_box(V, F, f).center(), static_cast<int>(f)};
+    });
+    std::vector<Part> parts{{0, 0, static_cast<int>(m), 0}};
+    for (std::size_t k = 0; k < parts.size();) {  // halves down to 2048 faces, then subtrees at once
+        if (parts[k].end - parts[k].begin <= 2048) {
+            ++k;
+            continue;
+        }
+        parts.push_back(halve(parts[k], centres));
+    }
+    parallel_for(static_cast<std::int64_t>(parts.size()), [&](std::int64_t k) { build(parts[static_cast<std::size_t>(k)], centres); }, 1);
     for (std::size_t k = 0; k < m; ++k) slot_[static_cast<std::size_t>(order_[k])] = static_cast<int>(k);
+    widen();
     refit(V, F);
 }
 
-int BoxTree::split(const std::vector<Vec3>& centre, int begin, int end) {
-    const int self = static_cast<int>(nodes_.size());
-    nodes_.push_back({Box(), begin, end, -1, -1});
-    if (end - begin <= leaf_size) {
-        for (int k = begin; k < end; ++k) leaf_[static_cast<std::size_t>(order_[static_cast<std::size_t>(k)])] = self;
-        nodes_.back().right = -1 - static_cast<int>(packs_.size());
-        packs_.emplace_back();
-        return self;
-    }
-    Box centres;
-    for (int k = begin; k < end; ++k) centres.extend(centre[static_cast<std::size_t>(order_[static_cast<std::size_t>(k)])]);
+/// Makes the part's node an inner one; the part becomes the left half, and the right one is returned.
+BoxTree::Part BoxTree::halve(Part& part, std::vector<Centre>& centres) {
+    const auto [node, begin, end, leaf] = part;
+    Box box;
+    for (int k = begin; k < end; ++k) box.extend(centres[static_cast<std::size_t>(k)].place);
     int axis = 0;
-    centres.sizes().maxCoeff(&axis);
+    box.sizes().maxCoeff(&axis);
     const int middle = begin + (end - begin) / 2;
-    std::nth_element(order_.begin() + begin, order_.begin() + middle, order_.begin() + end, [&](int a, int b) {
-        const double x = centre[static_cast<std::size_t>(a)][axis], y = centre[static_cast<std::size_t>(b)][axis];
-        return x < y || (x == y && a < b);
+    std::nth_element(centres.begin() + begin, centres.begin() + middle, centres.begin() + end, [axis](const Centre& a, const Centre& b) {
+        return a.place[axis] < b.place[axis] || (a.place[axis] == b.place[axis] && a.face < b.face);
     });
-    split(centre, begin, middle);
-    const int right = split(centre, middle, end);
-    nodes_[static_cast<std::size_t>(self)].right = right;
-    return self;
+    const Count left = count(middle - begin);
+    const int right = node + 1 + left.nodes;
+    nodes_[static_cast<std::size_t>(node)] = {Box(), begin, end, right, -1};
+    part = {node + 1, begin, middle, leaf};
+    return {right, middle, end, leaf + left.leaves};
+}
+
+void BoxTree::build(Part part, std::vector<Centre>& centres) {
+    while (part.end - part.begin > leaf_size) build(halve(part, centres), centres);
+    nodes_[static_cast<std::size_t>(part.node)] = {Box(), part.begin, part.end, -1 - part.leaf, -1};
+    for (int k = part.begin; k < part.end; ++k) {
+        const int f = order_[static_cast<std::size_t>(k)] = centres[static_cast<std::size_t>(k)].face;
+        leaf_[static_cast<std::size_t>(f)] = part.node;
+    }
 }
 
 /// Every second level of inner nodes, from the root on.

@@ -55,7 +55,19 @@ private:
         int child[4];
     };
     static constexpr int stack_size = 64;  // median splits: 3 entries for every two levels of at most log2(2^31 / 4)
-    int split(const std::vector<Vec3>& centre, int begin, int end);
+    struct Count {
+        int nodes, leaves;
+    };
+    struct Centre {
+        Vec3 place;
+        int face;
+    };
+    struct Part {  ///< faces [begin, end) of a node still to be built, and the number of its first leaf
+        int node, begin, end, leaf;
+    };
+    static Count count(int faces);
+    Part halve(Part& part, std::vector<Centre>& centres);
+    void build(Part part, std::vector<Centre>& centres);
     void widen();
     static Lanes squared_distances(const Wide& node, const Vec3& p);
     static Lanes squared_distances(const Pack& t, const Vec3& p);

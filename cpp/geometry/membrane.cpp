@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/parallel.h"
-#include "geometry/topology.h"
 
 namespace toile {
 
@@ -52,8 +52,7 @@ std::vector<int> breadth_first(const Adjacency& ring) {
 
 }  // namespace
 
-Membrane::Membrane(const Faces& F, Eigen::Index n) {
-    const Adjacency ring = vertex_neighbours(F, n);
+Membrane::Membrane(const Adjacency& ring) {
     const std::vector<int> order = breadth_first(ring);
     std::vector<int> block(order.size()), row(order.size());
     for (std::size_t k = 0; k < order.size(); ++k) block[static_cast<std::size_t>(order[k])] = static_cast<int>(k) / block_size;
@@ -113,7 +112,7 @@ int Membrane::relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double s
         return largest;
     };
     int sweeps = 0;
-    for (double largest = 1 + tolerance * tolerance; sweeps < max_sweeps && largest > tolerance * tolerance; ++sweeps) {
+    for (double largest = std::numeric_limits<double>::infinity(); sweeps < max_sweeps && largest > tolerance * tolerance; ++sweeps) {
         parallel_for(static_cast<std::int64_t>(blocks_.size()), [&](std::int64_t b) {
             step[static_cast<std::size_t>(b)] = sweep(blocks_[static_cast<std::size_t>(b)]);
         }, 1);

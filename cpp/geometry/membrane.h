@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "base/types.h"
+#include "geometry/topology.h"
 
 namespace toile {
 
@@ -18,7 +19,7 @@ struct HalfSpaces {
 /// breadth-first blocks; what joins two blocks is updated after them, so blocks may run side by side and bits stay.
 class Membrane {
 public:
-    Membrane(const Faces& F, Eigen::Index n);
+    explicit Membrane(const Adjacency& ring);
 
     /// Until no vertex moves further than `tolerance` [m] in a sweep; returns the number of sweeps.
     int relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double stiffness, double tolerance, int max_sweeps) const;

@@ -30,24 +30,31 @@ double hit(const Vec3& p, const Vec3& d, double reach, const BoxTree::Triangle& 
 Obstacle::Obstacle(Faces F, double max_depth)
     : F_(std::move(F)), max_depth_(max_depth), across_(Faces::Constant(F_.rows(), 3, -1)),
       rim_(static_cast<std::size_t>(F_.maxCoeff()) + 1, 0), faces_of_(vertex_faces(F_, F_.maxCoeff() + 1)) {
-    const auto around = [&](int v) {
-        const int* faces = faces_of_.index.data();
-        return std::pair(faces + faces_of_.start[static_cast<std::size_t>(v)], faces + faces_of_.start[static_cast<std::size_t>(v) + 1]);
+    struct Side {
+        int end, face, corner;
     };
-    for (int f = 0; f < F_.rows(); ++f)
-        for (int c = 0; c < 3; ++c) {
-            const int i = F_(f, c), j = F_(f, (c + 1) % 3);
-            if (i == j) continue;
-            int count = 0, beyond = -1;  // faces other than f at the edge ij
-            for (auto [g, end] = around(i); g != end; ++g)
-                for (int k = 0; k < 3; ++k) {
-                    const int a = F_(*g, k), b = F_(*g, (k + 1) % 3);
-                    const bool same_edge = (a == i && b == j) || (a == j && b == i);
-                    if (same_edge && !(*g == f && k == c)) beyond = *g, ++count;
-                }
-            if (count == 1) across_(f, c) = beyond;
-            if (count == 0) closed_ = false, rim_[static_cast<std::size_t>(i)] = rim_[static_cast<std::size_t>(j)] = 1;
+    std::vector<Side> sides;  // of the edges from a vertex to greater ones
+    for (int v = 0; v < faces_of_.size(); ++v) {
+        sides.clear();
+        for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
+            const int f = faces_of_.index[static_cast<std::size_t>(k)];
+            for (int c = 0; c < 3; ++c) {
+                const int i = F_(f, c), j = F_(f, (c + 1) % 3);
+                if (i != j && std::min(i, j) == v) sides.push_back({std::max(i, j), f, c});
+            }
         }
+        std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return a.end < b.end; });
+        for (std::size_t i = 0, j; i < sides.size(); i = j) {
+            for (j = i + 1; j < sides.size() && sides[j].end == sides[i].end;) ++j;
+            if (j - i == 1) {
+                closed_ = false;
+                rim_[static_cast<std::size_t>(v)] = rim_[static_cast<std::size_t>(sides[i].end)] = 1;
+            } else if (j - i == 2) {
+                across_(sides[i].face, sides[i].corner) = sides[i + 1].face;
+                across_(sides[i + 1].face, sides[i + 1].corner) = sides[i].face;
+            }
+        }
+    }
 }
 
 void Obstacle::move(const Vertices& V) {

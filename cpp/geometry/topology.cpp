@@ -24,17 +24,22 @@ Edges unique_edges(const Faces& F) {
 namespace {
 
 /// Compressed rows from (row, value) pairs, values ascending and each once per row.
-Adjacency compress(std::vector<std::pair<int, int>> pairs, Eigen::Index rows) {
-    std::sort(pairs.begin(), pairs.end());
-    pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+Adjacency compress(const std::vector<std::pair<int, int>>& pairs, Eigen::Index rows) {
+    std::vector<int> next(static_cast<std::size_t>(rows) + 1, 0), values(pairs.size());
+    for (const auto& [row, value] : pairs) ++next[static_cast<std::size_t>(row) + 1];
+    std::partial_sum(next.begin(), next.end(), next.begin());
+    const std::vector<int> begin = next;
+    for (const auto& [row, value] : pairs) values[static_cast<std::size_t>(next[static_cast<std::size_t>(row)]++)] = value;
     Adjacency a;
-    a.start.assign(static_cast<std::size_t>(rows) + 1, 0);
+    a.start.reserve(begin.size());
+    a.start.push_back(0);
     a.index.reserve(pairs.size());
-    for (const auto& [row, value] : pairs) {
-        ++a.start[static_cast<std::size_t>(row) + 1];
-        a.index.push_back(value);
+    for (std::size_t row = 0; row + 1 < begin.size(); ++row) {
+        const auto first = values.begin() + begin[row], last = values.begin() + begin[row + 1];
+        std::sort(first, last);
+        a.index.insert(a.index.end(), first, std::unique(first, last));
+        a.start.push_back(static_cast<int>(a.index.size()));
     }
-    std::partial_sum(a.start.begin(), a.start.end(), a.start.begin());
     return a;
 }
 
@@ -49,14 +54,14 @@ Adjacency vertex_neighbours(const Faces& F, Eigen::Index n) {
             pairs.emplace_back(i, j);
             pairs.emplace_back(j, i);
         }
-    return compress(std::move(pairs), n);
+    return compress(pairs, n);
 }
 
 Adjacency vertex_faces(const Faces& F, Eigen::Index n) {
     std::vector<std::pair<int, int>> pairs;
     for (Eigen::Index f = 0; f < F.rows(); ++f)
         for (int c = 0; c < 3; ++c) pairs.emplace_back(F(f, c), static_cast<int>(f));
-    return compress(std::move(pairs), n);
+    return compress(pairs, n);
 }
 
 std::vector<std::vector<int>> boundary_loops(const Faces& F) {

@@ -41,10 +41,12 @@ void check_options(const UntangleOptions& o) {
             "untangle: max_iterations is " + std::to_string(o.max_iterations) + ", expected at least 1");
 }
 
-double mean_edge(const Vertices& V, const Edges& edges) {
+double mean_edge(const Vertices& V, const Adjacency& ring) {
     double sum = 0;
-    for (Eigen::Index e = 0; e < edges.rows(); ++e) sum += (V.row(edges(e, 0)) - V.row(edges(e, 1))).norm();
-    return edges.rows() > 0 ? sum / static_cast<double>(edges.rows()) : 0;
+    for (int v = 0; v < ring.size(); ++v)
+        for (int k = ring.start[static_cast<std::size_t>(v)]; k < ring.start[static_cast<std::size_t>(v) + 1]; ++k)
+            sum += (V.row(v) - V.row(ring.index[static_cast<std::size_t>(k)])).norm();
+    return ring.index.empty() ? 0 : sum / static_cast<double>(ring.index.size());
 }
 
 /// Where edge pq crosses the triangle abc; false if it does not. Plain arithmetic: only the size of a push depends on it.
@@ -62,7 +64,7 @@ struct UntangleSolver::State {
     Faces cloth_F;
     Eigen::Index cloth_n, body_n;
     UntangleOptions options;
-    Edges cloth_edges;
+    Adjacency ring;  ///< of the cloth
     Membrane membrane;
     Obstacle body;
     std::optional<BoxTree> cloth_tree;
@@ -310,7 +312,9 @@ UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F
     check_options(options);
     check_mesh("untangle", Vertices::Zero(cloth_n, 3), cloth_F, "cloth_V", "cloth_F");
     check_mesh("untangle", Vertices::Zero(body_n, 3), body_F, "body_V", "body_F");
-    state_ = std::make_unique<State>(State{cloth_F, cloth_n, body_n, options, unique_edges(cloth_F), Membrane(cloth_F, cloth_n),
+    Adjacency ring = vertex_neighbours(cloth_F, cloth_n);
+    Membrane membrane(ring);
+    state_ = std::make_unique<State>(State{std::move(cloth_F), cloth_n, body_n, options, std::move(ring), std::move(membrane),
                                            Obstacle(std::move(body_F), options.max_depth), {}, {}, {}});
 }
 
@@ -355,7 +359,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
         s.tour = tour_of(*s.cloth_tree, s.cloth_F, s.cloth_n);
     }
     Frame frame(cloth_V, s.cloth_F, o, s.body, *s.cloth_tree, s.tour);
-    const double stiffness = std::clamp(1.5 * std::pow(mean_edge(cloth_V, s.cloth_edges) / o.spread, 2), 1e-8, 1e8);
+    const double stiffness = std::clamp(1.5 * std::pow(mean_edge(cloth_V, s.ring) / o.spread, 2), 1e-8, 1e8);
 
     UntangleResult r;
     frame.probe_all(s.faces_below);
