@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .person import largest_part
 from .problems import compact
 
 REACH = 0.05  # m: body displacements are averaged over this reach
@@ -45,6 +46,18 @@ def make(capture, number):
     tgt_v, tgt_f = compact(scan.vertices, scan.faces[cloth])
     return dict(src_v=src, src_f=template.faces, gt_v=gt, ext=np.ones(len(gt), bool), hand=np.zeros(len(gt), bool),
                 tgt_v=tgt_v, tgt_f=tgt_f.astype(np.int32), clean_v=shirt, clean_f=F.astype(np.int32))  # fmt: skip
+
+
+def pushed(folder, depth, number=0):
+    """An untangling problem: a frame's true shirt pushed `depth` [m] along its normals into the true body."""
+    import zarr
+    from toile.kernels import vertex_normals
+
+    truth = zarr.open_group(str(Path(folder) / "truth" / "truth.zarr"), mode="r")
+    V, F = truth["garment/tshirt/vertices"][number].astype(np.float64), truth["garment/tshirt/faces"][:]
+    body, body_F = truth["body/vertices"][number].astype(np.float64), truth["body/faces"][:]
+    skin = largest_part(body_F, len(body)).astype(np.int32)
+    return dict(cloth_v=V - depth * vertex_normals(V, F), cloth_f=F, body_v=body, body_f=skin)
 
 
 def main():
