@@ -1,7 +1,7 @@
-# Two commands: `make demo` and `make test`. Both set everything up first and skip what is already there.
+# `make demo` and `make test`, and for measuring `make bench` and `make tradeoff`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup demo test test-slow clean
+.PHONY: setup demo test test-slow bench tradeoff clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -39,5 +39,19 @@ test: setup
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
 
+# what only benchmarks need; probreg is built from source, and is left out where it does not build
+$(VENV)/.peers: $(VENV)/.core
+	tools/python-requirements pyproject.toml bench | $(BIN)/pip install --quiet -r /dev/stdin
+	$(BIN)/pip install --quiet probreg || echo "probreg does not install here: it is left out"
+	touch $@
+
+# times of single kernels
+bench: $(VENV)/.peers
+	$(BIN)/python -m pytest tests/bench -o python_files='bench_*.py' -o addopts=
+
+# time against error of all presets and peers: tradeoff/tradeoff.png. TRADEOFF=--quick takes minutes
+tradeoff: $(VENV)/.peers
+	$(BIN)/python -m bench.tradeoff tradeoff $(TRADEOFF)
+
 clean:
-	rm -rf build demo
+	rm -rf build demo tradeoff
