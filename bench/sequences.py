@@ -1,8 +1,8 @@
 """Sequences with truth: one person moves for 50 frames, scanned anew in each.   python -m bench.sequences OUT --seed S
 
 OUT/seq_L1 and OUT/seq_L3: motion between neighbouring frames as levels 1 and 3 move joints and root, with the level's
-shape. template.npz holds src_v, src_f, ext, hand; 000.npz ... hold tgt_v, tgt_f (noise1) and gt_v. Frame 0 is one step of
-that motion away from the template's pose.
+shape: joints swing by 4 or 8 degrees about the template's pose, so that errors can be held against those of pairs.
+template.npz holds src_v, src_f, ext, hand; 000.npz ... hold tgt_v, tgt_f (noise1) and gt_v.
 """
 
 import argparse
@@ -15,16 +15,16 @@ from .person import JOINTS, Person, barycentric
 from .problems import POSE, SHAPE, SHIFT, SIZES, corrupt, remesh
 
 FRAMES = 50
-SWING = 12.0  # degree: amplitude of a joint about each axis
+SWING = {1: 4.0, 3: 8.0}  # degree: amplitude of a joint about each axis
 SAMPLINGS = 3  # meshings of the surface that take turns, so that no two neighbouring scans share a connectivity
 
 
 def swings(level, rng):
-    """A function of the frame: angles (J,3) [degree] that start at 0 and whose rms step is the level's."""
+    """A function of the frame: angles (J,3) [degree] about the template's pose, whose rms step is the level's."""
     shape = (len(JOINTS), 3)
-    speed = np.sqrt(2) * POSE[level] / SWING * rng.uniform(0.8, 1.2, shape)  # radians of phase a frame
+    speed = 2 * np.arcsin(POSE[level] / (np.sqrt(2) * SWING[level])) * rng.uniform(0.8, 1.2, shape)  # phase a frame [rad]
     phase = rng.uniform(0, 2 * np.pi, shape)
-    return lambda t: SWING * (np.sin(speed * t + phase) - np.sin(phase))
+    return lambda t: SWING[level] * np.sin(speed * t + phase)
 
 
 def samplings(person, vertices, rng):
@@ -49,7 +49,7 @@ def frames(person, template, level, seed, count=FRAMES, corruption="noise1"):
     drift *= np.sqrt(3) * SHIFT[level] / np.linalg.norm(drift)
     meshings = samplings(person, SIZES["14k"], rng)
     for t in range(1, count + 1):
-        sway = drift * np.sin(0.1 * t) / 0.1  # as fast at first as the level shifts, then back
+        sway = drift * np.sin(0.2 * t) / 0.2  # as fast at first as the level shifts, then back
         cage = person.pose(dict(zip(JOINTS, angles(t))), phenotype, sway)
         rows, faces = meshings[t % SAMPLINGS]
         V, F = corrupt(rows @ cage, faces, corruption, rng)

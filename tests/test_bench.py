@@ -62,9 +62,9 @@ def test_remeshing_gives_the_number_of_vertices_asked_for_near_the_surface():
 
 
 @pytest.mark.parametrize("level", [1, 3])
-def test_motion_starts_at_rest_and_steps_as_its_level(level):
+def test_motion_stays_about_the_template_and_steps_as_its_level(level):
     angles = sequences.swings(level, np.random.default_rng(0))
-    assert np.abs(angles(0)).max() == 0
+    assert max(np.abs(angles(t)).max() for t in range(sequences.FRAMES)) <= sequences.SWING[level]
     steps = np.diff([angles(t) for t in range(sequences.FRAMES + 1)], axis=0)
     assert np.sqrt((steps**2).mean()) == pytest.approx(problems.POSE[level], rel=0.1)
 
