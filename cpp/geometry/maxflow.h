@@ -27,6 +27,11 @@ public:
     void set_arc(int arc, double capacity) { arc_[static_cast<std::size_t>(arc)].residual = capacity; }
 
     void solve();
+    /// After `solve`, what flows along an arc of an edge that has the same capacity both ways.
+    double flow(int arc) const {
+        const Arc& there = arc_[static_cast<std::size_t>(arc)];
+        return 0.5 * (arc_[static_cast<std::size_t>(there.reverse)].residual - there.residual);
+    }
     bool source_side(int v) const {  ///< after `solve`: the side of v in one minimum cut
         const int d = node_[static_cast<std::size_t>(v)].distance;
         return sink_tree_is_complete_ ? d >= 0 : d > 0;

@@ -11,6 +11,9 @@ namespace toile {
 
 namespace {
 
+constexpr int START_ROUNDS = 10;
+constexpr std::size_t MOST_FLOWS = 1 << 27;  // half a gigabyte
+
 std::string at(const char* name, Eigen::Index i) { return std::string(name) + "[" + std::to_string(i) + "]"; }
 std::string at(const char* name, Eigen::Index i, Eigen::Index j) {
     return std::string(name) + "[" + std::to_string(i) + ", " + std::to_string(j) + "]";
@@ -75,7 +78,8 @@ public:
     Field(const Matrix& unary, const Edges& edges, const Vector& weights, const Matrix& pairwise,
           const MrfOptions& options)
         : unary_(unary), V_(pairwise), edges_(edges), weights_(weights), flow_(unary.rows(), edges),
-          arc_weight_(2 * static_cast<std::size_t>(edges.rows())), x(unary.rows()) {
+          arc_weight_(2 * static_cast<std::size_t>(edges.rows())), flow_of_(static_cast<std::size_t>(unary.cols())),
+          x(unary.rows()) {
         for (int v = 0; v < flow_.nodes(); ++v)
             for (int a = flow_.arcs_begin(v); a < flow_.arcs_end(v); ++a)
                 arc_weight_[static_cast<std::size_t>(a)] = weights[flow_.edge(a)];
@@ -84,7 +88,7 @@ public:
         if (options.start.size() > 0)
             x = options.start;
         else
-            parallel_for(x.size(), [&](std::int64_t v) { unary_.row(v).minCoeff(&x[v]); });
+            choose_start();
     }
 
     double unary_energy() const {
@@ -100,6 +104,7 @@ public:
     bool expand(int alpha) {
         load(alpha);
         flow_.solve();
+        keep_flow(alpha);
         changed_.clear();
         for (int v = 0; v < flow_.nodes(); ++v)
             if (x[v] != alpha && !flow_.source_side(v)) changed_.push_back(v);
@@ -146,27 +151,69 @@ private:
         scale_ = largest > 0 ? std::ldexp(1.0, 49 - std::ilogb(largest)) : 1;
     }
 
+    /// The cheapest label of each node by itself; then of each node given its neighbours, until that settles.
+    void choose_start() {
+        parallel_for(x.size(), [&](std::int64_t v) { unary_.row(v).minCoeff(&x[v]); });
+        Eigen::RowVectorXd cost(unary_.cols());
+        std::vector<char> stale(static_cast<std::size_t>(x.size()), 1);
+        bool changing = true;
+        for (int round = 0; changing && round < START_ROUNDS; ++round) {
+            changing = false;
+            for (int v = 0; v < flow_.nodes(); ++v) {
+                if (!stale[static_cast<std::size_t>(v)]) continue;
+                stale[static_cast<std::size_t>(v)] = 0;
+                cost = unary_.row(v);
+                for (int a = flow_.arcs_begin(v); a < flow_.arcs_end(v); ++a)
+                    cost += arc_weight_[static_cast<std::size_t>(a)] * V_.row(x[flow_.head(a)]);
+                Eigen::Index best;
+                cost.minCoeff(&best);
+                if (best == x[v]) continue;
+                x[v] = static_cast<int>(best);
+                changing = true;
+                for (int a = flow_.arcs_begin(v); a < flow_.arcs_end(v); ++a)
+                    stale[static_cast<std::size_t>(flow_.head(a))] = 1;
+            }
+        }
+    }
+
+    /// What flowed along each edge when `alpha` was last tried: nearly what will flow when it is tried again.
+    void keep_flow(int alpha) {
+        if (flow_of_.size() * arc_weight_.size() > MOST_FLOWS) return;
+        auto& kept = flow_of_[static_cast<std::size_t>(alpha)];
+        kept.resize(static_cast<std::size_t>(edges_.rows()));
+        parallel_for(flow_.nodes(), [&](std::int64_t v) {
+            for (int a = flow_.arcs_begin(static_cast<int>(v)); a < flow_.arcs_end(static_cast<int>(v)); ++a)
+                if (v < flow_.head(a)) kept[static_cast<std::size_t>(flow_.edge(a))] = flow_.flow(a);
+        }, 1024);
+    }
+
     /// A node on the source side keeps its label, one on the sink side takes alpha. With A = V(x_p, x_q) for neither,
     /// B = V(x_p, alpha) and C = V(alpha, x_q) for one, and 0 for both changed, each arc gets half of B + C - A, and
     /// what remains is linear: C - A - B, halved, for p.
+    /// The search starts from the flow kept for alpha, cut down to the capacities of now.
     void load(int alpha) {
         const double half = 0.5 * scale_;
+        const auto& kept = flow_of_[static_cast<std::size_t>(alpha)];
         parallel_for(flow_.nodes(), [&](std::int64_t i) {
             const int p = static_cast<int>(i), keep = x[p];
             const double B = V_(keep, alpha);
-            double linear = 0, sum = 0;
+            double linear = 0, sum = 0, outflow = 0;
             for (int a = flow_.arcs_begin(p); a < flow_.arcs_end(p); ++a) {
                 const double w = half * arc_weight_[static_cast<std::size_t>(a)];
                 const int other = x[flow_.head(a)];
                 const double A = V_(keep, other), C = V_(alpha, other);
                 const double capacity = std::nearbyint(std::max(0.0, w * ((B + C) - A)));
-                flow_.set_arc(a, capacity);
+                double along = kept.empty() ? 0 : kept[static_cast<std::size_t>(flow_.edge(a))];
+                along = std::clamp(p < flow_.head(a) ? along : -along, -capacity, capacity);
+                flow_.set_arc(a, capacity - along);
+                outflow += along;
                 sum += capacity;
                 linear += w * (C - A - B);
             }
             // Beyond the sum of its arcs a terminal decides by itself, however large it is.
             const double preference = scale_ * (unary_(p, alpha) - unary_(p, keep)) + linear;
-            flow_.set_terminal(p, keep == alpha ? 0 : std::nearbyint(std::clamp(preference, -sum - 1, sum + 1)));
+            const double terminal = std::nearbyint(std::clamp(preference, -sum - 1, sum + 1));
+            flow_.set_terminal(p, (keep == alpha ? 0 : terminal) - outflow);
         }, 1024);
     }
 
@@ -198,6 +245,7 @@ private:
     Vector weights_;
     MaxFlow flow_;
     std::vector<double> arc_weight_;
+    std::vector<std::vector<double>> flow_of_;  // per label, along each edge from its lower node; empty before the first
     double scale_ = 1;
     std::vector<int> changed_;
     std::vector<char> moved_;

@@ -9,7 +9,7 @@ namespace toile {
 
 struct MrfOptions {
     int max_sweeps = 100;  ///< a sweep expands every label once
-    Indices start;         ///< (n,) first labels; empty: the cheapest label of each node by itself
+    Indices start;         ///< (n,) first labels; empty: each node's cheapest given its neighbours'
     Edges prefer;          ///< (k,2) manual votes (node, label): adds `vote_cost` to the node's other labels
     Edges forbid;          ///< (k,2) manual votes (node, label): adds `vote_cost` to that label
     double vote_cost = 0;  ///< in units of energy; 0: more than anything that speaks against the vote

@@ -11,7 +11,7 @@ def mrf(unary, edges, weights, pairwise=None, start=None, prefer=(), forbid=(), 
 
     unary: (n,L) float64, any sign; edges: (E,2) int, repeated ones add up, temporal edges are ordinary ones;
     weights: (E,) float64, not negative; pairwise: (L,L) metric (zero diagonal, symmetric, triangle inequality), None
-    for Potts, [x_p != x_q]. start: (n,) first labels; None: the cheapest label of each node by itself.
+    for Potts, [x_p != x_q]. start: (n,) first labels; None: each node's cheapest given its neighbours'.
     prefer, forbid: manual votes, lists of (node, label): `prefer` adds `vote_cost` to the node's other labels,
     `forbid` adds it to that label.
 
