@@ -12,6 +12,7 @@ namespace toile {
 namespace {
 
 constexpr int START_ROUNDS = 10;
+constexpr std::int64_t GRAIN = 16384;  // nodes: fewer are done sooner than another thread wakes up
 constexpr std::size_t MOST_FLOWS = 1 << 27;  // half a gigabyte
 
 std::string at(const char* name, Eigen::Index i) { return std::string(name) + "[" + std::to_string(i) + "]"; }
@@ -184,7 +185,7 @@ private:
         parallel_for(flow_.nodes(), [&](std::int64_t v) {
             for (int a = flow_.arcs_begin(static_cast<int>(v)); a < flow_.arcs_end(static_cast<int>(v)); ++a)
                 if (v < flow_.head(a)) kept[static_cast<std::size_t>(flow_.edge(a))] = flow_.flow(a);
-        }, 1024);
+        }, GRAIN);
     }
 
     /// A node on the source side keeps its label, one on the sink side takes alpha. With A = V(x_p, x_q) for neither,
@@ -214,7 +215,7 @@ private:
             const double preference = scale_ * (unary_(p, alpha) - unary_(p, keep)) + linear;
             const double terminal = std::nearbyint(std::clamp(preference, -sum - 1, sum + 1));
             flow_.set_terminal(p, (keep == alpha ? 0 : terminal) - outflow);
-        }, 1024);
+        }, GRAIN);
     }
 
     /// Does the energy fall when the nodes in `changed_` take alpha?
