@@ -146,10 +146,10 @@ void MaxFlow::adopt(Tree& tree) {
     tree.lowest_orphan = std::numeric_limits<int>::max();
 }
 
-/// Finds a parent one step nearer; or moves the node away to where it may find one, its children orphaned; or frees it.
+
 void MaxFlow::settle_orphan(Tree& tree, int v) {
     Node& node = node_[static_cast<std::size_t>(v)];
-    const int begin = node.first, end = arcs_end(v), wanted = node.distance - tree.sign;
+    const int begin = node.first, end = arcs_end(v), old = node.distance, wanted = old - tree.sign;
     if (wanted != 0)
         for (int a = node.current; a < end; ++a) {
             const Arc& arc = arc_[static_cast<std::size_t>(a)];
@@ -158,7 +158,8 @@ void MaxFlow::settle_orphan(Tree& tree, int v) {
             return;
         }
     const int limit = tree.depth + tree.growing;
-    int nearest = limit;  // distance of the best parent to be
+    int nearest = limit, best = -1;  // distance of the best parent to be
+    bool ready = false;
     for (int a = begin; a < end; ++a) {
         const Arc& arc = arc_[static_cast<std::size_t>(a)];
         const Node& other = node_[static_cast<std::size_t>(arc.head)];
@@ -166,16 +167,18 @@ void MaxFlow::settle_orphan(Tree& tree, int v) {
         if (distance <= 0) continue;
         if (distance < nearest && inward(tree, arc) > 0) {
             nearest = distance;
-            node.current = a;
+            best = a;
+            ready = other.parent != ORPHAN && other.distance == old;
         }
         if (other.parent == arc.reverse) make_orphan(tree, arc.head);
     }
-    if (nearest >= limit) {
+    if (best < 0) {
         node.distance = 0;
         return;
     }
     node.distance = tree.sign * (nearest + 1);
-    make_orphan(tree, v);
+    node.current = best;
+    if (ready) node.parent = best; else make_orphan(tree, v);
     if (nearest + 1 == tree.depth) tree.frontier.push_back(v);
     if (nearest + 1 == tree.depth + 1) tree.next.push_back(v);
 }

@@ -1,5 +1,6 @@
 #include "kernels/biharmonic.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -12,6 +13,8 @@
 namespace toile {
 
 namespace {
+
+constexpr double MARGIN = 4;  // between the error of a factor on three fields and what is promised for any
 
 /// Faces of three different vertices; the others have neither area nor angles, mollified or not.
 Faces proper_faces(const Faces& F) {
@@ -55,6 +58,11 @@ Sparse columns(const Sparse& A, const std::vector<int>& chosen) {
     return A * selection;
 }
 
+/// The largest absolute entry; infinity when one is not a number.
+double largest(const Matrix& A) {
+    return A.allFinite() ? A.cwiseAbs().maxCoeff() : std::numeric_limits<double>::infinity();
+}
+
 std::string scientific(double value) {
     char text[32];
     std::snprintf(text, sizeof text, "%.1e", value);
@@ -96,7 +104,7 @@ BiharmonicSolver::BiharmonicSolver(const Vertices& V, const Faces& F_all, const 
                      " even with edges mollified by " + scientific(mollified_) + " m");
 }
 
-/// True when LL' exists and reproduces the constant field.
+/// True when LL' exists and reproduces the constant field; sets whether solves are refined.
 bool BiharmonicSolver::factorize(const Sparse& L, const Vector& mass) {
     L_ = L;
     inverse_mass_ = mass.cwiseInverse();
@@ -107,37 +115,57 @@ bool BiharmonicSolver::factorize(const Sparse& L, const Vector& mass) {
         if (!(mass[v] > 0) || !std::isfinite(inverse_mass_[v])) return false;
     const Sparse L_u = columns(L, unknown_);
     const Sparse Q_uu = Sparse(L_u.transpose()) * inverse_mass_.asDiagonal() * L_u;  // (L M^-1 L)_uu
+    coupling_ = -(Sparse(L_u.transpose()) * inverse_mass_.asDiagonal() * columns(L, known_));
     factor_.analyze(Q_uu);
     if (!factor_.try_factorize(Q_uu)) return false;
-    Vertices ones = Vertices::Zero(n_, 3);
-    for (const int v : known_) ones.row(v).setOnes();
-    settle(ones);
-    factor_error_ = 0;
-    for (const int v : unknown_)
-        for (int c = 0; c < 3; ++c)
-            if (const double e = std::abs(ones(v, c) - 1); !(e <= factor_error_)) factor_error_ = e;
+    Vertices D = Vertices::Zero(n_, 3);
+    for (std::size_t k = 0; k < known_.size(); ++k)  // a constant, the roughest field, and one between
+        D.row(known_[k]) << 1, k % 2 == 0 ? 1 : -1, std::sin(0.1 * static_cast<double>(k));
+    substitute(D);
+    const double error = std::max(error_of_one(D), largest(correction(D)));
+    refine_ = options_.refinements > 0 && !(MARGIN * error <= options_.accuracy);
+    if (refine_) settle(D);
+    factor_error_ = error_of_one(D);
     return factor_error_ <= options_.accuracy;
 }
 
-/// Solves for the unknown rows of D, from what they hold: D_u += Q_uu^-1 r, r = -(L M^-1 L D)_u, while that shrinks.
-/// Returns the last correction relative to the largest displacement.
+/// How far the first column is from 1.
+double BiharmonicSolver::error_of_one(const Vertices& D) const {
+    return largest(D(unknown_, 0).array() - 1);
+}
+
+/// D_u = -Q_uu^-1 Q_uk D_k with Q = L M^-1 L.
+void BiharmonicSolver::substitute(Vertices& D) const {
+    Matrix D_k(static_cast<Eigen::Index>(known_.size()), 3);
+    for (std::size_t k = 0; k < known_.size(); ++k) D_k.row(static_cast<Eigen::Index>(k)) = D.row(known_[k]);
+    const Matrix D_u = factor_.solve(coupling_ * D_k);
+    for (std::size_t k = 0; k < unknown_.size(); ++k) D.row(unknown_[k]) = D_u.row(static_cast<Eigen::Index>(k));
+}
+
+/// What one step of refinement adds to the unknown rows: Q_uu^-1 r, r = -(L M^-1 L D)_u.
+Matrix BiharmonicSolver::correction(const Vertices& D) const {
+    const Matrix curvature = inverse_mass_.asDiagonal() * Matrix(L_ * D);
+    const Matrix gradient = L_ * curvature;
+    Matrix residual(static_cast<Eigen::Index>(unknown_.size()), 3);
+    for (std::size_t k = 0; k < unknown_.size(); ++k)
+        residual.row(static_cast<Eigen::Index>(k)) = -gradient.row(unknown_[k]);
+    return factor_.solve(residual);
+}
+
+/// Refines the unknown rows of D while that shrinks; returns the last correction relative to the largest displacement.
 double BiharmonicSolver::settle(Vertices& D) const {
-    const auto u = static_cast<Eigen::Index>(unknown_.size());
     double last = std::numeric_limits<double>::infinity();
-    for (int step = 0; step <= options_.refinements; ++step) {
-        const Eigen::MatrixXd curvature = inverse_mass_.asDiagonal() * Eigen::MatrixXd(L_ * D);
-        const Eigen::MatrixXd gradient = L_ * curvature;
-        Matrix residual(u, 3);
-        for (Eigen::Index k = 0; k < u; ++k) residual.row(k) = -gradient.row(unknown_[static_cast<std::size_t>(k)]);
-        const Matrix correction = factor_.solve(residual);
-        const double size = correction.cwiseAbs().maxCoeff();
-        if (step > 1 && !(size < last)) break;  // at the floor of rounding
-        for (Eigen::Index k = 0; k < u; ++k) D.row(unknown_[static_cast<std::size_t>(k)]) += correction.row(k);
+    for (int step = 0; step < options_.refinements; ++step) {
+        const Matrix change = correction(D);
+        const double size = largest(change);
+        if (step > 0 && !(size < last)) break;  // at the floor of rounding
+        for (std::size_t k = 0; k < unknown_.size(); ++k)
+            D.row(unknown_[k]) += change.row(static_cast<Eigen::Index>(k));
         last = size;
-        if (size <= 1e-15 * D.cwiseAbs().maxCoeff()) break;
+        if (size <= 1e-15 * largest(D)) break;
     }
-    const double largest = D.cwiseAbs().maxCoeff();
-    return largest > 0 ? last / largest : 0;
+    const double extent = largest(D);
+    return extent > 0 ? last / extent : 0;
 }
 
 Vertices BiharmonicSolver::solve(const Vertices& D_known) const {
@@ -150,9 +178,10 @@ Vertices BiharmonicSolver::solve(const Vertices& D_known) const {
     for (std::size_t k = 0; k < known_.size(); ++k)
         D.row(known_[k]) = D_known.row(static_cast<Eigen::Index>(k)) - offset;
     if (!unknown_.empty()) {
-        const double error = settle(D);
-        if (options_.refinements > 0 && !(error <= options_.accuracy))
-            throw SolveError("biharmonic: refinement stalls at a relative correction of " + scientific(error));
+        substitute(D);
+        if (refine_)
+            if (const double error = settle(D); !(error <= options_.accuracy))
+                throw SolveError("biharmonic: refinement stalls at a relative correction of " + scientific(error));
         for (const int v : unknown_) D.row(v) += offset;
     }
     for (std::size_t k = 0; k < known_.size(); ++k) D.row(known_[k]) = D_known.row(static_cast<Eigen::Index>(k));

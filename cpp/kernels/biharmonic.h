@@ -14,8 +14,9 @@ struct BiharmonicOptions {
 };
 
 /// D = argmin tr(D' L M^-1 L D) with D[known] given (Jacobson, Tosun, Sorkine, Zorin 2010); L the cotangent Laplacian,
-/// M mixed Voronoi areas, natural boundary. Factored once by LL'; each solve back-substitutes and refines against
-/// L M^-1 L unformed, so that the error is that of L and not that of its square.
+/// M mixed Voronoi areas, natural boundary. Factored once by LL'; each solve back-substitutes. Where three fields tried
+/// beforehand show that this alone misses `accuracy`, it is refined against L M^-1 L unformed, so that the error is that
+/// of L and not that of its square.
 ///
 /// The factor is checked on the constant field, which it must reproduce to `accuracy`. Only where it fails (needles,
 /// faces of no area) the edge lengths are mollified, by as little as passes, and `mollified` says by how much.
@@ -35,14 +36,18 @@ public:
 
 private:
     bool factorize(const Sparse& L, const Vector& mass);
+    void substitute(Vertices& D) const;
+    Matrix correction(const Vertices& D) const;
     double settle(Vertices& D) const;
+    double error_of_one(const Vertices& D) const;
 
     BiharmonicOptions options_;
     Eigen::Index n_;
     std::vector<int> known_, unknown_;
-    Sparse L_;
+    Sparse L_, coupling_;  // coupling_ = -(L M^-1 L)_uk
     Vector inverse_mass_;
     CholeskyFactor factor_;
+    bool refine_ = false;
     double mollified_ = 0, factor_error_ = 0;
 };
 
