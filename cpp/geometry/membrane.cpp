@@ -11,6 +11,7 @@ namespace toile {
 namespace {
 
 constexpr int block_size = 1024;
+constexpr double parallel = 1e-3;     // squared sine, below which half-spaces count as one
 constexpr double most_opposed = -0.5;  // cosine; the corner of more opposed half-spaces lies too far away to be meant
 
 using Row = Eigen::Vector4d;  // the fourth entry is 0: rows of 32 bytes
@@ -26,6 +27,7 @@ Vec3 project(const Vec3& d, const HalfSpaces& h) {
     const Vec3 second = b > 0 ? Vec3(d + b * h.normal[1]) : d;
     if (h.normal[0].dot(second) >= h.least[0]) return second;
     const double sine2 = 1 - cosine * cosine;
+    if (sine2 < parallel) return b > a ? second : first;
     return d + (a - cosine * b) / sine2 * h.normal[0] + (b - cosine * a) / sine2 * h.normal[1];
 }
 

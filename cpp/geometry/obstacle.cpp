@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace toile {
@@ -117,6 +118,7 @@ Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
 
 Probe Obstacle::probe(const Vec3& p, int guess) const {
     const SurfacePoint s = tree_->closest(p, guess);
+    if (s.face < 0) return {.distance = std::numeric_limits<double>::infinity()};  // squares overflowed
     const Vec3 normal = pseudo_normal(s), offset = p - s.point;
     const bool behind = offset.dot(normal) < 0;
     Probe out;

@@ -21,6 +21,7 @@ namespace toile {
 
 namespace {
 
+constexpr int carries_allowed = 20;       // of a vertex, so that none goes to and fro
 constexpr int patience = 10;             // steps without progress before giving up
 constexpr int sweeps_a_step = 100;       // of the membrane, at most
 constexpr double settled = 0.02;         // of the margin: the membrane's last movement
@@ -64,7 +65,8 @@ struct UntangleSolver::State {
     Faces cloth_F;
     Eigen::Index cloth_n, body_n;
     UntangleOptions options;
-    Adjacency ring;  ///< of the cloth
+    Adjacency ring;           ///< of the cloth
+    std::vector<int> to_rim;  ///< edges to the nearest rim
     Membrane membrane;
     Obstacle body;
     std::optional<BoxTree> cloth_tree;
@@ -85,6 +87,24 @@ std::vector<int> tour_of(const BoxTree& tree, const Faces& F, Eigen::Index n) {
         for (int c = 0; c < 3; ++c) visit(F(f, c));
     for (int v = 0; v < n; ++v) visit(v);
     return tour;
+}
+
+/// Edges from each vertex to the nearest rim; the largest int where the cloth has none.
+std::vector<int> steps_to_rim(const Faces& F, const Adjacency& ring) {
+    const std::vector<char> rim = boundary_vertices(F, ring.size());
+    std::vector<int> steps(rim.size(), std::numeric_limits<int>::max()), queue;
+    for (int v = 0; v < ring.size(); ++v)
+        if (rim[static_cast<std::size_t>(v)]) steps[static_cast<std::size_t>(v)] = 0, queue.push_back(v);
+    for (std::size_t head = 0; head < queue.size(); ++head) {
+        const auto v = static_cast<std::size_t>(queue[head]);
+        for (int k = ring.start[v]; k < ring.start[v + 1]; ++k) {
+            const int w = ring.index[static_cast<std::size_t>(k)];
+            if (steps[static_cast<std::size_t>(w)] != std::numeric_limits<int>::max()) continue;
+            steps[static_cast<std::size_t>(w)] = steps[v] + 1;
+            queue.push_back(w);
+        }
+    }
+    return steps;
 }
 
 /// Groups of vertices, each named by its smallest.
@@ -116,8 +136,11 @@ struct Frame {
     std::vector<Probe> probes;
     Vector margin;                  // half the room at most [m]
     std::vector<char> was_violated;
+    std::vector<int> carries;       // how often a vertex was asked to change sides
+    std::vector<char> carried;      // to another side of the body in the coming step
     std::vector<char> given_up;     // the body gave no direction where the vertex was when its side was decided
     std::vector<HalfSpaces> planes; // of the last step
+    std::vector<HalfSpaces> creases;  // the other side of a crease
     std::vector<HalfSpaces> lifts;  // of corners of pierced faces; stay for the frame
     Vertices pushes;                // the sum of what lifted a vertex
     Edges pairs;
@@ -126,7 +149,7 @@ struct Frame {
           const std::vector<int>& order)
         : start(cloth_V), F(cloth_F), options(o), body(obstacle), tree(cloth_tree), tour(order), x(cloth_V), probed_at(cloth_V),
           probes(static_cast<std::size_t>(cloth_V.rows())), margin(Vector::Constant(cloth_V.rows(), o.margin)),
-          was_violated(probes.size(), 0), given_up(probes.size(), 0), planes(probes.size()), lifts(probes.size()),
+          was_violated(probes.size(), 0), carries(probes.size(), 0), carried(probes.size(), 0), given_up(probes.size(), 0), planes(probes.size()), creases(probes.size()), lifts(probes.size()),
           pushes(Vertices::Zero(cloth_V.rows(), 3)) {}
 
     Probe& at(Eigen::Index i) { return probes[static_cast<std::size_t>(i)]; }
@@ -235,22 +258,64 @@ struct Frame {
         return d;
     }
 
+    /// A limb that passes right through faces stands between their corners. The corners nearer to the cloth's rim are
+    /// carried over to the side of the others, so that from step to step the hole travels to the rim and off the cloth.
+    bool carry_over(const std::vector<int>& to_rim) {
+        bool any = false;
+        for (Eigen::Index k = 0, end; k < pairs.rows(); k = end) {
+            const int f = pairs(k, 0);
+            for (end = k; end < pairs.rows() && pairs(end, 0) == f;) ++end;
+            for (int c = 0; c < 3; ++c) {
+                int i = F(f, c), j = F(f, (c + 1) % 3);
+                if (at(i).outward.dot(at(j).outward) >= 0) continue;
+                bool cut = false;
+                for (Eigen::Index g = k; g < end && !cut; ++g) {
+                    const BoxTree::Triangle& t = body.tree().triangle(body.tree().slot_of(pairs(g, 1)));
+                    Vec3 where;
+                    cut = crossing(x.row(i), x.row(j), t.a, t.b, t.c, where);
+                }
+                if (!cut) continue;
+                if (std::pair(to_rim[static_cast<std::size_t>(i)], i) > std::pair(to_rim[static_cast<std::size_t>(j)], j)) std::swap(i, j);
+                if (!carried[static_cast<std::size_t>(i)] && carries[static_cast<std::size_t>(i)]++ >= carries_allowed) continue;
+                carried[static_cast<std::size_t>(i)] = 1;
+                HalfSpaces& h = lifts[static_cast<std::size_t>(i)];
+                h.count = 1;
+                h.normal[0] = at(j).outward;
+                h.least[0] = at(j).outward.dot(at(j).point - start.row(i).transpose()) + margin[j];
+                pushes.row(i).setZero();
+                any = true;
+            }
+        }
+        return any;
+    }
+
     /// The plane at the closest point for every vertex near the body, and what pierced faces asked for.
     void renew_planes() {
         parallel_for(x.rows(), [&](std::int64_t i) {
-            HalfSpaces& h = planes[static_cast<std::size_t>(i)] = {};
+            const auto k = static_cast<std::size_t>(i);
+            const HalfSpaces last = std::exchange(planes[k], {});
+            HalfSpaces& h = planes[k];
+            if (std::exchange(carried[k], 0)) {
+                h = std::exchange(lifts[k], {});
+                return;
+            }
             const Probe& p = at(i);
-            char& held = was_violated[static_cast<std::size_t>(i)];
-            if (violated(i)) held = 1;
-            if (p.constrained && (held || p.distance < watched * options.margin)) {
+            if (violated(i)) {
+                // Still outside, but pushed off one side too near to another: a crease, kept from both sides.
+                const bool crease = pairs.rows() == 0 && was_violated[k] && last.count > 0 && !p.inside();
+                if (crease) creases[k] = {{last.normal[0], Vec3::Zero()}, {last.least[0], 0}, 1};
+                was_violated[k] = 1;
+            }
+            if (p.constrained && (was_violated[k] || p.distance < watched * options.margin)) {
                 h.normal[0] = p.outward;
                 h.least[0] = p.outward.dot(p.point - start.row(i).transpose()) + margin[i];
                 h.count = 1;
             }
-            const HalfSpaces& lift = lifts[static_cast<std::size_t>(i)];
-            if (lift.count == 0) return;
-            h.normal[h.count] = lift.normal[0];
-            h.least[h.count++] = lift.least[0];
+            if (pairs.rows() > 0) creases[k] = {};
+            const HalfSpaces& second = lifts[k].count > 0 ? lifts[k] : creases[k];
+            if (second.count == 0) return;
+            h.normal[h.count] = second.normal[0];
+            h.least[h.count++] = second.least[0];
         });
     }
 
@@ -314,7 +379,8 @@ UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F
     check_mesh("untangle", Vertices::Zero(body_n, 3), body_F, "body_V", "body_F");
     Adjacency ring = vertex_neighbours(cloth_F, cloth_n);
     Membrane membrane(ring);
-    state_ = std::make_unique<State>(State{std::move(cloth_F), cloth_n, body_n, options, std::move(ring), std::move(membrane),
+    std::vector<int> to_rim = steps_to_rim(cloth_F, ring);
+    state_ = std::make_unique<State>(State{std::move(cloth_F), cloth_n, body_n, options, std::move(ring), std::move(to_rim), std::move(membrane),
                                            Obstacle(std::move(body_F), options.max_depth), {}, {}, {}});
 }
 
@@ -369,30 +435,36 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     frame.decide_sides();
     r.depth_before = frame.depth();
     r.intersections_before = static_cast<int>(frame.pairs.rows());
-    constexpr int unseen = std::numeric_limits<int>::max();
-    std::pair<int, int> fewest{unseen, unseen};  // vertices to move, then pairs
+    int fewest = std::numeric_limits<int>::max();
     Vertices best, d = Vertices::Zero(s.cloth_n, 3);
-    for (int idle = 0, former = unseen;; ++r.iterations) {
+    for (int idle = 0, former = std::numeric_limits<int>::max();; ++r.iterations) {
         int violations = frame.violations();
-        const bool see_pairs = violations == 0 || violations >= former;  // stubborn vertices must not keep pairs waiting
+        const bool see_pairs = 2 * violations >= former || 200 * violations < s.cloth_n;  // few left, or stubborn ones
         former = violations;
-        if (see_pairs && r.iterations > 0) {
-            frame.find_pairs();
-            frame.decide_sides();
-            violations = frame.violations();
+        if (see_pairs) {
+            if (r.iterations > 0) {
+                frame.find_pairs();
+                frame.decide_sides();
+                violations = frame.violations();
+            }
+            const int left = violations + static_cast<int>(frame.pairs.rows());
+            idle = left < fewest ? 0 : idle + 1;
+            if (left < fewest) fewest = left, best = frame.x;
         }
-        const std::pair<int, int> left{violations, see_pairs ? static_cast<int>(frame.pairs.rows()) : unseen};
-        idle = left < fewest ? 0 : idle + 1;
-        if (left < fewest) fewest = left, best = frame.x;
-        if (left == std::pair(0, 0) || idle == patience || r.iterations == o.max_iterations) break;
-        if (see_pairs) frame.lift_pierced(0.25 * o.margin * std::exp2(std::min(idle, 3)));
+        if (fewest == 0 || idle == patience || r.iterations == o.max_iterations) break;
+        if (see_pairs) {
+            if (frame.carry_over(s.to_rim))
+                idle = std::max(0, idle - 1);  // on the way pairs need not get fewer
+            else
+                frame.lift_pierced(0.25 * o.margin * std::exp2(std::min(idle, 3)));
+        }
         frame.renew_planes();
         s.membrane.relax(d, frame.planes, stiffness, settled * o.margin, sweeps_a_step);
         frame.x = cloth_V + d;
         frame.probe_near();
     }
-    if (fewest != std::pair(0, 0)) {
-        frame.x = best;
+    if (fewest != 0) {
+        frame.x = best.size() > 0 ? best : frame.x;
         frame.probe_near();
         frame.find_pairs();
         frame.decide_sides();

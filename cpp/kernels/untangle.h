@@ -13,7 +13,7 @@ struct UntangleOptions {
     double spread = 0.03;      ///< length over which a push dies away in the cloth [m]
     double tolerance = 0.1;    ///< a vertex counts as clear from (1 - tolerance) margin on
     double max_depth = 0.05;   ///< an open body (another garment) has no inside deeper than this [m]
-    int max_iterations = 30;
+    int max_iterations = 60;
 };
 
 struct UntangleResult {
