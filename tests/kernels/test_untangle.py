@@ -105,6 +105,71 @@ def test_untangle_leaves_no_vertex_inside_a_human_body(anny_body, push):
     assert_clear(result, F, body_V, body_F)
 
 
+def sheet(size, n, height):
+    """A square sheet of n x n vertices around the z axis, faces up."""
+    x, y = np.meshgrid(np.linspace(-size / 2, size / 2, n), np.linspace(-size / 2, size / 2, n))
+    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    F = np.concatenate([np.stack([a, a + 1, a + n + 1], -1), np.stack([a, a + n + 1, a + n], -1)])
+    return np.stack([x, y, height(x, y)], -1).reshape(-1, 3), F.astype(np.int32)
+
+
+def membrane(V, F, spread=0.03):
+    """A with |A d|^2 = sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum |d_i|^2, the stated objective."""
+    edges = kernels.unique_edges(F)
+    h = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1).mean()
+    A = np.zeros((len(edges) + len(V), len(V)))
+    A[np.arange(len(edges)), edges[:, 0]], A[np.arange(len(edges)), edges[:, 1]] = 1, -1
+    A[len(edges) + np.arange(len(V)), np.arange(len(V))] = np.sqrt(1.5) * h / spread
+    return A
+
+
+@pytest.mark.parametrize("spread", [0.01, 0.03, 0.1])
+def test_above_a_plane_the_answer_is_that_of_the_exact_quadratic_program(spread):
+    from scipy.optimize import lsq_linear
+
+    import trimesh
+
+    slab = trimesh.creation.box([1.0, 1.0, 0.2])
+    V, F = sheet(0.3, 13, lambda x, y: 0.002 * np.sin(40 * x) * np.cos(25 * y) + 0.01 * (np.hypot(x, y) - 0.05))
+    result = kernels.untangle(V, F, slab.vertices - [0, 0, 0.1], slab.faces, spread=spread)
+    A = membrane(V, F, spread)
+    exact = lsq_linear(A, np.zeros(len(A)), bounds=(0.002 - V[:, 2], np.inf), method="bvls", tol=1e-12).x
+    assert exact.max() > 0.002 and result.stop == "clear"
+    energy = (A @ result.displacement) ** 2
+    assert energy.sum() == pytest.approx(((A @ exact) ** 2).sum(), rel=0.02)
+    assert np.abs(result.displacement - np.outer(exact, [0, 0, 1])).max() < 1e-4
+
+
+@pytest.mark.parametrize("depth", [0.005, 0.02, 0.04])
+def test_around_a_ball_the_energy_is_that_of_the_constrained_optimum(depth):
+    from scipy.optimize import minimize
+
+    radius = 0.1
+    body_V, body_F = sphere(radius, 5)
+    V, F = sheet(0.16, 8, lambda x, y: radius - depth + 0.1 * x)
+    result = kernels.untangle(V, F, body_V, body_F)
+    A = membrane(V, F)
+    H = A.T @ A
+    moved = lambda d: V + d.reshape(-1, 3)  # noqa: E731
+    outside = {
+        "type": "ineq",
+        "fun": lambda d: 100 * ((moved(d) ** 2).sum(1) - (radius + 0.002) ** 2),
+        "jac": lambda d: 100 * (2 * np.eye(len(V))[:, :, None] * moved(d)[:, None]).reshape(len(V), -1),
+    }
+    start = np.maximum(0, (radius + 0.002) / np.linalg.norm(V, axis=1, keepdims=True) - 1) * V  # straight out
+    best = minimize(
+        lambda d: 1e4 * np.sum((A @ d.reshape(-1, 3)) ** 2),
+        start.ravel(),
+        jac=lambda d: 2e4 * (H @ d.reshape(-1, 3)).ravel(),
+        constraints=outside,
+        method="SLSQP",
+        options={"maxiter": 300, "ftol": 1e-9},
+    )
+    assert outside["fun"](best.x).min() > -1e-3 and best.fun < 0.9 * 1e4 * np.sum((A @ start) ** 2)
+    assert result.stop == "clear"
+    assert 1e4 * np.sum((A @ result.displacement) ** 2) == pytest.approx(best.fun, rel=0.05)
+
+
 def test_a_vertex_of_the_body_that_pokes_through_a_face_lifts_the_face():
     body_V, body_F = sphere(0.2, 4)
     spike = int(np.argmax(body_V[:, 2]))
