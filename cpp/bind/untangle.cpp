@@ -22,6 +22,7 @@ void bind_untangle(py::module_& m) {
         .def_readonly("intersections_before", &UntangleResult::intersections_before)
         .def_readonly("intersections_left", &UntangleResult::intersections_left)
         .def_readonly("vertices_left", &UntangleResult::vertices_left)
+        .def_readonly("vertices_short", &UntangleResult::vertices_short)
         .def_readonly("iterations", &UntangleResult::iterations)
         .def_readonly("stop", &UntangleResult::stop)
         .def_readonly("reason", &UntangleResult::reason);

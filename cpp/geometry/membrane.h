@@ -12,6 +12,13 @@ struct HalfSpaces {
     Vec3 normal[2] = {Vec3::Zero(), Vec3::Zero()};  ///< unit
     double least[2] = {0, 0};                       ///< [m]
     int count = 0;
+
+    void add(const Vec3& n, double at_least) { normal[count] = n, least[count++] = at_least; }
+    static HalfSpaces one(const Vec3& n, double at_least) {
+        HalfSpaces h;
+        h.add(n, at_least);
+        return h;
+    }
 };
 
 /// Minimises  sum over edges |d_i - d_j|^2 + stiffness sum_i |d_i|^2  over d_i in the half-spaces of vertex i: a strictly

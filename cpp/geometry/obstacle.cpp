@@ -9,6 +9,7 @@ namespace toile {
 
 namespace {
 
+constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double on_edge = 1e-12;  // a barycentric coordinate this small lies on the edge
 
 Vec3 unit_or_zero(const Vec3& v) {
@@ -83,7 +84,7 @@ bool Obstacle::on_rim(const SurfacePoint& s) const {
 }
 
 Vec3 Obstacle::face_normal(int face) const {
-    const BoxTree::Triangle& t = tree_->triangle(tree_->slot_of(face));
+    const BoxTree::Triangle& t = triangle(face);
     return unit_or_zero((t.b - t.a).cross(t.c - t.a));
 }
 
@@ -94,7 +95,7 @@ Vec3 Obstacle::vertex_normal(int vertex) const {
     const auto v = static_cast<std::size_t>(vertex);
     for (int k = faces_of_.start[v]; k < faces_of_.start[v + 1]; ++k) {
         const int f = faces_of_.index[static_cast<std::size_t>(k)];
-        const BoxTree::Triangle& t = tree_->triangle(tree_->slot_of(f));
+        const BoxTree::Triangle& t = triangle(f);
         const Vec3* corners[3] = {&t.a, &t.b, &t.c};
         const Vec3 normal = unit_or_zero((t.b - t.a).cross(t.c - t.a));
         for (int c = 0; c < 3; ++c) {
@@ -118,10 +119,11 @@ Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
 
 Probe Obstacle::probe(const Vec3& p, int guess) const {
     const SurfacePoint s = tree_->closest(p, guess);
-    if (s.face < 0) return {.distance = std::numeric_limits<double>::infinity()};  // squares overflowed
+    if (s.face < 0) return {.distance = infinity, .nearest = infinity};  // squares overflowed
     const Vec3 normal = pseudo_normal(s), offset = p - s.point;
     const bool behind = offset.dot(normal) < 0;
     Probe out;
+    out.nearest = s.distance;
     out.face = s.face;
     out.point = s.point;
     out.sided = normal.squaredNorm() > 0.5;
@@ -138,11 +140,10 @@ Probe Obstacle::probe(const Vec3& p, int guess) const {
 double Obstacle::winding(const Vec3& p) const { return orientation_ * winding_->at(*tree_, p); }
 
 void Obstacle::decide(Probe& probe, bool inside) const {
-    const double distance = std::abs(probe.distance);
     if (!probe.sided && inside) probe.outward = -probe.outward;
     // Else inside another part of a body that overlaps itself.
     probe.constrained = (!probe.sided || inside == probe.inside()) && probe.outward.squaredNorm() > 0.5;
-    probe.distance = inside ? -distance : distance;
+    probe.distance = inside ? -probe.nearest : probe.nearest;
 }
 
 bool Obstacle::pass_through(const Vec3& p, Probe& probe) const {

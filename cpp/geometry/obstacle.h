@@ -12,6 +12,7 @@ namespace toile {
 
 struct Probe {
     double distance = 0;            ///< [m], negative inside
+    double nearest = 0;             ///< [m], to the closest point of the surface, whatever the side
     Vec3 point = Vec3::Zero();      ///< the closest point of the surface [m]
     Vec3 outward = Vec3::Zero();    ///< unit; from the surface outwards through the probe, or the surface's normal on it
     int face = -1;                  ///< of the closest point
@@ -32,7 +33,7 @@ public:
     void move(const Vertices& V);
     bool closed() const { return closed_; }  ///< no edge with one face only
     const BoxTree& tree() const { return *tree_; }
-    const Faces& faces() const { return F_; }
+    const BoxTree::Triangle& triangle(int face) const { return tree_->triangle(tree_->slot_of(face)); }
 
     Probe probe(const Vec3& p, int guess = -1) const;  ///< a face near the closest point saves time and changes nothing
     double winding(const Vec3& p) const;               ///< positive inside; only for a closed surface

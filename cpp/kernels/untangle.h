@@ -12,7 +12,7 @@ struct UntangleOptions {
     double margin = 0.002;     ///< kept between cloth and body [m]; less where the body leaves less than twice as much room
     double spread = 0.03;      ///< length over which a push dies away in the cloth [m]
     double tolerance = 0.1;    ///< a vertex counts as clear from (1 - tolerance) margin on
-    double max_depth = 0.05;   ///< an open body (another garment) has no inside deeper than this [m]
+    double max_depth = 0.05;   ///< an open body has no inside deeper than this, overlaps are crossed no further [m]
     int max_iterations = 60;
 };
 
@@ -22,9 +22,11 @@ struct UntangleResult {
     Vector depth_before, depth_after;  ///< (n,) how far inside the body, 0 outside [m]
     Vector margin;                     ///< (n,) what was asked for at the vertex: the option, or half the room there [m]
     Edges pairs_left;                  ///< (k,2) faces of cloth and body that still intersect
-    int intersections_before = 0, intersections_left = 0, vertices_left = 0;  ///< vertices_left: still inside
+    int intersections_before = 0, intersections_left = 0;
+    int vertices_left = 0;             ///< still inside
+    int vertices_short = 0;            ///< inside or outside, nearer than their margin less the tolerance
     int iterations = 0;
-    std::string stop;    ///< "clear", "stalled" or "iterations"
+    std::string stop;    ///< "clear": nothing left and nothing short; "stalled" or "iterations"
     std::string reason;  ///< why something is left, in words; empty when nothing is
 };
 
@@ -34,7 +36,7 @@ struct UntangleResult {
 /// outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length, b_i the closest point of the body and outward_i
 /// its direction: on a regular mesh a membrane whose pushes die away by a factor of e over `spread`. Planes are renewed
 /// after every solve. Where a body feature pokes through a face whose corners are clear, the corners are lifted along the
-/// body's normal in the section's middle.
+/// body's normal in the section's middle; a limb that passes right through the cloth is led to its rim.
 class UntangleSolver {
 public:
     UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options = {});

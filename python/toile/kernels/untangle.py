@@ -5,18 +5,19 @@ from .arrays import as_faces, as_vertices
 
 
 class UntangleSolver:
-    """Moves one garment out of one body, frame after frame; the topology and the spread's symbolic factor are kept.
+    """Moves one garment out of one body, frame after frame; topology and trees of boxes are kept.
 
     cloth_F (m,3), body_F (k,3); `cloth_n`, `body_n` numbers of vertices. A closed body tells its inside by winding
     numbers. An open one (another garment) tells it by its normals: keep its faces oriented outwards.
 
-    The displacement d minimises |L d|^2 + (h / 2 spread)^4 |d|^2 subject to outward . (x + d - b) >= margin, with L the
-    uniform graph Laplacian, h the mean edge length, b the closest point of the body; planes are renewed until no cloth
-    vertex is inside and no triangle pair intersects (exact predicates).
+    The displacement d minimises  sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum_i |d_i|^2  subject to
+    outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length and b_i the closest point of the body: a membrane
+    whose pushes die away by a factor of e over `spread`. Planes are renewed until no cloth vertex is inside and no
+    triangle pair intersects (exact predicates); limbs that pass right through the cloth are led to its rim.
 
-    Options: margin=0.002 [m], less where two parts of the body leave less room than twice as much; spread=0.03 [m],
-    the length over which a push dies away; tolerance=0.1, clear is (1 - tolerance) margin; max_depth=0.05 [m], an open
-    body has no inside deeper than this; max_iterations=30. An unknown name is a TypeError.
+    Options: margin=0.002 [m], less where two parts of the body leave less room than twice as much; spread=0.03 [m];
+    tolerance=0.1, clear is (1 - tolerance) margin; max_depth=0.05 [m], an open body has no inside deeper than this, and no
+    vertex is pushed further through parts that overlap; max_iterations=60. An unknown name is a TypeError.
     """
 
     def __init__(self, cloth_F, cloth_n, body_F, body_n, **options):
@@ -26,8 +27,8 @@ class UntangleSolver:
     def solve(self, cloth_V, body_V):
         """-> UntangleResult: .V (n,3); .displacement (n,3); .depth_before, .depth_after (n,) how far inside, 0 outside;
         .margin (n,) asked for at each vertex; .pairs_left (k,2) faces (cloth, body); .intersections_before,
-        .intersections_left, .vertices_left counts; .iterations; .stop "clear", "stalled" or "iterations"; .reason in
-        words when something is left. Lengths in metres. InputError for NaN and wrong sizes.
+        .intersections_left, .vertices_left (inside), .vertices_short (nearer than their margin) counts; .iterations;
+        .stop "clear" (none of these left), "stalled" or "iterations"; .reason in words when not clear. Lengths in metres. InputError for NaN and wrong sizes.
         """
         return self._solver.solve(as_vertices("untangle", "cloth_V", cloth_V), as_vertices("untangle", "body_V", body_V))
 
