@@ -5,53 +5,84 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from matplotlib.ticker import NullFormatter  # noqa: E402
 
-OURS, PEER, FRONT = "#c0392b", "#34495e", "#c8c8c8"
+OURS, PEER, FRONT = "#c0392b", "#34495e", "#d5d5d5"
 COLUMNS, LINE = 4, 11  # panels a row, pixels a line of text
-TITLES = {"seq_L1": "a frame, level 1 motion", "seq_L3": "a frame, level 3 motion", "shirt": "T-shirt to scan", "L1": "1 neighbouring frames",
-          "L2": "2 small", "L3": "3 medium", "L4": "4 an arm raised", "L5": "5 large, with a start"}  # fmt: skip
+TITLES = {  # the panels shown, in order
+    "L1": "level 1: neighbouring frames", "L2": "level 2: small", "L3": "level 3: medium", "L4": "level 4: an arm raised",
+    "L5": "level 5: large, with a start", "53k template": "53k template, 100k target",
+    "seq_L1": "a frame of level 1 motion", "seq_L3": "a frame of level 3 motion", "shirt": "T-shirt to scan",
+    "biharmonic 12k": "biharmonic, 12k vertices", "mrf 99k": "mrf, 99k nodes, 5 labels", "untangle 12k": "untangle, 12k cloth",
+}  # fmt: skip
+SMALLEST_SPAN = 30  # an axis shows at least this ratio
 
 
 def draw(panels, path):
-    shown = {name: p for name, p in panels.items() if any(q["seconds"] and q["error"] is not None for q in p["points"])}
-    rows = -(-len(shown) // COLUMNS)
-    figure, axes = plt.subplots(rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.0 * rows), dpi=90, squeeze=False)
+    """Writes the picture of the panels (see `summary.summarise`) that TITLES names; of all where it names none of them."""
+    known = [name for name in TITLES if name in panels]
+    shown = [name for name in known or panels if drawable(panels[name])]
+    rows = -(-len(shown) // COLUMNS) or 1
+    figure, axes = plt.subplots(rows, COLUMNS, figsize=(3.6 * COLUMNS, 2.9 * rows), dpi=90, squeeze=False)
     for ax in axes.flat[len(shown) :]:
         ax.set_visible(False)
-    for ax, (name, panel) in zip(axes.flat, shown.items()):
-        draw_panel(ax, TITLES.get(name, name), panel)
+    for ax, name in zip(axes.flat, shown):
+        draw_panel(ax, TITLES.get(name, name), panels[name])
     figure.tight_layout()
+    for ax, name in zip(axes.flat, shown):
+        label(ax, [p for p in drawable(panels[name]) if not p["oracle"]])
     figure.savefig(path, dpi=figure.dpi)
     plt.close(figure)
 
 
+def drawable(panel):
+    return [p for p in panel["points"] if p["seconds"] and p["error"] is not None]
+
+
 def draw_panel(ax, title, panel):
-    points = [p for p in panel["points"] if p["seconds"] and p["error"] is not None]
-    ax.set(xscale="log", yscale="log", title=title, xlabel="seconds, two threads", ylabel=panel["error"])
-    ax.grid(True, which="major", color="#eeeeee", zorder=0)
+    points = drawable(panel)
+    ax.set(xscale="log", yscale="log", xlabel="seconds, two threads", ylabel=panel["error"])
+    ax.set_title(title, fontsize=10)
+    ax.grid(True, color="#eeeeee", zorder=0)
+    ax.set_xlim(span([p["seconds"] for p in points], 3))
+    ax.set_ylim(span([p["error"] for p in points], 2))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_minor_formatter(NullFormatter())
+    ax.xaxis.set_major_formatter("{x:g}")
+    if "[mm]" in panel["error"]:
+        ax.yaxis.set_major_formatter("{x:g}")
     front = sorted((p["seconds"], p["error"]) for p in points if p["on_front"])
     if front:
-        ax.step(*zip(*front), where="post", color=FRONT, lw=5, zorder=1, solid_capstyle="round")
+        front.append((ax.get_xlim()[1], front[-1][1]))
+        ax.step(*zip(*front), where="post", color=FRONT, lw=4, zorder=1)
     for p in points:
+        colour = OURS if p["ours"] else PEER
         if p["oracle"]:
-            ax.axhline(p["error"], color=OURS, ls=":", lw=1)
-            continue
-        ax.plot(p["seconds"], p["error"], marker="o" if p["ours"] else "s", color=OURS if p["ours"] else PEER,
-                mfc="none" if p["failed"] else None, ms=6, zorder=3)  # fmt: skip
-    ax.margins(0.15)
-    label(ax, [p for p in points if not p["oracle"]])
+            ax.axhline(p["error"], color=colour, ls=":", lw=1)
+        else:
+            ax.plot(p["seconds"], p["error"], marker="o" if p["ours"] else "s", color=colour, mfc="none" if p["failed"] else None,
+                    ms=6, zorder=3)  # fmt: skip
+    lost = [p["method"] for p in panel["points"] if p["seconds"] is None]
+    if lost:
+        ax.text(0.02, 0.02, "no answer: " + ", ".join(lost), transform=ax.transAxes, fontsize=7, color=PEER)
+
+
+def span(values, margin):
+    """Limits of a logarithmic axis with room about the values."""
+    low, high = min(values) / margin, max(values) * margin
+    widen = max(1.0, np.sqrt(SMALLEST_SPAN / (high / low)))
+    return low / widen, high * widen
 
 
 def label(ax, points):
     """Names beside their points, to the side where the panel has room, moved apart where they would overlap."""
     low, high = np.log(ax.get_xlim())
-    for right in (False, True):
-        side = [p for p in points if (np.log(p["seconds"]) > 0.35 * low + 0.65 * high) == right]
-        free = np.inf  # height above which text would overlap [pixel]
+    for left in (False, True):
+        side = [p for p in points if (np.log(p["seconds"]) > 0.4 * low + 0.6 * high) == left]
+        free = np.inf  # the text above is at this height [pixel]
         for p in sorted(side, key=lambda p: -p["error"]):
             y = ax.transData.transform((p["seconds"], p["error"]))[1]
-            shift = min(0.0, free - LINE - y)
-            free = y + shift
+            free = min(y, free - LINE)
             ax.annotate(p["method"].removeprefix("toile "), (p["seconds"], p["error"]), fontsize=7, textcoords="offset pixels",
-                        xytext=(-6 if right else 6, shift), ha="right" if right else "left", va="center",
+                        xytext=(-6 if left else 6, free - y), ha="right" if left else "left", va="center",
                         color=OURS if p["ours"] else PEER, zorder=4)  # fmt: skip

@@ -6,11 +6,12 @@ import numpy as np
 
 LEAST = {"mrf": 1e-7, "biharmonic": 1e-13, "untangle": 1e-3}  # errors that a log axis can still show
 UNITS = {"register": "mean error [mm]", "sequence": "mean error [mm]", "biharmonic": "relative error",
-         "mrf": "energy above the least", "untangle": "most that a vertex lacks of the margin [mm]"}  # fmt: skip
+         "mrf": "energy above the least", "untangle": "lacking of the margin [mm]"}  # fmt: skip
 
 
 def summarise(rows):
-    """{panel: {"error", "time", "points": [point]}}, points in order of time; failures are counted, not averaged.
+    """{panel: {"kernel", "error", "points": [point]}}, points in order of time; failures are counted, not averaged. Cloth that
+    still meets the body is a failure.
 
     point: method, ours, oracle, seconds, error (means over the panel's problems), worst (largest error), hand_max, peak_mb,
     problems, failed, on_front. Seconds are preparation + solve for pairs, a prepared frame for sequences; where preparation
@@ -25,7 +26,7 @@ def summarise(rows):
         points = [p for method, group in by_method.items() for p in points_of(kernel, method, group)]
         mark_front(points)
         points.sort(key=lambda p: p["seconds"] or np.inf)
-        out[panel] = dict(kernel=kernel, error=UNITS[kernel] if panel != "shirt" else "mean distance to the shirt [mm]", points=points)
+        out[panel] = dict(kernel=kernel, error=UNITS[kernel] if panel != "shirt" else "distance to the shirt [mm]", points=points)
     return out
 
 
@@ -44,7 +45,7 @@ def error_of(kernel, row):
 
 
 def points_of(kernel, method, group):
-    good = [r for r in group if isinstance(error_of(kernel, r), float | int)]
+    good = [r for r in group if isinstance(error_of(kernel, r), float | int) and not r.get("pairs")]
     timed = good or [r for r in group if kernel == "biharmonic" and "solve_s" in r]
     base = dict(method=method, ours=group[0]["ours"], oracle=group[0]["oracle"], problems=len(group), failed=len(group) - len(timed))
     if not timed:

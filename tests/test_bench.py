@@ -188,6 +188,18 @@ def test_a_run_goes_on_where_it_stood(tmp_path):
     assert json.dumps(first) == json.dumps(again)
 
 
+def test_picture_shows_the_panels_and_says_who_gave_no_answer(tmp_path):
+    pytest.importorskip("matplotlib")
+    from bench.picture import draw
+
+    point = dict(method="toile draft", ours=True, oracle=False, failed=0, seconds=0.1, error=2.0, on_front=True)
+    lost = point | dict(method="peer", ours=False, seconds=None, error=None, on_front=False)
+    draw({"L1": dict(error="mean error [mm]", points=[point, lost])}, tmp_path / "a.png")
+    draw({"L1": dict(error="mean error [mm]", points=[point])}, tmp_path / "b.png")
+    assert (tmp_path / "a.png").stat().st_size > 5000
+    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
+
+
 @pytest.mark.slow
 def test_templates_and_targets_sample_one_smooth_surface():
     pytest.importorskip("igl")
