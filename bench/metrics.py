@@ -9,7 +9,7 @@ def score(V, problem):
     """Result V (n,3) of a problem (a mapping with gt_v, src_f, ext, and where it has them hand, clean_v, clean_f).
 
     mean, median, rmse, p95, max: distance of exterior vertices to their true places; hand_mean, hand_max: of those on
-    the hands; mean_all: of every vertex, cavities, eyes and tongue too; surf: exterior vertices to the complete clean target;
+    the hands; mean_all: of every vertex; hidden_max: of the others, in cavities, eyes and tongue; surf: exterior vertices to the complete clean target;
     nan: vertices that are not finite (counted as 1 km off); flips, degenerate: over all faces, against the true ones.
     """
     gt, F, ext = problem["gt_v"], problem["src_f"], problem["ext"]
@@ -21,6 +21,8 @@ def score(V, problem):
     x = error[ext]
     out = dict(mean=x.mean(), median=np.median(x), rmse=np.sqrt((x**2).mean()), p95=np.percentile(x, 95), max=x.max(),
                mean_all=error.mean(), nan=int((~finite).sum()))  # fmt: skip
+    if not ext.all():
+        out["hidden_max"] = error[~ext].max()
     hand = problem["hand"] & ext
     if hand.any():
         out |= dict(hand_mean=error[hand].mean(), hand_max=error[hand].max())

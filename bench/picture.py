@@ -11,7 +11,7 @@ OURS, PEER, FRONT = "#c0392b", "#34495e", "#d5d5d5"
 COLUMNS, LINE = 4, 11  # panels a row, pixels a line of text
 TITLES = {  # the panels shown, in order
     "L1": "level 1: neighbouring frames", "L2": "level 2: small", "L3": "level 3: medium", "L4": "level 4: an arm raised",
-    "L5": "level 5: large, with a start", "53k template": "53k template, 100k target",
+    "L5": "level 5: large, with a start", "53k template, 100k target": "53k template, 100k target",
     "seq_L1": "a frame of level 1 motion", "seq_L3": "a frame of level 3 motion", "shirt": "T-shirt to scan",
     "biharmonic 12k": "biharmonic, 12k vertices", "mrf 99k": "mrf, 99k nodes, 5 labels", "untangle 12k": "untangle, 12k cloth",
 }  # fmt: skip

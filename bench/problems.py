@@ -37,18 +37,19 @@ SET = {  # rotation vectors that a level sets [degree]
 }  # fmt: skip
 FIT_ERROR = 3 / np.sqrt(3)  # degree about each axis
 LANDMARK_NOISE = 0.005  # m
-SIZES = {"3k": 30_000, "14k": 30_000, "53k": 100_000, "full": 30_000}  # target vertices for a template
+TARGET, LARGE_TARGET = 30_000, 100_000  # vertices
 
 
 def family():
-    """(name, level, corruption, template) of every pair."""
+    """(name, level, corruption, template, target vertices) of every pair."""
     for level in POSE:
         for corruption in CORRUPTIONS:
-            yield f"L{level}_{corruption}", level, corruption, "14k"
+            yield f"L{level}_{corruption}", level, corruption, "14k", TARGET
     for level, corruption in ((2, "clean"), (2, "noise1"), (4, "clean"), (3, "noise1")):
-        for size in ("3k", "53k"):
-            yield f"L{level}_{corruption}_src{size}", level, corruption, size
-    yield "L2_noise1_full", 2, "noise1", "full"
+        yield f"L{level}_{corruption}_src3k", level, corruption, "3k", TARGET
+        yield f"L{level}_{corruption}_src53k", level, corruption, "53k", LARGE_TARGET
+    yield "L2_noise1_tgt100k", 2, "noise1", "14k", LARGE_TARGET
+    yield "L2_noise1_full", 2, "noise1", "full", TARGET
 
 
 def motion(level, rng, person):
@@ -186,9 +187,9 @@ def main():
     arguments.out.mkdir(parents=True, exist_ok=True)
     person, rows = Person(), []
     starts = tuple(arguments.only.split(","))
-    for name, level, corruption, size in family():
+    for name, level, corruption, size, vertices in family():
         if name.startswith(starts):
-            problem = make(person, person.template(size), level, corruption, SIZES[size], arguments.seed)
+            problem = make(person, person.template(size), level, corruption, vertices, arguments.seed)
             np.savez_compressed(arguments.out / f"{name}.npz", **problem)
             rows.append(describe(name, problem))
             print(rows[-1], flush=True)

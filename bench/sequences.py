@@ -12,7 +12,7 @@ import igl
 import numpy as np
 
 from .person import JOINTS, Person, barycentric
-from .problems import POSE, SHAPE, SHIFT, SIZES, corrupt, remesh
+from .problems import POSE, SHAPE, SHIFT, TARGET, corrupt, remesh
 
 FRAMES = 50
 SWING = {1: 4.0, 3: 8.0}  # degree: amplitude of a joint about each axis
@@ -47,7 +47,7 @@ def frames(person, template, level, seed, count=FRAMES, corruption="noise1"):
     phenotype = {p: float(np.clip(0.5 + rng.uniform(-a, a), 0, 1)) for p in person.phenotypes} if a else {}
     drift = rng.normal(size=3)
     drift *= np.sqrt(3) * SHIFT[level] / np.linalg.norm(drift)
-    meshings = samplings(person, SIZES["14k"], rng)
+    meshings = samplings(person, TARGET, rng)
     for t in range(1, count + 1):
         sway = drift * np.sin(0.2 * t) / 0.2  # as fast at first as the level shifts, then back
         cage = person.pose(dict(zip(JOINTS, angles(t))), phenotype, sway)
