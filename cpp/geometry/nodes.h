@@ -6,8 +6,31 @@
 
 namespace toile {
 
-/// Geodesic distances run along edges, and along links from every vertex of a smaller component to the nearest vertex
-/// of the largest one, so that eyes and tongue follow the face.
+/// Geodesic distances along edges, and along links from every vertex of a smaller component to the nearest vertex of the
+/// largest one, so that eyes and tongue follow the face.
+class GeodesicGraph {
+public:
+    GeodesicGraph(const Vertices& V, const Faces& F);
+
+    /// Dijkstra from one vertex up to `reach`, in order of (distance, vertex). `distance` is (n,) scratch, infinite
+    /// before and after.
+    template <class Visit>
+    void walk(int source, double reach, std::vector<double>& distance, Visit&& visit) const;
+
+    int size() const { return static_cast<int>(start_.size()) - 1; }
+
+private:
+    std::vector<int> start_, to_;
+    std::vector<double> length_;
+};
+
+/// Vertices such that no vertex is farther than `radius` [m] from one of them: the first uncovered one, again and again.
+struct Cover {
+    std::vector<int> vertex;
+    std::vector<int> owner;  ///< (n,) the nearest of `vertex`, as an index into it
+};
+Cover cover(const GeodesicGraph& graph, double radius);
+
 struct DeformationNodes {
     static constexpr int carriers = 6;  ///< most nodes a vertex
 
@@ -20,8 +43,7 @@ struct DeformationNodes {
     int size() const { return static_cast<int>(vertex.size()); }
 };
 
-/// Cover by farthest-first in vertex order: no vertex is farther than `radius` [m] from a node. A node's weight dies at
-/// 2 radius as (1 - d^2 / 4 r^2)^3 (Li, Sumner, Pauly 2008).
-DeformationNodes cover_by_nodes(const Vertices& V, const Faces& F, double radius);
+/// Nodes at a cover's vertices. A node's weight dies at 2 radius as (1 - d^2 / 4 r^2)^3 (Li, Sumner, Pauly 2008).
+DeformationNodes deformation_nodes(const GeodesicGraph& graph, double radius);
 
 }  // namespace toile

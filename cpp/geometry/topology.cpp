@@ -2,66 +2,71 @@
 
 #include <algorithm>
 #include <map>
+#include <iterator>
 #include <numeric>
+
+#include "base/parallel.h"
 
 namespace toile {
 
-Edges unique_edges(const Faces& F) {
-    std::vector<std::pair<int, int>> e;
-    e.reserve(static_cast<std::size_t>(F.rows()) * 3);
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) {
-            const int i = F(f, c), j = F(f, (c + 1) % 3);
-            if (i != j) e.emplace_back(std::min(i, j), std::max(i, j));
-        }
-    std::sort(e.begin(), e.end());
-    e.erase(std::unique(e.begin(), e.end()), e.end());
-    Edges out(static_cast<Eigen::Index>(e.size()), 2);
-    for (std::size_t k = 0; k < e.size(); ++k) out.row(static_cast<Eigen::Index>(k)) << e[k].first, e[k].second;
-    return out;
-}
-
 namespace {
 
-/// Compressed rows from (row, value) pairs, values ascending and each once per row.
-Adjacency compress(const std::vector<std::pair<int, int>>& pairs, Eigen::Index rows) {
-    std::vector<int> next(static_cast<std::size_t>(rows) + 1, 0), values(pairs.size());
-    for (const auto& [row, value] : pairs) ++next[static_cast<std::size_t>(row) + 1];
-    std::partial_sum(next.begin(), next.end(), next.begin());
-    const std::vector<int> begin = next;
-    for (const auto& [row, value] : pairs) values[static_cast<std::size_t>(next[static_cast<std::size_t>(row)]++)] = value;
+/// Compressed rows of the (row, value) pairs that `each` visits; values ascending, repeats kept.
+template <class Each>
+Adjacency rows_of(Eigen::Index rows, Each&& each) {
     Adjacency a;
-    a.start.reserve(begin.size());
-    a.start.push_back(0);
-    a.index.reserve(pairs.size());
-    for (std::size_t row = 0; row + 1 < begin.size(); ++row) {
-        const auto first = values.begin() + begin[row], last = values.begin() + begin[row + 1];
-        std::sort(first, last);
-        a.index.insert(a.index.end(), first, std::unique(first, last));
-        a.start.push_back(static_cast<int>(a.index.size()));
-    }
+    a.start.assign(static_cast<std::size_t>(rows) + 1, 0);
+    each([&](int row, int) { ++a.start[row + 1]; });
+    std::partial_sum(a.start.begin(), a.start.end(), a.start.begin());
+    a.index.resize(static_cast<std::size_t>(a.start.back()));
+    std::vector<int> next(a.start.begin(), a.start.end() - 1);
+    each([&](int row, int value) { a.index[next[row]++] = value; });
+    parallel_for(rows, [&](std::int64_t r) { std::sort(a.index.begin() + a.start[r], a.index.begin() + a.start[r + 1]); }, 4096);
     return a;
+}
+
+Adjacency each_once(const Adjacency& a) {
+    Adjacency once;
+    once.start.assign(1, 0);
+    once.index.reserve(a.index.size());
+    for (int r = 0; r < a.size(); ++r) {
+        std::unique_copy(a.index.begin() + a.start[r], a.index.begin() + a.start[r + 1], std::back_inserter(once.index));
+        once.start.push_back(static_cast<int>(once.index.size()));
+    }
+    return once;
+}
+
+/// The ends of every face's sides, seen from both ends.
+Adjacency sides(const Faces& F, Eigen::Index n) {
+    return rows_of(n, [&](auto&& visit) {
+        for (Eigen::Index f = 0; f < F.rows(); ++f)
+            for (int c = 0; c < 3; ++c)
+                if (const int i = F(f, c), j = F(f, (c + 1) % 3); i != j) {
+                    visit(i, j);
+                    visit(j, i);
+                }
+    });
 }
 
 }  // namespace
 
-Adjacency vertex_neighbours(const Faces& F, Eigen::Index n) {
-    std::vector<std::pair<int, int>> pairs;
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) {
-            const int i = F(f, c), j = F(f, (c + 1) % 3);
-            if (i == j) continue;
-            pairs.emplace_back(i, j);
-            pairs.emplace_back(j, i);
-        }
-    return compress(pairs, n);
+Edges unique_edges(const Faces& F) {
+    const Adjacency ring = vertex_neighbours(F, F.size() > 0 ? F.maxCoeff() + 1 : 0);
+    Edges edges(static_cast<Eigen::Index>(ring.index.size() / 2), 2);
+    Eigen::Index e = 0;
+    for (int v = 0; v < ring.size(); ++v)
+        for (int k = ring.start[v]; k < ring.start[v + 1]; ++k)
+            if (ring.index[k] > v) edges.row(e++) << v, ring.index[k];
+    return edges;
 }
 
+Adjacency vertex_neighbours(const Faces& F, Eigen::Index n) { return each_once(sides(F, n)); }
+
 Adjacency vertex_faces(const Faces& F, Eigen::Index n) {
-    std::vector<std::pair<int, int>> pairs;
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) pairs.emplace_back(F(f, c), static_cast<int>(f));
-    return compress(pairs, n);
+    return each_once(rows_of(n, [&](auto&& visit) {
+        for (Eigen::Index f = 0; f < F.rows(); ++f)
+            for (int c = 0; c < 3; ++c) visit(F(f, c), static_cast<int>(f));
+    }));
 }
 
 std::vector<std::vector<int>> boundary_loops(const Faces& F) {
@@ -97,9 +102,16 @@ std::vector<std::vector<int>> boundary_loops(const Faces& F) {
 }
 
 std::vector<char> boundary_vertices(const Faces& F, Eigen::Index n) {
+    const Adjacency ends = sides(F, n);
     std::vector<char> mark(static_cast<std::size_t>(n), 0);
-    for (const auto& loop : boundary_loops(F))
-        for (int v : loop) mark[static_cast<std::size_t>(v)] = 1;
+    parallel_for(n, [&](std::int64_t v) {
+        const auto begin = ends.index.begin() + ends.start[v], end = ends.index.begin() + ends.start[v + 1];
+        for (auto i = begin; i != end;) {
+            const auto next = std::upper_bound(i, end, *i);
+            mark[v] |= next - i == 1;
+            i = next;
+        }
+    }, 4096);
     return mark;
 }
 

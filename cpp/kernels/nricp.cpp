@@ -10,7 +10,9 @@
 
 #include "base/errors.h"
 #include "base/parallel.h"
+#include "geometry/closest.h"
 #include "geometry/laplacian.h"
+#include "geometry/nodes.h"
 #include "kernels/nricp_fine.h"
 #include "kernels/nricp_graph.h"
 #include "kernels/nricp_match.h"
@@ -36,22 +38,22 @@ Vector area_shares(const Vertices& V, const Faces& F) {
 }
 
 /// 1 where at least `least` of the rays from a vertex leave the template, else 0: cavities are never scanned.
-Vector visible_vertices(const Vertices& V, const Faces& F, double least) {
+Vector visible_vertices(const Vertices& V, const Faces& F, const Vertices& normals, double least) {
     if (least <= 0) return Vector::Ones(V.rows());
     constexpr int rays = 48;
-    const Vertices normals = vertex_normals(V, F);
     const SurfaceIndex index(V, F);
     Vector visible(V.rows());
     parallel_for(V.rows(), [&](std::int64_t v) {
         const Vec3 n = normals.row(v).transpose();
         const Vec3 origin = V.row(v).transpose() + 1e-4 * n;
+        const double enough = least * rays;
         int free = 0;
-        for (int i = 0; i < rays; ++i) {  // Fibonacci sphere, folded to the side of the normal
+        for (int i = 0; i < rays && free < enough; ++i) {  // Fibonacci sphere, folded to the side of the normal
             const double z = 1 - (2 * i + 1.0) / rays, r = std::sqrt(1 - z * z), a = i * M_PI * (3 - std::sqrt(5.0));
             const Vec3 d(r * std::cos(a), r * std::sin(a), z);
             free += !index.occluded(origin, d.dot(n) < 0 ? Vec3(-d) : d, 1e-4);
         }
-        visible[v] = free >= least * rays && n.squaredNorm() > 0;
+        visible[v] = free >= enough && n.squaredNorm() > 0;
     });
     return visible.sum() > 0 ? visible : Vector::Ones(V.rows());
 }
@@ -77,8 +79,10 @@ void check_options(const NricpOptions& o) {
     positive(o.robust_start, "robust_start");
     positive(o.robust_end, "robust_end");
     fits(o.reverse, "reverse");
+    fits(o.spread, "spread");
+    fits(o.detail, "detail");
     require(o.fine_robust > 0, "nricp: fine_robust is not positive");
-    require(o.fine_stiffness > 0, "nricp: fine_stiffness is not positive");
+    require(o.fine_length > 0, "nricp: fine_length is not positive");
     require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
 }
 
@@ -120,18 +124,24 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
 NricpOptions nricp_preset(const std::string& name) {
     NricpOptions o;
     if (name == "draft") {
-        o.iterations = {6, 4, 2};
-        o.reverse = {10, 0, 0};
+        o.iterations = {8, 4, 0};
         o.fine_iterations = 0;
     } else if (name == "fine") {
-        o.iterations = {12, 8, 6};
+        o.iterations = {10, 6, 10};
         o.fine_iterations = 5;
-        o.fine_sweeps = 15;
+        o.fine_sweeps = 10;
     } else {
         require(name == "standard", "nricp: preset is '" + name + "', expected draft, standard or fine");
     }
     return o;
 }
+
+/// One level of the coarse solve.
+struct Level {
+    std::size_t number;  ///< into the options' lists
+    NricpGraph graph;
+    Samples samples;
+};
 
 /// Works in the template's own frame: about its mean, sized so that its area is 1.
 struct NricpSolver::State {
@@ -139,9 +149,9 @@ struct NricpSolver::State {
     Faces F;
     Vec3 middle;
     double size;
-    Vertices V;
-    Vector area, visible;
-    std::vector<NricpGraph> graphs;
+    Vertices V, N;
+    std::vector<Level> levels;
+    std::optional<Samples> all;  ///< every visible vertex, for the fine steps
     std::optional<NricpFine> fine;
     std::mutex busy;  ///< graphs and factors hold the frame under way: one solve at a time
 
@@ -163,39 +173,66 @@ NricpFrame NricpSolver::State::into(const NricpFrame& frame) const {
 
 namespace {
 
-/// One frame's solve: positions, evidence, and the match of each step.
+/// The visible vertices, thinned so that each lies within `spacing` of one that is kept and stands for its area.
+Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& surface, const Vector& area, double spacing) {
+    Vector share = area;
+    if (spacing > 0) {
+        const Cover thinned = cover(surface, spacing);
+        share.setZero();
+        for (Eigen::Index v = 0; v < V.rows(); ++v) share[thinned.vertex[thinned.owner[v]]] += area[v];
+    }
+    std::vector<int> vertex;
+    std::vector<double> kept;
+    for (int v = 0; v < V.rows(); ++v)
+        if (share[v] > 0 && area[v] > 0) {
+            vertex.push_back(v);
+            kept.push_back(share[v]);
+        }
+    return {V, N, std::move(vertex), std::move(kept)};
+}
+
+/// One frame's solve: the pose, evidence, and the match of each step.
 struct Progress {
     const NricpFrame& frame;
     const NricpTarget& target;
-    const Faces& F;
-    const Vector &area, &visible;
     const NricpOptions& options;
-    Vertices x;
+    Matcher matcher;
+    Pose pose;
     NricpResult result;
     double last_move = INFINITY;
 
     /// False when nothing overlaps; landmarks may still be pulling the template there.
-    bool match(double mu, double reverse, Pull& pull) {
-        pull = pull_of(target, frame, x, F, area, visible, {mu, reverse, options.point_weight, options.boundary_weight});
+    bool match(Samples& samples, const MatchSettings& settings, Pull& pull) {
+        pull = matcher.pull(pose, samples, settings);
         result.energy.push_back(pull.energy);
         result.rms = pull.rms;
         result.matched = pull.matched;
         return pull.overlap >= options.min_overlap || frame.landmarks.W.rows() > 0;
     }
-    void move_to(Vertices next) {
-        last_move = std::sqrt((next - x).rowwise().squaredNorm().mean());
-        x = std::move(next);
+    void move_to(Pose next) {
+        last_move = std::sqrt((next.V - pose.V).rowwise().squaredNorm().mean());
+        pose = std::move(next);
         ++result.iterations;
+    }
+    MatchSettings coarse(std::size_t level, double mu) const {
+        const NricpOptions& o = options;
+        const bool surface = level + 1 == o.radii.size();
+        return {mu, o.spread[level], o.reverse[level], surface, o.phong, o.point_weight, o.boundary_weight, o.blend, o.rblend};
+    }
+    MatchSettings fine() const {
+        const NricpOptions& o = options;
+        return {o.fine_robust, o.spread.back(), 0, true, o.phong, o.point_weight, o.boundary_weight, o.blend, o.rblend};
     }
 };
 
 /// One Gauss-Newton step of a rigid motion of everything.
-Vertices rigid_step(const Vertices& x, const Pull& pull) {
-    const Eigen::RowVector3d middle = x.colwise().mean();
+Pose rigid_step(const Pose& pose, const Pull& pull) {
+    const Eigen::RowVector3d middle = pose.V.colwise().mean();
     Eigen::Matrix<double, 6, 6> H = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
     Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
-    for (Eigen::Index v = 0; v < x.rows(); ++v) {
-        const Vec3 a = (x.row(v) - middle).transpose();
+    for (Eigen::Index v = 0; v < pose.V.rows(); ++v) {
+        if (pull.A[v].isZero(0)) continue;
+        const Vec3 a = (pose.V.row(v) - middle).transpose();
         Eigen::Matrix<double, 3, 6> J;
         J << 0, a.z(), -a.y(), 1, 0, 0, -a.z(), 0, a.x(), 0, 1, 0, a.y(), -a.x(), 0, 0, 0, 1;
         H += J.transpose() * pull.A[v] * J;
@@ -204,41 +241,50 @@ Vertices rigid_step(const Vertices& x, const Pull& pull) {
     const Eigen::Matrix<double, 6, 1> s = H.ldlt().solve(g);
     const double angle = s.head<3>().norm();
     const Mat3 R = angle > 0 ? Eigen::AngleAxisd(angle, s.head<3>() / angle).toRotationMatrix() : Mat3::Identity();
-    return ((x.rowwise() - middle) * R.transpose()).rowwise() + (middle + s.tail<3>().transpose());
+    return {((pose.V.rowwise() - middle) * R.transpose()).rowwise() + (middle + s.tail<3>().transpose()), pose.N * R.transpose()};
 }
 
-bool run_rigid(Progress& p) {
+bool run_rigid(Progress& p, Samples& samples) {
     constexpr int steps = 10;
     Pull pull;
     for (int i = 0; i < steps; ++i) {
-        if (!p.match(p.options.robust_start[0], p.options.reverse[0], pull)) return false;
-        p.move_to(rigid_step(p.x, pull));
+        if (!p.match(samples, p.coarse(0, p.options.robust_start[0]), pull)) return false;
+        p.move_to(rigid_step(p.pose, pull));
     }
     return true;
 }
 
-bool run_graph(Progress& p, NricpGraph& graph, const Vertices& rest, std::size_t level) {
+bool run_graph(Progress& p, Level& own, const Vertices& rest, const Vertices& rest_N) {
     const NricpOptions& o = p.options;
-    graph.start(rest, p.x);
+    const std::size_t level = own.number;
+    own.graph.start(rest, rest_N, p.pose.V);
+    std::vector<int> pulled;
+    std::set_union(own.samples.vertex.begin(), own.samples.vertex.end(), p.matcher.marked().begin(), p.matcher.marked().end(),
+                   std::back_inserter(pulled));
+    own.graph.place(pulled, p.pose);
     Pull pull;
     for (int i = 0, count = o.iterations[level]; i < count; ++i) {
         const double mu = anneal(o.robust_start[level], o.robust_end[level], i, count);
-        if (!p.match(mu, o.reverse[level], pull)) return false;
-        graph.step(pull, anneal(o.stiffness_start[level], o.stiffness_end[level], i, count), o.rotation_weight);
-        p.move_to(graph.positions());
+        if (!p.match(own.samples, p.coarse(level, mu), pull)) return false;
+        own.graph.step(pull, p.pose.V, anneal(o.stiffness_start[level], o.stiffness_end[level], i, count), o.rotation_weight);
+        Pose next = p.pose;
+        own.graph.place(pulled, next);
+        p.move_to(std::move(next));
     }
+    p.pose = own.graph.pose();
     return true;
 }
 
-bool run_fine(Progress& p, NricpFine& fine) {
+bool run_fine(Progress& p, NricpFine& fine, Samples& all, const Faces& F) {
     const NricpOptions& o = p.options;
-    constexpr double base_length = 0.004, usual_roughness = 0.03;
-    const double length = base_length * std::pow(o.fine_stiffness, 0.25) * (1 + p.target.roughness / usual_roughness);
-    const Vertices anchor = p.x;
+    const double length = o.fine_length + o.fine_noise * p.target.noise();
+    if (getenv("SHOW")) printf("noise %.2f mm of 1.4\n", 1400 * p.target.noise());
+    const Vertices anchor = p.pose.V;
     Pull pull;
     for (int i = 0; i < o.fine_iterations; ++i) {
-        if (!p.match(o.fine_robust, 0, pull)) return false;
-        p.move_to(fine.step(anchor, p.x, pull, length, o.fine_sweeps));
+        if (!p.match(all, p.fine(), pull)) return false;
+        Vertices x = fine.step(anchor, p.pose.V, pull, length, o.fine_sweeps);
+        p.move_to({x, vertex_normals(x, F)});
     }
     return true;
 }
@@ -259,11 +305,16 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& 
     s.size = std::sqrt(face_areas(V.rowwise() - s.middle.transpose(), F).sum());
     require(s.size > 0, "nricp: the faces F of V have no area");
     s.V = s.into(V);
-    s.area = area_shares(s.V, F);
-    s.visible = visible_vertices(s.V, F, options.exposure);
-    const std::size_t first = options.large_motion ? 0 : options.radii.size() - 1;
-    for (std::size_t level = first; level < options.radii.size(); ++level) s.graphs.emplace_back(s.V, F, options.radii[level]);
-    if (options.fine_iterations > 0) s.fine.emplace(s.V, F);
+    s.N = vertex_normals(s.V, F);
+    const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
+    const GeodesicGraph surface(s.V, F);
+    for (std::size_t level = options.large_motion ? 0 : 1; level < options.radii.size(); ++level)
+        if (options.iterations[level] > 0) {
+            Samples samples = samples_of(s.V, s.N, surface, seen, options.detail[level]);
+            s.levels.push_back({level, {surface, options.radii[level], samples.vertex}, std::move(samples)});
+        }
+    s.all.emplace(samples_of(s.V, s.N, surface, seen, 0));
+    if (options.fine_iterations > 0) s.fine.emplace(s.V, F, area);
 }
 
 NricpSolver::~NricpSolver() = default;
@@ -284,34 +335,35 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
 
     NricpTarget target(frame.V, frame.F);
     const Vertices start = frame.start.rows() > 0 ? frame.start : s.V;
-    const Vertices rest = o.rebase ? start : s.V;
-    target.orient(start, vertex_normals(start, s.F), s.visible);
-    Progress p{frame, target, s.F, s.area, s.visible, o, start, {}};
-    bool overlaps = !o.large_motion || run_rigid(p);
-    for (std::size_t i = 0; overlaps && i < s.graphs.size(); ++i)
-        overlaps = run_graph(p, s.graphs[i], rest, o.radii.size() - s.graphs.size() + i);
-    if (overlaps && s.fine) overlaps = run_fine(p, *s.fine);
+    const Vertices start_N = vertex_normals(start, s.F);
+    const Vertices &rest = o.rebase ? start : s.V, &rest_N = o.rebase ? start_N : s.N;
+    Samples& widest = s.levels.empty() ? *s.all : s.levels.front().samples;
+    target.orient(widest, {start, start_N});
+    Progress p{frame, target, o, {frame, target, start.rows()}, {start, start_N}, {}};
+    bool overlaps = !o.large_motion || run_rigid(p, widest);
+    for (std::size_t i = 0; overlaps && i < s.levels.size(); ++i) overlaps = run_graph(p, s.levels[i], rest, rest_N);
+    if (overlaps && s.fine) overlaps = run_fine(p, *s.fine, *s.all, s.F);
     Pull last;
-    overlaps = overlaps && (p.match(o.fine_iterations > 0 ? o.fine_robust : o.robust_end.back(), 0, last), last.overlap >= o.min_overlap);
+    overlaps = overlaps && (p.match(*s.all, p.fine(), last), last.overlap >= o.min_overlap);
     none.iterations = p.result.iterations;
     if (!overlaps) return none;
     constexpr double still = 1e-4;  // of the template's size
     p.result.stop = p.last_move < still ? "converged" : "max_iterations";
-    p.result.V = s.out_of(p.x);
+    p.result.V = s.out_of(p.pose.V);
     p.result.rms *= s.size;
     for (double& e : p.result.energy) e *= s.size * s.size;
     return p.result;
 }
 
 std::int64_t NricpSolver::analyses() const {
-    std::int64_t sum = state_->fine ? state_->fine->factor.analyses() : 0;
-    for (const NricpGraph& g : state_->graphs) sum += g.factor.analyses();
+    std::int64_t sum = state_->fine ? state_->fine->analyses() : 0;
+    for (const Level& l : state_->levels) sum += l.graph.factor.analyses();
     return sum;
 }
 
 std::int64_t NricpSolver::factorisations() const {
-    std::int64_t sum = state_->fine ? state_->fine->factor.factorisations() : 0;
-    for (const NricpGraph& g : state_->graphs) sum += g.factor.factorisations();
+    std::int64_t sum = state_->fine ? state_->fine->factorisations() : 0;
+    for (const Level& l : state_->levels) sum += l.graph.factor.factorisations();
     return sum;
 }
 

@@ -11,17 +11,22 @@ namespace toile {
 /// Lengths are fractions of the template's size, the square root of its area (1.4 m for an adult): the same options
 /// serve every scale.
 struct NricpOptions {
-    bool large_motion = true;      ///< rigid and coarse levels first; false: `start` lies within a few hundredths
+    bool large_motion = true;      ///< rigid and the first level too; false: `start` lies within a few hundredths
     bool rebase = false;           ///< the rest shape is `start`, not V
     std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine; small motion uses the last
-    std::vector<int> iterations{10, 6, 4};          ///< Gauss-Newton steps a level
-    std::vector<double> stiffness_start{1, 0.3, 0.1}, stiffness_end{0.02, 0.02, 0.02};  ///< of the graph
+    std::vector<int> iterations{8, 5, 3};           ///< Gauss-Newton steps a level
+    std::vector<double> stiffness_start{1, 1, 0.1}, stiffness_end{0.02, 0.02, 0.02};  ///< of the graph
     std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.01};   ///< Geman-McClure scale mu
-    std::vector<double> reverse{10, 3, 1};          ///< weight of the scan -> template term
-    int fine_iterations = 3;       ///< steps of the vertices' own displacement, 0: the graph's answer
-    int fine_sweeps = 8;           ///< conjugate gradient steps each
-    double fine_stiffness = 1;     ///< of the displacement's gradient and Laplacian, grows with the scan's noise
+    std::vector<double> reverse{5, 1, 0.1};         ///< weight of the scan -> template term
+    std::vector<double> spread{0.2, 0.05, 0.03};    ///< distance that opposite normals are worth when a match is chosen
+    std::vector<double> detail{0.03, 0.01, 0};      ///< spacing of the vertices that are matched, 0: all
+    int fine_iterations = 2;       ///< steps of the vertices' own displacement, 0: the graph's answer
+    int fine_sweeps = 4;           ///< conjugate gradient steps each
+    double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed; grows with the scan's noise
     double fine_robust = 0.006;    ///< Geman-McClure scale of the fine steps
+    double blend = 0.7, rblend = 0.7;
+    double fine_noise = 20;
+    double phong = 1;           ///< share by which scan points are lifted off their faces to the smooth surface
     double point_weight = 0.003;   ///< share of point-to-point beside point-to-plane
     double boundary_weight = 3;    ///< of a loop vertex against a surface vertex
     double rotation_weight = 1;    ///< penalty on rotation differences of neighbouring nodes

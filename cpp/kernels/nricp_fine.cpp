@@ -1,42 +1,64 @@
 #include "kernels/nricp_fine.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/parallel.h"
 #include "geometry/topology.h"
 
 namespace toile {
 
-NricpFine::NricpFine(const Vertices& V, const Faces& F) {
+namespace {
+
+/// Graph Laplacian with Floater's mean-value-like weights kept positive: 1 / edge length, so that slivers stay harmless.
+Sparse laplacian(const Vertices& V, const Faces& F) {
     const Edges edges = unique_edges(F);
     std::vector<Eigen::Triplet<double>> entries;
     for (Eigen::Index e = 0; e < edges.rows(); ++e) {
         const int i = edges(e, 0), j = edges(e, 1);
         entries.insert(entries.end(), {{i, i, 1.0}, {j, j, 1.0}, {i, j, -1.0}, {j, i, -1.0}});
-        edge_ += (V.row(i) - V.row(j)).norm();
     }
-    edge_ /= std::max<Eigen::Index>(edges.rows(), 1);
-    laplacian_.resize(V.rows(), V.rows());
-    laplacian_.setFromTriplets(entries.begin(), entries.end());
-    identity_.resize(V.rows(), V.rows());
-    identity_.setIdentity();
-    bilaplacian_ = laplacian_ * laplacian_;
-    factor.analyze(Sparse(bilaplacian_ + laplacian_ + identity_));
+    Sparse L(V.rows(), V.rows());
+    L.setFromTriplets(entries.begin(), entries.end());
+    return L / std::sqrt(3.0);
+}
+
+double dot(const Vertices& a, const Vertices& b) {
+    return parallel_sum(a.rows(), 0.0, [&](double& sum, std::int64_t v) { sum += a.row(v).dot(b.row(v)); }, 2048);
+}
+
+}  // namespace
+
+NricpFine::NricpFine(const Vertices& V, const Faces& F, const Vector& area)
+    : mass_(area.cwiseMax(1e-3 * area.mean())) {
+    const Sparse L = laplacian(V, F);
+    bilaplacian_ = L * mass_.cwiseInverse().asDiagonal() * L;
+}
+
+NricpFine::Level& NricpFine::level(double length) {
+    const int key = static_cast<int>(std::lround(2 * std::log2(length)));
+    const auto found = levels_.find(key);
+    if (found != levels_.end()) return found->second;
+    constexpr double rest = 1e-4, matched = 1.0 / 3;
+    Level& made = levels_[key];
+    const double wave = std::pow(2.0, key / 2.0);
+    made.K = std::pow(wave, 4) * bilaplacian_;
+    made.K.diagonal() += rest * mass_;
+    Sparse P = made.K;
+    P.diagonal() += matched * mass_;
+    made.factor.factorize(P);
+    ++analyses_;
+    return made;
 }
 
 Vertices NricpFine::step(const Vertices& anchor, const Vertices& x, const Pull& pull, double length, int sweeps) {
-    constexpr double gradient = 0.01, rest = 1e-4;
+    const Level& own = level(length);
     const Eigen::Index n = anchor.rows();
-    const double q = length * length / (edge_ * edge_) / 3;
-    const Sparse K = (q * q / n) * bilaplacian_ + (gradient * q / n) * laplacian_ + (rest / n) * identity_;
-    Sparse P = K;
-    for (Eigen::Index v = 0; v < n; ++v) P.coeffRef(v, v) += pull.A[v].trace() / 3;
-    factor.factorize(P);
     const auto apply = [&](const Vertices& d) {
         Vertices y(n, 3);
         parallel_for(n, [&](std::int64_t v) {
             Eigen::RowVector3d sum = d.row(v) * pull.A[v];
-            for (Sparse::InnerIterator it(K, v); it; ++it) sum += it.value() * d.row(it.row());  // K is symmetric
+            for (Sparse::InnerIterator it(own.K, v); it; ++it) sum += it.value() * d.row(it.row());  // K is symmetric
             y.row(v) = sum;
         });
         return y;
@@ -44,15 +66,16 @@ Vertices NricpFine::step(const Vertices& anchor, const Vertices& x, const Pull& 
     Vertices d = x - anchor, r(n, 3);
     for (Eigen::Index v = 0; v < n; ++v) r.row(v) = pull.b.row(v) + d.row(v) * pull.A[v];
     r -= apply(d);
-    Vertices z = factor.solve(r), p = z;
-    double rz = r.cwiseProduct(z).sum();
+    Vertices z = own.factor.solve(r), p = z;
+    double rz = dot(r, z);
     for (int i = 0; i < sweeps && rz > 0; ++i) {
         const Vertices Ap = apply(p);
-        const double alpha = rz / p.cwiseProduct(Ap).sum();
+        const double alpha = rz / dot(p, Ap);
         d += alpha * p;
+        if (i + 1 == sweeps) break;
         r -= alpha * Ap;
-        z = factor.solve(r);
-        const double next = r.cwiseProduct(z).sum();
+        z = own.factor.solve(r);
+        const double next = dot(r, z);
         p = z + next / rz * p;
         rz = next;
     }

@@ -1,25 +1,37 @@
 // The last stage: a displacement of every vertex beside the graph's answer.
 #pragma once
+#include <map>
+
 #include "base/sparse.h"
 #include "kernels/nricp_match.h"
 
 namespace toile {
 
-/// K = (length / h)^4 U^2 / 9 + gradient (length / h)^2 U / 3 + rest I, per vertex, with U the graph Laplacian and h the
-/// mean edge: waves shorter than `length` [m] are not followed whatever the resolution, unpulled vertices stay.
+/// K = length^4 L' M^-1 L + rest M over the template (Botsch and Kobbelt 2004): waves shorter than `length` are not
+/// followed whatever the resolution, unpulled vertices follow smoothly.
 class NricpFine {
 public:
-    NricpFine(const Vertices& V, const Faces& F);
+    NricpFine(const Vertices& V, const Faces& F, const Vector& area);
 
     /// Minimises d' K d + pull about `x - anchor`, d the displacement from `anchor`: conjugate gradients,
-    /// preconditioned by the scalar factor of K + trace(A) / 3.
+    /// preconditioned by the scalar factor of K + M / 3. A power of sqrt(2) stands for `length`, so that a sequence
+    /// factorises once.
     Vertices step(const Vertices& anchor, const Vertices& x, const Pull& pull, double length, int sweeps);
 
-    CholeskyFactor factor;
+    std::int64_t analyses() const { return analyses_; }
+    std::int64_t factorisations() const { return analyses_; }
 
 private:
-    Sparse laplacian_, bilaplacian_, identity_;
-    double edge_ = 0;
+    struct Level {
+        Sparse K;
+        CholeskyFactor factor;
+    };
+    Level& level(double length);
+
+    Vector mass_;
+    Sparse bilaplacian_;
+    std::map<int, Level> levels_;  ///< by 2 log2(length)
+    std::int64_t analyses_ = 0;
 };
 
 }  // namespace toile

@@ -5,6 +5,7 @@
 
 #include "base/errors.h"
 #include "base/parallel.h"
+#include "geometry/closest.h"
 #include "geometry/laplacian.h"
 #include "geometry/topology.h"
 
@@ -39,63 +40,11 @@ Mat3 plane_weight(const Vec3& n, double point_weight) {
     return (1 - point_weight) * n * n.transpose() + point_weight * Mat3::Identity();
 }
 
-void pull_to_scan(const NricpTarget& target, const Vertices& x, const Vertices& normals, const Vector& area,
-                  const Vector& visible, const MatchSettings& s, Pull& pull) {
-    std::vector<double> squared(static_cast<std::size_t>(x.rows()), 0);
-    parallel_for(x.rows(), [&](std::int64_t v) {
-        if (visible[v] == 0) return;
-        const Vec3 p = x.row(v).transpose();
-        const SurfacePoint hit = target.index.closest(p, 3 * s.mu);
-        if (hit.face < 0 || target.on_boundary(hit)) return;
-        const Vec3 n = target.normal_at(hit);
-        const double cosine = n.dot(normals.row(v));
-        if (cosine <= 0) return;
-        pull.matched[v] = geman_mcclure(hit.distance * hit.distance, s.mu) * cosine * cosine;
-        const Vec3 residual = hit.point - p;
-        squared[v] = std::pow(n.dot(residual), 2);
-        pull.add(v, area[v] * pull.matched[v] * plane_weight(n, s.point_weight), residual);
-    });
-    double weight = 0, seen = 0;
-    for (Eigen::Index v = 0; v < x.rows(); ++v) {
-        const double w = area[v] * pull.matched[v];
-        pull.energy += w * squared[v];
-        weight += w;
-        seen += area[v] * visible[v];
-    }
-    pull.rms = weight > 0 ? std::sqrt(pull.energy / weight) : 0;
-    pull.overlap = seen > 0 ? weight / seen : 0;
-}
-
-/// About as many scan vertices as `most`, each to the closest point of the template as it stands.
-void pull_from_scan(const NricpTarget& target, const Vertices& x, const Faces& F, const Vertices& normals,
-                    const Vector& visible, const MatchSettings& s, Pull& pull) {
-    constexpr Eigen::Index most = 4000;
-    const Vertices& scan = target.index.vertices();
-    const Eigen::Index step = std::max<Eigen::Index>(1, scan.rows() / most), count = scan.rows() / step;
-    const SurfaceIndex index(x, F);
-    std::vector<SurfacePoint> hits(static_cast<std::size_t>(count));
-    parallel_for(count, [&](std::int64_t i) {
-        if (target.normals.row(i * step).squaredNorm() > 0)
-            hits[i] = index.closest(scan.row(i * step).transpose(), 3 * s.mu);
-    });
-    for (Eigen::Index i = 0; i < count; ++i) {
-        const SurfacePoint& hit = hits[i];
-        if (hit.face < 0) continue;
-        const Vec3 n = target.sign * target.normals.row(i * step).transpose();
-        Vec3 m = Vec3::Zero();
-        for (int c = 0; c < 3; ++c) m += hit.barycentric[c] * normals.row(F(hit.face, c)).transpose();
-        const double cosine = n.dot(m.normalized());
-        if (!(cosine > 0)) continue;
-        const double w = s.reverse / count * geman_mcclure(hit.distance * hit.distance, s.mu) * cosine * cosine;
-        const Vec3 residual = scan.row(i * step).transpose() - hit.point;
-        for (int c = 0; c < 3; ++c)
-            if (const int v = F(hit.face, c); visible[v] > 0)
-                pull.add(v, w * hit.barycentric[c] * plane_weight(n, s.point_weight), residual);
-    }
-}
+Vec3 row(const Vertices& X, Eigen::Index i) { return X.row(i).transpose(); }
 
 /// Loop vertices to the closest point of their closed polyline, free along it.
-void pull_to_loops(const NricpFrame& frame, const Vertices& x, const Vector& area, const MatchSettings& s, Pull& pull) {
+void pull_to_loops(const NricpFrame& frame, const Vertices& x, double boundary_weight, Pull& pull) {
+    const double n = x.rows();
     for (const NricpLoop& loop : frame.loops)
         for (Eigen::Index i = 0; i < loop.vertices.size(); ++i) {
             const int v = loop.vertices[i];
@@ -114,7 +63,7 @@ void pull_to_loops(const NricpFrame& frame, const Vertices& x, const Vector& are
             }
             constexpr double along = 0.05;  // a little point-to-point, so that ends do not slide
             const Mat3 across = Mat3::Identity() - (1 - along) * tangent * tangent.transpose();
-            pull.add(v, s.boundary_weight * area[v] * across, best - p);
+            pull.add(v, boundary_weight / n * across, best - p);
         }
 }
 
@@ -142,49 +91,208 @@ Faces target_faces(const Vertices& V, const Faces& F, const Indices& labels, con
     return F(keep, Eigen::all);
 }
 
-NricpTarget::NricpTarget(const Vertices& V, const Faces& F)
-    : index(V, F), normals(vertex_normals(V, F)), boundary(boundary_vertices(F, V.rows())) {
-    const Edges edges = unique_edges(F);
-    for (Eigen::Index e = 0; e < edges.rows(); ++e)
-        roughness += 1 - normals.row(edges(e, 0)).dot(normals.row(edges(e, 1)));
-    roughness /= std::max<Eigen::Index>(edges.rows(), 1);
-}
+Samples::Samples(const Vertices& V, const Vertices& N, std::vector<int> v, std::vector<double> a)
+    : vertex(std::move(v)), area(std::move(a)), tree(V(vertex, Eigen::all), N(vertex, Eigen::all)) {}
 
-Vec3 NricpTarget::normal_at(const SurfacePoint& hit) const {
-    Vec3 n = Vec3::Zero();
-    for (int c = 0; c < 3; ++c) n += hit.barycentric[c] * normals.row(index.faces()(hit.face, c)).transpose();
-    const double length = n.norm();
-    return length > 0 ? Vec3(sign / length * n) : Vec3::Zero();
-}
+void Samples::follow(const Pose& pose) { tree.follow(pose.V(vertex, Eigen::all), pose.N(vertex, Eigen::all)); }
 
-/// A hit on a boundary vertex or on an edge between two of them.
-bool NricpTarget::on_boundary(const SurfacePoint& hit) const {
-    constexpr double touch = 1e-6;
-    bool corners_on_boundary = true, interior = true;
-    for (int c = 0; c < 3; ++c) {
-        if (hit.barycentric[c] < touch) interior = false;
-        else corners_on_boundary &= static_cast<bool>(boundary[index.faces()(hit.face, c)]);
+namespace {
+
+/// The vertices of F and F in their numbers; a vertex without a normal is left out with its faces.
+std::pair<std::vector<int>, Faces> used_part(const Vertices& N, const Faces& F) {
+    std::vector<int> number(static_cast<std::size_t>(N.rows()), -1), used, keep;
+    for (int f = 0; f < F.rows(); ++f) {
+        const bool sound = N.row(F(f, 0)).any() && N.row(F(f, 1)).any() && N.row(F(f, 2)).any();
+        if (sound) keep.push_back(f);
+        if (sound)
+            for (int c = 0; c < 3; ++c) number[F(f, c)] = 0;
     }
-    return !interior && corners_on_boundary;
+    for (int v = 0; v < N.rows(); ++v)
+        if (number[v] == 0) {
+            number[v] = static_cast<int>(used.size());
+            used.push_back(v);
+        }
+    return {used, F(keep, Eigen::all).unaryExpr([&](int v) { return number[v]; })};
 }
 
-void NricpTarget::orient(const Vertices& x, const Vertices& template_normals, const Vector& visible) {
-    const std::vector<SurfacePoint> hits = index.closest_each(x);
+/// Vertices on the border, or where faces meet in odd numbers: in a closed ring every neighbour is seen twice, so that
+/// the neighbours' hashes cancel (splitmix64). A tenth of the time of counting edges.
+std::vector<char> open_vertices(const Faces& F, Eigen::Index n) {
+    const auto hash = [](int v) {
+        std::uint64_t z = (static_cast<std::uint64_t>(v) + 1) * 0x9e3779b97f4a7c15ull;
+        z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+        z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+        return z ^ (z >> 31);
+    };
+    std::vector<std::uint64_t> sum(static_cast<std::size_t>(n), 0);
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) sum[F(f, c)] ^= hash(F(f, (c + 1) % 3)) ^ hash(F(f, (c + 2) % 3));
+    std::vector<char> open(sum.size());
+    std::transform(sum.begin(), sum.end(), open.begin(), [](std::uint64_t x) { return x != 0; });
+    return open;
+}
+
+/// Noise of the vertices along their normals, from the median angle between normals at the ends of a side, and the mean
+/// side. Normals of a mesh with deviation s and sides e differ by about 1.4 s / e; the body's own curvature by less
+/// than the angle that is taken off.
+std::pair<double, double> noise_of(const Vertices& V, const Vertices& N, const Faces& F) {
+    std::vector<double> bend(static_cast<std::size_t>(3 * F.rows()));
+    double edge = 0;
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) {
+            const int i = F(f, c), j = F(f, (c + 1) % 3);
+            bend[3 * f + c] = 1 - N.row(i).dot(N.row(j));
+            edge += (V.row(i) - V.row(j)).norm();
+        }
+    if (bend.empty()) return {0, 1};
+    edge = std::max(edge / bend.size(), 1e-12);
+    const auto middle = bend.begin() + bend.size() / 2;
+    std::nth_element(bend.begin(), middle, bend.end());
+    constexpr double curvature = 0.004, per_ratio = 1.4;
+    return {edge * std::sqrt(2 * std::max(0.0, *middle - curvature)) / per_ratio, edge};
+}
+
+/// Each normal with those of the faces about it.
+Vertices smoothed(const Vertices& N, const Faces& F) {
+    Vertices S = 2 * N;
+    for (Eigen::Index f = 0; f < F.rows(); ++f) {
+        const Eigen::RowVector3d sum = N.row(F(f, 0)) + N.row(F(f, 1)) + N.row(F(f, 2));
+        for (int c = 0; c < 3; ++c) S.row(F(f, c)) += sum;
+    }
+    for (Eigen::Index v = 0; v < S.rows(); ++v)
+        if (const double length = S.row(v).norm(); length > 0) S.row(v) /= length;
+    return S;
+}
+
+}  // namespace
+
+NricpTarget::NricpTarget(const Vertices& V, const Faces& F) {
+    const Vertices N = vertex_normals(V, F);
+    const auto [used, faces] = used_part(N, F);
+    V_ = V(used, Eigen::all);
+    N_ = N(used, Eigen::all);
+    F_ = faces;
+    faces_ = vertex_faces(F_, V_.rows());
+    open_ = open_vertices(F_, V_.rows());
+    const auto [noise, edge] = noise_of(V_, N_, F_);
+    noise_ = noise;
+    constexpr double passes = 8, most = 3;
+    for (int k = 0; k < std::min(most, std::round(passes * noise / edge)); ++k) N_ = smoothed(N_, F_);
+    tree_ = OrientedTree(V_, N_);
+}
+
+void NricpTarget::orient(const Samples& samples, const Pose& start) {
+    constexpr std::size_t enough = 500;
+    const std::size_t step = std::max<std::size_t>(1, samples.vertex.size() / enough);
     double agreement = 0;
-    for (Eigen::Index v = 0; v < x.rows(); ++v)
-        if (hits[v].face >= 0 && visible[v] > 0) agreement += normal_at(hits[v]).dot(template_normals.row(v));
-    if (agreement < 0) sign = -sign;
+    for (std::size_t i = 0; i < samples.vertex.size(); i += step) {
+        const int v = samples.vertex[i], hit = tree_.nearest(row(start.V, v), row(start.N, v), 0, INFINITY);
+        if (hit >= 0) agreement += samples.area[i] * N_.row(hit).dot(start.N.row(v));
+    }
+    if (agreement >= 0) return;
+    N_ = -N_;
+    tree_.follow(V_, N_);
 }
 
-Pull pull_of(const NricpTarget& target, const NricpFrame& frame, const Vertices& x, const Faces& F,
-             const Vector& area, const Vector& visible, const MatchSettings& settings) {
-    const auto n = static_cast<std::size_t>(x.rows());
-    Pull pull{std::vector<Mat3>(n, Mat3::Zero()), Vertices::Zero(x.rows(), 3), Vector::Zero(x.rows())};
-    const Vertices normals = vertex_normals(x, F);
-    pull_to_scan(target, x, normals, area, visible, settings, pull);
-    if (settings.reverse > 0) pull_from_scan(target, x, F, normals, visible, settings, pull);
-    pull_to_loops(frame, x, area, settings, pull);
-    pull_to_landmarks(frame, x, pull);
+ScanPoint NricpTarget::vertex(int v) const { return {row(V_, v), row(N_, v), static_cast<bool>(open_[v])}; }
+
+ScanPoint NricpTarget::closest(int v, const Vec3& x, double phong) const {
+    SurfacePoint best;
+    best.distance = INFINITY;
+    for (int i = faces_.start[v]; i < faces_.start[v + 1]; ++i) {
+        const int f = faces_.index[i];
+        SurfacePoint hit = closest_on_triangle(x, row(V_, F_(f, 0)), row(V_, F_(f, 1)), row(V_, F_(f, 2)));
+        if (hit.distance >= best.distance) continue;
+        best = hit;
+        best.face = f;
+    }
+    if (best.face < 0) return vertex(v);
+    constexpr double touch = 1e-6;
+    Vec3 lift = Vec3::Zero(), normal = Vec3::Zero();
+    bool interior = true, corners_open = true;  // on the border: a vertex of it, or an edge between two of them
+    for (int c = 0; c < 3; ++c) {
+        const int i = F_(best.face, c);
+        const Vec3 n = row(N_, i);
+        normal += best.barycentric[c] * n;
+        lift += best.barycentric[c] * n.dot(row(V_, i) - best.point) * n;
+        if (best.barycentric[c] < touch) interior = false;
+        else corners_open &= static_cast<bool>(open_[i]);
+    }
+    const double length = normal.norm();
+    return {best.point + phong * lift, length > 0 ? Vec3(normal / length) : row(N_, v), !interior && corners_open};
+}
+
+Matcher::Matcher(const NricpFrame& frame, const NricpTarget& target, Eigen::Index n)
+    : frame_(frame), target_(target), guess_(static_cast<std::size_t>(n), -1),
+      reverse_guess_(static_cast<std::size_t>(target.size()), -1) {
+    for (const NricpLoop& loop : frame.loops) marked_.insert(marked_.end(), loop.vertices.begin(), loop.vertices.end());
+    const auto& W = frame.landmarks.W;
+    for (Eigen::Index i = 0; i < W.rows(); ++i)
+        for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator r(W, i); r; ++r) marked_.push_back(static_cast<int>(r.col()));
+    std::sort(marked_.begin(), marked_.end());
+    marked_.erase(std::unique(marked_.begin(), marked_.end()), marked_.end());
+}
+
+void Matcher::to_scan(const Pose& pose, const Samples& samples, const MatchSettings& s, Pull& pull) {
+    const auto count = static_cast<std::int64_t>(samples.vertex.size());
+    std::vector<double> squared(samples.vertex.size(), 0);
+    parallel_for(count, [&](std::int64_t i) {
+        const int v = samples.vertex[i];
+        const Vec3 p = row(pose.V, v), m = row(pose.N, v);
+        const int near = target_.nearest(p, m, s.spread, INFINITY, guess_[v]);
+        guess_[v] = near;
+        if (near < 0) return;
+        const ScanPoint hit = s.surface ? target_.closest(near, p, s.phong) : target_.vertex(near);
+        const double cosine = hit.normal.dot(m), distance2 = (hit.point - p).squaredNorm();
+        if (hit.open || cosine <= 0 || distance2 > 9 * s.mu * s.mu) return;
+        pull.matched[v] = geman_mcclure(distance2, s.mu) * cosine * cosine;
+        const Vec3 plane = ((1 - s.blend) * hit.normal + s.blend * m).normalized();
+        squared[i] = std::pow(plane.dot(hit.point - p), 2);
+        pull.add(v, samples.area[i] * pull.matched[v] * plane_weight(plane, s.point_weight), hit.point - p);
+    });
+    double weight = 0, seen = 0;
+    for (std::size_t i = 0; i < samples.vertex.size(); ++i) {
+        const double w = samples.area[i] * pull.matched[samples.vertex[i]];
+        pull.energy += w * squared[i];
+        weight += w;
+        seen += samples.area[i];
+    }
+    pull.rms = weight > 0 ? std::sqrt(pull.energy / weight) : 0;
+    pull.overlap = seen > 0 ? weight / seen : 0;
+}
+
+/// Scan vertices, up to `most` and about twice as many as samples, each to the closest sample as it stands.
+void Matcher::from_scan(const Pose& pose, Samples& samples, const MatchSettings& s, Pull& pull) {
+    constexpr Eigen::Index most = 4000;
+    const auto wanted = std::min<Eigen::Index>(most, 2 * static_cast<Eigen::Index>(samples.vertex.size()));
+    const Eigen::Index step = std::max<Eigen::Index>(1, target_.size() / std::max<Eigen::Index>(wanted, 1)), count = target_.size() / step;
+    std::vector<int> near(static_cast<std::size_t>(count), -1);
+    samples.follow(pose);
+    parallel_for(count, [&](std::int64_t i) {
+        const ScanPoint from = target_.vertex(static_cast<int>(i * step));
+        near[i] = samples.tree.nearest(from.point, from.normal, s.spread, INFINITY, reverse_guess_[i]);
+        reverse_guess_[i] = near[i];
+    });
+    for (Eigen::Index i = 0; i < count; ++i) {
+        if (near[i] < 0) continue;
+        const int v = samples.vertex[near[i]];
+        const ScanPoint from = target_.vertex(static_cast<int>(i * step));
+        const Vec3 residual = from.point - row(pose.V, v);
+        const double cosine = from.normal.dot(row(pose.N, v));
+        if (cosine <= 0 || residual.squaredNorm() > 9 * s.mu * s.mu) continue;
+        const double w = s.reverse / count * geman_mcclure(residual.squaredNorm(), s.mu) * cosine * cosine;
+        const Vec3 plane = ((1 - s.rblend) * from.normal + s.rblend * row(pose.N, v)).normalized();
+        pull.add(v, w * plane_weight(plane, s.point_weight), residual);
+    }
+}
+
+Pull Matcher::pull(const Pose& pose, Samples& samples, const MatchSettings& settings) {
+    const Eigen::Index n = pose.V.rows();
+    Pull pull{std::vector<Mat3>(static_cast<std::size_t>(n), Mat3::Zero()), Vertices::Zero(n, 3), Vector::Zero(n), marked_};
+    to_scan(pose, samples, settings, pull);
+    if (settings.reverse > 0) from_scan(pose, samples, settings, pull);
+    pull_to_loops(frame_, pose.V, settings.boundary_weight, pull);
+    pull_to_landmarks(frame_, pose.V, pull);
     return pull;
 }
 
