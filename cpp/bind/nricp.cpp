@@ -22,8 +22,6 @@ void bind_nricp(py::module_& m) {
         .def_readwrite("fine_robust", &NricpOptions::fine_robust)
         .def_readwrite("spread", &NricpOptions::spread)
         .def_readwrite("detail", &NricpOptions::detail)
-        .def_readwrite("blend", &NricpOptions::blend)
-        .def_readwrite("rblend", &NricpOptions::rblend)
         .def_readwrite("fine_noise", &NricpOptions::fine_noise)
         .def_readwrite("phong", &NricpOptions::phong)
         .def_readwrite("point_weight", &NricpOptions::point_weight)

@@ -127,7 +127,7 @@ NricpOptions nricp_preset(const std::string& name) {
         o.iterations = {8, 4, 0};
         o.fine_iterations = 0;
     } else if (name == "fine") {
-        o.iterations = {10, 6, 10};
+        o.iterations = {10, 10, 20};
         o.fine_iterations = 5;
         o.fine_sweeps = 10;
     } else {
@@ -217,11 +217,11 @@ struct Progress {
     MatchSettings coarse(std::size_t level, double mu) const {
         const NricpOptions& o = options;
         const bool surface = level + 1 == o.radii.size();
-        return {mu, o.spread[level], o.reverse[level], surface, o.phong, o.point_weight, o.boundary_weight, o.blend, o.rblend};
+        return {mu, o.spread[level], o.reverse[level], surface, o.phong, o.point_weight, o.boundary_weight};
     }
     MatchSettings fine() const {
         const NricpOptions& o = options;
-        return {o.fine_robust, o.spread.back(), 0, true, o.phong, o.point_weight, o.boundary_weight, o.blend, o.rblend};
+        return {o.fine_robust, o.spread.back(), 0, true, o.phong, o.point_weight, o.boundary_weight};
     }
 };
 
@@ -246,8 +246,9 @@ Pose rigid_step(const Pose& pose, const Pull& pull) {
 
 bool run_rigid(Progress& p, Samples& samples) {
     constexpr int steps = 10;
+    constexpr double still = 1e-3;
     Pull pull;
-    for (int i = 0; i < steps; ++i) {
+    for (int i = 0; i < steps && p.last_move > still; ++i) {
         if (!p.match(samples, p.coarse(0, p.options.robust_start[0]), pull)) return false;
         p.move_to(rigid_step(p.pose, pull));
     }
@@ -278,7 +279,6 @@ bool run_graph(Progress& p, Level& own, const Vertices& rest, const Vertices& re
 bool run_fine(Progress& p, NricpFine& fine, Samples& all, const Faces& F) {
     const NricpOptions& o = p.options;
     const double length = o.fine_length + o.fine_noise * p.target.noise();
-    if (getenv("SHOW")) printf("noise %.2f mm of 1.4\n", 1400 * p.target.noise());
     const Vertices anchor = p.pose.V;
     Pull pull;
     for (int i = 0; i < o.fine_iterations; ++i) {
@@ -357,13 +357,13 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
 
 std::int64_t NricpSolver::analyses() const {
     std::int64_t sum = state_->fine ? state_->fine->analyses() : 0;
-    for (const Level& l : state_->levels) sum += l.graph.factor.analyses();
+    for (const Level& l : state_->levels) sum += l.graph.system.factor.analyses();
     return sum;
 }
 
 std::int64_t NricpSolver::factorisations() const {
     std::int64_t sum = state_->fine ? state_->fine->factorisations() : 0;
-    for (const Level& l : state_->levels) sum += l.graph.factor.factorisations();
+    for (const Level& l : state_->levels) sum += l.graph.system.factor.factorisations();
     return sum;
 }
 

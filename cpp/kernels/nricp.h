@@ -22,10 +22,9 @@ struct NricpOptions {
     std::vector<double> detail{0.03, 0.01, 0};      ///< spacing of the vertices that are matched, 0: all
     int fine_iterations = 2;       ///< steps of the vertices' own displacement, 0: the graph's answer
     int fine_sweeps = 4;           ///< conjugate gradient steps each
-    double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed; grows with the scan's noise
+    double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed,
+    double fine_noise = 20;        ///< nor those shorter than this many times the scan's noise beside
     double fine_robust = 0.006;    ///< Geman-McClure scale of the fine steps
-    double blend = 0.7, rblend = 0.7;
-    double fine_noise = 20;
     double phong = 1;           ///< share by which scan points are lifted off their faces to the smooth surface
     double point_weight = 0.003;   ///< share of point-to-point beside point-to-plane
     double boundary_weight = 3;    ///< of a loop vertex against a surface vertex

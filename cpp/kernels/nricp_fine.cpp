@@ -10,7 +10,7 @@ namespace toile {
 
 namespace {
 
-/// Graph Laplacian with Floater's mean-value-like weights kept positive: 1 / edge length, so that slivers stay harmless.
+/// The graph's, which no sliver harms, at the scale of the cotangent Laplacian on equilateral faces.
 Sparse laplacian(const Vertices& V, const Faces& F) {
     const Edges edges = unique_edges(F);
     std::vector<Eigen::Triplet<double>> entries;
@@ -42,11 +42,9 @@ NricpFine::Level& NricpFine::level(double length) {
     constexpr double rest = 1e-4, matched = 1.0 / 3;
     Level& made = levels_[key];
     const double wave = std::pow(2.0, key / 2.0);
-    made.K = std::pow(wave, 4) * bilaplacian_;
-    made.K.diagonal() += rest * mass_;
-    Sparse P = made.K;
-    P.diagonal() += matched * mass_;
-    made.factor.factorize(P);
+    const Sparse M(mass_.asDiagonal());
+    made.K = std::pow(wave, 4) * bilaplacian_ + rest * M;
+    made.factor.factorize(Sparse(made.K + matched * M));
     ++analyses_;
     return made;
 }

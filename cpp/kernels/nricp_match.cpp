@@ -40,6 +40,13 @@ Mat3 plane_weight(const Vec3& n, double point_weight) {
     return (1 - point_weight) * n * n.transpose() + point_weight * Mat3::Identity();
 }
 
+/// The plane of a match: between both normals, as in the symmetric objective (Rusinkiewicz 2019), nearer the template's,
+/// which carries no noise.
+Vec3 between(const Vec3& scan, const Vec3& model) {
+    constexpr double share = 0.7;
+    return ((1 - share) * scan + share * model).normalized();
+}
+
 Vec3 row(const Vertices& X, Eigen::Index i) { return X.row(i).transpose(); }
 
 /// Loop vertices to the closest point of their closed polyline, free along it.
@@ -246,7 +253,7 @@ void Matcher::to_scan(const Pose& pose, const Samples& samples, const MatchSetti
         const double cosine = hit.normal.dot(m), distance2 = (hit.point - p).squaredNorm();
         if (hit.open || cosine <= 0 || distance2 > 9 * s.mu * s.mu) return;
         pull.matched[v] = geman_mcclure(distance2, s.mu) * cosine * cosine;
-        const Vec3 plane = ((1 - s.blend) * hit.normal + s.blend * m).normalized();
+        const Vec3 plane = between(hit.normal, m);
         squared[i] = std::pow(plane.dot(hit.point - p), 2);
         pull.add(v, samples.area[i] * pull.matched[v] * plane_weight(plane, s.point_weight), hit.point - p);
     });
@@ -281,7 +288,7 @@ void Matcher::from_scan(const Pose& pose, Samples& samples, const MatchSettings&
         const double cosine = from.normal.dot(row(pose.N, v));
         if (cosine <= 0 || residual.squaredNorm() > 9 * s.mu * s.mu) continue;
         const double w = s.reverse / count * geman_mcclure(residual.squaredNorm(), s.mu) * cosine * cosine;
-        const Vec3 plane = ((1 - s.rblend) * from.normal + s.rblend * row(pose.N, v)).normalized();
+        const Vec3 plane = between(from.normal, row(pose.N, v));
         pull.add(v, w * plane_weight(plane, s.point_weight), residual);
     }
 }

@@ -74,7 +74,7 @@ struct MatchSettings {
     double spread;       ///< what opposite normals are worth
     double reverse;      ///< weight of the scan -> template term
     bool surface;        ///< match to the closest surface point, false: to the closest scan vertex
-    double phong, point_weight, boundary_weight, blend=0, rblend=0;
+    double phong, point_weight, boundary_weight;
 };
 
 /// Faces of the scan that are valid targets.

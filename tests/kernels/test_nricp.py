@@ -43,7 +43,8 @@ def solved(problem):
 def test_nricp_recovers_a_known_bend(problem, solved):
     V, F, scan_V, scan_F = problem
     diagonal = np.linalg.norm(np.ptp(V, axis=0))
-    assert surface_distance(solved.V, scan_V, scan_F).mean() < 1e-5 * diagonal  # the shape; sliding is bounded below
+    true_V, true_F = bumpy(7)  # finer than the scan's flat faces
+    assert surface_distance(solved.V, bend(true_V), true_F).mean() < 1e-4 * diagonal  # the shape; sliding is bounded below
     before, after = (np.linalg.norm(x - bend(V), axis=1).mean() for x in (V, solved.V))
     assert after < 0.35 * before
     assert np.isfinite(solved.V).all() and solved.rms < 2e-4 * diagonal and solved.matched.mean() > 0.9
@@ -74,12 +75,13 @@ def test_nricp_turns_with_its_input(problem, solved):
 
 def test_nricp_serves_frames_with_the_analyses_of_its_template(problem):
     V, F, scan_V, scan_F = problem
-    solver = NricpSolver(V, F)
-    analyses = solver.analyses
+    solver = NricpSolver(V, F, iterations=[3, 2, 1])
+    graphs = solver.analyses
     first = solver.solve(scan_V, scan_F)
-    each = solver.factorisations
+    analyses, once = solver.analyses, solver.factorisations
     second = solver.solve(scan_V, scan_F)
-    assert solver.analyses == analyses == 4 and solver.factorisations == 2 * each
+    assert graphs == 3 and analyses == graphs + 1  # the fine steps' factor is made for the first scan's noise
+    assert solver.analyses == analyses and solver.factorisations == once + 3 + 2 + 1
     assert np.array_equal(first.V, second.V)
 
 
