@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace toile {
 
 namespace {
 
-constexpr int TERMINAL = -1, ORPHAN = -2;
+constexpr int TERMINAL = -1, ORPHAN = -2, NONE = -1;
 
 }  // namespace
 
@@ -128,8 +129,8 @@ void MaxFlow::make_orphan(Tree& tree, int v) {
     Node& node = node_[static_cast<std::size_t>(v)];
     node.parent = ORPHAN;
     const int distance = tree.sign * node.distance;
-    if (static_cast<std::size_t>(distance) >= tree.orphans.size()) tree.orphans.resize(distance + 1);
-    tree.orphans[static_cast<std::size_t>(distance)].push_back(v);
+    if (static_cast<std::size_t>(distance) >= tree.orphan.size()) tree.orphan.resize(distance + 1, NONE);
+    node.next = std::exchange(tree.orphan[static_cast<std::size_t>(distance)], v);
     tree.lowest_orphan = std::min(tree.lowest_orphan, distance);
     ++tree.waiting;
 }
@@ -137,19 +138,19 @@ void MaxFlow::make_orphan(Tree& tree, int v) {
 /// Nearest first, so that whatever lies nearer than the orphan in hand hangs on the root.
 void MaxFlow::adopt(Tree& tree) {
     for (auto d = static_cast<std::size_t>(tree.lowest_orphan); tree.waiting > 0; ++d)
-        while (!tree.orphans[d].empty()) {
-            const int v = tree.orphans[d].back();
-            tree.orphans[d].pop_back();
+        while (tree.orphan[d] != NONE) {
+            const int v = tree.orphan[d];
+            tree.orphan[d] = node_[static_cast<std::size_t>(v)].next;
             --tree.waiting;
             settle_orphan(tree, v);
         }
     tree.lowest_orphan = std::numeric_limits<int>::max();
 }
 
-
+/// Finds a parent one step nearer; or moves the node away to where it may find one, its children orphaned; or frees it.
 void MaxFlow::settle_orphan(Tree& tree, int v) {
     Node& node = node_[static_cast<std::size_t>(v)];
-    const int begin = node.first, end = arcs_end(v), old = node.distance, wanted = old - tree.sign;
+    const int begin = node.first, end = arcs_end(v), wanted = node.distance - tree.sign;
     if (wanted != 0)
         for (int a = node.current; a < end; ++a) {
             const Arc& arc = arc_[static_cast<std::size_t>(a)];
@@ -158,8 +159,8 @@ void MaxFlow::settle_orphan(Tree& tree, int v) {
             return;
         }
     const int limit = tree.depth + tree.growing;
-    int nearest = limit, best = -1;  // distance of the best parent to be
-    bool ready = false;
+    int nearest = limit;   // distance of the best parent to be
+    bool settled = false;  // as near as this orphan was, and itself no orphan: it hangs on the root
     for (int a = begin; a < end; ++a) {
         const Arc& arc = arc_[static_cast<std::size_t>(a)];
         const Node& other = node_[static_cast<std::size_t>(arc.head)];
@@ -167,18 +168,20 @@ void MaxFlow::settle_orphan(Tree& tree, int v) {
         if (distance <= 0) continue;
         if (distance < nearest && inward(tree, arc) > 0) {
             nearest = distance;
-            best = a;
-            ready = other.parent != ORPHAN && other.distance == old;
+            node.current = a;
+            settled = other.distance == node.distance && other.parent != ORPHAN;
         }
         if (other.parent == arc.reverse) make_orphan(tree, arc.head);
     }
-    if (best < 0) {
+    if (nearest >= limit) {
         node.distance = 0;
         return;
     }
     node.distance = tree.sign * (nearest + 1);
-    node.current = best;
-    if (ready) node.parent = best; else make_orphan(tree, v);
+    if (settled)
+        node.parent = node.current;
+    else
+        make_orphan(tree, v);
     if (nearest + 1 == tree.depth) tree.frontier.push_back(v);
     if (nearest + 1 == tree.depth + 1) tree.next.push_back(v);
 }

@@ -49,12 +49,13 @@ private:
         int parent = 0;     // arc from this node to its parent, or TERMINAL, or ORPHAN
         int current = 0;    // arcs before this one lead to no parent at this distance
         int first = 0;      // first arc
+        int next = 0;       // of the orphans at its distance, the one that waits behind it
     };
     /// What grows from one terminal; `sign` times a distance is positive in its tree.
     struct Tree {
         int sign, depth;
         std::vector<int> frontier, next;        // nodes of distance depth, and depth + 1 while growing
-        std::vector<std::vector<int>> orphans;  // by distance
+        std::vector<int> orphan;                // by distance, the one to settle next, or NONE
         int lowest_orphan, waiting;             // where the first of them are, and how many in all
         bool growing;
     };
