@@ -197,6 +197,53 @@ def test_mrf_goes_on_from_given_labels():
     assert stopped.stop == "max_sweeps" and (stopped.labels == 3).all()
 
 
+def frames_of_a_grid(count, temporal, seed=20):
+    """A 20x30 grid over `count` frames, each node joined to itself in the next frame; (unary, edges, weights) of all."""
+    rng = np.random.default_rng(seed)
+    n, one = 600, grid_edges(20, 30)
+    truth = (np.arange(n) % 30) // 10
+    wrong = rng.random((count, n)) < 0.3
+    seen = np.where(wrong, rng.integers(0, 3, (count, n)), truth)
+    unary = rng.uniform(0.5, 1, (count, n, 1)) * (seen[..., None] != np.arange(3))
+    joined = [np.c_[np.arange(n), np.arange(n) + n] + t * n for t in range(count - 1)]
+    edges = np.concatenate([one + t * n for t in range(count)] + joined)
+    weights = np.r_[np.full(count * len(one), 0.3), np.full((count - 1) * n, temporal)]
+    return unary, one, edges, weights, truth
+
+
+def test_mrf_temporal_edges_of_weight_zero_leave_each_of_10_frames_to_itself():
+    unary, one, edges, weights, _ = frames_of_a_grid(10, temporal=0)
+    together = mrf(unary.reshape(-1, 3), edges, weights)
+    alone = [mrf(u, one, np.full(len(one), 0.3)).energy for u in unary]
+    assert together.energy == pytest.approx(sum(alone), rel=0.005)  # local minima each
+
+
+def test_mrf_temporal_edges_settle_labels_over_10_frames():
+    def run(temporal):
+        unary, _, edges, weights, truth = frames_of_a_grid(10, temporal)
+        x = mrf(unary.reshape(-1, 3), edges, weights).labels.reshape(10, -1)
+        return (x[1:] != x[:-1]).mean(), (x != truth).mean()
+
+    (flicker, wrong), (flicker_joined, wrong_joined) = run(0), run(0.5)
+    assert flicker_joined < 0.2 * flicker and wrong_joined < 0.5 * wrong
+
+
+def test_mrf_temporal_edges_that_cannot_be_cut_give_every_frame_the_labels_of_their_sum():
+    unary, one, edges, weights, _ = frames_of_a_grid(10, temporal=1e6)
+    result = mrf(unary.reshape(-1, 3), edges, weights)
+    frames = result.labels.reshape(10, -1)
+    assert (frames == frames[0]).all()
+    assert result.energy == pytest.approx(mrf(unary.sum(0), one, np.full(len(one), 3.0)).energy, rel=0.005)
+
+
+def test_mrf_starts_of_all_kinds_end_within_a_percent_of_each_other():
+    unary, edges, weights = random_problem(21, n=2000, labels=5, edges=6000, strength=1.0)
+    free = mrf(unary, edges, weights)
+    starts = [np.zeros(2000, int), unary.argmin(1), np.random.default_rng(22).integers(0, 5, 2000)]
+    for start in starts:
+        assert mrf(unary, edges, weights, start=start).energy == pytest.approx(free.energy, rel=0.01)
+
+
 def test_mrf_votes_decide_unless_they_are_priced():
     unary, edges, weights = random_problem(17, n=100, labels=4, edges=300, strength=3)
     free = mrf(unary, edges, weights)
