@@ -9,6 +9,7 @@ void bind_nricp(py::module_& m) {
         .def(py::init<>())
         .def_readwrite("large_motion", &NricpOptions::large_motion)
         .def_readwrite("rebase", &NricpOptions::rebase)
+        .def_readwrite("passes", &NricpOptions::passes)
         .def_readwrite("radii", &NricpOptions::radii)
         .def_readwrite("iterations", &NricpOptions::iterations)
         .def_readwrite("stiffness_start", &NricpOptions::stiffness_start)

@@ -65,7 +65,8 @@ void check_options(const NricpOptions& o) {
         require(values.size() == levels, std::string("nricp: ") + name + " has " + to_string(values.size()) +
                                              " entries, radii has " + to_string(levels));
         for (std::size_t i = 0; i < values.size(); ++i)
-            require(values[i] >= 0 && std::isfinite(values[i]), std::string("nricp: ") + name + "[" + to_string(i) + "] is not a number >= 0");
+            require(values[i] >= 0 && std::isfinite(values[i]),
+                    std::string("nricp: ") + name + "[" + to_string(i) + "] is not a number >= 0");
     };
     const auto positive = [&](const std::vector<double>& values, const char* name) {
         fits(values, name);
@@ -81,6 +82,7 @@ void check_options(const NricpOptions& o) {
     fits(o.reverse, "reverse");
     fits(o.spread, "spread");
     fits(o.detail, "detail");
+    require(o.passes > 0, "nricp: passes is not positive");
     require(o.fine_robust > 0, "nricp: fine_robust is not positive");
     require(o.fine_length > 0, "nricp: fine_length is not positive");
     require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
@@ -95,19 +97,24 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
     }
     const auto& [W, P, sigma] = f.landmarks;
     const Eigen::Index k = W.rows();
-    if (k > 0) require(W.cols() == n, "nricp: landmarks W has " + to_string(W.cols()) + " columns, V has " + to_string(n) + " rows");
+    if (k > 0)
+        require(W.cols() == n,
+                "nricp: landmarks W has " + to_string(W.cols()) + " columns, V has " + to_string(n) + " rows");
     require(P.rows() == k, "nricp: landmarks P has " + to_string(P.rows()) + " rows, W has " + to_string(k));
     if (k > 0) check_finite("nricp", "landmarks P", P);
-    require(k == 0 || sigma.size() == 1 || sigma.size() == k, "nricp: landmarks sigma has " + to_string(sigma.size()) + " entries, W has " + to_string(k) + " rows");
+    require(k == 0 || sigma.size() == 1 || sigma.size() == k,
+            "nricp: landmarks sigma has " + to_string(sigma.size()) + " entries, W has " + to_string(k) + " rows");
     for (Eigen::Index i = 0; i < sigma.size(); ++i)
-        require(sigma[i] > 0 && std::isfinite(sigma[i]), "nricp: landmarks sigma[" + to_string(i) + "] is not positive");
+        require(sigma[i] > 0 && std::isfinite(sigma[i]),
+                "nricp: landmarks sigma[" + to_string(i) + "] is not positive");
     for (Eigen::Index i = 0; i < k; ++i) {
         double sum = 0, least = 0;
         for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator r(W, i); r; ++r) {
             sum += r.value();
             least = std::min(least, r.value());
         }
-        require(std::abs(sum - 1) < 1e-6 && least >= 0, "nricp: landmarks W[" + to_string(i) + "] is not a convex combination (weights >= 0 with sum 1)");
+        require(std::abs(sum - 1) < 1e-6 && least >= 0,
+                "nricp: landmarks W[" + to_string(i) + "] is not a convex combination (weights >= 0 with sum 1)");
     }
     for (std::size_t l = 0; l < f.loops.size(); ++l) {
         const std::string name = "boundary[" + to_string(l) + "]";
@@ -115,8 +122,10 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
         require(f.loops[l].polyline.rows() > 1, "nricp: " + name + " polyline has fewer than 2 points");
         check_finite("nricp", name + " polyline", f.loops[l].polyline);
     }
-    require(f.labels.size() == 0 || f.labels.size() == f.F.rows(), "nricp: scan_labels has " + to_string(f.labels.size()) + " entries, scan_F has " + to_string(f.F.rows()));
-    require(f.labels.size() == 0 || !options.labels.empty(), "nricp: scan_labels given, but the option `labels` names no valid one");
+    require(f.labels.size() == 0 || f.labels.size() == f.F.rows(),
+            "nricp: scan_labels has " + to_string(f.labels.size()) + " entries, scan_F has " + to_string(f.F.rows()));
+    require(f.labels.size() == 0 || !options.labels.empty(),
+            "nricp: scan_labels given, but the option `labels` names no valid one");
 }
 
 }  // namespace
@@ -124,7 +133,7 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
 NricpOptions nricp_preset(const std::string& name) {
     NricpOptions o;
     if (name == "draft") {
-        o.iterations = {8, 4, 0};
+        o.iterations = {5, 3, 0};
         o.fine_iterations = 0;
     } else if (name == "fine") {
         o.iterations = {10, 10, 20};
@@ -174,7 +183,8 @@ NricpFrame NricpSolver::State::into(const NricpFrame& frame) const {
 namespace {
 
 /// The visible vertices, thinned so that each lies within `spacing` of one that is kept and stands for its area.
-Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& surface, const Vector& area, double spacing) {
+Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& surface, const Vector& area,
+                   double spacing) {
     Vector share = area;
     if (spacing > 0) {
         const Cover thinned = cover(surface, spacing);
@@ -241,7 +251,8 @@ Pose rigid_step(const Pose& pose, const Pull& pull) {
     const Eigen::Matrix<double, 6, 1> s = H.ldlt().solve(g);
     const double angle = s.head<3>().norm();
     const Mat3 R = angle > 0 ? Eigen::AngleAxisd(angle, s.head<3>() / angle).toRotationMatrix() : Mat3::Identity();
-    return {((pose.V.rowwise() - middle) * R.transpose()).rowwise() + (middle + s.tail<3>().transpose()), pose.N * R.transpose()};
+    const Eigen::RowVector3d moved = middle + s.tail<3>().transpose();
+    return {((pose.V.rowwise() - middle) * R.transpose()).rowwise() + moved, pose.N * R.transpose()};
 }
 
 bool run_rigid(Progress& p, Samples& samples) {
@@ -255,19 +266,20 @@ bool run_rigid(Progress& p, Samples& samples) {
     return true;
 }
 
-bool run_graph(Progress& p, Level& own, const Vertices& rest, const Vertices& rest_N) {
+bool run_graph(Progress& p, Level& own, const Pose& rest) {
     const NricpOptions& o = p.options;
     const std::size_t level = own.number;
-    own.graph.start(rest, rest_N, p.pose.V);
+    own.graph.start(rest, p.pose.V);
+    const std::vector<int>&sampled = own.samples.vertex, &marked = p.matcher.marked();
     std::vector<int> pulled;
-    std::set_union(own.samples.vertex.begin(), own.samples.vertex.end(), p.matcher.marked().begin(), p.matcher.marked().end(),
-                   std::back_inserter(pulled));
+    std::set_union(sampled.begin(), sampled.end(), marked.begin(), marked.end(), std::back_inserter(pulled));
     own.graph.place(pulled, p.pose);
     Pull pull;
     for (int i = 0, count = o.iterations[level]; i < count; ++i) {
         const double mu = anneal(o.robust_start[level], o.robust_end[level], i, count);
         if (!p.match(own.samples, p.coarse(level, mu), pull)) return false;
-        own.graph.step(pull, p.pose.V, anneal(o.stiffness_start[level], o.stiffness_end[level], i, count), o.rotation_weight);
+        const double stiffness = anneal(o.stiffness_start[level], o.stiffness_end[level], i, count);
+        own.graph.step(pull, p.pose.V, stiffness, o.rotation_weight);
         Pose next = p.pose;
         own.graph.place(pulled, next);
         p.move_to(std::move(next));
@@ -291,7 +303,8 @@ bool run_fine(Progress& p, NricpFine& fine, Samples& all, const Faces& F) {
 
 }  // namespace
 
-NricpSolver::NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& options) : state_(std::make_unique<State>()) {
+NricpSolver::NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& options)
+    : state_(std::make_unique<State>()) {
     check_options(options);
     check_mesh("nricp", V, F);
     require(F.rows() > 0, "nricp: F is empty");
@@ -336,13 +349,16 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     NricpTarget target(frame.V, frame.F);
     const Vertices start = frame.start.rows() > 0 ? frame.start : s.V;
     const Vertices start_N = vertex_normals(start, s.F);
-    const Vertices &rest = o.rebase ? start : s.V, &rest_N = o.rebase ? start_N : s.N;
     Samples& widest = s.levels.empty() ? *s.all : s.levels.front().samples;
     target.orient(widest, {start, start_N});
     Progress p{frame, target, o, {frame, target, start.rows()}, {start, start_N}, {}};
-    bool overlaps = !o.large_motion || run_rigid(p, widest);
-    for (std::size_t i = 0; overlaps && i < s.levels.size(); ++i) overlaps = run_graph(p, s.levels[i], rest, rest_N);
-    if (overlaps && s.fine) overlaps = run_fine(p, *s.fine, *s.all, s.F);
+    bool overlaps = true;
+    for (int pass = 0; overlaps && pass < o.passes; ++pass) {
+        const Pose rest = pass > 0 || o.rebase ? p.pose : Pose{s.V, s.N};
+        if (o.large_motion) overlaps = run_rigid(p, widest);
+        for (Level& level : s.levels) overlaps = overlaps && run_graph(p, level, rest);
+        if (s.fine) overlaps = overlaps && run_fine(p, *s.fine, *s.all, s.F);
+    }
     Pull last;
     overlaps = overlaps && (p.match(*s.all, p.fine(), last), last.overlap >= o.min_overlap);
     none.iterations = p.result.iterations;

@@ -13,7 +13,8 @@ namespace toile {
 struct NricpOptions {
     bool large_motion = true;      ///< rigid and the first level too; false: `start` lies within a few hundredths
     bool rebase = false;           ///< the rest shape is `start`, not V
-    std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine; small motion uses the last
+    int passes = 1;                ///< solves, each but the first from the last one's answer as start and rest shape
+    std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine
     std::vector<int> iterations{8, 5, 3};           ///< Gauss-Newton steps a level
     std::vector<double> stiffness_start{1, 1, 0.1}, stiffness_end{0.02, 0.02, 0.02};  ///< of the graph
     std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.01};   ///< Geman-McClure scale mu
@@ -25,12 +26,12 @@ struct NricpOptions {
     double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed,
     double fine_noise = 20;        ///< nor those shorter than this many times the scan's noise beside
     double fine_robust = 0.006;    ///< Geman-McClure scale of the fine steps
-    double phong = 1;           ///< share by which scan points are lifted off their faces to the smooth surface
+    double phong = 1;              ///< share by which scan points are lifted off their faces to the smooth surface
     double point_weight = 0.003;   ///< share of point-to-point beside point-to-plane
     double boundary_weight = 3;    ///< of a loop vertex against a surface vertex
     double rotation_weight = 1;    ///< penalty on rotation differences of neighbouring nodes
     double min_overlap = 0.01;     ///< matched share of the visible template below which there is no overlap
-    double exposure = 0.04;        ///< share of rays that must leave the template for a vertex to be visible; 0: all are
+    double exposure = 0.04;        ///< share of rays that must leave the template from a visible vertex; 0: all are
     std::vector<int> labels;       ///< scan labels that are valid targets; needed with scan_labels
 };
 

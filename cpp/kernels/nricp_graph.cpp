@@ -18,14 +18,13 @@ using Mat6 = Eigen::Matrix<double, 6, 6>;
 NricpGraph::NricpGraph(const GeodesicGraph& surface, double radius, const std::vector<int>& matched)
     : system(surface, radius, matched, 6) {}
 
-void NricpGraph::start(const Vertices& rest, const Vertices& rest_N, const Vertices& x) {
+void NricpGraph::start(const Pose& rest, const Vertices& x) {
     rest_ = rest;
-    rest_N_ = rest_N;
     const int count = system.nodes.size();
     R_.assign(count, Mat3::Identity());
     centre_.resize(count, 3);
     parallel_for(count, [&](std::int64_t k) {
-        const auto [R, centre] = system.rigid_fit(static_cast<int>(k), rest, x);
+        const auto [R, centre] = system.rigid_fit(static_cast<int>(k), rest.V, x);
         R_[k] = R;
         centre_.row(k) = centre.transpose();
     }, 16);
@@ -38,7 +37,7 @@ void NricpGraph::place(const std::vector<int>& vertices, Pose& pose) const {
         for (int a = system.nodes.start[v]; a < system.nodes.start[v + 1]; ++a) {
             const int k = system.nodes.carrier[a];
             x += system.nodes.weight[a] * (arm(k, v) + centre_.row(k).transpose());
-            n += system.nodes.weight[a] * (R_[k] * rest_N_.row(v).transpose());
+            n += system.nodes.weight[a] * (R_[k] * rest_.N.row(v).transpose());
         }
         if (const double length = n.norm(); length > 0) n /= length;
         pose.V.row(v) = x.transpose();
@@ -47,8 +46,8 @@ void NricpGraph::place(const std::vector<int>& vertices, Pose& pose) const {
 }
 
 Pose NricpGraph::pose() const {
-    Pose whole{Vertices(rest_.rows(), 3), Vertices(rest_.rows(), 3)};
-    std::vector<int> all(static_cast<std::size_t>(rest_.rows()));
+    Pose whole{Vertices(rest_.V.rows(), 3), Vertices(rest_.V.rows(), 3)};
+    std::vector<int> all(static_cast<std::size_t>(rest_.V.rows()));
     std::iota(all.begin(), all.end(), 0);
     place(all, whole);
     return whole;
@@ -60,7 +59,7 @@ namespace {
 /// J = (-[x]x, I).
 struct Motion {
     std::array<double, 24> H{};  ///< -[x] A [x] and A as lower triangles, [x] A whole, and padding
-    std::array<double, 6> g{};
+    Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
     bool pulled = false;
 
     Motion() = default;
@@ -69,15 +68,20 @@ struct Motion {
         const Vec3 m = x.cross(b);
         H = {K(0, 0), K(1, 0), K(2, 0), K(1, 1), K(2, 1), K(2, 2), A(0, 0), A(1, 0), A(2, 0), A(1, 1), A(2, 1), A(2, 2),
              XA(0, 0), XA(1, 0), XA(2, 0), XA(0, 1), XA(1, 1), XA(2, 1), XA(0, 2), XA(1, 2), XA(2, 2)};
-        g = {m[0], m[1], m[2], b[0], b[1], b[2]};
+        g.head<3>() = m;
+        g.tail<3>() = b;
     }
     void add(double w, const Motion& m) {
         for (int i = 0; i < 24; ++i) H[i] += w * m.H[i];
     }
     Mat6 matrix() const {
         Mat6 M;
-        M << H[0], H[1], H[2], H[12], H[15], H[18], H[1], H[3], H[4], H[13], H[16], H[19], H[2], H[4], H[5], H[14], H[17], H[20],
-            H[12], H[13], H[14], H[6], H[7], H[8], H[15], H[16], H[17], H[7], H[9], H[10], H[18], H[19], H[20], H[8], H[10], H[11];
+        M << H[0], H[1], H[2], H[12], H[15], H[18],  //
+            H[1], H[3], H[4], H[13], H[16], H[19],   //
+            H[2], H[4], H[5], H[14], H[17], H[20],   //
+            H[12], H[13], H[14], H[6], H[7], H[8],   //
+            H[15], H[16], H[17], H[7], H[9], H[10],  //
+            H[18], H[19], H[20], H[8], H[10], H[11];
         return M;
     }
 };
@@ -92,31 +96,35 @@ NricpGraph::Mat6 NricpGraph::about(int node) const {
 }
 
 void NricpGraph::add_pull(const Pull& pull, const Vertices& x, Matrix& gradient) {
+    const DeformationNodes& nodes = system.nodes;
     const auto motion_of = [&](int v) { return Motion(pull.A[v], pull.b.row(v).transpose(), x.row(v).transpose()); };
+    const auto count = static_cast<std::int64_t>(system.matched.size());
     std::vector<Motion> motion(system.matched.size());
-    parallel_for(static_cast<std::int64_t>(system.matched.size()), [&](std::int64_t i) { motion[i] = motion_of(system.matched[i]); });
-    parallel_for(static_cast<std::int64_t>(system.nodes.pairs.size()), [&](std::int64_t p) {
-        const auto [k, l] = system.nodes.pairs[p];
+    parallel_for(count, [&](std::int64_t i) { motion[i] = motion_of(system.matched[i]); });
+    parallel_for(static_cast<std::int64_t>(nodes.pairs.size()), [&](std::int64_t p) {
+        const auto [k, l] = nodes.pairs[p];
         Motion sum;
         for (std::size_t s = system.shared.start[p]; s < system.shared.start[p + 1]; ++s) {
             const Motion& m = motion[system.shared.of[s].at];
             if (!m.pulled) continue;
             const double w = system.shared.of[s].weight;
             sum.add(w, m);
-            if (k == l)
-                for (int i = 0; i < 6; ++i) sum.g[i] += std::sqrt(w) * m.g[i];
+            if (k == l) sum.g += std::sqrt(w) * m.g;
         }
         system.block(p) = about(l).transpose() * sum.matrix() * about(k);
-        if (k == l) gradient.middleRows<6>(6 * k) = about(k).transpose() * Eigen::Map<const Eigen::Matrix<double, 6, 1>>(sum.g.data());
+        if (k == l) gradient.middleRows<6>(6 * k) = about(k).transpose() * sum.g;
     }, 8);
     for (int v : pull.marked) {
         if (system.is_matched[v]) continue;
         const Motion m = motion_of(v);
-        for (int a = system.nodes.start[v]; a < system.nodes.start[v + 1]; ++a) {
-            const int k = system.nodes.carrier[a];
-            gradient.middleRows<6>(6 * k) += system.nodes.weight[a] * about(k).transpose() * Eigen::Map<const Eigen::Matrix<double, 6, 1>>(m.g.data());
-            for (int b = a; b < system.nodes.start[v + 1]; ++b)
-                system.block(system.pair(k, system.nodes.carrier[b])) += system.nodes.weight[a] * system.nodes.weight[b] * about(system.nodes.carrier[b]).transpose() * m.matrix() * about(k);
+        for (int a = nodes.start[v]; a < nodes.start[v + 1]; ++a) {
+            const int k = nodes.carrier[a];
+            gradient.middleRows<6>(6 * k) += nodes.weight[a] * about(k).transpose() * m.g;
+            for (int b = a; b < nodes.start[v + 1]; ++b) {
+                const int l = nodes.carrier[b];
+                const double w = nodes.weight[a] * nodes.weight[b];
+                system.block(system.pair(k, l)) += w * about(l).transpose() * m.matrix() * about(k);
+            }
         }
     }
 }
@@ -137,14 +145,16 @@ void NricpGraph::add_rigidity(double stiffness, double rotation_weight, Matrix& 
     const auto& pairs = system.nodes.pairs;
     const std::size_t count = pairs.size() - static_cast<std::size_t>(system.nodes.size());
     if (count == 0) return;
-    const double alpha = stiffness / static_cast<double>(count), beta = alpha * rotation_weight * system.radius * system.radius;
+    const double alpha = stiffness / static_cast<double>(count);
+    const double beta = alpha * rotation_weight * system.radius * system.radius;
     const Mat3 I = Mat3::Identity();
     for (std::size_t p = 0; p < pairs.size(); ++p) {
         const auto [k, l] = pairs[p];
         if (k == l) continue;
         auto kk = system.own(k), ll = system.own(l), lk = system.block(p);
         const auto hinge = [&](int from, int to, auto& own, auto& other) {  // `from` predicts the centre of `to`
-            const Vec3 a = arm(from, system.nodes.vertex[to]), r = (centre_.row(to) - centre_.row(from)).transpose() - a;
+            const Vec3 a = arm(from, system.nodes.vertex[to]);
+            const Vec3 r = (centre_.row(to) - centre_.row(from)).transpose() - a;
             const Mat3 X = cross_matrix(a);
             own.template topLeftCorner<3, 3>() -= alpha * X * X;
             own.template topRightCorner<3, 3>() += alpha * X;

@@ -12,8 +12,8 @@ public:
     /// Pulls on the vertices `matched` are summed by prepared lists, those on other vertices one by one.
     NricpGraph(const GeodesicGraph& surface, double radius, const std::vector<int>& matched);
 
-    /// Rotations and centres that carry `rest` nearest to `x` (Procrustes); normals are `rest_N` turned with the nodes.
-    void start(const Vertices& rest, const Vertices& rest_N, const Vertices& x);
+    /// Rotations and centres that carry `rest` nearest to `x` (Procrustes); its normals turn with the nodes.
+    void start(const Pose& rest, const Vertices& x);
     void place(const std::vector<int>& vertices, Pose& pose) const;  ///< the rows of these vertices only
     Pose pose() const;
     /// One step on pull + stiffness * rigidity; rotations' differences count `rotation_weight`.
@@ -23,12 +23,15 @@ public:
 
 private:
     using Mat6 = Eigen::Matrix<double, 6, 6>;
-    Vec3 arm(int node, Eigen::Index v) const { return R_[node] * (rest_.row(v) - rest_.row(system.nodes.vertex[node])).transpose(); }
+    Vec3 arm(int node, Eigen::Index v) const {
+        return R_[node] * (rest_.V.row(v) - rest_.V.row(system.nodes.vertex[node])).transpose();
+    }
     Mat6 about(int node) const;
     void add_pull(const Pull& pull, const Vertices& x, Matrix& gradient);
     void add_rigidity(double stiffness, double rotation_weight, Matrix& gradient);
 
-    Vertices rest_, rest_N_, centre_;
+    Pose rest_;
+    Vertices centre_;
     std::vector<Mat3> R_;
 };
 

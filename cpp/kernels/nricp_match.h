@@ -1,8 +1,6 @@
 // What pulls the template's vertices: matches of both directions, loops and landmarks as one quadratic per vertex.
 #pragma once
-#include "geometry/oriented_tree.h"
-#include "geometry/topology.h"
-#include "kernels/nricp.h"
+#include "kernels/nricp_target.h"
 
 namespace toile {
 
@@ -21,54 +19,6 @@ struct Pull {
     }
 };
 
-/// The template as it stands in a solve.
-struct Pose {
-    Vertices V, N;  ///< (n,3) places and unit normals
-};
-
-/// The vertices that are matched at one level: a cover of the visible template, each standing for the area about it.
-struct Samples {
-    std::vector<int> vertex;
-    std::vector<double> area;
-    OrientedTree tree;
-
-    Samples(const Vertices& V, const Vertices& N, std::vector<int> vertex, std::vector<double> area);
-    void follow(const Pose& pose);
-};
-
-struct ScanPoint {
-    Vec3 point, normal;
-    bool open;  ///< on the scan's border
-};
-
-/// The scan as a target: valid faces, without small closed pieces that float beside it; faces turned inwards are
-/// turned about.
-class NricpTarget {
-public:
-    NricpTarget(const Vertices& V, const Faces& F);
-
-    void orient(const Samples& samples, const Pose& start);  ///< turns all normals when most oppose the template's
-
-    int nearest(const Vec3& x, const Vec3& n, double spread, double reach, int guess) const {
-        return tree_.nearest(x, n, spread, reach, guess);
-    }
-    ScanPoint vertex(int v) const;
-    /// The closest point of the faces about a vertex, lifted off its face towards the planes of the corners (Phong
-    /// tessellation, Boubekeur and Alexa 2008) by the share `phong`.
-    ScanPoint closest(int v, const Vec3& x, double phong) const;
-
-    Eigen::Index size() const { return V_.rows(); }
-    double noise() const { return noise_; }  ///< estimate of a vertex's standard deviation along its normal
-
-private:
-    Vertices V_, N_;
-    Faces F_;
-    Adjacency faces_;
-    std::vector<char> open_;
-    double noise_ = 0;
-    OrientedTree tree_;
-};
-
 struct MatchSettings {
     double mu;           ///< Geman-McClure scale; pairs farther apart than 3 mu do not match
     double spread;       ///< what opposite normals are worth
@@ -76,9 +26,6 @@ struct MatchSettings {
     bool surface;        ///< match to the closest surface point, false: to the closest scan vertex
     double phong, point_weight, boundary_weight;
 };
-
-/// Faces of the scan that are valid targets.
-Faces target_faces(const Vertices& V, const Faces& F, const Indices& labels, const std::vector<int>& valid);
 
 /// Matches of one frame; remembers each vertex's last match as the next search's guess.
 class Matcher {
@@ -94,7 +41,9 @@ private:
 
     const NricpFrame& frame_;
     const NricpTarget& target_;
-    std::vector<int> guess_, reverse_guess_, marked_;
+    std::vector<int> guess_, marked_;
+    std::vector<int> reverse_guess_;            ///< places in the samples last used
+    const Samples* reverse_samples_ = nullptr;
 };
 
 }  // namespace toile

@@ -43,14 +43,17 @@ NodeSystem::NodeSystem(const GeodesicGraph& surface, double radius, const std::v
         for (int i = 0; i < static_cast<int>(matched.size()); ++i) {
             const int v = matched[i];
             for (int a = nodes.start[v]; a < nodes.start[v + 1]; ++a)
-                for (int b = a; b < nodes.start[v + 1]; ++b)
-                    visit(pair(nodes.carrier[a], nodes.carrier[b]), Share{i, static_cast<float>(nodes.weight[a] * nodes.weight[b])});
+                for (int b = a; b < nodes.start[v + 1]; ++b) {
+                    const double w = nodes.weight[a] * nodes.weight[b];
+                    visit(pair(nodes.carrier[a], nodes.carrier[b]), Share{i, static_cast<float>(w)});
+                }
         }
     });
     std::vector<Eigen::Triplet<double>> entries;
     for (const auto& [k, l] : pairs)
         for (int c = 0; c < size; ++c)
-            for (int r = 0; r < size; ++r) entries.emplace_back(size * l + r, size * k + c, r == c && k == l ? 1.0 : 0.0);
+            for (int r = 0; r < size; ++r)
+                entries.emplace_back(size * l + r, size * k + c, r == c && k == l ? 1.0 : 0.0);
     H_.resize(size * nodes.size(), size * nodes.size());
     H_.setFromTriplets(entries.begin(), entries.end());
     H_.makeCompressed();
@@ -59,7 +62,8 @@ NodeSystem::NodeSystem(const GeodesicGraph& surface, double radius, const std::v
 
 std::size_t NodeSystem::pair(int k, int l) const {
     const auto first = nodes.pairs.begin();
-    return static_cast<std::size_t>(std::lower_bound(first + pair_start_[k], first + pair_start_[k + 1], std::pair(k, l)) - first);
+    const auto found = std::lower_bound(first + pair_start_[k], first + pair_start_[k + 1], std::pair(k, l));
+    return static_cast<std::size_t>(found - first);
 }
 
 /// Where the block lies among the values: column node k holds its pairs one under the other.
@@ -74,8 +78,10 @@ std::pair<Mat3, Vec3> NodeSystem::rigid_fit(int node, const Vertices& rest, cons
     Vec3 v0 = Vec3::Zero(), x0 = Vec3::Zero();
     double sum = 0;
     const auto each = [&](auto&& visit) {
-        for (std::size_t s = carried.start[node]; s < carried.start[node + 1]; ++s)
-            visit(double{carried.of[s].weight}, rest.row(carried.of[s].at).transpose(), x.row(carried.of[s].at).transpose());
+        for (std::size_t s = carried.start[node]; s < carried.start[node + 1]; ++s) {
+            const auto [v, weight] = carried.of[s];
+            visit(double{weight}, rest.row(v).transpose(), x.row(v).transpose());
+        }
     };
     each([&](double w, const auto& from, const auto& to) {
         v0 += w * from;

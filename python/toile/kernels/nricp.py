@@ -13,14 +13,18 @@ class NricpSolver:
 
         argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + scan-to-template + loops + landmarks + stiffness rigidity(x)
 
-    q_v the closest scan point, w_v = Geman-McClure(distance / mu) (n_v . m_v)^2 with mu annealed, a_v shares of area;
-    matches on the scan's border or beyond 3 mu do not count, nor do vertices in cavities. x is carried by rigid nodes,
-    coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights), then by a smooth displacement of its
-    own. Nodes, operators and orderings are made once; the same bits for any number of threads.
+    q_v: the closest scan point in place and normal, lifted off its face to the smooth surface (Phong tessellation); n_v
+    between both normals (symmetric objective, Rusinkiewicz 2019); w_v = Geman-McClure(distance / mu) (n_v . m_v)^2 with
+    mu annealed; a_v shares of area. Matches on the scan's border or beyond 3 mu do not count, nor do vertices in
+    cavities. x is carried by rigid nodes, coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights),
+    then by a smooth displacement of its own, the smoother the noisier the scan. Nodes, operators and orderings are
+    made once; the same bits for any number of threads.
 
-    preset: "draft", "standard" or "fine". Options (`NricpOptions` in cpp/kernels/nricp.h; lengths in units of the
-    square root of the template's area): `large_motion=False` skips the rigid and coarse levels when `start` is close;
-    `rebase=True` makes `start` the rest shape, as for a skinned pose; `labels=[...]` the scan labels that are targets;
+    preset: "draft" (two levels of nodes, about 1.5 x the error of standard in a third of its time), "standard" or
+    "fine" (four times the time, for large shape changes). Options (`NricpOptions` in cpp/kernels/nricp.h; lengths in
+    units of the square root of the template's area): `passes=3` solves three times, each from the last answer as start
+    and rest shape, for large poses with landmarks; `large_motion=False` skips the rigid steps and the first level when
+    `start` is close; `rebase=True` makes `start` the rest shape; `labels=[...]` the scan labels that are targets;
     `boundary_weight`, ... An unknown name is a TypeError.
     """
 
