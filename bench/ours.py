@@ -59,6 +59,7 @@ def methods():
         yield Method(f"toile {preset}", "register", "toile", partial(register, preset), levels=(1, 2, 3, 4))
         yield Method(f"toile {preset} + landmarks", "register", "toile", partial(register, preset, with_landmarks=True), levels=(5,))
         yield Method(f"toile {preset} + skeleton", "register", "toile", partial(register, preset, start="fit_v", rebase=True), levels=(5,))
+    for preset in PRESETS[:2]:  # `fine` is not for sequences
         yield Method(f"toile {preset}", "sequence", "toile", partial(follow, preset))
     yield Method("floor: toile fine from the truth", "register", "toile", partial(register, "fine", start="gt_v"), oracle=True)
     yield Method("toile", "biharmonic", "toile", biharmonic)

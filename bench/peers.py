@@ -58,13 +58,6 @@ def probreg_cpd(frame):
     return by_samples(frame, fit)
 
 
-def probreg_bcpd(frame):
-    """Bayesian coherent point drift (Hirose 2020) of probreg."""
-    from probreg import bcpd
-
-    return by_samples(frame, lambda Y, X: bcpd.registration_bcpd(Y, X).transform(Y))
-
-
 def by_samples(frame, fit):
     """Fits samples of template and target, in units of their spread, and carries the displacement by the nearest four."""
     from scipy.spatial import cKDTree
@@ -175,7 +168,6 @@ def methods():
     yield Method("open3d rigid ICP", "register", "open3d", once(open3d_icp))
     yield Method("pycpd", "register", "pycpd", once(pycpd_deformable), slow=True)
     yield Method("probreg cpd", "register", "probreg", once(probreg_cpd), slow=True)
-    yield Method("probreg bcpd", "register", "probreg", once(probreg_bcpd), slow=True)
     yield Method("trimesh amberg", "sequence", "trimesh", once(trimesh_amberg), slow=True)
     yield Method("igl.harmonic", "biharmonic", "igl", once(igl_harmonic))
     yield Method("gco", "mrf", "gco", once(gco_expansion))
