@@ -15,6 +15,7 @@ namespace toile {
 namespace {
 
 constexpr int carries_allowed = 20;    // of a vertex, so that none goes to and fro
+constexpr int shortfalls_allowed = 4;  // of a vertex that is outside
 constexpr double least_margin = 0.01;  // of the margin, between parts that leave no room
 constexpr double watched = 2;          // margins: vertices nearer than this are kept from the body
 
@@ -98,6 +99,7 @@ UntangleFrame::UntangleFrame(const Vertices& cloth_V, Cloth& cloth, const Obstac
     was_violated_.resize(n);
     carried_.resize(n);
     carries_.resize(n);
+    shortfalls_.resize(n);
     planes.resize(n);
     creases_.resize(n);
     lifts_.resize(n);
@@ -135,12 +137,17 @@ void UntangleFrame::probe_near() {
 }
 
 /// Where a vertex that was pushed off one part now stands too near to another that faces it, the two meet in the middle:
-/// it was `margin` from the first plane, so half of both distances is half the room.
+/// it was `margin` from the first plane, so half of both distances is half the room. In the corner of a crease, where no
+/// pair is left to mend and push after push falls short, the margin is what was reached.
 void UntangleFrame::shrink_margin(Eigen::Index i) {
     const HalfSpaces& last = planes[static_cast<std::size_t>(i)];
     const Probe& p = at(i);
-    if (!violated(i) || last.count == 0 || last.normal[0].dot(p.outward) >= 0 || p.distance < -1.1 * margin[i]) return;
-    margin[i] = std::max(0.5 * (margin[i] + p.distance), least_margin * options_.margin);
+    if (!violated(i) || last.count == 0) return;
+    const double least = least_margin * options_.margin;
+    if (last.normal[0].dot(p.outward) < 0 && p.distance > -1.1 * margin[i])
+        margin[i] = std::max(0.5 * (margin[i] + p.distance), least);
+    else if (pairs.rows() == 0 && p.distance > 0 && ++shortfalls_[static_cast<std::size_t>(i)] > shortfalls_allowed)
+        margin[i] = std::max(p.distance, least);
 }
 
 /// A face is left out when balls at its corners that hold nothing of the body cover it: every point of a triangle lies

@@ -74,6 +74,7 @@ private:
     std::vector<char> was_violated_;
     std::vector<char> carried_;        // to another side of the body in the coming step
     std::vector<int> carries_;         // in how many steps
+    std::vector<int> shortfalls_;
     std::vector<HalfSpaces> creases_;  // the other side of a crease
     std::vector<HalfSpaces> lifts_;    // of corners of pierced faces; stay for the frame
     Vertices pushes_;                  // the sum of what lifted a vertex
