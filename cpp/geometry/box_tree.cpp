@@ -44,12 +44,12 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
         centres[static_cast<std::size_t>(f)] = {toile::face_box(V, F, f).center(), static_cast<int>(f)};
     });
     std::vector<Part> parts{{0, 0, static_cast<int>(m), 0}};
-    for (std::size_t k = 0; k < parts.size();) {  // halves down to 2048 faces, then subtrees at once
-        if (parts[k].end - parts[k].begin <= 2048) {
-            ++k;
-            continue;
-        }
-        parts.push_back(halve(parts[k], centres));
+    while (parts[0].end - parts[0].begin > 2048) {  // all parts are of one size, give or take a face
+        const std::size_t n = parts.size();
+        parts.resize(2 * n);
+        parallel_for(static_cast<std::int64_t>(n), [&](std::int64_t k) {
+            parts[n + static_cast<std::size_t>(k)] = halve(parts[static_cast<std::size_t>(k)], centres);
+        }, 1);
     }
     parallel_for(static_cast<std::int64_t>(parts.size()), [&](std::int64_t k) { build(parts[static_cast<std::size_t>(k)], centres); }, 1);
     for (std::size_t k = 0; k < m; ++k) slot_[static_cast<std::size_t>(order_[k])] = static_cast<int>(k);

@@ -5,11 +5,14 @@
 #include <limits>
 #include <utility>
 
+#include "base/parallel.h"
+
 namespace toile {
 
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr int no_face = -1, rim_side = -2;  // across a non-manifold edge, and across none
 constexpr double on_edge = 1e-12;  // a barycentric coordinate this small lies on the edge
 
 Vec3 unit_or_zero(const Vec3& v) {
@@ -30,32 +33,35 @@ double hit(const Vec3& p, const Vec3& d, double reach, const BoxTree::Triangle& 
 }  // namespace
 
 Obstacle::Obstacle(Faces F, double max_depth)
-    : F_(std::move(F)), max_depth_(max_depth), across_(Faces::Constant(F_.rows(), 3, -1)),
+    : F_(std::move(F)), max_depth_(max_depth), across_(Faces::Constant(F_.rows(), 3, no_face)),
       rim_(static_cast<std::size_t>(F_.maxCoeff()) + 1, 0), faces_of_(vertex_faces(F_, F_.maxCoeff() + 1)) {
+    parallel_for(faces_of_.size(), [&](std::int64_t v) { pair_sides(static_cast<int>(v)); });
+    for (Eigen::Index f = 0; f < F_.rows(); ++f)
+        for (int c = 0; c < 3; ++c) {
+            if (across_(f, c) != rim_side) continue;
+            closed_ = false;
+            rim_[static_cast<std::size_t>(F_(f, c))] = rim_[static_cast<std::size_t>(F_(f, (c + 1) % 3))] = 1;
+        }
+}
+
+/// What lies across the edges from v to greater vertices.
+void Obstacle::pair_sides(int v) {
     struct Side {
         int end, face, corner;
     };
-    std::vector<Side> sides;  // of the edges from a vertex to greater ones
-    for (int v = 0; v < faces_of_.size(); ++v) {
-        sides.clear();
-        for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
-            const int f = faces_of_.index[static_cast<std::size_t>(k)];
-            for (int c = 0; c < 3; ++c) {
-                const int i = F_(f, c), j = F_(f, (c + 1) % 3);
-                if (i != j && std::min(i, j) == v) sides.push_back({std::max(i, j), f, c});
-            }
+    std::vector<Side> sides;
+    for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
+        const int f = faces_of_.index[static_cast<std::size_t>(k)];
+        for (int c = 0; c < 3; ++c) {
+            const int i = F_(f, c), j = F_(f, (c + 1) % 3);
+            if (i != j && std::min(i, j) == v) sides.push_back({std::max(i, j), f, c});
         }
-        std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return a.end < b.end; });
-        for (std::size_t i = 0, j; i < sides.size(); i = j) {
-            for (j = i + 1; j < sides.size() && sides[j].end == sides[i].end;) ++j;
-            if (j - i == 1) {
-                closed_ = false;
-                rim_[static_cast<std::size_t>(v)] = rim_[static_cast<std::size_t>(sides[i].end)] = 1;
-            } else if (j - i == 2) {
-                across_(sides[i].face, sides[i].corner) = sides[i + 1].face;
-                across_(sides[i + 1].face, sides[i + 1].corner) = sides[i].face;
-            }
-        }
+    }
+    for (const Side& side : sides) {
+        int others = 0, beyond = no_face;
+        for (const Side& other : sides)
+            if (other.end == side.end && &other != &side) beyond = other.face, ++others;
+        across_(side.face, side.corner) = others == 0 ? rim_side : others == 1 ? beyond : no_face;
     }
 }
 
@@ -76,9 +82,7 @@ bool Obstacle::on_rim(const SurfacePoint& s) const {
     for (int c = 0; c < 3; ++c) {
         if (s.barycentric[c] > 1 - on_edge) return rim_[static_cast<std::size_t>(face[c])] != 0;
         const bool between = s.barycentric[(c + 2) % 3] < on_edge;
-        const bool rim_edge = across_(s.face, c) < 0 && rim_[static_cast<std::size_t>(face[c])] &&
-                              rim_[static_cast<std::size_t>(face[(c + 1) % 3])];
-        if (between && rim_edge) return true;
+        if (between && across_(s.face, c) == rim_side) return true;
     }
     return false;
 }

@@ -44,6 +44,7 @@ public:
     bool pass_through(const Vec3& p, Probe& probe) const;
 
 private:
+    void pair_sides(int v);
     Vec3 face_normal(int face) const;
     Vec3 vertex_normal(int vertex) const;
     Vec3 pseudo_normal(const SurfacePoint& s) const;
@@ -52,7 +53,7 @@ private:
     Faces F_;
     double max_depth_;
     bool closed_ = true;
-    Faces across_;                  ///< (m,3) the face beyond edge (c, c+1); -1 at a rim or a non-manifold edge
+    Faces across_;                  ///< (m,3) the face beyond edge (c, c+1); negative where there is not just one
     std::vector<char> rim_;         ///< per vertex, up to the largest index
     Adjacency faces_of_;            ///< of vertices
     double orientation_ = 1;        ///< -1: a closed surface whose faces look inwards

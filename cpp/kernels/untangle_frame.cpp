@@ -81,8 +81,12 @@ private:
 
 }  // namespace
 
-Cloth::Cloth(Faces faces, Eigen::Index n)
-    : F(std::move(faces)), ring(vertex_neighbours(F, n)), to_rim(steps_to_rim(F, ring)) {}
+Cloth::Cloth(Faces faces, Eigen::Index n) : F(std::move(faces)), ring(vertex_neighbours(F, n)) {}
+
+const std::vector<int>& Cloth::to_rim() {
+    if (to_rim_.empty()) to_rim_ = steps_to_rim(F, ring);
+    return to_rim_;
+}
 
 void Cloth::fit_tree(const Vertices& V) {
     if (tree) return;
@@ -215,7 +219,7 @@ bool UntangleFrame::cut(int i, int j, Eigen::Index first_pair, Eigen::Index last
 /// A limb that passes right through faces stands between their corners. The corners nearer to the cloth's rim are carried
 /// over to the side of the others, so that from step to step the hole travels to the rim and off the cloth.
 bool UntangleFrame::carry_over() {
-    const auto rank = [&](int v) { return std::pair(cloth_.to_rim[static_cast<std::size_t>(v)], v); };
+    const auto rank = [&](int v) { return std::pair(cloth_.to_rim()[static_cast<std::size_t>(v)], v); };
     bool any = false;
     for (Eigen::Index k = 0, end; k < pairs.rows(); k = end) {
         end = last_of_face(k);

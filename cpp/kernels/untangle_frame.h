@@ -15,13 +15,16 @@ namespace toile {
 /// What a cloth keeps from frame to frame.
 struct Cloth {
     Cloth(Faces faces, Eigen::Index n);
-    void fit_tree(const Vertices& V);  ///< built where it is not yet
+    void fit_tree(const Vertices& V);      ///< built where it is not yet
+    const std::vector<int>& to_rim();      ///< edges to the nearest rim; the largest int where there is none
 
     Faces F;
     Adjacency ring;                 ///< neighbours of vertices
-    std::vector<int> to_rim;        ///< edges to the nearest rim; the largest int where there is none
     std::unique_ptr<BoxTree> tree;
     std::vector<int> tour;          ///< vertices, neighbours in space one after the other
+
+private:
+    std::vector<int> to_rim_;       ///< empty until asked for
 };
 
 class UntangleFrame {
