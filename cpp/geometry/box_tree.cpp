@@ -39,9 +39,11 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
     leaf_.resize(m);
     triangles_.resize(m);
     boxes_.resize(m);
+    const Vec3 origin = V.row(F(0, 0));
     std::vector<Centre> centres(m);
     parallel_for(F.rows(), [&](std::int64_t f) {
-        centres[static_cast<std::size_t>(f)] = {toile::face_box(V, F, f).center(), static_cast<int>(f)};
+        const Vec3 place = toile::face_box(V, F, f).center() - origin;
+        centres[static_cast<std::size_t>(f)] = {{float(place[0]), float(place[1]), float(place[2])}, static_cast<int>(f)};
     });
     std::vector<Part> parts{{0, 0, static_cast<int>(m), 0}};
     while (parts[0].end - parts[0].begin > 2048) {  // all parts are of one size, give or take a face
@@ -60,8 +62,8 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
 /// Makes the part's node an inner one; the part becomes the left half, and the right one is returned.
 BoxTree::Part BoxTree::halve(Part& part, std::vector<Centre>& centres) {
     const auto [node, begin, end, leaf] = part;
-    Box box;
-    for (int k = begin; k < end; ++k) box.extend(centres[static_cast<std::size_t>(k)].place);
+    Eigen::AlignedBox3f box;
+    for (int k = begin; k < end; ++k) box.extend(Eigen::Map<const Eigen::Vector3f>(centres[static_cast<std::size_t>(k)].place));
     int axis = 0;
     box.sizes().maxCoeff(&axis);
     const int middle = begin + (end - begin) / 2;

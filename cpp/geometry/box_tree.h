@@ -58,8 +58,8 @@ private:
     struct Count {
         int nodes, leaves;
     };
-    struct Centre {
-        Vec3 place;
+    struct Centre {  ///< in float: only the splits depend on it
+        float place[3];
         int face;
     };
     struct Part {  ///< faces [begin, end) of a node still to be built, and the number of its first leaf

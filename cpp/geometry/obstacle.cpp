@@ -49,7 +49,8 @@ void Obstacle::pair_sides(int v) {
     struct Side {
         int end, face, corner;
     };
-    std::vector<Side> sides;
+    thread_local std::vector<Side> sides;
+    sides.clear();
     for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
         const int f = faces_of_.index[static_cast<std::size_t>(k)];
         for (int c = 0; c < 3; ++c) {

@@ -31,6 +31,19 @@ void check_options(const UntangleOptions& o) {
             "untangle: max_iterations is " + std::to_string(o.max_iterations) + ", expected at least 1");
 }
 
+// Sixth powers of lengths must stay within the range of doubles.
+constexpr double largest = 1e30, smallest = 1e-30;
+
+void check_scale(const char* name, const Vertices& V) {
+    for (Eigen::Index i = 0; i < V.rows(); ++i)
+        require(V.row(i).cwiseAbs().maxCoeff() <= largest,
+                std::string("untangle: ") + name + "[" + std::to_string(i) + "] lies beyond 1e30");
+}
+
+void check_span(double span) {
+    require(span >= smallest, "untangle: the faces of body_V span less than 1e-30");
+}
+
 double mean_edge(const Vertices& V, const Adjacency& ring) {
     double sum = 0;
     for (int v = 0; v < ring.size(); ++v)
@@ -74,8 +87,11 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     rows("body_V", body_V.rows(), s.body_n);
     check_finite("untangle", "cloth_V", cloth_V);
     check_finite("untangle", "body_V", body_V);
+    check_scale("cloth_V", cloth_V);
+    check_scale("body_V", body_V);
     const UntangleOptions& o = s.options;
     s.body.move(body_V);
+    check_span(s.body.tree().nodes()[0].box.diagonal().norm());
     UntangleFrame frame(cloth_V, s.cloth, s.body, o);
     const double stiffness = std::clamp(1.5 * std::pow(mean_edge(cloth_V, s.cloth.ring) / o.spread, 2), 1e-8, 1e8);
 
@@ -90,7 +106,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     Vertices best, d = Vertices::Zero(s.cloth_n, 3);
     for (int idle = 0, former = std::numeric_limits<int>::max();; ++r.iterations) {
         int violations = frame.violations();
-        const bool see_pairs = 2 * violations >= former || 200 * violations < s.cloth_n;  // few left, or stubborn ones
+        const bool see_pairs = violations == 0 || 2 * violations >= former;  // stubborn ones must not keep pairs waiting
         former = violations;
         if (see_pairs) {
             if (r.iterations > 0) {

@@ -85,7 +85,7 @@ def test_an_ugly_body_is_solved(spoil):
     assert (np.linalg.norm(result.V, axis=1) > 0.195).all()
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("scale", [1e-25, 1e-6, 1e-3, 1e3, 1e6, 1e25])
 def test_units_from_micrometres_to_kilometres_are_solved_alike(scale):
     V, F, body_V, body_F = shell()
     plain = kernels.untangle(V, F, body_V, body_F)
@@ -93,6 +93,20 @@ def test_units_from_micrometres_to_kilometres_are_solved_alike(scale):
     result = kernels.untangle(V * scale, F, body_V * scale, body_F, **lengths)
     assert_solved(result, F, body_V * scale, body_F)
     assert np.abs(result.V / scale - plain.V).max() < 1e-4
+
+
+@pytest.mark.parametrize("scale, message", [(1e-100, "the faces of body_V span less"), (1e200, r"cloth_V\[0\] lies beyond")])
+def test_sizes_whose_powers_leave_the_range_of_doubles_are_refused(scale, message):
+    V, F, body_V, body_F = shell()
+    lengths = dict(margin=0.002 * scale, spread=0.03 * scale, max_depth=0.05 * scale)
+    with pytest.raises(kernels.InputError, match="untangle: " + message):
+        kernels.untangle(V * scale, F, body_V * scale, body_F, **lengths)
+
+
+def test_a_body_without_extent_is_refused():
+    V, F, body_V, body_F = shell()
+    with pytest.raises(kernels.InputError, match="untangle: the faces of body_V span less"):
+        kernels.untangle(V, F, 0 * body_V, body_F)
 
 
 @pytest.mark.parametrize("offset", [1e3, 1e6])
