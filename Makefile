@@ -47,7 +47,7 @@ $(VENV)/.peers: $(VENV)/.core
 
 # times of single kernels
 bench: $(VENV)/.peers
-	$(BIN)/python -m pytest tests/bench -o python_files='bench_*.py' -o addopts=
+	$(BIN)/python -m pytest tests/bench -o python_files='bench_*.py' -o python_functions='bench_*' -o addopts=
 
 # time against error of all presets and peers: tradeoff/tradeoff.png. TRADEOFF=--quick takes minutes
 tradeoff: $(VENV)/.peers

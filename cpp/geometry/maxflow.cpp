@@ -33,7 +33,7 @@ MaxFlow::MaxFlow(Eigen::Index nodes, const Edges& edges)
     }
 }
 
-void MaxFlow::solve() {
+void MaxFlow::solve(bool level) {
     for (Tree* tree : {&source_, &sink_}) {
         tree->depth = 1;
         tree->frontier.clear();
@@ -47,9 +47,13 @@ void MaxFlow::solve() {
             tree->frontier.push_back(v);
         }
     }
-    while (!source_.frontier.empty() && !sink_.frontier.empty())
-        grow(source_.frontier.size() <= sink_.frontier.size() ? source_ : sink_);
+    while (!source_.frontier.empty() && !sink_.frontier.empty()) grow(next_to_grow(level));
     sink_tree_is_complete_ = sink_.frontier.empty();
+}
+
+MaxFlow::Tree& MaxFlow::next_to_grow(bool level) {
+    if (level && source_.depth != sink_.depth) return source_.depth < sink_.depth ? source_ : sink_;
+    return source_.frontier.size() <= sink_.frontier.size() ? source_ : sink_;
 }
 
 /// Adds the next level to a tree, augmenting wherever it touches the other one.
@@ -92,7 +96,6 @@ void MaxFlow::augment(int bridge) {
     back.residual += amount;
     push_to_root(source_, s, amount);
     push_to_root(sink_, t, amount);
-    ++augmentations_;
     adopt(source_);
     adopt(sink_);
 }

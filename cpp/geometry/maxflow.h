@@ -1,6 +1,5 @@
 // Minimum s-t cut on a sparse graph, by incremental breadth-first search from both terminals.
 #pragma once
-#include <cstdint>
 #include <vector>
 
 #include "base/types.h"
@@ -26,7 +25,9 @@ public:
     void set_terminal(int v, double capacity) { node_[static_cast<std::size_t>(v)].excess = capacity; }
     void set_arc(int arc, double capacity) { arc_[static_cast<std::size_t>(arc)].residual = capacity; }
 
-    void solve();
+    /// `level`: both trees grow to the same depth, which keeps their branches short where much is to flow; else the one
+    /// with fewer nodes at its rim grows, which is soon done where little is.
+    void solve(bool level = false);
     /// After `solve`, what flows along an arc of an edge that has the same capacity both ways.
     double flow(int arc) const {
         const Arc& there = arc_[static_cast<std::size_t>(arc)];
@@ -36,7 +37,6 @@ public:
         const int d = node_[static_cast<std::size_t>(v)].distance;
         return sink_tree_is_complete_ ? d >= 0 : d > 0;
     }
-    std::int64_t augmentations() const { return augmentations_; }
 
 private:
     struct Arc {
@@ -60,6 +60,7 @@ private:
         bool growing;
     };
 
+    Tree& next_to_grow(bool level);
     void grow(Tree& tree);
     void scan(Tree& tree, int v);
     void augment(int bridge);
@@ -81,7 +82,6 @@ private:
     std::vector<int> edge_;
     Tree source_, sink_;
     bool sink_tree_is_complete_ = false;
-    std::int64_t augmentations_ = 0;
 };
 
 }  // namespace toile

@@ -12,7 +12,7 @@ namespace toile {
 namespace {
 
 constexpr int START_ROUNDS = 10;
-constexpr std::int64_t GRAIN = 16384;  // nodes: fewer are done sooner than another thread wakes up
+constexpr std::int64_t GRAIN = 131072;  // nodes: a loop over fewer is done sooner than a thread of a busy machine wakes
 constexpr std::size_t MOST_FLOWS = 1 << 27;  // half a gigabyte
 
 std::string at(const char* name, Eigen::Index i) { return std::string(name) + "[" + std::to_string(i) + "]"; }
@@ -93,18 +93,18 @@ public:
     }
 
     double unary_energy() const {
-        return parallel_sum(x.size(), 0.0, [&](double& sum, std::int64_t v) { sum += unary_(v, x[v]); });
+        return parallel_sum(x.size(), 0.0, [&](double& sum, std::int64_t v) { sum += unary_(v, x[v]); }, GRAIN);
     }
     double pairwise_energy() const {
         return parallel_sum(edges_.rows(), 0.0, [&](double& sum, std::int64_t e) {
             sum += weights_[e] * V_(x[edges_(e, 0)], x[edges_(e, 1)]);
-        });
+        }, 2 * GRAIN);
     }
 
     /// The best of all moves in which any set of nodes changes to `alpha`; true when it lowers the energy.
     bool expand(int alpha) {
         load(alpha);
-        flow_.solve();
+        flow_.solve(flow_of_[static_cast<std::size_t>(alpha)].empty());
         keep_flow(alpha);
         changed_.clear();
         for (int v = 0; v < flow_.nodes(); ++v)
@@ -154,7 +154,7 @@ private:
 
     /// The cheapest label of each node by itself; then of each node given its neighbours, until that settles.
     void choose_start() {
-        parallel_for(x.size(), [&](std::int64_t v) { unary_.row(v).minCoeff(&x[v]); });
+        parallel_for(x.size(), [&](std::int64_t v) { unary_.row(v).minCoeff(&x[v]); }, GRAIN);
         Eigen::RowVectorXd cost(unary_.cols());
         std::vector<char> stale(static_cast<std::size_t>(x.size()), 1);
         bool changing = true;
@@ -246,7 +246,7 @@ private:
     Vector weights_;
     MaxFlow flow_;
     std::vector<double> arc_weight_;
-    std::vector<std::vector<double>> flow_of_;  // per label, along each edge from its lower node; empty before the first
+    std::vector<std::vector<double>> flow_of_;  // per label, along each edge from its lower node; empty at first
     double scale_ = 1;
     std::vector<int> changed_;
     std::vector<char> moved_;

@@ -4,8 +4,8 @@
 
 prints, for a shirt-like tube between two known loops: milliseconds (median) to prepare and to solve, the median of
 igl's time over ours, and the distance of both answers from a refined one, relative to the largest displacement.
-With pytest-benchmark: python -m pytest tests/bench/bench_biharmonic.py -o python_files='bench_*.py', ratios in
-extra_info.
+With pytest-benchmark: python -m pytest tests/bench/bench_biharmonic.py -o python_files='bench_*.py'
+-o python_functions='bench_*', ratios in extra_info.
 """
 
 import os

@@ -5,7 +5,8 @@
 prints, for five labels on a body of 13k and 99k vertices under weak to very strong smoothing, for ten frames joined by
 temporal edges and for Middlebury's Tsukuba (where its data lie beside the checkout): milliseconds (median), the median
 of the ratios to the faster peer, and our energy over the lower of theirs.
-With pytest-benchmark: python -m pytest tests/bench/bench_mrf.py -o python_files='bench_*.py', ratios in extra_info.
+With pytest-benchmark: python -m pytest tests/bench/bench_mrf.py -o python_files='bench_*.py' -o python_functions='bench_*',
+ratios in extra_info.
 """
 
 import os

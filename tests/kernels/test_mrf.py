@@ -257,12 +257,14 @@ def test_mrf_votes_decide_unless_they_are_priced():
     assert votes.energy == pytest.approx(mrf(priced, edges, weights).energy)
 
 
-def test_mrf_bits_do_not_depend_on_threads(threads):
-    unary, edges, weights = random_problem(18, n=5000, labels=5, edges=15000)
+@pytest.mark.parametrize("height, width, labels", [(50, 60, 5), (500, 600, 2)], ids=["small", "large"])
+def test_mrf_bits_do_not_depend_on_threads(threads, height, width, labels):
+    rng, edges = np.random.default_rng(18), grid_edges(height, width)
+    unary, weights = rng.uniform(0, 1, (height * width, labels)), rng.uniform(0, 0.5, len(edges))
     results = []
     for n in (1, 2, 3, 8):
         threads(n)
-        r = mrf(unary, edges, weights, random_metric(5, 3))
+        r = mrf(unary, edges, weights, random_metric(labels, 3), max_sweeps=2)
         results.append((r.labels.tobytes(), r.energy, tuple(r.sweep_energy)))
     assert all(r == results[0] for r in results)
 
