@@ -6,6 +6,7 @@ from .method import Method
 
 PRESETS = ("draft", "standard", "fine")
 LANDMARK_SIGMA = 0.005  # m
+PASSES = 3  # of a large pose that starts from landmarks alone
 
 
 def register(preset, problem, start=None, with_landmarks=False, **options):
@@ -57,7 +58,7 @@ def untangle(problem):
 def methods():
     for preset in PRESETS:
         yield Method(f"toile {preset}", "register", "toile", partial(register, preset), levels=(1, 2, 3, 4))
-        yield Method(f"toile {preset} + landmarks", "register", "toile", partial(register, preset, with_landmarks=True), levels=(5,))
+        yield Method(f"toile {preset} + landmarks", "register", "toile", partial(register, preset, with_landmarks=True, passes=PASSES), levels=(5,))
         yield Method(f"toile {preset} + skeleton", "register", "toile", partial(register, preset, start="fit_v", rebase=True), levels=(5,))
     for preset in PRESETS[:2]:  # `fine` is not for sequences
         yield Method(f"toile {preset}", "sequence", "toile", partial(follow, preset))
