@@ -35,7 +35,11 @@ double hit(const Vec3& p, const Vec3& d, double reach, const BoxTree::Triangle& 
 Obstacle::Obstacle(Faces F, double max_depth)
     : F_(std::move(F)), max_depth_(max_depth), across_(Faces::Constant(F_.rows(), 3, no_face)),
       rim_(static_cast<std::size_t>(F_.maxCoeff()) + 1, 0), faces_of_(vertex_faces(F_, F_.maxCoeff() + 1)) {
-    parallel_for(faces_of_.size(), [&](std::int64_t v) { pair_sides(static_cast<int>(v)); });
+    constexpr int block = 512;  // vertices, in parallel
+    parallel_for((faces_of_.size() + block - 1) / block, [&](std::int64_t b) {
+        const int begin = static_cast<int>(b) * block;
+        pair_sides(begin, std::min(begin + block, faces_of_.size()));
+    }, 1);
     for (Eigen::Index f = 0; f < F_.rows(); ++f)
         for (int c = 0; c < 3; ++c) {
             if (across_(f, c) != rim_side) continue;
@@ -44,25 +48,35 @@ Obstacle::Obstacle(Faces F, double max_depth)
         }
 }
 
-/// What lies across the edges from v to greater vertices.
-void Obstacle::pair_sides(int v) {
+/// What lies across the edges from these vertices to greater ones.
+void Obstacle::pair_sides(int begin, int end) {
     struct Side {
-        int end, face, corner;
+        int to, face, corner;
     };
-    thread_local std::vector<Side> sides;
-    sides.clear();
-    for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
-        const int f = faces_of_.index[static_cast<std::size_t>(k)];
-        for (int c = 0; c < 3; ++c) {
-            const int i = F_(f, c), j = F_(f, (c + 1) % 3);
-            if (i != j && std::min(i, j) == v) sides.push_back({std::max(i, j), f, c});
+    std::vector<Side> sides;
+    for (int v = begin; v < end; ++v) {
+        sides.clear();
+        for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
+            const int f = faces_of_.index[static_cast<std::size_t>(k)];
+            for (int c = 0; c < 3; ++c) {
+                const int i = F_(f, c), j = F_(f, (c + 1) % 3);
+                if (i != j && std::min(i, j) == v) sides.push_back({std::max(i, j), f, c});
+            }
         }
-    }
-    for (const Side& side : sides) {
-        int others = 0, beyond = no_face;
-        for (const Side& other : sides)
-            if (other.end == side.end && &other != &side) beyond = other.face, ++others;
-        across_(side.face, side.corner) = others == 0 ? rim_side : others == 1 ? beyond : no_face;
+        for (std::size_t a = 0; a < sides.size(); ++a) {
+            if (sides[a].to < 0) continue;
+            int others = 0, mate = -1;
+            for (std::size_t b = a + 1; b < sides.size(); ++b) {
+                if (sides[b].to != sides[a].to) continue;
+                sides[b].to = -1;  // seen
+                mate = static_cast<int>(b), ++others;
+            }
+            if (others == 0) across_(sides[a].face, sides[a].corner) = rim_side;
+            if (others != 1) continue;
+            const Side& other = sides[static_cast<std::size_t>(mate)];
+            across_(sides[a].face, sides[a].corner) = other.face;
+            across_(other.face, other.corner) = sides[a].face;
+        }
     }
 }
 

@@ -44,7 +44,7 @@ public:
     bool pass_through(const Vec3& p, Probe& probe) const;
 
 private:
-    void pair_sides(int v);
+    void pair_sides(int begin, int end);
     Vec3 face_normal(int face) const;
     Vec3 vertex_normal(int vertex) const;
     Vec3 pseudo_normal(const SurfacePoint& s) const;
