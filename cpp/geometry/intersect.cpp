@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -59,26 +60,42 @@ int certain_side(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& p) {
     return det > bound ? 1 : det < -bound ? -1 : 0;
 }
 
-/// The certain sides of a triangle's corners towards the plane of another.
+/// The certain sides of a triangle's corners towards the plane of another, as `certain_side` counts them; the bound is
+/// that of a plain normal and dot product.
 struct Sides {
     int of[3];
-    Sides(const BoxTree::Triangle& plane, const BoxTree::Triangle& t)
-        : of{certain_side(plane.a, plane.b, plane.c, t.a), certain_side(plane.a, plane.b, plane.c, t.b),
-             certain_side(plane.a, plane.b, plane.c, t.c)} {}
+    Sides(const BoxTree::Triangle& plane, const BoxTree::Triangle& t) {
+        const Vec3 u = plane.b - plane.a, v = plane.c - plane.a, n = u.cross(v);
+        const Vec3 size(std::abs(u[1] * v[2]) + std::abs(u[2] * v[1]), std::abs(u[2] * v[0]) + std::abs(u[0] * v[2]),
+                        std::abs(u[0] * v[1]) + std::abs(u[1] * v[0]));
+        const Vec3 corner[3] = {t.a - plane.a, t.b - plane.a, t.c - plane.a};
+        for (int k = 0; k < 3; ++k) {
+            const double height = n.dot(corner[k]), bound = 1.2e-15 * size.dot(corner[k].cwiseAbs()) + 1e-250;
+            of[k] = height > bound ? -1 : height < -bound ? 1 : 0;
+        }
+    }
     bool one() const { return of[0] != 0 && of[0] == of[1] && of[0] == of[2]; }
 };
 
-/// Does an edge of t, whose corners lie on these sides of s, certainly pass through the inside of s?
-bool certainly_pierced(const BoxTree::Triangle& s, const BoxTree::Triangle& t, const Sides& sides) {
+/// +1: an edge of t certainly passes through the inside of s. -1: the section of t with the plane of s certainly lies
+/// beyond one edge of s. 0: left open. `sides` are those of t's corners towards s.
+int certain_crossing(const BoxTree::Triangle& s, const BoxTree::Triangle& t, const Sides& sides) {
     const Vec3* corner[3] = {&t.a, &t.b, &t.c};
     for (int k = 0; k < 3; ++k) {
-        const int other = (k + 1) % 3;
-        if (sides.of[k] * sides.of[other] >= 0) continue;
-        const Vec3 &p = *corner[k], &q = *corner[other];
-        const int turn = certain_side(p, q, s.a, s.b);
-        if (turn != 0 && certain_side(p, q, s.b, s.c) == turn && certain_side(p, q, s.c, s.a) == turn) return true;
+        const int side = sides.of[k];
+        if (side == 0 || sides.of[(k + 1) % 3] != -side || sides.of[(k + 2) % 3] != -side) continue;
+        // The corner k lies alone on its side: its two edges cross the plane, and pass within an edge of s on turn -side.
+        const Vec3 &p = *corner[k], &q = *corner[(k + 1) % 3], &r = *corner[(k + 2) % 3];
+        int within_q = 0, within_r = 0;
+        for (const auto& [from, to] : {std::pair(&s.a, &s.b), std::pair(&s.b, &s.c), std::pair(&s.c, &s.a)}) {
+            const int turn_q = certain_side(p, q, *from, *to), turn_r = certain_side(p, r, *from, *to);
+            if (turn_q == side && turn_r == side) return -1;
+            within_q += turn_q == -side;
+            within_r += turn_r == -side;
+        }
+        return within_q == 3 || within_r == 3 ? 1 : 0;
     }
-    return false;
+    return 0;
 }
 
 /// Nearly all pairs are decided by signs that rounding cannot touch; the rest exactly.
@@ -87,7 +104,8 @@ bool meet_exactly(const BoxTree::Triangle& s, const BoxTree::Triangle& t) {
     if (of_t.one()) return false;
     const Sides of_s(t, s);
     if (of_s.one()) return false;
-    if (certainly_pierced(s, t, of_t) || certainly_pierced(t, s, of_s)) return true;
+    if (const int crossing = certain_crossing(s, t, of_t)) return crossing > 0;
+    if (const int crossing = certain_crossing(t, s, of_s)) return crossing > 0;
     return meet_any(hull(s.a, s.b, s.c), hull(t.a, t.b, t.c));
 }
 
