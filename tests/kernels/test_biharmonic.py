@@ -129,6 +129,58 @@ def test_biharmonic_survives_needles(amount):
     assert (solver.mollified > 0) == (amount < 1e-7)
 
 
+def sliver_tube(amount, around=14, rings=12):
+    """A dented tube with two open loops, in which nine inner edges are shrunk to `amount` of their length."""
+    angle, z = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, 0.6, rings))
+    r = 0.2 + 0.03 * np.sin(2 * angle + 5 * z)
+    V = np.stack([r * np.cos(angle), 0.7 * r * np.sin(angle), z], -1).reshape(-1, 3)
+    i = np.arange(rings * around).reshape(rings, around)
+    a, b, c, d = (k.ravel() for k in (i[:-1], np.roll(i, -1, 1)[:-1], i[1:], np.roll(i, -1, 1)[1:]))
+    for k in range(9):
+        p, q = i[2 + 3 * (k // 3), 4 * (k % 3)], i[2 + 3 * (k // 3), 4 * (k % 3) + 1]
+        V[q] = V[p] + amount * (V[q] - V[p])
+    return V, np.r_[np.c_[a, b, d], np.c_[a, d, c]], np.r_[i[0], i[-1]]
+
+
+def minimiser_in_80_bits(V, F, known, D_known):
+    """The dense minimiser with 64-bit mantissas: cotangents, mixed Voronoi areas, elimination with pivots."""
+    V, n = V.astype(np.longdouble), len(V)
+    L, mass = np.zeros((n, n), np.longdouble), np.zeros(n, np.longdouble)
+    for f in F:
+        side = V[np.roll(f, -2)] - V[np.roll(f, -1)]  # opposite each corner
+        area = np.sqrt((np.cross(side[0], side[1]) ** 2).sum()) / 2
+        length = (side**2).sum(1)
+        cot = (length.sum() - 2 * length) / (4 * area)
+        for c in range(3):
+            j, k = f[(c + 1) % 3], f[(c + 2) % 3]
+            L[[j, k], [k, j]] += cot[c] / 2
+            L[[j, k], [j, k]] -= cot[c] / 2
+        if cot.min() < 0:
+            mass[f] += area * np.where(cot < 0, 0.5, 0.25)
+        else:
+            mass[f] += np.roll(length * cot, -1) / 8 + np.roll(length * cot, -2) / 8
+    Q = L @ (L / mass[:, None])
+    free = np.setdiff1d(np.arange(n), known)
+    A = np.concatenate([Q[np.ix_(free, free)], -Q[np.ix_(free, known)] @ D_known.astype(np.longdouble)], axis=1)
+    for k in range(len(free)):
+        p = k + np.abs(A[k:, k]).argmax()
+        A[[k, p]] = A[[p, k]]
+        A[k] /= A[k, k]
+        others = np.arange(len(free)) != k
+        A[others] -= A[others, k][:, None] * A[k]
+    D = np.zeros((n, 3))
+    D[known], D[free] = D_known, A[:, len(free) :]
+    return D
+
+
+@pytest.mark.parametrize("amount", [1, 1e-3, 1e-6])
+def test_biharmonic_on_a_curved_tube_with_slivers_is_accurate_to_1e_minus_6(amount):
+    V, F, known = sliver_tube(amount)
+    D_known = 0.05 * np.random.default_rng(7).normal(size=(len(known), 3))
+    expected = minimiser_in_80_bits(V, F, known, D_known)
+    assert np.abs(biharmonic(V, F, known, D_known) - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
 def test_biharmonic_mollifies_only_where_the_factor_fails_and_says_so():
     V, F, rim, _ = dome()
     assert BiharmonicSolver(V, F, rim).mollified == 0
