@@ -3,8 +3,9 @@
 python -m bench.clothing OUT [--capture data_samples/tshirt-talk] [--frames 0,3]    -> OUT/shirt_FRAME.npz
 
 src_v is the template, 3 % too large, skinned in the true pose and carried from the mean body to the true one, as a good
-body fit leaves it; tgt_v, tgt_f the scan's faces nearest to the shirt; gt_v where the template's vertices truly are; clean_v, clean_f
-the true shirt; ext every vertex. Correspondence inside a shirt is weakly determined: read `surf` beside `mean`.
+body fit leaves it; tgt_v, tgt_f the scan's faces nearest to the shirt; gt_v where the template's vertices truly are;
+clean_v, clean_f the true shirt; ext every vertex. Correspondence inside a shirt is weakly determined: read `surf`
+beside `mean`.
 """
 
 import argparse
@@ -42,7 +43,8 @@ def make(capture, number):
     src = carry(posed, model.skin(model.v_template, model.J, *pose), body, REACH)
     scan = capture.frame(number).scan
     centre = scan.vertices[scan.faces].mean(1)
-    cloth = igl.point_mesh_squared_distance(centre, shirt, F)[0] < igl.point_mesh_squared_distance(centre, body, body_F)[0]
+    to_shirt, to_body = (igl.point_mesh_squared_distance(centre, *s)[0] for s in ((shirt, F), (body, body_F)))
+    cloth = to_shirt < to_body
     tgt_v, tgt_f = compact(scan.vertices, scan.faces[cloth])
     return dict(src_v=src, src_f=template.faces, gt_v=gt, ext=np.ones(len(gt), bool), hand=np.zeros(len(gt), bool),
                 tgt_v=tgt_v, tgt_f=tgt_f.astype(np.int32), clean_v=shirt, clean_f=F.astype(np.int32))  # fmt: skip

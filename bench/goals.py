@@ -1,7 +1,9 @@
-"""The rows of a run against the goals of `nricp`, each figure the worst of the seeds.   python -m bench.goals tradeoff/rows.jsonl
+"""The rows of a run against the goals of `nricp`, each figure the worst of the seeds.
 
-S1 is what a throwaway prototype reached on its own tuning seed: the error that `standard` must not exceed. Times are ratios
-to trimesh's `nricp_amberg` on the same problem in the same run (of pairs, also for the frames of a sequence).
+python -m bench.goals tradeoff/rows.jsonl
+
+S1 is what a throwaway prototype reached on its own tuning seed: the error that `standard` must not exceed. Times are
+ratios to trimesh's `nricp_amberg` on the same problem in the same run (of pairs, also for the frames of a sequence).
 """
 
 import json
@@ -43,7 +45,9 @@ def seconds(row):
 def time_ratio(found, problem, method):
     """Slowest time of a pair over trimesh's mean on that problem (of level 2, where it did not run on that)."""
     peer = [seconds(r) for r in found[problem, PEER] or found["L2_noise1" + problem[problem.rfind("_") :], PEER]]
-    return max((seconds(r) for r in found[problem, method]), default=float("nan")) / (sum(peer) / len(peer)) if peer else float("nan")
+    if not peer:
+        return float("nan")
+    return max((seconds(r) for r in found[problem, method]), default=float("nan")) * len(peer) / sum(peer)
 
 
 def pairs(found):
@@ -52,9 +56,10 @@ def pairs(found):
     yield " | ".join(["", *heads, ""]).strip()
     yield "|" + "---|" * len(heads)
     for name, goal in S1.items():
-        error = {m: worst(found[name, m], "mean") for m in ("toile draft", "toile standard", "toile fine", FLOOR, PEER)}
+        names = ("toile draft", "toile standard", "toile fine", FLOOR, PEER)
+        draft, standard, fine, floor, peer = (worst(found[name, m], "mean") for m in names)
         hand = worst(found[name, "toile draft"], "hand_max")
-        cells = [goal, error["toile standard"], (goal + FLOORS[name]) / 2, error["toile fine"], error[FLOOR], error["toile draft"], hand, error[PEER]]
+        cells = [goal, standard, (goal + FLOORS[name]) / 2, fine, floor, draft, hand, peer]
         ratios = [time_ratio(found, name, f"toile {p}") for p in ("draft", "standard", "fine")]
         yield " | ".join(["", name, *(f"{c:.2f}" for c in cells), *(f"{r:.4f}" for r in ratios), ""]).strip()
 
@@ -70,14 +75,16 @@ def others(found):
             rows = found[f"seq_L{level}", f"toile {preset}"]
             if rows and peer:
                 ratio = worst(rows, "solve_s") / (sum(peer) / len(peer))
-                yield (f"sequence level {level} {preset}: {1e3 * worst(rows, 'solve_s'):.0f} ms a frame = {ratio:.4f} x trimesh (goal {goal}), "
-                       f"mean {worst(rows, 'mean'):.2f} mm, worst frame {worst(rows, 'worst_mean'):.2f}, hand {worst(rows, 'worst_hand_max'):.1f}, "
-                       f"{worst(rows, 'peak_mb'):.0f} MB")  # fmt: skip
+                yield (f"sequence level {level} {preset}: {1e3 * worst(rows, 'solve_s'):.0f} ms a frame = {ratio:.4f} "
+                       f"x trimesh (goal {goal}), mean {worst(rows, 'mean'):.2f} mm, "
+                       f"worst frame {worst(rows, 'worst_mean'):.2f}, hand {worst(rows, 'worst_hand_max'):.1f}, {worst(rows, 'peak_mb'):.0f} MB")  # fmt: skip
     for (name, method), rows in sorted(found.items()):
         if name.endswith(("src53k", "tgt100k", "full")) and method.startswith("toile"):
-            yield (f"{name} {method}: {worst(rows, 'mean'):.2f} mm, {time_ratio(found, name, method):.4f} x trimesh (goal 0.015 at 53k), "
-                   f"{worst(rows, 'peak_mb'):.0f} MB (goals 400 at 53k, 300 at 14k/100k), {worst(rows, 'flips')} flips, "
-                   f"{worst(rows, 'degenerate')} degenerate, hidden vertices at most {worst(rows, 'hidden_max'):.1f} mm off")  # fmt: skip
+            ratio = time_ratio(found, name, method)
+            yield (f"{name} {method}: {worst(rows, 'mean'):.2f} mm, {ratio:.4f} x trimesh (goal 0.015 at 53k), "
+                   f"{worst(rows, 'peak_mb'):.0f} MB (goals 400 at 53k, 300 at 14k/100k), "
+                   f"{worst(rows, 'flips')} flips, {worst(rows, 'degenerate')} degenerate, "
+                   f"hidden vertices {worst(rows, 'hidden_max'):.1f} mm")  # fmt: skip
 
 
 def main():

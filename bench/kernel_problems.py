@@ -20,11 +20,10 @@ def patch(vertices, seed=0):
     V += rng.normal(size=V.shape) * 0.1 * 0.6 / along
     at = lambda di, dj: (j[:-1] + dj) * around + (i[:-1] + di) % around  # noqa: E731
     odd = (j[:-1] % 2).astype(bool)
-    low, high = np.where(odd, at(1, 1), at(0, 1)), np.where(odd, at(0, 0), at(0, 0))
-    F = np.concatenate([
-        np.stack([high, at(1, 0), low], -1).reshape(-1, 3),
-        np.stack([np.where(odd, high, at(1, 0)), np.where(odd, low, at(1, 1)), np.where(odd, at(0, 1), low)], -1).reshape(-1, 3),
-    ])  # fmt: skip
+    low, high = np.where(odd, at(1, 1), at(0, 1)), at(0, 0)
+    below = np.stack([high, at(1, 0), low], -1)
+    above = np.stack([np.where(odd, high, at(1, 0)), np.where(odd, low, at(1, 1)), np.where(odd, at(0, 1), low)], -1)
+    F = np.concatenate([below.reshape(-1, 3), above.reshape(-1, 3)])
     known = np.r_[np.arange(around), np.arange(around) + (along - 1) * around]
     turn = np.arctan2(V[known, 1], V[known, 0])
     D = 0.02 * np.stack([np.cos(2 * turn), np.sin(turn), np.cos(3 * turn)], -1)
@@ -102,8 +101,8 @@ def shirt_through_body(person, vertices, seed=0):
 
 
 def score_untangle(V, problem):
-    """short: vertices nearer than CLEAR x MARGIN or inside; worst_mm: the most that one lacks of the margin; pairs: triangle
-    pairs that intersect, by exact predicates (CGAL through libigl); moved_mm: mean displacement."""
+    """short: vertices nearer than CLEAR x MARGIN or inside; worst_mm: the most that one lacks of the margin; pairs:
+    triangle pairs that intersect, by exact predicates (CGAL through libigl); moved_mm: mean displacement."""
     import igl
     from igl.copyleft.cgal import intersect_other
 

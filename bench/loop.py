@@ -54,7 +54,7 @@ def limit(F, n):
 
 
 def limit_surface(F, n, times):
-    """Rows (N,n) that put a mesh, `times` subdivided, on the limit surface of its cage; faces and each one's cage face."""
+    """Rows (N,n) that put a mesh, `times` subdivided, on the limit surface of its cage; faces; cage faces."""
     S, cage_face = sp.identity(n, format="csr"), np.arange(len(F))
     for _ in range(times):
         step, F = subdivide(F, S.shape[0])

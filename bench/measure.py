@@ -1,7 +1,7 @@
 """One method on one problem in a process of its own.   python -m bench.measure KERNEL METHOD PROBLEM OUT.npz
 
-`run` starts such a process and gives what it took: prepare_s and solve_s (medians inside the process, without imports and
-files), process_s (the whole process, once), cpu_s, peak_mb. A call that stays under REPEAT_BELOW is repeated.
+`run` starts such a process and gives what it took: prepare_s and solve_s (medians inside the process, without imports
+and files), process_s (the whole process, once), cpu_s, peak_mb. A call that stays under REPEAT_BELOW is repeated.
 """
 
 import json
@@ -21,7 +21,7 @@ PEER_FRAMES = slice(10, None, 25)  # of a sequence, for methods that take second
 
 
 def run(method, problem, timeout):
-    """-> (row, result): the figures or an "error", and the result array or None. `problem`: a .npz or a sequence's folder."""
+    """-> (row, result): figures or an "error", and the result or None. `problem`: a .npz or a sequence's folder."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.npz"
         command = [sys.executable, "-m", "bench.measure", method.kernel, method.name, str(problem), str(out)]
@@ -94,11 +94,12 @@ def sequence(method, folder):
         last = solve(frame)
         times.append(time.perf_counter() - start)
         results.append(last)
-    return dict(prepare_s=prepare, solve_s=float(np.median(times)), worst_s=max(times), repeated_s=0.0), np.array(results)
+    figures = dict(prepare_s=prepare, solve_s=float(np.median(times)), worst_s=max(times), repeated_s=0.0)
+    return figures, np.array(results)
 
 
 def peak_mb():
-    """Most memory that this process held, the interpreter included. (A child's ru_maxrss starts at its parent's size.)"""
+    """Most memory this process held, the interpreter included. (A child's ru_maxrss starts at its parent's size.)"""
     status = Path("/proc/self/status").read_text()
     return int(status.split("VmHWM:")[1].split()[0]) / 1024
 

@@ -7,10 +7,10 @@ from importlib.util import find_spec
 
 @dataclass(frozen=True)
 class Method:
-    """`prepare(problem)` -> `solve(frame)` -> result. A problem maps names to arrays; `frame` is the same mapping, or, in a
-    sequence, the frame's arrays with `start`, the result of the frame before. What `prepare` does is the template's part.
+    """`prepare(problem)` -> `solve(frame)` -> result. A problem maps names to arrays; `frame` is the same, or in a
+    sequence the frame's arrays with `start`, the result of the frame before. `prepare` does the template's part.
 
-    Results: vertices (n,3) for register, sequence and untangle, displacements (n,3) for biharmonic, labels (n,) for mrf.
+    Results: vertices (n,3) of register, sequence and untangle, displacements (n,3) of biharmonic, labels (n,) of mrf.
     """
 
     name: str

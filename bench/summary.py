@@ -10,12 +10,12 @@ UNITS = {"register": "mean error [mm]", "sequence": "mean error [mm]", "biharmon
 
 
 def summarise(rows):
-    """{panel: {"kernel", "error", "points": [point]}}, points in order of time; failures are counted, not averaged. Cloth that
-    still meets the body is a failure.
+    """{panel: {"kernel", "error", "points": [point]}}, points in order of time; failures are counted, not averaged.
+    Cloth that still meets the body is a failure.
 
-    point: method, ours, oracle, seconds, error (means over the panel's problems), worst (largest error), hand_max, peak_mb,
-    problems, failed, on_front. Seconds are preparation + solve for pairs, a prepared frame for sequences; where preparation
-    counts otherwise, the method appears twice, as "NAME" (both) and "NAME, prepared".
+    point: method, ours, oracle, seconds, error (means over the panel's problems), worst (largest error), hand_max,
+    peak_mb, problems, failed, on_front. Seconds are preparation + solve for pairs, a prepared frame for sequences;
+    where preparation counts otherwise, the method appears twice, as "NAME" (both) and "NAME, prepared".
     """
     rows = with_excess_energy(rows)
     panels = defaultdict(lambda: defaultdict(list))
@@ -26,7 +26,8 @@ def summarise(rows):
         points = [p for method, group in by_method.items() for p in points_of(kernel, method, group)]
         mark_front(points)
         points.sort(key=lambda p: p["seconds"] or np.inf)
-        out[panel] = dict(kernel=kernel, error=UNITS[kernel] if panel != "shirt" else "distance to the shirt [mm]", points=points)
+        unit = "distance to the shirt [mm]" if panel == "shirt" else UNITS[kernel]
+        out[panel] = dict(kernel=kernel, error=unit, points=points)
     return out
 
 
@@ -40,21 +41,22 @@ def with_excess_energy(rows):
 
 
 def error_of(kernel, row):
-    value = {"mrf": "error", "biharmonic": "error", "untangle": "worst_mm"}.get(kernel, "surf" if row["panel"] == "shirt" else "mean")
-    return row.get(value)
+    distance = "surf" if row["panel"] == "shirt" else "mean"
+    return row.get({"mrf": "error", "biharmonic": "error", "untangle": "worst_mm"}.get(kernel, distance))
 
 
 def points_of(kernel, method, group):
     good = [r for r in group if isinstance(error_of(kernel, r), float | int) and not r.get("pairs")]
     timed = good or [r for r in group if kernel == "biharmonic" and "solve_s" in r]
-    base = dict(method=method, ours=group[0]["ours"], oracle=group[0]["oracle"], problems=len(group), failed=len(group) - len(timed))
+    base = dict(method=method, ours=group[0]["ours"], oracle=group[0]["oracle"], on_front=False)
+    base |= dict(problems=len(group), failed=len(group) - len(timed))
     if not timed:
-        return [base | dict(seconds=None, error=None, on_front=False, why=group[0].get("error"))]
+        return [base | dict(seconds=None, error=None, why=group[0].get("error"))]
     errors = [max(error_of(kernel, r), LEAST.get(kernel, 0)) for r in good]
     mean = lambda values: float(np.mean(values)) if len(values) else None  # noqa: E731
     hands = [r.get("worst_hand_max", r.get("hand_max")) for r in good if "hand_max" in r]
     base |= dict(error=mean(errors), worst=max(errors, default=None), hand_max=max(hands, default=None),
-                 peak_mb=max(r["peak_mb"] for r in timed), process_s=mean([r["process_s"] for r in timed]), on_front=False)  # fmt: skip
+                 peak_mb=max(r["peak_mb"] for r in timed), process_s=mean([r["process_s"] for r in timed]))  # fmt: skip
     prepare, solve = mean([r["prepare_s"] for r in timed]), mean([r["solve_s"] for r in timed])
     if kernel == "sequence":
         return [base | dict(seconds=solve, prepare_s=prepare)]

@@ -2,7 +2,7 @@
 
 python -m bench.tradeoff [OUT] [--quick] [--seeds 101,102,103] [--problems FOLDER] [--only WORDS] [--timeout SECONDS]
 
-OUT gets rows.jsonl as the run goes (a run given again goes on where it stood), then rows.csv, summary.json and tradeoff.png.
+OUT gets rows.jsonl as the run goes (given again it goes on where it stood), then rows.csv, summary.json, tradeoff.png.
 Problems are written to OUT/problems unless --problems names a folder that has them.
 """
 
@@ -73,7 +73,8 @@ def measure_all(problems, there, rows_path, first_seed, timeout, say):
                 key = (problem.kernel, problem.name, problem.seed, method.name)
                 if key in done or not problem.given_to(method, first_seed):
                     continue
-                row = dict(zip(("kernel", "problem", "seed", "method"), key), panel=problem.panel, ours=method.ours, oracle=method.oracle)
+                row = dict(zip(("kernel", "problem", "seed", "method"), key))
+                row |= dict(panel=problem.panel, ours=method.ours, oracle=method.oracle)
                 figures, result = run(method, problem.path, timeout)
                 row |= figures | ({} if result is None else evaluate(problem, method, result))
                 out.write(json.dumps(row) + "\n")
@@ -88,8 +89,9 @@ def line(row):
     where = f"{row['seed'] or ''} {row['problem']:18s} {row['method']:30s}"
     if "solve_s" not in row:
         return f"{where} {row['error']}"
-    shown = [f"{k} {row[k]:.3g}" for k in ("mean", "hand_max", "surf", "error", "energy", "pairs", "worst_mm") if isinstance(row.get(k), float | int)]
-    return f"{where} {row['prepare_s']:.3f} + {row['solve_s']:.3f} s, {row['peak_mb']:.0f} MB: {', '.join(shown) or row.get('error', '')}"
+    scores = ("mean", "hand_max", "surf", "error", "energy", "pairs", "worst_mm")
+    shown = [f"{k} {row[k]:.3g}" if isinstance(row[k], float | int) else row[k] for k in scores if k in row]
+    return f"{where} {row['prepare_s']:.3f} + {row['solve_s']:.3f} s, {row['peak_mb']:.0f} MB: {', '.join(shown)}"
 
 
 def write_csv(path, rows):
@@ -107,13 +109,14 @@ def machine():
             versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             versions[name] = None
-    return dict(threads=THREADS, cores=os.cpu_count(), machine=platform.machine(), python=platform.python_version(), packages=versions)
+    here = dict(threads=THREADS, cores=os.cpu_count(), machine=platform.machine(), python=platform.python_version())
+    return here | dict(packages=versions)
 
 
 def main():
     parse = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parse.add_argument("out", type=Path, nargs="?", default=Path("tradeoff"))
-    parse.add_argument("--quick", action="store_true", help="some minutes: one seed, noise1, short sequences, no slow peer")
+    parse.add_argument("--quick", action="store_true", help="minutes: one seed, noise1, no slow peer")
     parse.add_argument("--seeds", default="")
     parse.add_argument("--problems", type=Path)
     parse.add_argument("--only", default="", help="problems whose name holds one of these words, separated by commas")

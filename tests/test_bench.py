@@ -113,23 +113,28 @@ def test_a_result_of_another_shape_is_refused():
 
 
 def test_front_holds_what_nothing_beats_in_both():
-    points = [dict(seconds=s, error=e, oracle=o, failed=0) for s, e, o in
-              [(1, 5, False), (2, 4, False), (3, 4.5, False), (4, 1, False), (0.5, 0.5, True), (5, 1, False)]]  # fmt: skip
+    places = [(1, 5, False), (2, 4, False), (3, 4.5, False), (4, 1, False), (0.5, 0.5, True), (5, 1, False)]
+    points = [dict(seconds=s, error=e, oracle=o, failed=0) for s, e, o in places]
     summary.mark_front(points)
     assert [p.get("on_front", False) for p in points] == [True, True, False, True, False, False]
 
 
+def a_row(kernel, panel):
+    names = dict(kernel=kernel, panel=panel, problem="p", seed=1, method="m", ours=True, oracle=False)
+    return names | dict(prepare_s=0.1, solve_s=0.2, process_s=1.0, peak_mb=1.0)
+
+
 def test_mrf_error_is_the_energy_above_the_least_of_its_problem():
-    base = dict(kernel="mrf", panel="mrf", problem="p", seed=0, ours=False, oracle=False, prepare_s=0.0, solve_s=1.0, process_s=1.0, peak_mb=1.0)
+    base = a_row("mrf", "mrf")
     rows = [base | dict(method=m, energy=e) for m, e in (("a", 100.0), ("b", 101.0))]
     points = {p["method"]: p for p in summary.summarise(rows)["mrf"]["points"]}
     assert points["b"]["error"] == pytest.approx(0.01) and points["a"]["error"] == summary.LEAST["mrf"]
 
 
 def test_failures_are_counted_and_not_averaged():
-    base = dict(kernel="register", panel="L1", problem="p", seed=1, method="m", ours=True, oracle=False, prepare_s=0.1, solve_s=0.2,
-                process_s=1.0, peak_mb=1.0)  # fmt: skip
-    (point,) = summary.summarise([base | dict(mean=2.0), base | dict(error="3 vertices are not finite")])["L1"]["points"]
+    base = a_row("register", "L1")
+    rows = [base | dict(mean=2.0), base | dict(error="3 vertices are not finite")]
+    (point,) = summary.summarise(rows)["L1"]["points"]
     assert (point["error"], point["problems"], point["failed"], point["on_front"]) == (2.0, 2, 1, False)
 
 
