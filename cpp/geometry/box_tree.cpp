@@ -22,10 +22,12 @@ Box face_box(const Vertices& V, const Faces& F, Eigen::Index face) {
 }
 
 /// Nodes of a tree over so many faces, and its leaves: fixed by the number alone, so subtrees can be built side by side.
+/// At the first depth with parts of `leaf_size` at most some still have one face more; these are halved once again.
 BoxTree::Count BoxTree::count(int faces) {
-    if (faces <= leaf_size) return {1, 1};
-    const Count left = count(faces / 2), right = faces % 2 ? count(faces - faces / 2) : left;
-    return {1 + left.nodes + right.nodes, left.leaves + right.leaves};
+    int depth = 0;
+    while (faces >> depth > leaf_size) ++depth;
+    const int parts = 1 << depth, larger = faces >> depth == leaf_size ? faces - (leaf_size << depth) : 0;
+    return {2 * (parts + larger) - 1, parts + larger};
 }
 
 BoxTree::BoxTree(const Vertices& V, const Faces& F) {
