@@ -70,12 +70,12 @@ def _filled(template, shift, weight, stiffness):
     """argmin_s sum_i weight_i |s_i - shift_i|^2 + stiffness sum_i |(L s)_i|^2 with the umbrella Laplacian,
     so that what no sample showed follows its surroundings."""
     from scipy.sparse import coo_matrix, diags
-    from scipy.sparse.linalg import splu
 
     n, e = len(shift), kernels.unique_edges(template.faces)
     A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
     L = diags(np.asarray(A.sum(1)).ravel()) - A
-    return splu((diags(weight + 1e-6) + stiffness * (L.T @ L)).tocsc()).solve(weight[:, None] * shift)
+    factor = kernels.CholeskyFactor().factorize((diags(weight + 1e-6) + stiffness * (L.T @ L)).tocsc())
+    return factor.solve(weight[:, None] * shift)
 
 
 def _observed_length(match: LoopMatch):

@@ -34,7 +34,8 @@ def mean_over_views(maps, views, points, normals, settings):
 
 
 class Evidence:
-    """Per view maps of log likelihoods by colour (H,W,L), shares of the blurred labels (H,W,L), and RGB (H,W,3).
+    """Per view one map (H,W,2L+4): log likelihoods of the labels by colour, shares of the blurred labels, RGB, and how
+    empty the picture is.
 
     V, F the scan, `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings. `seen` (m,)
     are the faces that some view sees, all where none sees any; the others may be webs that a reconstruction spans under
@@ -45,56 +46,61 @@ class Evidence:
         self.seen = self._seen(V, kernels.vertex_normals(V, F))[F].any(1)
         self.seen |= not self.seen.any()
         self._surface = kernels.SurfaceIndex(V, F[self.seen])
-        self.likelihood, self.share, self.rgb, self.empty, self._ratios = {}, {}, {}, {}, {}
+        self.maps, self.rgb = {}, {}
         for name, view in views.items():
-            labels = frame.labels[name]
-            self.share[name] = soft_labels(labels, ids, settings)
-            self.empty[name] = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), 1.0)[..., None]
-            self.likelihood[name] = np.zeros(view.depth.shape + (self.L,), np.float32)
-            self.rgb[name] = np.zeros(view.depth.shape + (3,), np.float32)
+            labels, size = frame.labels[name], view.depth.shape
+            likelihood, rgb = np.zeros(size + (self.L,), np.float32), np.zeros(size + (3,), np.float32)
             if colours is not None and name in frame.images:
                 clear = (labels > 0) & ~occlusion_border(view.depth, 0.03, 1)
-                self.likelihood[name][clear] = colours.evidence(frame.images[name][clear])
-                self.rgb[name] = frame.images[name] / np.float32(255)
+                likelihood[clear] = colours.evidence(frame.images[name][clear])
+                rgb = frame.images[name] / np.float32(255)
+            empty = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), 1.0)[..., None]
+            self.maps[name] = np.concatenate([likelihood, soft_labels(labels, ids, settings), rgb, empty], 2)
+            self.rgb[name] = rgb
 
     def costs(self, points, normals):
         """Unary costs (n,L), mean RGB (n,3) in 0..1, and whether any view sees the point (n,).
 
         Errors are alike in all views, so views are averaged, not added."""
         s, L = self.settings, self.L
-        maps = {n: np.concatenate([self.likelihood[n], self.share[n], self.rgb[n]], 2) for n in self.views}
-        mean, weight = mean_over_views(maps, self.views, points, normals, s)
+        mean, weight = mean_over_views(self.maps, self.views, points, normals, s)
         given = np.log((1 - s.wrong) * mean[:, L : 2 * L] + s.wrong / L)
         cost = -s.colour_weight * mean[:, :L] - s.label_weight * given
         cost[weight == 0] = 0
-        return cost, mean[:, 2 * L :], weight > 0
+        return cost, mean[:, 2 * L : 2 * L + 3], weight > 0
 
     def _seen(self, points, normals):
         """Whether any view sees each point (n,)."""
         s = self.settings
-        return np.any([np.zeros(len(points), bool)] + [v.see(points, normals, s.tolerance, s.min_cosine)[1] > 0 for v in self.views.values()], axis=0)
+        seen = np.zeros(len(points), bool)
+        for view in self.views.values():
+            seen |= view.see(points, normals, s.tolerance, s.min_cosine)[1] > 0
+        return seen
 
     def odds(self, points, normals, column, rival, free=False):
         """Log odds (n,) of label `column` against each point's label `rival`, by colour and by the labels given. Summed
         over views with weights below 1.
 
-        `free` points may float before the surface: any label given speaks against `column` there; that a picture shows the label farther behind them says nothing;
-        and where a point lies off the scan, no view faces it and a picture shows the background, there is no cloth."""
-        s = self.settings
+        `free` points may float before the surface: any label given speaks against `column` there; that a picture shows
+        the label farther behind them says nothing; and where a point lies off the scan, no view faces it and a picture
+        shows the background, there is no cloth."""
+        s, L = self.settings, self.L
         total, weight, carved = (np.zeros(len(points)) for _ in range(3))
         share = np.zeros((len(points), 2))
-        for name in self.views:
-            uv, w = self.views[name].see(points, normals, s.tolerance, s.min_cosine)
+        for name, view in self.views.items():
+            uv, w = view.see(points, normals, s.tolerance, s.min_cosine)
             if free:
-                before = np.flatnonzero(self.views[name].clearance(points)[1] > _FREE)
-                carved[before] = np.maximum(carved[before], read(self.empty[name], uv[before])[:, 0])
-                w[before[read(self.share[name][..., column, None], uv[before])[:, 0] > 0.5]] = 0
-            for other in np.unique(rival):
-                on = np.flatnonzero((w > 0) & (rival == other))
-                value = read(self._ratio(name, column, other, free), uv[on])
-                total[on] += w[on] * value[:, 0]
-                share[on] += w[on, None] * value[:, 1:]
-                weight[on] += w[on]
+                before = np.flatnonzero(view.clearance(points)[1] > _FREE)
+                said = read(self.maps[name], uv[before])
+                carved[before] = np.maximum(carved[before], said[:, -1])
+                w[before[said[:, L + column] > 0.5]] = 0
+            on = np.flatnonzero(w)
+            said, each, other = read(self.maps[name], uv[on]), np.arange(len(on)), rival[on]
+            given = said[:, L : 2 * L]
+            against = given.sum(1) - given[:, column] if free else given[each, other]
+            total[on] += w[on] * np.clip(said[:, column] - said[each, other], _OUTLIER, -_OUTLIER)
+            share[on] += w[on, None] * np.stack([given[:, column], against], 1)
+            weight[on] += w[on]
         share = share / np.maximum(weight, 1e-9)[:, None] + s.wrong / self.L
         total += np.where(weight > 0, 0.5 * np.log(share[:, 0] / share[:, 1]), 0.0)
         if free:
@@ -108,17 +114,6 @@ class Evidence:
         if among.any():
             off[among] = self._surface.closest(points[among], _OFF)[0] < 0
         return off
-
-    def _ratio(self, name, column, other, free):
-        """(H,W,3): log likelihood ratio of two labels by colour, share of the one, share of what speaks against it."""
-        key = name, int(column), int(other), free
-        if key not in self._ratios:
-            likelihood = self.likelihood[name]
-            ratio = np.clip(likelihood[..., column] - likelihood[..., other], _OUTLIER, -_OUTLIER)
-            share = self.share[name]
-            against = share.sum(2) - share[..., column] if free else share[..., other]
-            self._ratios[key] = np.stack([ratio, share[..., column], against], 2)
-        return self._ratios[key]
 
     def edges(self, points, normals, s):
         """Colour edges along profiles (k,m,3) that run from outside in at places s (m,) [m] about 0: shift (k,) [m]
