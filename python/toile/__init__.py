@@ -3,9 +3,13 @@
 `toile.kernels` holds the solvers, `toile.scene` the types, `toile.pipeline` the whole chain.
 """
 
+import os
 from importlib.metadata import PackageNotFoundError, version
 
-from . import kernels
+# Threads that spin while they wait cost others on a busy machine four times their time. OpenMP reads this as it loads.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+from . import kernels  # noqa: E402
 
 try:
     __version__ = version("toile")
