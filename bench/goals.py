@@ -77,7 +77,8 @@ def others(found):
                 ratio = worst(rows, "solve_s") / (sum(peer) / len(peer))
                 yield (f"sequence level {level} {preset}: {1e3 * worst(rows, 'solve_s'):.0f} ms a frame = {ratio:.4f} "
                        f"x trimesh (goal {goal}), mean {worst(rows, 'mean'):.2f} mm, "
-                       f"worst frame {worst(rows, 'worst_mean'):.2f}, hand {worst(rows, 'worst_hand_max'):.1f}, {worst(rows, 'peak_mb'):.0f} MB")  # fmt: skip
+                       f"worst frame {worst(rows, 'worst_mean'):.2f}, hand {worst(rows, 'worst_hand_max'):.1f}, "
+                       f"{worst(rows, 'peak_mb'):.0f} MB")  # fmt: skip
     for (name, method), rows in sorted(found.items()):
         if name.endswith(("src53k", "tgt100k", "full")) and method.startswith("toile"):
             ratio = time_ratio(found, name, method)
