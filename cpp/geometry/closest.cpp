@@ -27,7 +27,7 @@ SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, co
     const double d3 = ab.dot(bp), d4 = ac.dot(bp);
     if (d3 >= 0 && d4 <= d3) return answer(0, 1, 0);
     const double vc = d1 * d4 - d3 * d2;
-    if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+    if (vc <= 0 && d1 >= 0 && d3 <= 0 && d1 > d3) {  // an edge of no length leaves it to the others
         const double t = d1 / (d1 - d3);
         return answer(1 - t, t, 0);
     }
@@ -35,13 +35,13 @@ SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, co
     const double d5 = ab.dot(cp), d6 = ac.dot(cp);
     if (d6 >= 0 && d5 <= d6) return answer(0, 0, 1);
     const double vb = d5 * d2 - d1 * d6;
-    if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+    if (vb <= 0 && d2 >= 0 && d6 <= 0 && d2 > d6) {
         const double t = d2 / (d2 - d6);
         return answer(1 - t, 0, t);
     }
     const double va = d3 * d6 - d5 * d4;
     if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
-        const double t = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        const double t = d4 > d3 ? (d4 - d3) / ((d4 - d3) + (d5 - d6)) : 0;
         return answer(0, 1 - t, t);
     }
     const double sum = va + vb + vc;

@@ -108,6 +108,8 @@ UntangleFrame::UntangleFrame(const Vertices& cloth_V, Cloth& cloth, const Obstac
     creases_.resize(n);
     lifts_.resize(n);
     cloth_.fit_tree(cloth_V);
+    const Box& box = body.tree().nodes()[0].box;
+    rounding_ = 1e-9 * box.diagonal().norm() + 1e-12 * box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()).maxCoeff();
 }
 
 void UntangleFrame::probe_all(const std::vector<int>& guesses) {
@@ -122,8 +124,10 @@ void UntangleFrame::probe_all(const std::vector<int>& guesses) {
     }, 1);
 }
 
-/// Free distance that vertex i is sure of where it is now [m].
-double UntangleFrame::sure_distance(Eigen::Index i) const { return at(i).nearest - (x.row(i) - probed_at_.row(i)).norm(); }
+/// Free distance that vertex i is sure of where it is now, in spite of rounding [m].
+double UntangleFrame::sure_distance(Eigen::Index i) const {
+    return at(i).nearest - (x.row(i) - probed_at_.row(i)).norm() - rounding_;
+}
 
 bool UntangleFrame::known_clear(Eigen::Index i) const {
     return !at(i).inside() && sure_distance(i) > watched * options_.margin;

@@ -71,6 +71,7 @@ private:
     const Obstacle& body_;
     const UntangleOptions& options_;
 
+    double rounding_ = 0;              // of a distance, with room for needles and for places far from the origin [m]
     std::vector<Probe> probes_;
     Vertices probed_at_;
     std::vector<char> given_up_;       // the body gave no direction where the vertex was when its side was decided

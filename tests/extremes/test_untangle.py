@@ -145,6 +145,39 @@ def test_four_vertices_are_solved():
     assert_solved(result, np.array([[0, 1, 2], [0, 2, 3]]), V, F)
 
 
+def soup(rng, kind, points, faces):
+    """Random faces over random points, repeated corners included: on a lattice, in a plane, on a line, or anywhere."""
+    V = rng.normal(size=(points, 3))
+    if kind == "lattice":
+        V = np.round(V)
+    elif kind == "plane":
+        V[:, 2] = 0
+    elif kind == "line":
+        V[:, 1:] = 0
+    return V, rng.integers(0, points, (faces, 3)).astype(np.int32)
+
+
+@pytest.mark.parametrize("kind", ["anywhere", "lattice", "plane", "line"])
+def test_soups_end_finite_with_their_pairs_counted_exactly(kind):
+    rng = np.random.default_rng(7)
+    for _ in range(100):
+        V, F = soup(rng, kind, *rng.integers(3, 40, 2))
+        body_V, body_F = soup(rng, rng.choice(["anywhere", "lattice", "plane"]), *rng.integers(4, 40, 2))
+        scale = 10.0 ** rng.integers(-8, 8)
+        lengths = dict(margin=scale * 0.1 ** rng.integers(1, 4), spread=scale * 0.1 ** rng.integers(0, 3), max_depth=scale)
+        V, body_V = V * scale, body_V * scale + rng.choice([0, 0, 1e3]) * scale
+        result = kernels.untangle(V, F, body_V, body_F, max_iterations=8, **lengths)
+        pairs = kernels.intersecting_pairs(result.V, F, body_V, body_F)
+        assert np.isfinite(result.V).all() and np.array_equal(pairs, result.pairs_left)
+        assert result.stop != "clear" or len(pairs) == 0
+
+
+def test_a_face_with_a_repeated_corner_is_a_segment_to_the_closest_point():
+    V = np.array([[0.0, 0, 0], [4, 0, 0], [0, 9, 9]])
+    for face in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0]):
+        assert kernels.signed_distance(np.array([[3.0, 2, 0]]), V, np.array([face], dtype=np.int32)) == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("depth", [1e-9, 0.1, 0.19])
 def test_touching_and_very_deep_cloth_is_solved(depth):
     body_V, body_F = ball()
