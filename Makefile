@@ -1,7 +1,7 @@
 # `make demo` and `make test`, and for measuring `make bench` and `make tradeoff`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup demo test test-slow bench tradeoff clean
+.PHONY: setup demo test test-slow sanitize fuzz bench tradeoff clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -36,8 +36,21 @@ test: setup
 	ctest --test-dir build --output-on-failure
 	$(BIN)/python -m pytest
 
-test-slow: setup
+test-slow: setup sanitize
 	$(BIN)/python -m pytest -m slow
+
+# the core with address and undefined-behaviour sanitizers, and its C++ tests. Leaks of the libraries beneath are not ours
+SANITIZED := build-sanitize
+sanitize: setup
+	cmake -S . -B $(SANITIZED) -G Ninja -DTOILE_SANITIZE=ON -DTOILE_TESTS=ON -DPython_EXECUTABLE=$(abspath $(BIN)/python) \
+		-Dpybind11_DIR=$$($(BIN)/python -m pybind11 --cmakedir)
+	cmake --build $(SANITIZED) --parallel 2
+	ASAN_OPTIONS=detect_leaks=0 ctest --test-dir $(SANITIZED) --output-on-failure
+
+# random ugly arrays into every function of toile.kernels, in the sanitized core; what is found lies in fuzz/
+FUZZ_SECONDS ?= 600
+fuzz: sanitize
+	$(BIN)/python -m tests.fuzz --core $(SANITIZED) --seconds $(FUZZ_SECONDS)
 
 # what only benchmarks need; probreg is built from source, and is left out where it does not build
 $(VENV)/.peers: $(VENV)/.core
@@ -54,4 +67,4 @@ tradeoff: $(VENV)/.peers
 	$(BIN)/python -m bench.tradeoff tradeoff $(TRADEOFF)
 
 clean:
-	rm -rf build demo tradeoff
+	rm -rf build $(SANITIZED) demo fuzz tradeoff
