@@ -76,6 +76,9 @@ void fit_frame(const Vertices& V, const Faces& F, Vec3& centre, double& scale) {
     scale = std::max(box.diagonal().norm(), std::numeric_limits<double>::min() * 1e10);
 }
 
+/// Squares of local coordinates overflow float32 beyond.
+bool beyond_float(const Vec3& local) { return !(local.cwiseAbs().maxCoeff() < 1e15); }
+
 struct Query {
     const Vertices* V;
     const Faces* F;
@@ -84,9 +87,7 @@ struct Query {
     SurfacePoint best;
 };
 
-bool visit_face(RTCPointQueryFunctionArguments* args) {
-    auto& q = *static_cast<Query*>(args->userPtr);
-    const int face = static_cast<int>(args->primID);
+bool take_if_nearer(Query& q, int face) {
     const Faces& F = *q.F;
     SurfacePoint s = closest_on_triangle(q.p, q.V->row(F(face, 0)), q.V->row(F(face, 1)), q.V->row(F(face, 2)));
     const bool nearer = q.best.face < 0 ? s.distance <= q.best.distance
@@ -95,8 +96,14 @@ bool visit_face(RTCPointQueryFunctionArguments* args) {
     if (!nearer) return false;
     s.face = face;
     q.best = s;
+    return true;
+}
+
+bool visit_face(RTCPointQueryFunctionArguments* args) {
+    auto& q = *static_cast<Query*>(args->userPtr);
+    if (!take_if_nearer(q, static_cast<int>(args->primID))) return false;
     // Kept a little wider than the hit, so that float32 bounds never hide a face that ties in double.
-    const float radius = static_cast<float>(s.distance / q.scale * (1 + 1e-6) + 1e-7);
+    const float radius = static_cast<float>(q.best.distance / q.scale * (1 + 1e-6) + 1e-7);
     if (radius >= args->query->radius) return false;
     args->query->radius = radius;
     return true;
@@ -139,6 +146,10 @@ SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius) const {
     Query q{&s.V, &s.F, p, s.scale, {}};
     q.best.distance = radius;
     const Vec3 local = s.to_local(p);
+    if (beyond_float(local)) {
+        for (int f = 0; f < s.F.rows(); ++f) take_if_nearer(q, f);
+        return q.best;
+    }
     RTCPointQuery query{};
     query.x = static_cast<float>(local[0]);
     query.y = static_cast<float>(local[1]);
@@ -177,9 +188,10 @@ RTCRay local_ray(const Vec3& origin, const Vec3& direction, double from, double 
 
 RayHit SurfaceIndex::first_hit(const Vec3& origin, const Vec3& direction, double from, double to) const {
     const State& s = *state_;
-    const Vec3 d = direction.normalized();
+    const Vec3 d = direction.normalized(), local = s.to_local(origin);
+    if (beyond_float(local)) return {};
     RTCRayHit hit{};
-    hit.ray = local_ray(s.to_local(origin), d, from, to, s.scale);
+    hit.ray = local_ray(local, d, from, to, s.scale);
     hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
@@ -195,7 +207,9 @@ RayHit SurfaceIndex::first_hit(const Vec3& origin, const Vec3& direction, double
 
 bool SurfaceIndex::occluded(const Vec3& origin, const Vec3& direction, double from, double to) const {
     const State& s = *state_;
-    RTCRay ray = local_ray(s.to_local(origin), direction.normalized(), from, to, s.scale);
+    const Vec3 local = s.to_local(origin);
+    if (beyond_float(local)) return false;
+    RTCRay ray = local_ray(local, direction.normalized(), from, to, s.scale);
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     rtcOccluded1(s.scene, &context, &ray);

@@ -13,6 +13,7 @@
 #include "geometry/closest.h"
 #include "geometry/laplacian.h"
 #include "geometry/nodes.h"
+#include "geometry/weld.h"
 #include "kernels/nricp_fine.h"
 #include "kernels/nricp_graph.h"
 #include "kernels/nricp_match.h"
@@ -45,6 +46,8 @@ Vector visible_vertices(const Vertices& V, const Faces& F, const Vertices& norma
     Vector visible(V.rows());
     parallel_for(V.rows(), [&](std::int64_t v) {
         const Vec3 n = normals.row(v).transpose();
+        visible[v] = 0;
+        if (n.isZero(0)) return;  // no face uses it
         const Vec3 origin = V.row(v).transpose() + 1e-4 * n;
         const double enough = least * rays;
         int free = 0;
@@ -53,9 +56,17 @@ Vector visible_vertices(const Vertices& V, const Faces& F, const Vertices& norma
             const Vec3 d(r * std::cos(a), r * std::sin(a), z);
             free += !index.occluded(origin, d.dot(n) < 0 ? Vec3(-d) : d, 1e-4);
         }
-        visible[v] = free >= enough && n.squaredNorm() > 0;
+        visible[v] = free >= enough;
     });
     return visible.sum() > 0 ? visible : Vector::Ones(V.rows());
+}
+
+constexpr double largest = 1e30;  // powers of lengths must stay within the range of doubles
+
+void check_size(const char* name, const Vertices& V) {
+    for (Eigen::Index i = 0; i < V.rows(); ++i)
+        if (!(V.row(i).cwiseAbs().maxCoeff() <= largest))
+            throw InputError(std::string("nricp: ") + name + "[" + to_string(i) + "] lies beyond 1e30");
 }
 
 void check_options(const NricpOptions& o) {
@@ -73,24 +84,36 @@ void check_options(const NricpOptions& o) {
         for (std::size_t i = 0; i < levels; ++i)
             require(values[i] > 0, std::string("nricp: ") + name + "[" + to_string(i) + "] is not positive");
     };
+    const auto scale = [&](const std::vector<double>& values, const char* name) {
+        positive(values, name);
+        for (std::size_t i = 0; i < levels; ++i)
+            require(values[i] >= 1e-12 && values[i] <= 1e12,
+                    std::string("nricp: ") + name + "[" + to_string(i) + "] lies outside of 1e-12 to 1e12");
+    };
     positive(o.radii, "radii");
     fits(o.iterations, "iterations");
     positive(o.stiffness_start, "stiffness_start");
     positive(o.stiffness_end, "stiffness_end");
-    positive(o.robust_start, "robust_start");
-    positive(o.robust_end, "robust_end");
+    scale(o.robust_start, "robust_start");
+    scale(o.robust_end, "robust_end");
     fits(o.reverse, "reverse");
     fits(o.spread, "spread");
     fits(o.detail, "detail");
+    const std::pair<const char*, double> shares[]{
+        {"phong", o.phong}, {"point_weight", o.point_weight}, {"boundary_weight", o.boundary_weight},
+        {"rotation_weight", o.rotation_weight}, {"min_overlap", o.min_overlap}, {"exposure", o.exposure},
+        {"fine_noise", o.fine_noise}};
+    for (const auto& [name, value] : shares)
+        require(value >= 0 && std::isfinite(value), std::string("nricp: ") + name + " is not a number >= 0");
     require(o.passes > 0, "nricp: passes is not positive");
-    require(o.fine_robust > 0, "nricp: fine_robust is not positive");
-    require(o.fine_length > 0, "nricp: fine_length is not positive");
+    require(o.fine_robust >= 1e-12 && o.fine_robust <= 1e12, "nricp: fine_robust lies outside of 1e-12 to 1e12");
+    require(o.fine_length > 0 && o.fine_length <= 1e12, "nricp: fine_length is not in 0 to 1e12");
     require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
 }
 
 void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& options) {
     check_mesh("nricp", f.V, f.F, "scan_V", "scan_F");
-    require(f.F.rows() > 0, "nricp: scan_F is empty");
+    check_size("scan_V", f.V);
     if (f.start.rows() > 0) {
         require(f.start.rows() == n, "nricp: start has " + to_string(f.start.rows()) + " rows, V has " + to_string(n));
         check_finite("nricp", "start", f.start);
@@ -159,6 +182,7 @@ struct NricpSolver::State {
     Vec3 middle;
     double size;
     Vertices V, N;
+    std::vector<int> to;         ///< the vertex that a vertex is welded to; empty: none is
     std::vector<Level> levels;
     std::optional<Samples> all;  ///< every visible vertex, for the fine steps
     std::optional<NricpFine> fine;
@@ -175,8 +199,16 @@ NricpFrame NricpSolver::State::into(const NricpFrame& frame) const {
     f.F = target_faces(f.V, frame.F, frame.labels, options.labels);
     if (frame.start.rows() > 0) f.start = into(frame.start);
     if (frame.landmarks.P.rows() > 0) f.landmarks.P = into(frame.landmarks.P);
-    f.landmarks.sigma /= size;
+    constexpr double exact = 1e-4;  // a landmark of less than this is met, and a smaller one spoils the factor
+    f.landmarks.sigma = (f.landmarks.sigma / size).cwiseMax(exact);
     for (NricpLoop& loop : f.loops) loop.polyline = into(loop.polyline);
+    if (to.empty()) return f;
+    for (NricpLoop& loop : f.loops) loop.vertices = loop.vertices.unaryExpr([&](int v) { return to[v]; }).eval();
+    std::vector<Eigen::Triplet<double>> entries;
+    for (int i = 0; i < f.landmarks.W.outerSize(); ++i)
+        for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator r(f.landmarks.W, i); r; ++r)
+            entries.emplace_back(i, to[r.col()], r.value());
+    f.landmarks.W.setFromTriplets(entries.begin(), entries.end());
     return f;
 }
 
@@ -189,7 +221,13 @@ Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& su
     if (spacing > 0) {
         const Cover thinned = cover(surface, spacing);
         share.setZero();
-        for (Eigen::Index v = 0; v < V.rows(); ++v) share[thinned.vertex[thinned.owner[v]]] += area[v];
+        std::vector<int> stands(thinned.vertex.size(), -1);  // a cell's centre, or its first vertex if that has no area
+        for (int v = 0; v < V.rows(); ++v) {
+            if (area[v] <= 0) continue;
+            const int cell = thinned.owner[v], centre = thinned.vertex[cell];
+            if (stands[cell] < 0) stands[cell] = area[centre] > 0 ? centre : v;
+            share[stands[cell]] += area[v];
+        }
     }
     std::vector<int> vertex;
     std::vector<double> kept;
@@ -220,7 +258,14 @@ struct Progress {
         return pull.overlap >= options.min_overlap || frame.landmarks.W.rows() > 0;
     }
     void move_to(Pose next) {
-        last_move = std::sqrt((next.V - pose.V).rowwise().squaredNorm().mean());
+        double sum = 0;  // of vertices that faces use
+        int count = 0;
+        for (Eigen::Index v = 0; v < pose.V.rows(); ++v)
+            if (pose.N.row(v).any()) {
+                sum += (next.V.row(v) - pose.V.row(v)).squaredNorm();
+                ++count;
+            }
+        last_move = std::sqrt(sum / std::max(count, 1));
         pose = std::move(next);
         ++result.iterations;
     }
@@ -237,7 +282,13 @@ struct Progress {
 
 /// One Gauss-Newton step of a rigid motion of everything.
 Pose rigid_step(const Pose& pose, const Pull& pull) {
-    const Eigen::RowVector3d middle = pose.V.colwise().mean();
+    Eigen::RowVector3d middle = Eigen::RowVector3d::Zero();  // of what is pulled: a stray vertex must not move it
+    double weight = 0;
+    for (Eigen::Index v = 0; v < pose.V.rows(); ++v) {
+        middle += pull.A[v].trace() * pose.V.row(v);
+        weight += pull.A[v].trace();
+    }
+    middle /= std::max(weight, 1e-300);
     Eigen::Matrix<double, 6, 6> H = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
     Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
     for (Eigen::Index v = 0; v < pose.V.rows(); ++v) {
@@ -303,20 +354,24 @@ bool run_fine(Progress& p, NricpFine& fine, Samples& all, const Faces& F) {
 
 }  // namespace
 
-NricpSolver::NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& options)
+NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptions& options)
     : state_(std::make_unique<State>()) {
     check_options(options);
-    check_mesh("nricp", V, F);
-    require(F.rows() > 0, "nricp: F is empty");
+    check_mesh("nricp", V, given);
+    check_size("V", V);
     State& s = *state_;
     s.options = options;
-    s.F = F;
+    Welded welded = weld(V, given);
+    require(welded.F.rows() > 0, "nricp: F has no face of three different vertices");
+    s.F = std::move(welded.F);
+    s.to = std::move(welded.to);
+    const Faces& F = s.F;
     Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
     for (Eigen::Index f = 0; f < F.rows(); ++f)
         for (int c = 0; c < 3; ++c) sum += V.row(F(f, c)) - V.row(F(0, 0));
     s.middle = (V.row(F(0, 0)) + sum / (3.0 * F.rows())).transpose();
     s.size = std::sqrt(face_areas(V.rowwise() - s.middle.transpose(), F).sum());
-    require(s.size > 0, "nricp: the faces F of V have no area");
+    require(s.size > 1 / largest, "nricp: the faces F of V have no area");
     s.V = s.into(V);
     s.N = vertex_normals(s.V, F);
     const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
@@ -366,6 +421,10 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     constexpr double still = 1e-4;  // of the template's size
     p.result.stop = p.last_move < still ? "converged" : "max_iterations";
     p.result.V = s.out_of(p.pose.V);
+    for (std::size_t v = 0; v < s.to.size(); ++v) {
+        p.result.V.row(v) = p.result.V.row(s.to[v]);
+        p.result.matched[v] = p.result.matched[s.to[v]];
+    }
     p.result.rms *= s.size;
     for (double& e : p.result.energy) e *= s.size * s.size;
     return p.result;

@@ -5,6 +5,7 @@
 
 #include "geometry/closest.h"
 #include "geometry/laplacian.h"
+#include "geometry/weld.h"
 
 namespace toile {
 
@@ -63,23 +64,6 @@ std::pair<std::vector<int>, Faces> used_part(const Vertices& N, const Faces& F) 
     return {used, F(keep, Eigen::all).unaryExpr([&](int v) { return number[v]; })};
 }
 
-/// Vertices on the border, or where faces meet in odd numbers: in a closed ring every neighbour is seen twice, so that
-/// the neighbours' hashes cancel (splitmix64). A tenth of the time of counting edges.
-std::vector<char> open_vertices(const Faces& F, Eigen::Index n) {
-    const auto hash = [](int v) {
-        std::uint64_t z = (static_cast<std::uint64_t>(v) + 1) * 0x9e3779b97f4a7c15ull;
-        z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-        z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-        return z ^ (z >> 31);
-    };
-    std::vector<std::uint64_t> sum(static_cast<std::size_t>(n), 0);
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) sum[F(f, c)] ^= hash(F(f, (c + 1) % 3)) ^ hash(F(f, (c + 2) % 3));
-    std::vector<char> open(sum.size());
-    std::transform(sum.begin(), sum.end(), open.begin(), [](std::uint64_t x) { return x != 0; });
-    return open;
-}
-
 /// Noise of the vertices along their normals, from the median angle between normals at the ends of a side, and the mean
 /// side. Normals of a mesh with deviation s and sides e differ by about 1.4 s / e; the body's own curvature by less
 /// than the angle that is taken off.
@@ -115,8 +99,9 @@ Vertices smoothed(const Vertices& N, const Faces& F) {
 }  // namespace
 
 NricpTarget::NricpTarget(const Vertices& V, const Faces& F) {
-    const Vertices N = vertex_normals(V, F);
-    const auto [used, faces] = used_part(N, F);
+    const Faces whole = weld(V, F).F;
+    const Vertices N = vertex_normals(V, whole);
+    const auto [used, faces] = used_part(N, whole);
     V_ = V(used, Eigen::all);
     N_ = N(used, Eigen::all);
     F_ = faces;
