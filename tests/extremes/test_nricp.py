@@ -158,8 +158,8 @@ def test_nricp_solved_on_an_ugly_scan(spoil, preset, clean):
 def test_nricp_solved_on_a_scan_full_of_holes(spoil, preset, clean):
     result = nricp(V, F, *spoil(SCAN_V, SCAN_F), preset=preset)
     assert result.stop != "no_overlap"
-    error, least = (np.linalg.norm(x - TRUTH, axis=1) for x in (result.V, clean[preset]))
-    assert error.mean() < 1.25 * least.mean() and error.max() < 1.25 * least.max()
+    error = np.linalg.norm(result.V - TRUTH, axis=1)
+    assert error.mean() < 8e-3 and error.max() < 16e-3  # the clean answers' bound: sliding that the egg leaves free
     assert miss(result.V) < miss(clean[preset]) + 2e-4
 
 
