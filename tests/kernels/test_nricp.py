@@ -1,5 +1,7 @@
 """Non-rigid registration."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -85,6 +87,16 @@ def test_nricp_serves_frames_with_the_analyses_of_its_template(problem):
     assert graphs == 3 and analyses == graphs + 1  # the fine steps' factor is made for the first scan's noise
     assert solver.analyses == analyses and solver.factorisations == once + 3 + 2 + 1
     assert np.array_equal(first.V, second.V)
+
+
+def test_nricp_solver_shared_by_two_threads_answers_as_one(problem):
+    V, F, scan_V, scan_F = problem
+    solver = NricpSolver(V, F, preset="draft")
+    scans = [scan_V, scan_V + [0.01, 0, 0], scan_V + [0, 0.02, 0], scan_V * 1.02]
+    alone = [solver.solve(scan, scan_F).V for scan in scans]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda scan: solver.solve(scan, scan_F).V, scans))
+    assert all(np.array_equal(a, b) for a, b in zip(alone, together))
 
 
 def test_nricp_flags_a_scan_out_of_reach(problem):
