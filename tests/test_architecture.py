@@ -25,10 +25,11 @@ ALLOWED = {
     "workers": TYPES,
     "request": TYPES | {"store", "workers", "__init__"},
     "capture": TYPES | {"io"},
+    "budget": TYPES | {"config", "io"},
     "evaluate": TYPES | {"capture", "io", "store"},
     "report": TYPES | {"capture", "evaluate", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "request", "store", "workers", "__init__"},
-    "cli": TYPES | {"capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
+    "cli": TYPES | {"budget", "capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
     "io": {"scene"},
     "__init__": {"kernels"},
 }  # fmt: skip

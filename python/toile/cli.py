@@ -34,7 +34,8 @@ def plan(capture: Path):
 def register(
     capture: Path,
     run: Path,
-    quality: Annotated[str, typer.Option(help="draft, standard or fine")] = "standard",
+    quality: Annotated[Optional[str], typer.Option(help="draft, standard (the default) or fine")] = None,
+    budget: Annotated[Optional[float], typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
     frames: Annotated[Optional[str], typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames")] = 1,
     workers: Annotated[int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers")] = 1,
@@ -49,9 +50,12 @@ def register(
     if retry not in (None, "failed"):
         raise CaptureError(f"--retry {retry}: expected failed")
     part = shard_of(shard)
-    numbers = frame_numbers(frames, open_capture(capture).frames, step)
+    opened = open_capture(capture)
+    numbers = frame_numbers(frames, opened.frames, step)
+    if budget is not None:
+        quality = quality_within(budget, quality, opened, numbers)
     try:
-        config = preset(quality)
+        config = preset(quality or "standard")
     except ValueError as error:
         raise CaptureError(str(error)) from None
     with progress_bars() as progress:
@@ -104,6 +108,18 @@ def template(
     if label not in ids:
         raise CaptureError(f"--label {label}: the run knows {', '.join(ids)}")
     typer.echo(template_command(run, out, name, ids[label], model, person, labels))
+
+
+def quality_within(budget, quality, capture, numbers):
+    """The quality that --budget chooses, said with the time and the errors to expect."""
+    from .budget import choose
+
+    if quality is not None:
+        raise CaptureError(f"--budget {budget}: --quality {quality} is given too")
+    quality, seconds, errors = choose(capture, numbers, budget)
+    expect = ", ".join(f"{name.removesuffix('_mm')} {value:.1f} mm" for name, value in errors.items())
+    typer.echo(f"--budget {budget}: quality {quality}, about {seconds:.2f} s a frame; errors to expect: {expect}")
+    return quality
 
 
 def frame_numbers(text, available, step=1):

@@ -26,6 +26,8 @@ class ReconstructSettings(Settings):
 class SegmentSettings(Settings):
     """Labels from pictures, votes and colours."""
 
+    views: int = 0  # pictures a frame that are read, spread about the person; 0: all
+    refine: bool = True  # place a garment's border between scan vertices by the pictures' edges
     wrong: float = 0.15  # share of given labels taken to be wrong
     label_blur: float = 3.0  # uncertainty of a given border [px]
     colour_pixels: int = 400_000  # drawn from the samples for the colour models
@@ -57,6 +59,7 @@ class SegmentSettings(Settings):
 class DressSettings(Settings):
     """Garments from labelled scans."""
 
+    trace: bool = True  # find rims that hang free of the scan in the pictures, and settle again
     stiffness: float = 0.05  # of a garment's bending against its distance to the scan
     fit_reach: float = 0.04  # reach of the body's shape when a template is carried to the person [m]
     skin_smoothing: int = 10  # umbrella steps on transferred skinning weights
@@ -104,14 +107,17 @@ class Config(Settings):
 
 QUALITIES = ("draft", "standard", "fine")
 SAMPLES = {"draft": 5, "standard": 10, "fine": 16}
+FIT_FRAMES = {"draft": 3, "standard": 6, "fine": 10}
 
 
 def preset(quality):
-    """The settings of a quality preset."""
+    """The settings of a quality preset. Draft reads four pictures a frame and leaves rims where the labels put them."""
     if quality not in QUALITIES:
         raise ValueError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+    draft = quality == "draft"
     return Config(
         quality=quality,
         samples=SAMPLES[quality],
-        dress=DressSettings(fit_frames={"draft": 3, "standard": 6, "fine": 10}[quality]),
+        segment=SegmentSettings(views=4 if draft else 0, refine=not draft),
+        dress=DressSettings(fit_frames=FIT_FRAMES[quality], trace=not draft),
     )

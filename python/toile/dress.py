@@ -130,7 +130,7 @@ class Dresser:
             raise CaptureError(f"frame {frame.number}: dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
         vertices = self.settler.solve(V, F[inside], start, self._boundary(matches))
         rivals = Rivals(V, F, segmented, t.label)
-        if evidence.views:
+        if s.trace and evidence.views:
             matches = [trace_loop(vertices, t.faces, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
             vertices = self.settler.solve(V, F[inside], self._lay(vertices, matches), self._boundary(matches), steps=2)
         confidence, distance = self._confidence(vertices, V, F[inside])

@@ -16,6 +16,19 @@ def look(frame, cameras, V, F):
     return {name: View(cameras[name], V, F) for name in frame.labels if name in cameras}
 
 
+def spread_views(cameras, names, centre, most):
+    """At most `most` of the cameras with these names, far apart as seen from `centre` [m]; all of them for 0."""
+    chosen = {name: cameras[name] for name in names if name in cameras}
+    if most == 0 or len(chosen) <= most:
+        return chosen
+    rays = {name: camera.centre - centre for name, camera in chosen.items()}
+    rays = {name: ray / max(np.linalg.norm(ray), 1e-12) for name, ray in rays.items()}
+    kept = [next(iter(rays))]
+    while len(kept) < most:  # farthest first
+        kept.append(min((n for n in rays if n not in kept), key=lambda n: max(rays[n] @ rays[k] for k in kept)))
+    return {name: chosen[name] for name in chosen if name in kept}
+
+
 def soft_labels(image, ids, settings):
     """Blurred indicator (H,W,L) of each label."""
     return cv2.GaussianBlur((image[..., None] == ids).astype(np.float32), (0, 0), settings.label_blur)

@@ -8,7 +8,7 @@ import numpy as np
 from . import kernels
 from .colours import ColourModel, fit_colours
 from .curves import Curve, isolines, pieces, resample, smooth, tangents
-from .evidence import Evidence, look, mean_over_views, soft_labels
+from .evidence import Evidence, look, mean_over_views, soft_labels, spread_views
 from .ribbon import Ribbon
 from .scene import CaptureError, Segmented
 from .views import occlusion_border
@@ -47,7 +47,8 @@ def evidence(frame, cameras, model, tracked, faces, settings):
     """What the frame's pictures say, seen past the scan and the tracked surface."""
     V, F = _surface(frame, tracked, faces)
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
-    return Evidence(frame, look(frame, cameras, *both), V, F, model.ids, model.colours, settings)
+    views = look(frame, spread_views(cameras, frame.labels, V.mean(0), settings.views), *both)
+    return Evidence(frame, views, V, F, model.ids, model.colours, settings)
 
 
 def _surface(frame, tracked, faces):
@@ -69,7 +70,7 @@ def segment(scene, evidence, model, frame, tracked, faces, settings, previous=No
     probability[np.arange(len(scan_V)), labels] = 1
     moved, rims = [], {}
     scan_index = kernels.SurfaceIndex(scan_V, scan_F)
-    for garment in scene.garments:
+    for garment in scene.garments if settings.refine else ():
         column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
         distance, curves, shift = _refine_border(labels, column, scan_V, scan_F, N, scan_index, evidence, settings)
         p = np.clip(0.5 + 0.5 * distance / settings.ramp, 0, 1)
