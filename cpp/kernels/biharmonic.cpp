@@ -9,21 +9,13 @@
 #include "geometry/intrinsic.h"
 #include "geometry/laplacian.h"
 #include "geometry/topology.h"
+#include "geometry/weld.h"
 
 namespace toile {
 
 namespace {
 
 constexpr double MARGIN = 4;  // between the error of a factor on three fields and what is promised for any
-
-/// Faces of three different vertices; the others have neither area nor angles, mollified or not.
-Faces proper_faces(const Faces& F) {
-    Faces kept(F.rows(), 3);
-    Eigen::Index count = 0;
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        if (F(f, 0) != F(f, 1) && F(f, 1) != F(f, 2) && F(f, 2) != F(f, 0)) kept.row(count++) = F.row(f);
-    return kept.topRows(count);
-}
 
 void check_known(const Indices& known, Eigen::Index n) {
     require(known.size() > 0, "biharmonic: known is empty");
@@ -78,7 +70,7 @@ BiharmonicSolver::BiharmonicSolver(const Vertices& V, const Faces& F_all, const 
     require(options.refinements >= 0, "biharmonic: refinements is negative");
     check_mesh("biharmonic", V, F_all);
     check_known(known, V.rows());
-    const Faces F = proper_faces(F_all);
+    const Faces F = distinct_faces(F_all, V.rows());  // one listed twice would pull twice
     require(F.rows() > 0, "biharmonic: F has no face of three different vertices");
     check_components(F, known, V.rows());
 
