@@ -1,9 +1,17 @@
-"""biharmonic at the edges of what it may be given: each row is solved or refused."""
+"""biharmonic at the edges of what it may be given. Each row is marked beforehand by its name: *solved* rows must give the
+affine field or the clean mesh's answer, *refused* rows an error that names what is wrong.
+
+A mesh is what its faces say: a slit whose sides share places but no vertices stays a slit, and a part of it without a
+known vertex is refused.
+"""
 
 import numpy as np
 import pytest
 
-from toile.kernels import BiharmonicSolver, InputError, biharmonic
+from toile.kernels import BiharmonicSolver, InputError, SolveError, biharmonic
+
+from .test_nricp import both_sides, copies, far_component, flipped, isolated, non_manifold, seam, some_faces_twice, soup
+from .test_nricp import all_faces_twice, needles as needles_on_every_tenth, tenth_flipped
 
 AFFINE = np.array([[0.3, -0.2, 0.1], [0.05, 0.4, -0.3], [0.7, 0.2, 0.6]])
 
@@ -113,3 +121,93 @@ def test_biharmonic_refuses_what_is_not_finite(value):
 def test_biharmonic_refuses_faces_of_two_vertices_only():
     with pytest.raises(InputError, match="F has no face of three"):
         biharmonic(np.eye(3), [[0, 1, 1], [2, 2, 2]], [0], np.zeros((1, 3)))
+
+
+# --- a curved mesh, against the clean answer ----------------------------------------------------------------------------
+def tube(around=24, along=20):
+    a, z = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, 1, along))
+    r = 0.3 + 0.05 * np.sin(3 * a + 4 * z)
+    V = np.stack([r * np.cos(a), 0.7 * r * np.sin(a), z], -1).reshape(-1, 3)
+    at = np.arange(around * along).reshape(along, around)
+    right = np.roll(at, -1, 1)
+    F = np.concatenate([np.stack([at[:-1], right[:-1], right[1:]], -1), np.stack([at[:-1], right[1:], at[1:]], -1)])
+    known = np.r_[at[:2].ravel(), at[-2:].ravel()]
+    return V, F.reshape(-1, 3), known, 0.05 * np.sin(3 * V[known] + V[known][:, [1, 2, 0]])
+
+
+def error(D, clean):
+    return np.abs(D[: len(clean)] - clean).max() / 0.05
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e30])
+def test_biharmonic_solved_on_a_tube_in_any_unit(scale):
+    V, F, known, D = tube()
+    clean = biharmonic(V, F, known, D)
+    assert error(biharmonic(scale * V, F, known, D), clean) < 1e-11
+    assert error(biharmonic(V, F, known, scale * D) / scale, clean) < 1e-11
+
+
+@pytest.mark.parametrize("offset, most", [(1e3, 1e-10), (1e6, 1e-7)])
+def test_biharmonic_solved_on_a_tube_far_from_the_origin(offset, most):
+    V, F, known, D = tube()
+    assert error(biharmonic(V + offset, F, known, D), biharmonic(V, F, known, D)) < most
+
+
+@pytest.mark.parametrize("spoil, most", [
+    (zero_area, 1e-9), (isolated, 1e-9), (some_faces_twice, 1e-9), (all_faces_twice, 1e-9), (both_sides, 1e-9),
+    (flipped, 1e-9), (tenth_flipped, 1e-9), (needles_on_every_tenth, 1e-5), (flat_caps, 1e-2), (non_manifold, 3e-2),
+])  # fmt: skip
+def test_biharmonic_solved_on_an_ugly_tube(spoil, most):
+    V, F, known, D = tube()
+    assert error(biharmonic(*spoil(V, F), known, D), biharmonic(V, F, known, D)) < most
+
+
+def test_biharmonic_solved_beside_a_component_of_its_own():
+    V, F, known, D = tube()
+    far_V, far_F = far_component(V, F)
+    x = biharmonic(far_V, far_F, np.r_[known, len(V)], np.vstack([D, [[1.0, 2, 3]]]))
+    assert error(x, biharmonic(V, F, known, D)) < 1e-9
+    np.testing.assert_allclose(x[len(V) :], np.tile([1.0, 2, 3], (len(V), 1)), atol=1e-9)
+
+
+def test_biharmonic_solved_on_a_sheet_full_of_holes():
+    V, F, rings = sheet()
+    inside = ~np.isin(F, rings).any(1)
+    keep = ~inside | (np.random.default_rng(0).random(len(F)) > 0.15)
+    F = F[keep]
+    used = np.unique(F)
+    D = biharmonic(V, F, rings, np.ones((len(rings), 3)))
+    np.testing.assert_array_equal(D[used], 1)
+
+
+@pytest.mark.parametrize("spoil", [seam, soup, copies, far_component])
+def test_biharmonic_refuses_a_part_without_a_known_vertex(spoil):
+    V, F, known, D = tube()
+    with pytest.raises(InputError, match="biharmonic: known has no vertex in component [0-9]+ "):
+        biharmonic(*spoil(V, F), known, D)
+
+
+@pytest.mark.parametrize("scale", [1e-160, 1e-100, 1e100, 1e160])
+def test_biharmonic_refuses_sizes_whose_powers_leave_the_range_of_doubles(scale):
+    V, F, known, D = tube()
+    with pytest.raises((InputError, SolveError), match="biharmonic: "):
+        biharmonic(scale * V, F, known, D)
+
+
+def test_biharmonic_refuses_what_is_empty_or_out_of_range():
+    V, F, known, D = tube()
+    none, bad = np.empty((0, 3)), F.copy()
+    bad[9, 1] = len(V)
+    cases = {
+        "V is empty": (none, F, known, D),
+        "F is empty": (V, none.astype(int), known, D),
+        "known is empty": (V, F, known[:0], none),
+        rf"F\[9\] holds vertex {len(V)}": (V, bad, known, D),
+        rf"known\[3\] is {len(V)}": (V, F, np.r_[known[:3], len(V)], D[:4]),
+        r"known\[2\] repeats vertex 0": (V, F, np.array([0, 1, 0]), D[:3]),
+        f"D_known has 3 rows, known has {len(known)}": (V, F, known, D[:3]),
+        "all faces of F have their corners in one point": (0 * V, F, known, D),
+    }
+    for message, case in cases.items():
+        with pytest.raises(InputError, match="biharmonic: " + message):
+            biharmonic(*case)
