@@ -6,6 +6,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.ticker import NullFormatter  # noqa: E402
+from PIL import Image  # noqa: E402
 
 OURS, PEER, FRONT = "#c0392b", "#34495e", "#d5d5d5"
 COLUMNS, LINE = 4, 11  # panels a row, pixels a line of text
@@ -35,7 +36,8 @@ def draw(panels, path):
     figure.tight_layout()
     for ax, name in zip(axes.flat, shown):
         label(ax, [p for p in drawable(panels[name]) if not p["oracle"]])
-    figure.savefig(path, dpi=figure.dpi)
+    figure.canvas.draw()
+    Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3]).quantize(32).save(path, optimize=True)
     plt.close(figure)
 
 
