@@ -196,13 +196,16 @@ def test_a_run_goes_on_where_it_stood(tmp_path):
 def test_picture_shows_the_panels_and_says_who_gave_no_answer(tmp_path):
     pytest.importorskip("matplotlib")
     from bench.picture import draw
+    from PIL import Image
 
     point = dict(method="toile draft", ours=True, oracle=False, failed=0, seconds=0.1, error=2.0, on_front=True)
     lost = point | dict(method="peer", ours=False, seconds=None, error=None, on_front=False)
-    draw({"L1": dict(error="mean error [mm]", points=[point, lost])}, tmp_path / "a.png")
-    draw({"L1": dict(error="mean error [mm]", points=[point])}, tmp_path / "b.png")
-    assert (tmp_path / "a.png").stat().st_size > 5000
-    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
+    for name, points in (("a.png", [point, lost]), ("b.png", [point])):
+        draw({"L1": dict(error="mean error [mm]", points=points)}, tmp_path / name)
+    a, b = (np.asarray(Image.open(tmp_path / name).convert("RGB")).astype(int) for name in ("a.png", "b.png"))
+    assert ((a[..., 0] - a[..., 1]) > 80).sum() > 20  # our red mark and its name
+    changed = (a != b).any(2).nonzero()
+    assert len(changed[0]) and changed[0].min() > len(a) / 2  # the failure stands below, and nowhere else
 
 
 @pytest.mark.slow
