@@ -204,7 +204,7 @@ def test_picture_shows_the_panels_and_says_who_gave_no_answer(tmp_path):
         draw({"L1": dict(error="mean error [mm]", points=points)}, tmp_path / name)
     a, b = (np.asarray(Image.open(tmp_path / name).convert("RGB")).astype(int) for name in ("a.png", "b.png"))
     assert ((a[..., 0] - a[..., 1]) > 80).sum() > 20  # our red mark and its name
-    changed = (a != b).any(2).nonzero()
+    changed = (np.abs(a - b) > 100).any(2).nonzero()  # beyond what a palette changes
     assert len(changed[0]) and changed[0].min() > len(a) / 2  # the failure stands below, and nowhere else
 
 
