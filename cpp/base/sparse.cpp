@@ -146,6 +146,7 @@ struct CholeskyFactor::State {
     cholmod_common common{};
     cholmod_factor* factor = nullptr;
     std::int64_t factorisations = 0, analyses = 0;
+    bool sound = false;  ///< the numbers in `factor` are those of a whole factorisation
 
     State() {
         use_one_blas_thread();
@@ -171,6 +172,7 @@ void CholeskyFactor::analyze(const Sparse& A) {
                                       std::to_string(A.cols()) + " columns");
     require(A.isCompressed(), "cholesky: A is not compressed");
     cholmod_free_factor(&state_->factor, &state_->common);
+    state_->sound = false;
     cholmod_sparse view = lower_view(A);
     state_->factor = cholmod_analyze(&view, &state_->common);
     if (!state_->factor) throw SolveError("cholesky: the symbolic analysis failed");
@@ -181,10 +183,12 @@ bool CholeskyFactor::try_factorize(const Sparse& A) {
     if (!state_->factor || state_->factor->n != static_cast<std::size_t>(A.rows())) analyze(A);
     cholmod_sparse view = lower_view(A);
     ++state_->factorisations;
+    state_->sound = false;
     const WithoutTeams without_teams;
     cholmod_factorize(&view, state_->factor, &state_->common);
     if (state_->common.status < CHOLMOD_OK) throw SolveError("cholesky: out of memory or too large a problem");
-    return state_->common.status == CHOLMOD_OK && state_->factor->minor == state_->factor->n;
+    state_->sound = state_->common.status == CHOLMOD_OK && state_->factor->minor == state_->factor->n;
+    return state_->sound;
 }
 
 void CholeskyFactor::factorize(const Sparse& A) {
@@ -195,7 +199,7 @@ void CholeskyFactor::factorize(const Sparse& A) {
 
 Matrix CholeskyFactor::solve(const Matrix& B) const {
     const State& s = *state_;
-    if (!s.factor || s.factorisations == 0) throw SolveError("cholesky: solve before factorize");
+    if (!s.sound) throw SolveError("cholesky: solve without a factor");
     require(B.rows() == static_cast<Eigen::Index>(s.factor->n), "cholesky: B has " + std::to_string(B.rows()) +
                                                                     " rows, the factor " + std::to_string(s.factor->n));
     const Panels panels(*s.factor);

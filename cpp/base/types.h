@@ -21,9 +21,22 @@ using Sparse = Eigen::SparseMatrix<double>;                                   //
 /// Throws InputError "KERNEL: NAME[row] is not finite" for the first bad row.
 void check_finite(const std::string& kernel, const std::string& name, const Eigen::Ref<const Matrix>& values);
 
-/// Throws InputError unless V is finite and non-empty and every index of F lies in [0, n).
+/// Coordinates beyond this are refused: the squares of areas would leave the range of doubles, and answers turn to NaN.
+constexpr double largest_coordinate = 1e50;
+
+/// check_finite, and InputError for coordinates beyond `largest_coordinate`.
+void check_points(const std::string& kernel, const std::string& name, const Eigen::Ref<const Matrix>& points);
+
+/// Throws SolveError when values of the answer are not finite: options or sizes led beyond the range of doubles.
+void check_solved(const std::string& kernel, const std::string& name, const Eigen::Ref<const Matrix>& values);
+
+/// Throws InputError unless V holds points and is not empty and every index of F lies in [0, n).
 void check_mesh(const std::string& kernel, const Vertices& V, const Faces& F, const std::string& name_V = "V",
                 const std::string& name_F = "F");
+
+/// Throws InputError unless every index of F lies in [0, n).
+void check_faces(const std::string& kernel, const Faces& F, Eigen::Index n, const std::string& name_F = "F",
+                 const std::string& name_V = "V");
 
 /// Throws InputError unless every index lies in [0, n).
 void check_indices(const std::string& kernel, const std::string& name, const Indices& indices, Eigen::Index n);

@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "base/errors.h"
 #include "base/sparse.h"
 #include "bind/common.h"
@@ -14,7 +16,8 @@ py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double ra
     std::vector<SurfacePoint> hits;
     {
         py::gil_scoped_release release;
-        check_finite("closest", "points", P);
+        check_points("closest", "points", P);
+        require(radius >= 0, "closest: radius is not a number >= 0");
         hits = index.closest_each(P, radius);
     }
     const auto n = static_cast<Eigen::Index>(hits.size());
@@ -31,6 +34,15 @@ py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double ra
     return py::make_tuple(face, point, barycentric, distance);
 }
 
+constexpr Eigen::Index most_vertices = 1 << 28;  // what topology keeps per vertex is made of this size
+
+Matrix checked_solve(const CholeskyFactor& factor, const Matrix& B) {
+    check_finite("cholesky", "B", B);
+    const Matrix X = factor.solve(B);
+    check_solved("cholesky", "X", X);
+    return X;
+}
+
 }  // namespace
 
 void bind_geometry(py::module_& m) {
@@ -39,13 +51,17 @@ void bind_geometry(py::module_& m) {
     m.def("face_areas", [](const Vertices& V, const Faces& F) { check_mesh("face_areas", V, F); return face_areas(V, F); });
     m.def("cotangent_laplacian", [](const Vertices& V, const Faces& F) { check_mesh("cotangent_laplacian", V, F); return cotangent_laplacian(V, F); });
     m.def("voronoi_mass", [](const Vertices& V, const Faces& F) { check_mesh("voronoi_mass", V, F); return voronoi_mass(V, F); });
-    m.def("boundary_loops", [](const Faces& F) { return boundary_loops(F); });
-    m.def("unique_edges", [](const Faces& F) { return unique_edges(F); });
-    m.def("vertex_components", [](const Faces& F, Eigen::Index n) { return vertex_components(F, n); });
+    m.def("boundary_loops", [](const Faces& F) { check_faces("boundary_loops", F, most_vertices); return boundary_loops(F); });
+    m.def("unique_edges", [](const Faces& F) { check_faces("unique_edges", F, most_vertices); return unique_edges(F); });
+    m.def("vertex_components", [](const Faces& F, Eigen::Index n) {
+        require(n >= 0 && n <= most_vertices, "vertex_components: n is " + std::to_string(n));
+        check_faces("vertex_components", F, n);
+        return vertex_components(F, n);
+    });
     py::class_<CholeskyFactor>(m, "CholeskyFactor")
         .def(py::init<>())
         .def("factorize", &CholeskyFactor::factorize, py::call_guard<py::gil_scoped_release>())
-        .def("solve", &CholeskyFactor::solve, py::call_guard<py::gil_scoped_release>())
+        .def("solve", &checked_solve, py::call_guard<py::gil_scoped_release>())
         .def_property_readonly("factorisations", &CholeskyFactor::factorisations)
         .def_property_readonly("analyses", &CholeskyFactor::analyses);
     py::class_<SurfaceIndex>(m, "SurfaceIndex")
@@ -57,6 +73,9 @@ void bind_geometry(py::module_& m) {
         .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from, double to) {
             require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +
                                                              " rows, directions " + std::to_string(directions.rows()));
+            check_points("occluded", "origins", origins);
+            check_points("occluded", "directions", directions);
+            require(!std::isnan(from) && !std::isnan(to), "occluded: near or far is not a number");
             Eigen::Array<bool, Eigen::Dynamic, 1> hit(origins.rows());
             py::gil_scoped_release release;
             for (Eigen::Index i = 0; i < origins.rows(); ++i) hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);

@@ -8,13 +8,13 @@ namespace toile::bind {
 namespace {
 
 Vector winding_numbers(const Vertices& points, const Vertices& V, const Faces& F) {
-    check_finite("winding_number", "points", points);
+    check_points("winding_number", "points", points);
     check_mesh("winding_number", V, F);
     return winding_numbers(points, WindingNumber(V, F));
 }
 
 Vector signed_distances(const Vertices& points, const Vertices& V, const Faces& F) {
-    check_finite("signed_distance", "points", points);
+    check_points("signed_distance", "points", points);
     check_mesh("signed_distance", V, F);
     return signed_distance(points, SurfaceIndex(V, F), WindingNumber(V, F));
 }

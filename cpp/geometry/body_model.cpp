@@ -18,7 +18,7 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
                 kernel + ": body_model.parents[" + std::to_string(k) + "] must lie before its child");
     require(m.J.rows() == K,
             kernel + ": body_model.J has " + std::to_string(m.J.rows()) + " rows, parents " + std::to_string(K));
-    check_finite(kernel, "body_model.J", m.J);
+    check_points(kernel, "body_model.J", m.J);
     require(m.weights_idx.rows() == n && m.weights_val.rows() == n && m.weights_idx.cols() == m.weights_val.cols(),
             kernel + ": body_model.weights_idx and weights_val must both be (" + std::to_string(n) + ", B)");
     check_finite(kernel, "body_model.weights_val", m.weights_val);
@@ -32,6 +32,14 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
     }
     require(m.shapedirs.rows() == 3 * n && m.J_shapedirs.rows() == 3 * K && m.shapedirs.cols() == m.J_shapedirs.cols(),
             kernel + ": body_model.shapedirs and J_shapedirs do not fit the mesh and its joints");
+    check_points(kernel, "body_model.shapedirs", m.shapedirs);
+    check_points(kernel, "body_model.J_shapedirs", m.J_shapedirs);
+    for (const BodyKeypoint& k : m.keypoints) {
+        require(k.joint < K && k.vertices.size() == k.weights.size() && (k.joint >= 0 || !k.vertices.empty()),
+                kernel + ": body_model.keypoints '" + k.name + "' has no joint or vertices of the model");
+        for (int v : k.vertices)
+            require(v >= 0 && v < n, kernel + ": body_model.keypoints '" + k.name + "' holds vertex " + std::to_string(v));
+    }
 }
 
 namespace {

@@ -1,6 +1,7 @@
 #include "geometry/laplacian.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 
 namespace toile {
@@ -12,11 +13,14 @@ Vec3 double_area_vector(const Vertices& V, const Faces& F, Eigen::Index f) {
     return (b - a).cross(c - a);
 }
 
-/// Cotangents of the corner angles; zero for a face of no area, which then adds nothing.
+/// Cotangents of the corner angles; zero for a face of no area, which then adds nothing. A needle of 1e-100 counts as
+/// such a face: beyond, cotangents and sums of them leave the range of doubles.
 std::array<double, 3> corner_cotangents(const Vertices& V, const Faces& F, Eigen::Index f) {
     std::array<double, 3> cot{};
     const double twice_area = double_area_vector(V, F, f).norm();
-    if (twice_area == 0) return cot;
+    double longest = 0;
+    for (int c = 0; c < 3; ++c) longest = std::max(longest, (V.row(F(f, c)) - V.row(F(f, (c + 1) % 3))).squaredNorm());
+    if (twice_area <= 1e-100 * longest) return cot;
     for (int c = 0; c < 3; ++c) {
         const Vec3 p = V.row(F(f, c)), q = V.row(F(f, (c + 1) % 3)), r = V.row(F(f, (c + 2) % 3));
         cot[static_cast<std::size_t>(c)] = (q - p).dot(r - p) / twice_area;

@@ -164,7 +164,7 @@ Vertices BiharmonicSolver::solve(const Vertices& D_known) const {
     require(D_known.rows() == static_cast<Eigen::Index>(known_.size()),
             "biharmonic: D_known has " + std::to_string(D_known.rows()) + " rows, known has " +
                 std::to_string(known_.size()));
-    check_finite("biharmonic", "D_known", D_known);
+    check_points("biharmonic", "D_known", D_known);
     const Eigen::RowVector3d offset = D_known.row(0);  // taken off first, so that translations are exact
     Vertices D = Vertices::Zero(n_, 3);
     for (std::size_t k = 0; k < known_.size(); ++k)

@@ -184,8 +184,8 @@ void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyM
             "inner: " + name + ".tracked and .visible have " + std::to_string(f.tracked.rows()) + " and " +
                 std::to_string(f.visible.size()) + " rows, the model " + std::to_string(n) + " vertices");
     check_finite("inner", name + ".rotations", f.rotations);
-    check_finite("inner", name + ".translation", f.translation);
-    check_finite("inner", name + ".tracked", f.tracked);
+    check_points("inner", name + ".translation", f.translation);
+    check_points("inner", name + ".tracked", f.tracked);
     for (Eigen::Index v = 0; v < n; ++v)
         require(f.visible[v] >= 0 && f.visible[v] <= 1,
                 "inner: " + name + ".visible[" + std::to_string(v) + "] must lie in [0, 1]");
@@ -301,13 +301,13 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
                                                   " entries, the model " + std::to_string(model_.shapes()));
     require(J_.rows() == model_.joints(), "inner: J has " + std::to_string(J_.rows()) + " rows, the model " +
                                               std::to_string(model_.joints()) + " joints");
-    check_finite("inner", "J", J_);
+    check_points("inner", "J", J_);
     const InnerOptions& o = options_;
     for (double positive :
          {o.length, o.skin, o.out, o.prior, o.fit_scale, o.reach, o.shape_sigma, o.shape_observations, o.tolerance})
         require(std::isfinite(positive) && positive > 0,
                 "inner: length, skin, out, prior, fit_scale, reach, tolerance and the shape's terms must be positive");
-    require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0, "inner: fit, gap and taper must not be negative");
+    require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0 && std::isfinite(o.fit + o.gap + o.taper), "inner: fit, gap and taper must not be negative");
     require(o.tightness >= 0 && o.tightness <= 1, "inner: tightness must lie in [0, 1]");
     require(o.rounds > 0 && o.max_iterations > 0, "inner: rounds and max_iterations must be positive");
     shape_.conservativeResizeLike(Vector::Zero(model_.shapes()));
@@ -354,13 +354,14 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
     out.observed = (e.skin.array() > 0.5).count();
     out.bounded = (e.room.array() < kNone).count();
     out.factorisations = system.factorisations();
+    check_solved("inner", "rest", out.rest);
     return out;
 }
 
 InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& frame) const {
     require(fused_rest.rows() == rest_.rows(), "inner: fused_rest has " + std::to_string(fused_rest.rows()) +
                                                    " rows, the model " + std::to_string(rest_.rows()) + " vertices");
-    check_finite("inner", "fused_rest", fused_rest);
+    check_points("inner", "fused_rest", fused_rest);
     check_inner_frame("frame", frame, model_);
     const InnerOptions& o = options_;
     const Vertices Y =
@@ -384,6 +385,7 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     out.iterations = static_cast<int>(fitted.energy.size());
     out.energy = fitted.energy;
     out.factorisations = system.factorisations();
+    check_solved("inner", "V", out.V);
     return out;
 }
 

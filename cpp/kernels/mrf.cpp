@@ -52,6 +52,7 @@ void check_votes(const char* name, const Edges& votes, const Matrix& unary) {
 void check_input(const Matrix& unary, const Edges& edges, const Vector& weights, const MrfOptions& options) {
     require(unary.rows() > 0 && unary.cols() > 0, "mrf: unary is empty");
     check_finite("mrf", "unary", unary);
+    require(std::isfinite(unary.cwiseAbs().sum()), "mrf: the sum of unary overflows");
     require(weights.size() == edges.rows(), "mrf: weights has " + std::to_string(weights.size()) +
                                                 " entries, edges has " + std::to_string(edges.rows()) + " rows");
     for (Eigen::Index e = 0; e < edges.rows(); ++e) {

@@ -116,7 +116,7 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
     check_size("scan_V", f.V);
     if (f.start.rows() > 0) {
         require(f.start.rows() == n, "nricp: start has " + to_string(f.start.rows()) + " rows, V has " + to_string(n));
-        check_finite("nricp", "start", f.start);
+        check_points("nricp", "start", f.start);
     }
     const auto& [W, P, sigma] = f.landmarks;
     const Eigen::Index k = W.rows();
@@ -124,7 +124,7 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
         require(W.cols() == n,
                 "nricp: landmarks W has " + to_string(W.cols()) + " columns, V has " + to_string(n) + " rows");
     require(P.rows() == k, "nricp: landmarks P has " + to_string(P.rows()) + " rows, W has " + to_string(k));
-    if (k > 0) check_finite("nricp", "landmarks P", P);
+    if (k > 0) check_points("nricp", "landmarks P", P);
     require(k == 0 || sigma.size() == 1 || sigma.size() == k,
             "nricp: landmarks sigma has " + to_string(sigma.size()) + " entries, W has " + to_string(k) + " rows");
     for (Eigen::Index i = 0; i < sigma.size(); ++i)
@@ -133,6 +133,8 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
     for (Eigen::Index i = 0; i < k; ++i) {
         double sum = 0, least = 0;
         for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator r(W, i); r; ++r) {
+            require(r.col() >= 0 && r.col() < n,
+                    "nricp: landmarks W[" + to_string(i) + "] holds vertex " + to_string(r.col()));
             sum += r.value();
             least = std::min(least, r.value());
         }
@@ -143,7 +145,7 @@ void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& option
         const std::string name = "boundary[" + to_string(l) + "]";
         check_indices("nricp", name + " vertices", f.loops[l].vertices, n);
         require(f.loops[l].polyline.rows() > 1, "nricp: " + name + " polyline has fewer than 2 points");
-        check_finite("nricp", name + " polyline", f.loops[l].polyline);
+        check_points("nricp", name + " polyline", f.loops[l].polyline);
     }
     require(f.labels.size() == 0 || f.labels.size() == f.F.rows(),
             "nricp: scan_labels has " + to_string(f.labels.size()) + " entries, scan_F has " + to_string(f.F.rows()));
@@ -426,6 +428,7 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
         p.result.matched[v] = p.result.matched[s.to[v]];
     }
     p.result.rms *= s.size;
+    check_solved("nricp", "V", p.result.V);
     for (double& e : p.result.energy) e *= s.size * s.size;
     return p.result;
 }

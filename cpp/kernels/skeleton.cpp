@@ -99,7 +99,7 @@ void check_pose(const std::string& name, const SkeletonPose& pose, const BodyMod
                                                          std::to_string(pose.rotations.rows()) + " rows, the model " +
                                                          std::to_string(model.joints()) + " joints");
     check_finite("skeleton", name + ".rotations", pose.rotations);
-    check_finite("skeleton", name + ".translation", pose.translation);
+    check_points("skeleton", name + ".translation", pose.translation);
     check_finite("skeleton", name + ".shape", pose.shape);
     require(pose.shape.size() <= model.shapes(), "skeleton: " + name + ".shape has " +
                                                      std::to_string(pose.shape.size()) + " entries, the model " +
@@ -115,7 +115,7 @@ void check_frame(const SkeletonFrame& f, const BodyModel& model) {
             "skeleton: keypoints have " + std::to_string(kp.index.size()) + " indices, " +
                 std::to_string(kp.points.rows()) + " points, " + std::to_string(kp.sigma.size()) + " sigmas");
     check_indices("skeleton", "keypoints.index", kp.index, static_cast<Eigen::Index>(model.keypoints.size()));
-    check_finite("skeleton", "keypoints.points", kp.points);
+    check_points("skeleton", "keypoints.points", kp.points);
     for (Eigen::Index i = 0; i < kp.sigma.size(); ++i)
         require(std::isfinite(kp.sigma[i]) && kp.sigma[i] > 0,
                 "skeleton: keypoints.sigma[" + std::to_string(i) + "] must be positive");
@@ -135,6 +135,7 @@ Vector area_shares(const BodyModel& model, const Vector& vertex_weights, const I
     const Vector mass = voronoi_mass(model.v_template, model.F).cwiseProduct(vertex_weights);
     double total = 0;
     for (Eigen::Index i = 0; i < samples.size(); ++i) total += mass[samples[i]];
+    require(total > 0, "skeleton: vertex_weights leave no area to fit");
     return mass / total;
 }
 
@@ -181,6 +182,10 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
                             o.temporal_sigma, o.temporal_translation, o.shape_weight, o.pose_weight})
         require(std::isfinite(positive) && positive > 0,
                 "skeleton: sigmas, robust scales, reaches and prior weights must be positive");
+    require(o.surface_weight >= 0 && o.cloth_fit >= 0 && std::isfinite(o.surface_weight) && std::isfinite(o.cloth_fit),
+            "skeleton: surface_weight and cloth_fit must not be negative");
+    require(std::isfinite(o.min_cosine) && std::isfinite(o.tolerance),
+            "skeleton: min_cosine and tolerance must be finite");
     require(!seen.empty(), "skeleton: vertex_weights leave no vertex to fit");
     const std::size_t stride = std::max<std::size_t>(1, seen.size() / static_cast<std::size_t>(o.surface_samples));
     samples_.resize(static_cast<Eigen::Index>((seen.size() + stride - 1) / stride));
@@ -246,6 +251,8 @@ SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
     result.stop = scan && result.matched == 0 ? "unmatched" : stop;
     result.iterations = static_cast<int>(energies.size());
     result.energy = std::move(energies);
+    check_solved("skeleton", "V", result.V);
+    check_solved("skeleton", "energy", Eigen::Map<const Vector>(result.energy.data(), result.iterations));
     return result;
 }
 

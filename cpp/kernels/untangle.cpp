@@ -85,8 +85,8 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     };
     rows("cloth_V", cloth_V.rows(), s.cloth_n);
     rows("body_V", body_V.rows(), s.body_n);
-    check_finite("untangle", "cloth_V", cloth_V);
-    check_finite("untangle", "body_V", body_V);
+    check_points("untangle", "cloth_V", cloth_V);
+    check_points("untangle", "body_V", body_V);
     check_scale("cloth_V", cloth_V);
     check_scale("body_V", body_V);
     const UntangleOptions& o = s.options;
@@ -142,6 +142,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     r.depth_after = frame.depth();
     r.margin = frame.margin;
     r.V = frame.x;
+    check_solved("untangle", "V", r.V);
     r.displacement = frame.x - cloth_V;
     r.vertices_short = frame.violations();
     const bool clear = r.intersections_left == 0 && r.vertices_left == 0 && r.vertices_short == 0;

@@ -284,7 +284,8 @@ Vec3 UntangleFrame::middle_of_section(Eigen::Index first_pair, Eigen::Index last
 
 Probe UntangleFrame::probe_decided(const Vec3& p) const {
     Probe out = body_.probe(p);
-    if (body_.closed()) body_.decide(out, body_.inside(p));
+    if (!body_.closed()) return out;
+    body_.decide(out, body_.inside(p));
     if (out.inside() && !out.constrained) body_.pass_through(p, out);
     return out;
 }

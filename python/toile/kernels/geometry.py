@@ -1,9 +1,11 @@
 """Operators, topology and closest points that the stages share with the kernels."""
 
+import operator
+
 import numpy as np
 
 from .. import _core
-from .arrays import as_faces, as_vertices
+from .arrays import as_faces, as_floats, as_sparse, as_vertices
 
 
 def vertex_normals(V, F):
@@ -43,7 +45,7 @@ def unique_edges(F):
 
 def vertex_components(F, n):
     """Connected component per vertex (n,), numbered by first vertex."""
-    return _core.vertex_components(as_faces("vertex_components", "F", F), int(n))
+    return _core.vertex_components(as_faces("vertex_components", "F", F), operator.index(n))
 
 
 class CholeskyFactor:
@@ -54,13 +56,13 @@ class CholeskyFactor:
         self._factor = _core.CholeskyFactor()
 
     def factorize(self, A):
-        """A (n,n) sparse; the lower triangle is read. SolveError when it is not positive definite."""
-        self._factor.factorize(A.tocsc())
+        """A (n,n) sparse, symmetric; the lower triangle is read. SolveError when it is not positive definite."""
+        self._factor.factorize(as_sparse("cholesky", "A", A).tocsc())
         return self
 
     def solve(self, B):
         """B (n,k) -> A^-1 B (n,k)."""
-        return self._factor.solve(np.ascontiguousarray(B, np.float64))
+        return self._factor.solve(as_floats("cholesky", "B", B, (None, None)))
 
     @property
     def factorisations(self):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .. import _core
-from .._core import InnerFused, InnerResult
+from .._core import InnerFused, InnerResult, InputError
 from .arrays import as_faces, as_floats, as_vertices
 
 
@@ -21,10 +21,12 @@ class InnerSolver:
 
     def __init__(self, body_model, shape=(), J=None, **options):
         self.body_model = body_model
-        shape = as_floats("inner", "shape", shape, (None,))
+        core, shape = body_model.core, as_floats("inner", "shape", shape, (None,))
         if J is None:
+            if len(shape) > body_model.J_shapedirs.shape[-1]:
+                raise InputError(f"inner: shape has {len(shape)} entries, the model {body_model.J_shapedirs.shape[-1]}")
             J = body_model.J + body_model.J_shapedirs[..., : len(shape)] @ shape
-        self._solver = _core.InnerSolver(body_model.core, shape, as_vertices("inner", "J", J), **options)
+        self._solver = _core.InnerSolver(core, shape, as_vertices("inner", "J", J), **options)
 
     def fuse(self, frames) -> InnerFused:
         """One rest shape (n,3) for all frames.

@@ -1,11 +1,13 @@
 """Non-rigid registration of a template mesh to a scan."""
 
+from numbers import Number
+
 import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
-from .._core import InputError, NricpResult
-from .arrays import as_faces, as_floats, as_indices, as_vertices
+from .._core import NricpResult
+from .arrays import as_faces, as_floats, as_indices, as_sparse, as_vertices
 
 
 class NricpSolver:
@@ -80,8 +82,10 @@ def nricp(V, F, scan_V, scan_F, preset="standard", start=None, landmarks=None, *
 
 def _landmarks(landmarks):
     W, P, sigma = landmarks
-    W = sp.csr_matrix(W, dtype=np.float64)
-    if not np.isfinite(W.data).all():
-        raise InputError("nricp: landmarks W is not finite")
-    P = as_vertices("nricp", "landmarks P", P)
-    return W, P, as_floats("nricp", "landmarks sigma", np.atleast_1d(np.asarray(sigma, np.float64)), (None,))
+    if isinstance(sigma, (Number, np.ndarray)) and np.ndim(sigma) == 0:
+        sigma = [sigma]
+    return (
+        as_sparse("nricp", "landmarks W", W),
+        as_vertices("nricp", "landmarks P", P),
+        as_floats("nricp", "landmarks sigma", sigma, (None,)),
+    )
