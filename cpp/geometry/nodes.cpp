@@ -105,6 +105,14 @@ void GeodesicGraph::walk(int source, double reach, std::vector<double>& distance
     for (int v : touched) distance[v] = INFINITY;
 }
 
+double GeodesicGraph::median_length() const {
+    if (length_.empty()) return 0;
+    std::vector<double> lengths = length_;
+    const auto middle = lengths.begin() + static_cast<std::ptrdiff_t>(lengths.size() / 2);
+    std::nth_element(lengths.begin(), middle, lengths.end());
+    return *middle;
+}
+
 Cover cover(const GeodesicGraph& graph, double radius) {
     const auto n = static_cast<std::size_t>(graph.size());
     Cover out{{}, std::vector<int>(n, -1)};

@@ -18,6 +18,7 @@ public:
     void walk(int source, double reach, std::vector<double>& distance, Visit&& visit) const;
 
     int size() const { return static_cast<int>(start_.size()) - 1; }
+    double median_length() const;  ///< of edges and links, 0 without any
 
 private:
     std::vector<int> start_, to_;

@@ -381,7 +381,8 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
     for (std::size_t level = options.large_motion ? 0 : 1; level < options.radii.size(); ++level)
         if (options.iterations[level] > 0) {
             Samples samples = samples_of(s.V, s.N, surface, seen, options.detail[level]);
-            s.levels.push_back({level, {surface, options.radii[level], samples.vertex}, std::move(samples)});
+            const double radius = std::max(options.radii[level], 0.75 * surface.median_length());  // nodes must share vertices
+            s.levels.push_back({level, {surface, radius, samples.vertex}, std::move(samples)});
         }
     s.all.emplace(samples_of(s.V, s.N, surface, seen, 0));
     if (options.fine_iterations > 0) s.fine.emplace(s.V, F, area);
