@@ -27,7 +27,7 @@ def within(name, values, low, high):
 
 
 def rows(F):
-    return len(np.asarray(F))
+    return len(F) if np.iterable(F) else 0
 
 
 # --- operators and queries -----------------------------------------------------------------------------------------
