@@ -305,9 +305,11 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
     const InnerOptions& o = options_;
     for (double positive :
          {o.length, o.skin, o.out, o.prior, o.fit_scale, o.reach, o.shape_sigma, o.shape_observations, o.tolerance})
-        require(std::isfinite(positive) && positive > 0,
-                "inner: length, skin, out, prior, fit_scale, reach, tolerance and the shape's terms must be positive");
-    require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0 && std::isfinite(o.fit + o.gap + o.taper), "inner: fit, gap and taper must not be negative");
+        require(positive > 0 && positive <= 1e50,
+                "inner: length, skin, out, prior, fit_scale, reach, tolerance and the shape's terms must be positive, "
+                "up to 1e50");
+    require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0 && o.fit + o.gap + o.taper <= 1e50,
+            "inner: fit, gap and taper must not be negative, nor beyond 1e50");
     require(o.tightness >= 0 && o.tightness <= 1, "inner: tightness must lie in [0, 1]");
     require(o.rounds > 0 && o.max_iterations > 0, "inner: rounds and max_iterations must be positive");
     shape_.conservativeResizeLike(Vector::Zero(model_.shapes()));

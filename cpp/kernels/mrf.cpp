@@ -72,6 +72,8 @@ void check_input(const Matrix& unary, const Edges& edges, const Vector& weights,
     check_votes("forbid", options.forbid, unary);
     require(options.max_sweeps >= 0, "mrf: max_sweeps is negative");
     require(std::isfinite(options.vote_cost) && options.vote_cost >= 0, "mrf: vote_cost is negative or not finite");
+    const Eigen::Index votes = (options.prefer.rows() + options.forbid.rows() + 1) * unary.cols();
+    require(std::isfinite(options.vote_cost * static_cast<double>(votes)), "mrf: the sum of vote_cost overflows");
 }
 
 /// The energy, and moves that lower it.

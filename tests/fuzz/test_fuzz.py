@@ -57,7 +57,7 @@ def test_topology_refuses_indices_that_no_vertex_has(bad):
 
 def test_closest_points_are_found_from_any_distance():
     index = kernels.SurfaceIndex(1e-9 * V, F)
-    far = np.array([[1e25, 2e25, -1e25], [1e12, 0, 0]])
+    far = np.array([[1e40, 2e40, -1e40], [1e12, 0, 0]])
     face, point, _, distance = index.closest(far)
     assert (face >= 0).all() and np.allclose(distance, np.linalg.norm(far, axis=1)) and (np.abs(point) <= 1e-9).all()
 
@@ -105,6 +105,14 @@ def test_cloth_behind_an_open_body_of_one_face_is_answered():
 def test_mrf_refuses_costs_whose_sum_overflows():
     with pytest.raises(InputError, match="sum of unary overflows"):
         kernels.mrf(np.full((4, 2), 1e308), np.zeros((0, 2), int), np.zeros(0))
+    with pytest.raises(InputError, match="sum of vote_cost overflows"):
+        kernels.mrf(np.zeros((4, 2)), np.zeros((0, 2), int), np.zeros(0), prefer=[(0, 1), (0, 0)], vote_cost=1e308)
+
+
+@pytest.mark.parametrize("option", ["gap", "taper", "length", "reach"])
+def test_inner_refuses_lengths_whose_squares_overflow(option):
+    with pytest.raises(InputError, match="up to 1e50|beyond 1e50"):
+        kernels.InnerSolver(sound_body(), **{option: 1e308})
 
 
 @pytest.mark.parametrize("name", ["v_template", "f", "weights_idx", "weights_val", "shapedirs", "J_shapedirs", "keypoint_joint"])

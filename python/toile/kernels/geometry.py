@@ -81,7 +81,7 @@ class SurfaceIndex:
 
     def closest(self, points, radius=np.inf):
         """-> face (k,) int32, -1 beyond `radius` [m]; point (k,3); barycentric (k,3); distance (k,) [m]."""
-        return self._index.closest(as_vertices("closest", "points", points), min(float(radius), 1e30))
+        return self._index.closest(as_vertices("closest", "points", points), float(radius))
 
     def occluded(self, origins, directions, near=0.0, far=np.inf):
         """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""
