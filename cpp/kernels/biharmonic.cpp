@@ -66,7 +66,8 @@ std::string scientific(double value) {
 BiharmonicSolver::BiharmonicSolver(const Vertices& V, const Faces& F_all, const Indices& known,
                                    const BiharmonicOptions& options)
     : options_(options), n_(V.rows()), known_(known.begin(), known.end()) {
-    require(options.accuracy > 0, "biharmonic: accuracy is " + scientific(options.accuracy) + ", expected more than 0");
+    require(options.accuracy > 0 && options.accuracy <= 1,
+            "biharmonic: accuracy is " + scientific(options.accuracy) + ", expected more than 0, at most 1");
     require(options.refinements >= 0, "biharmonic: refinements is negative");
     check_mesh("biharmonic", V, F_all);
     check_known(known, V.rows());

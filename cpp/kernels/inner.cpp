@@ -357,6 +357,7 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
     out.bounded = (e.room.array() < kNone).count();
     out.factorisations = system.factorisations();
     check_solved("inner", "rest", out.rest);
+    check_solved("inner", "energy", Eigen::Map<const Vector>(out.energy.data(), out.iterations));
     return out;
 }
 
@@ -388,6 +389,7 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     out.energy = fitted.energy;
     out.factorisations = system.factorisations();
     check_solved("inner", "V", out.V);
+    check_solved("inner", "energy", Eigen::Map<const Vector>(out.energy.data(), out.iterations));
     return out;
 }
 

@@ -229,7 +229,7 @@ def draw_biharmonic(d):
     D = d.layout(d.values(d.rng.normal(0, d.size(), (len(known), 3))))
     V, F = d.dressed(V, F)
     known = d.layout(d.indices(known))
-    return {"V": V, "F": F, "known": known, "D": D, "options": d.options(accuracy=(1e-16, 1e2), refinements=range(0, 10))}
+    return {"V": V, "F": F, "known": known, "D": D, "options": d.options(accuracy=(1e-16, 1), refinements=range(0, 10))}
 
 
 def run_biharmonic(V, F, known, D, options):

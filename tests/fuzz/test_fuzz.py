@@ -109,6 +109,18 @@ def test_mrf_refuses_costs_whose_sum_overflows():
         kernels.mrf(np.zeros((4, 2)), np.zeros((0, 2), int), np.zeros(0), prefer=[(0, 1), (0, 0)], vote_cost=1e308)
 
 
+def test_ragged_costs_and_wordy_counts_are_refused():
+    with pytest.raises(InputError, match="mrf: pairwise is not an array"):
+        kernels.mrf(np.zeros((4, 2)), np.zeros((0, 2), int), np.zeros(0), [[0, 1], [1]])
+    with pytest.raises(TypeError):
+        kernels.SkeletonSolver(sound_body(), **SIGMAS).solve_shared([], "x")
+
+
+def test_biharmonic_refuses_an_accuracy_that_asks_for_nothing():
+    with pytest.raises(InputError, match="biharmonic: accuracy is inf"):
+        kernels.BiharmonicSolver(V, F, [0, 1], accuracy=np.inf)
+
+
 @pytest.mark.parametrize("option", ["gap", "taper", "length", "reach"])
 def test_inner_refuses_lengths_whose_squares_overflow(option):
     with pytest.raises(InputError, match="up to 1e50|beyond 1e50"):

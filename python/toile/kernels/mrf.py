@@ -33,13 +33,13 @@ def mrf(unary, edges, weights, pairwise=None, start=None, prefer=(), forbid=(), 
         edges = np.zeros((0, 2), dtype=np.int32)
     if pairwise is None:
         pairwise = np.zeros((0, 0))
-    elif np.size(pairwise) == 0:
+    elif (pairwise := as_floats("mrf", "pairwise", pairwise, (None, None))).size == 0:
         raise _core.InputError("mrf: pairwise is empty")
     return _core.mrf(
         unary,
         as_faces("mrf", "edges", edges, width=2),
         as_floats("mrf", "weights", weights, (None,)),
-        as_floats("mrf", "pairwise", pairwise, (None, None)),
+        pairwise,
         start=np.zeros(0, dtype=np.int32) if start is None else as_indices("mrf", "start", start),
         prefer=_as_votes("prefer", prefer),
         forbid=_as_votes("forbid", forbid),

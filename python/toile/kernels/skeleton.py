@@ -1,5 +1,7 @@
 """Pose and shape of a body model from a scan, 3D keypoints and earlier frames."""
 
+import operator
+
 import numpy as np
 
 from .. import _core
@@ -94,7 +96,7 @@ class SkeletonSolver:
 
         Each round eliminates every frame's pose from its normal equations and steps the shape by their sum.
         """
-        return self._solver.solve_shared([self._frame(**frame) for frame in frames], int(rounds))
+        return self._solver.solve_shared([self._frame(**frame) for frame in frames], operator.index(rounds))
 
     def _frame(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None):
         has_scan = scan_F is not None and len(scan_F)
