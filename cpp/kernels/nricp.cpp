@@ -14,6 +14,7 @@
 #include "geometry/laplacian.h"
 #include "geometry/nodes.h"
 #include "geometry/weld.h"
+#include "kernels/nricp_check.h"
 #include "kernels/nricp_fine.h"
 #include "kernels/nricp_graph.h"
 #include "kernels/nricp_match.h"
@@ -59,98 +60,6 @@ Vector visible_vertices(const Vertices& V, const Faces& F, const Vertices& norma
         visible[v] = free >= enough;
     });
     return visible.sum() > 0 ? visible : Vector::Ones(V.rows());
-}
-
-constexpr double largest = 1e30;  // powers of lengths must stay within the range of doubles
-
-void check_size(const char* name, const Vertices& V) {
-    for (Eigen::Index i = 0; i < V.rows(); ++i)
-        if (!(V.row(i).cwiseAbs().maxCoeff() <= largest))
-            throw InputError(std::string("nricp: ") + name + "[" + to_string(i) + "] lies beyond 1e30");
-}
-
-void check_options(const NricpOptions& o) {
-    const std::size_t levels = o.radii.size();
-    require(levels > 0, "nricp: radii is empty");
-    const auto fits = [&](const auto& values, const char* name) {
-        require(values.size() == levels, std::string("nricp: ") + name + " has " + to_string(values.size()) +
-                                             " entries, radii has " + to_string(levels));
-        for (std::size_t i = 0; i < values.size(); ++i)
-            require(values[i] >= 0 && std::isfinite(values[i]),
-                    std::string("nricp: ") + name + "[" + to_string(i) + "] is not a number >= 0");
-    };
-    const auto positive = [&](const std::vector<double>& values, const char* name) {
-        fits(values, name);
-        for (std::size_t i = 0; i < levels; ++i)
-            require(values[i] > 0, std::string("nricp: ") + name + "[" + to_string(i) + "] is not positive");
-    };
-    const auto scale = [&](const std::vector<double>& values, const char* name) {
-        positive(values, name);
-        for (std::size_t i = 0; i < levels; ++i)
-            require(values[i] >= 1e-12 && values[i] <= 1e12,
-                    std::string("nricp: ") + name + "[" + to_string(i) + "] lies outside of 1e-12 to 1e12");
-    };
-    positive(o.radii, "radii");
-    fits(o.iterations, "iterations");
-    positive(o.stiffness_start, "stiffness_start");
-    positive(o.stiffness_end, "stiffness_end");
-    scale(o.robust_start, "robust_start");
-    scale(o.robust_end, "robust_end");
-    fits(o.reverse, "reverse");
-    fits(o.spread, "spread");
-    fits(o.detail, "detail");
-    const std::pair<const char*, double> shares[]{
-        {"phong", o.phong}, {"point_weight", o.point_weight}, {"boundary_weight", o.boundary_weight},
-        {"rotation_weight", o.rotation_weight}, {"min_overlap", o.min_overlap}, {"exposure", o.exposure},
-        {"fine_noise", o.fine_noise}};
-    for (const auto& [name, value] : shares)
-        require(value >= 0 && std::isfinite(value), std::string("nricp: ") + name + " is not a number >= 0");
-    require(o.passes > 0, "nricp: passes is not positive");
-    require(o.fine_robust >= 1e-12 && o.fine_robust <= 1e12, "nricp: fine_robust lies outside of 1e-12 to 1e12");
-    require(o.fine_length > 0 && o.fine_length <= 1e12, "nricp: fine_length is not in 0 to 1e12");
-    require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
-}
-
-void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& options) {
-    check_mesh("nricp", f.V, f.F, "scan_V", "scan_F");
-    check_size("scan_V", f.V);
-    if (f.start.rows() > 0) {
-        require(f.start.rows() == n, "nricp: start has " + to_string(f.start.rows()) + " rows, V has " + to_string(n));
-        check_points("nricp", "start", f.start);
-    }
-    const auto& [W, P, sigma] = f.landmarks;
-    const Eigen::Index k = W.rows();
-    if (k > 0)
-        require(W.cols() == n,
-                "nricp: landmarks W has " + to_string(W.cols()) + " columns, V has " + to_string(n) + " rows");
-    require(P.rows() == k, "nricp: landmarks P has " + to_string(P.rows()) + " rows, W has " + to_string(k));
-    if (k > 0) check_points("nricp", "landmarks P", P);
-    require(k == 0 || sigma.size() == 1 || sigma.size() == k,
-            "nricp: landmarks sigma has " + to_string(sigma.size()) + " entries, W has " + to_string(k) + " rows");
-    for (Eigen::Index i = 0; i < sigma.size(); ++i)
-        require(sigma[i] > 0 && std::isfinite(sigma[i]),
-                "nricp: landmarks sigma[" + to_string(i) + "] is not positive");
-    for (Eigen::Index i = 0; i < k; ++i) {
-        double sum = 0, least = 0;
-        for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator r(W, i); r; ++r) {
-            require(r.col() >= 0 && r.col() < n,
-                    "nricp: landmarks W[" + to_string(i) + "] holds vertex " + to_string(r.col()));
-            sum += r.value();
-            least = std::min(least, r.value());
-        }
-        require(std::abs(sum - 1) < 1e-6 && least >= 0,
-                "nricp: landmarks W[" + to_string(i) + "] is not a convex combination (weights >= 0 with sum 1)");
-    }
-    for (std::size_t l = 0; l < f.loops.size(); ++l) {
-        const std::string name = "boundary[" + to_string(l) + "]";
-        check_indices("nricp", name + " vertices", f.loops[l].vertices, n);
-        require(f.loops[l].polyline.rows() > 1, "nricp: " + name + " polyline has fewer than 2 points");
-        check_points("nricp", name + " polyline", f.loops[l].polyline);
-    }
-    require(f.labels.size() == 0 || f.labels.size() == f.F.rows(),
-            "nricp: scan_labels has " + to_string(f.labels.size()) + " entries, scan_F has " + to_string(f.F.rows()));
-    require(f.labels.size() == 0 || !options.labels.empty(),
-            "nricp: scan_labels given, but the option `labels` names no valid one");
 }
 
 }  // namespace
@@ -373,7 +282,7 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
         for (int c = 0; c < 3; ++c) sum += V.row(F(f, c)) - V.row(F(0, 0));
     s.middle = (V.row(F(0, 0)) + sum / (3.0 * F.rows())).transpose();
     s.size = std::sqrt(face_areas(V.rowwise() - s.middle.transpose(), F).sum());
-    require(s.size > 1 / largest, "nricp: the faces F of V have no area");
+    require(s.size > 1 / largest_length, "nricp: the faces F of V have no area");
     s.V = s.into(V);
     s.N = vertex_normals(s.V, F);
     const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
