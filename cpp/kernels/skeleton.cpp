@@ -48,6 +48,14 @@ Step descend(const Problem& problem, BodyState& state, double& damping, System& 
     return {0, system.energy};
 }
 
+/// Of the vertices that faces use.
+Eigen::AlignedBox3d scan_box(const SkeletonFrame& f) {
+    Eigen::AlignedBox3d box;
+    for (Eigen::Index i = 0; i < f.scan_F.rows(); ++i)
+        for (int c = 0; c < 3; ++c) box.extend(Vec3(f.scan_V.row(f.scan_F(i, c))));
+    return box;
+}
+
 /// Rotation and translation of the root that take the model's keypoints at rest to the observed ones (Kabsch 1976).
 void place_rigidly(const BodyModel& model, const SkeletonFrame& frame, BodyState& state) {
     const auto& kp = frame.keypoints;
@@ -55,8 +63,8 @@ void place_rigidly(const BodyModel& model, const SkeletonFrame& frame, BodyState
     const Vec3 root = body.joint(0);
     if (kp.index.size() == 0) {
         const Vertices Y = body.vertices();
-        state.translation += (0.5 * (frame.scan_V.colwise().minCoeff() + frame.scan_V.colwise().maxCoeff()) -
-                              0.5 * (Y.colwise().minCoeff() + Y.colwise().maxCoeff())).transpose();
+        state.translation += scan_box(frame).center() -
+                             0.5 * (Y.colwise().minCoeff() + Y.colwise().maxCoeff()).transpose();
         return;
     }
     Vertices P(kp.index.size(), 3);
@@ -106,11 +114,26 @@ void check_pose(const std::string& name, const SkeletonPose& pose, const BodyMod
                                                      std::to_string(model.shapes()));
 }
 
+/// The model is in metres: a scan in kilometres would lie within reach of some vertex and match it.
+void check_span(const SkeletonFrame& f, const BodyModel& model) {
+    const Eigen::AlignedBox3d box = scan_box(f);
+    Eigen::AlignedBox3d body;
+    for (Eigen::Index v = 0; v < model.v_template.rows(); ++v) body.extend(Vec3(model.v_template.row(v)));
+    constexpr double least = 0.02, largest = 1e9;
+    require(box.diagonal().norm() >= least * body.diagonal().norm(),
+            "skeleton: the faces of scan_V span less than a fiftieth of the model; are its units metres?");
+    require(box.min().cwiseAbs().maxCoeff() <= largest && box.max().cwiseAbs().maxCoeff() <= largest,
+            "skeleton: the faces of scan_V reach beyond 1e9 m");
+}
+
 void check_frame(const SkeletonFrame& f, const BodyModel& model) {
     const auto& kp = f.keypoints;
     require(f.scan_F.rows() > 0 || kp.index.size() > 0,
             "skeleton: neither scan_F nor keypoints hold anything to fit to");
+    require(f.scan_F.rows() > 0 || f.scan_V.rows() == 0,
+            "skeleton: scan_F is empty, scan_V has " + std::to_string(f.scan_V.rows()) + " rows");
     if (f.scan_F.rows() > 0) check_mesh("skeleton", f.scan_V, f.scan_F, "scan_V", "scan_F");
+    if (f.scan_F.rows() > 0) check_span(f, model);
     require(kp.index.size() == kp.points.rows() && kp.index.size() == kp.sigma.size(),
             "skeleton: keypoints have " + std::to_string(kp.index.size()) + " indices, " +
                 std::to_string(kp.points.rows()) + " points, " + std::to_string(kp.sigma.size()) + " sigmas");

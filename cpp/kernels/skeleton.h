@@ -48,7 +48,7 @@ struct SkeletonPose {
 struct SkeletonKeypoints {
     Indices index;
     Vertices points;  ///< [m]
-    Vector sigma;     ///< [m]
+    Vector sigma;     ///< [m], under a millimetre it counts as one
 };
 
 struct SkeletonFrame {

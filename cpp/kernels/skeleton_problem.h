@@ -8,6 +8,7 @@
 #include "base/parallel.h"
 #include "geometry/closest.h"
 #include "geometry/laplacian.h"
+#include "geometry/weld.h"
 #include "kernels/skeleton.h"
 
 namespace toile::skeleton {
@@ -42,7 +43,8 @@ inline double robust_weight(double r2, double c) { return 1 / ((1 + r2 / (c * c)
 
 class ScanSurface {
 public:
-    ScanSurface(const Vertices& V, const Faces& F) : index_(V, F), normals_(vertex_normals(V, F)) {}
+    ScanSurface(const Vertices& V, const Faces& F)
+        : index_(V, distinct_faces(F, V.rows())), normals_(vertex_normals(V, index_.faces())) {}
 
     /// Matches of samples within `reach` whose normals agree up to the scan's orientation, in order of the samples.
     std::vector<Match> match(const Vertices& Y, const Vertices& model_normals, const Indices& samples, double reach,
@@ -158,7 +160,7 @@ public:
         const Eigen::Index n = frame_.keypoints.index.size();
         double sum = 0;
         for (Eigen::Index i = 0; i < n; ++i)
-            sum += (frame_.keypoints.sigma[i] * keypoint_residual(body, i)).squaredNorm();
+            sum += (keypoint_sigma(i) * keypoint_residual(body, i)).squaredNorm();
         return n ? std::sqrt(sum / static_cast<double>(n)) : 0;
     }
 
@@ -204,6 +206,9 @@ private:
         sum.squares += d * d;
     }
 
+    /// No keypoint is exact to less: a smaller sigma would make each an outlier of the first guess.
+    double keypoint_sigma(Eigen::Index i) const { return std::max(frame_.keypoints.sigma[i], 1e-3); }
+
     /// (k_i - p_i) / sigma_i.
     Vec3 keypoint_residual(const PosedBody& body, Eigen::Index i) const {
         const BodyKeypoint& k = model_.keypoints[static_cast<std::size_t>(frame_.keypoints.index[i])];
@@ -211,7 +216,7 @@ private:
         if (k.joint >= 0) y = body.joint(k.joint);
         else
             for (std::size_t j = 0; j < k.vertices.size(); ++j) y += k.weights[j] * body.vertex(k.vertices[j]);
-        return (y - frame_.keypoints.points.row(i).transpose()) / frame_.keypoints.sigma[i];
+        return (y - frame_.keypoints.points.row(i).transpose()) / keypoint_sigma(i);
     }
 
     void add_keypoint(const PosedBody& body, Eigen::Index i, BodyGradient& gradient, System& sum) const {
@@ -220,7 +225,7 @@ private:
         const double w = robust_weight(r.squaredNorm(), keypoint_robust);
         sum.energy += robust_value(r.squaredNorm(), keypoint_robust);
         for (int c = 0; c < 3; ++c) {
-            const Vec3 direction = Vec3::Unit(c) / frame_.keypoints.sigma[i];
+            const Vec3 direction = Vec3::Unit(c) / keypoint_sigma(i);
             gradient.clear();
             if (k.joint >= 0) body.add_joint(k.joint, direction, gradient);
             else

@@ -100,7 +100,7 @@ class SkeletonSolver:
 
     def _frame(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None):
         has_scan = scan_F is not None and len(scan_F)
-        V = as_vertices("skeleton", "scan_V", scan_V) if has_scan else np.zeros((0, 3))
+        V = np.zeros((0, 3)) if scan_V is None else as_vertices("skeleton", "scan_V", scan_V)
         F = as_faces("skeleton", "scan_F", scan_F) if has_scan else np.zeros((0, 3), np.int32)
         index, points, sigma = self._keypoints(keypoints)
         clothed = (
