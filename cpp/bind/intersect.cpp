@@ -1,6 +1,7 @@
 #include "geometry/intersect.h"
 
 #include "bind/common.h"
+#include "geometry/weld.h"
 #include "geometry/winding.h"
 
 namespace toile::bind {
@@ -16,7 +17,8 @@ Vector winding_numbers(const Vertices& points, const Vertices& V, const Faces& F
 Vector signed_distances(const Vertices& points, const Vertices& V, const Faces& F) {
     check_points("signed_distance", "points", points);
     check_mesh("signed_distance", V, F);
-    return signed_distance(points, SurfaceIndex(V, F), WindingNumber(V, F));
+    const Faces once = distinct_faces(F, V.rows());
+    return signed_distance(points, SurfaceIndex(V, F), WindingNumber(V, once));
 }
 
 }  // namespace

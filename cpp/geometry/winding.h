@@ -1,6 +1,7 @@
 // Inside or outside, for meshes that intersect themselves, overlap or have holes: generalized winding numbers
 // (Jacobson et al. 2013), far faces summed over a tree by their first two moments (Barill et al. 2018).
 #pragma once
+#include <cmath>
 #include <vector>
 
 #include "base/types.h"
@@ -36,7 +37,7 @@ class WindingNumber {
 public:
     WindingNumber(const Vertices& V, const Faces& F) : tree_(V, F), moments_(tree_) {}
     double at(const Vec3& p) const { return moments_.at(tree_, p); }
-    bool inside(const Vec3& p) const { return at(p) > 0.5; }
+    bool inside(const Vec3& p) const { return std::abs(at(p)) > 0.5; }  ///< faces may all look inwards
 
 private:
     BoxTree tree_;
@@ -45,7 +46,7 @@ private:
 
 Vector winding_numbers(const Vertices& points, const WindingNumber& winding);  ///< parallel
 
-/// Distance to the surface [m], negative inside (winding number above 1/2). Where the mesh overlaps itself the distance
+/// Distance to the surface [m], negative inside (winding number beyond 1/2, either way). Where the mesh overlaps itself the distance
 /// is to the nearest face, which may lie inside the solid.
 Vector signed_distance(const Vertices& points, const SurfaceIndex& index, const WindingNumber& winding);
 

@@ -10,8 +10,7 @@ import pytest
 
 from toile.kernels import BiharmonicSolver, InputError, SolveError, biharmonic
 
-from .test_nricp import both_sides, copies, far_component, flipped, isolated, non_manifold, seam, some_faces_twice, soup
-from .test_nricp import all_faces_twice, needles as needles_on_every_tenth, tenth_flipped
+from . import ugly
 
 AFFINE = np.array([[0.3, -0.2, 0.1], [0.05, 0.4, -0.3], [0.7, 0.2, 0.6]])
 
@@ -154,8 +153,8 @@ def test_biharmonic_solved_on_a_tube_far_from_the_origin(offset, most):
 
 
 @pytest.mark.parametrize("spoil, most", [
-    (zero_area, 1e-9), (isolated, 1e-9), (some_faces_twice, 1e-9), (all_faces_twice, 1e-9), (both_sides, 1e-9),
-    (flipped, 1e-9), (tenth_flipped, 1e-9), (needles_on_every_tenth, 1e-5), (flat_caps, 1e-2), (non_manifold, 3e-2),
+    (zero_area, 1e-9), (ugly.isolated, 1e-9), (ugly.some_faces_twice, 1e-9), (ugly.all_faces_twice, 1e-9), (ugly.both_sides, 1e-9),
+    (ugly.flipped, 1e-9), (ugly.tenth_flipped, 1e-9), (ugly.needles, 1e-5), (flat_caps, 1e-2), (ugly.non_manifold, 3e-2),
 ])  # fmt: skip
 def test_biharmonic_solved_on_an_ugly_tube(spoil, most):
     V, F, known, D = tube()
@@ -164,7 +163,7 @@ def test_biharmonic_solved_on_an_ugly_tube(spoil, most):
 
 def test_biharmonic_solved_beside_a_component_of_its_own():
     V, F, known, D = tube()
-    far_V, far_F = far_component(V, F)
+    far_V, far_F = ugly.far_component(V, F)
     x = biharmonic(far_V, far_F, np.r_[known, len(V)], np.vstack([D, [[1.0, 2, 3]]]))
     assert error(x, biharmonic(V, F, known, D)) < 1e-9
     np.testing.assert_allclose(x[len(V) :], np.tile([1.0, 2, 3], (len(V), 1)), atol=1e-9)
@@ -180,7 +179,7 @@ def test_biharmonic_solved_on_a_sheet_full_of_holes():
     np.testing.assert_array_equal(D[used], 1)
 
 
-@pytest.mark.parametrize("spoil", [seam, soup, copies, far_component])
+@pytest.mark.parametrize("spoil", [ugly.seam, ugly.soup, ugly.copies, ugly.far_component])
 def test_biharmonic_refuses_a_part_without_a_known_vertex(spoil):
     V, F, known, D = tube()
     with pytest.raises(InputError, match="biharmonic: known has no vertex in component [0-9]+ "):

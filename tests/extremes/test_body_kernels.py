@@ -9,7 +9,8 @@ import pytest
 from toile.io.body import load_body_model
 from toile.kernels import InnerSolver, InputError, SkeletonSolver
 
-from .test_nricp import HOLES, UGLY, isolated, put
+from .test_nricp import put
+from .ugly import HOLES, UGLY, isolated
 
 
 @pytest.fixture(scope="module")

@@ -228,3 +228,33 @@ def test_empty_meshes_and_indices_out_of_range_are_refused():
             kernels.untangle(V, F, body_V, bad)
         with pytest.raises(kernels.InputError, match=rf"signed_distance: F\[9\] holds vertex {index}"):
             kernels.signed_distance(V, body_V, bad)
+
+
+def test_a_body_whose_faces_are_all_listed_twice_is_solved_alike():
+    from .ugly import all_faces_twice, some_faces_twice
+
+    V, F, body_V, body_F = shell()
+    clean = kernels.untangle(V, F, body_V, body_F).V
+    for spoil in (all_faces_twice, some_faces_twice):
+        result = kernels.untangle(V, F, *spoil(body_V, body_F))
+        assert result.stop == "clear" and np.abs(result.V - clean).max() < 1e-3
+
+
+@pytest.mark.xfail(strict=True, reason="winding numbers of a face and its reverse cancel: nothing is inside, and nothing moves")
+def test_a_body_of_faces_and_their_reverses_is_solved():
+    from .ugly import both_sides
+
+    V, F, body_V, body_F = shell()
+    result = kernels.untangle(V, F, *both_sides(body_V, body_F))
+    assert_solved(result, F, body_V, body_F)
+
+
+@pytest.mark.parametrize("spoil", ["fins", "faces turned about"])
+def test_a_body_that_cannot_be_cleared_is_said(spoil):
+    """Fins that stick out of the body through the cloth; a tenth of the faces that look inwards."""
+    from .ugly import tenth_flipped
+
+    V, F, body_V, body_F = shell()
+    result = kernels.untangle(V, F, *(non_manifold if spoil == "fins" else tenth_flipped)(body_V, body_F))
+    assert result.stop != "clear" and result.reason and result.intersections_left > 0
+    assert np.isfinite(result.V).all()

@@ -34,7 +34,7 @@ def winding_number(points, V, F):
 def signed_distance(points, V, F):
     """Distance (k,) [m] of points (k,3) to the surface, negative inside.
 
-    Inside is a winding number above 1/2, so meshes that overlap themselves or have holes are no obstacle. There the
+    Inside is a winding number beyond 1/2 either way, so faces may all look inwards, and meshes that overlap themselves or have holes are no obstacle. There the
     distance is still to the nearest face, which may lie within the solid.
     """
     name = "signed_distance"
