@@ -285,6 +285,7 @@ MrfResult mrf(const Matrix& unary, const Edges& edges, const Vector& weights, co
     result.unary_energy = field.unary_energy();
     result.pairwise_energy = field.pairwise_energy();
     result.energy = result.unary_energy + result.pairwise_energy;
+    check_solved("mrf", "energy", Matrix::Constant(1, 1, result.energy));
     return result;
 }
 

@@ -107,6 +107,8 @@ def test_mrf_refuses_costs_whose_sum_overflows():
         kernels.mrf(np.full((4, 2), 1e308), np.zeros((0, 2), int), np.zeros(0))
     with pytest.raises(InputError, match="sum of vote_cost overflows"):
         kernels.mrf(np.zeros((4, 2)), np.zeros((0, 2), int), np.zeros(0), prefer=[(0, 1), (0, 0)], vote_cost=1e308)
+    with pytest.raises(SolveError, match="energy of the answer"):  # votes cut both edges
+        kernels.mrf(np.zeros((4, 2)), [[0, 1], [2, 3]], [1e308, 1e308], prefer=[(0, 0), (1, 1), (2, 0), (3, 1)])
 
 
 def test_ragged_costs_and_wordy_counts_are_refused():
