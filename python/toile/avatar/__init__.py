@@ -1,0 +1,1 @@
+"""Layered codec avatars: networks, differentiable rendering and their training on a registered run (needs `toile[avatar]`)."""
