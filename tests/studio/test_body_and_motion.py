@@ -89,7 +89,7 @@ def test_bvh_limbs_take_the_files_bone_directions(body, tmp_path):
 
 @pytest.mark.parametrize("text", ["", "HIERARCHY\nMOTION\n", BVH % 2 + "1 2 3\n", BVH % 1 + "nan " * 15])
 def test_broken_bvh_is_refused_with_its_name(tmp_path, text):
-    from toile.studio.bvh import read_bvh
+    from toile.io.bvh import read_bvh
 
     path = tmp_path / "broken.bvh"
     path.write_text(text)

@@ -1,250 +1,40 @@
-"""Motion from BVH files (y up, facing +z, as CMU's), retargeted by joint names onto anny."""
+"""Motion from a BVH file, kept to what the studio can dress and picture."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 
+from ..io import bvh as io
 from ..scene import CaptureError
+from .body import ACTIONS
+from .motion import FPS, Motion
 
-MAX_BYTES = 200_000_000
 TRAVEL = 0.4  # m: the path on the floor is bent into a circle of this radius, to stay inside the rig
-LOWERING = 18.0  # degrees below the A-pose at most: beyond, the skin of arm and trunk meets with the shirt between
-TO_OURS = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x left, y up, z front -> x left, y back, z up
-
-JOINTS = {  # anny joint -> names that BVH files use, lower case
-    "root": ("hips", "hip", "pelvis"),
-    "spine04": ("spine", "lowerback", "abdomen"),
-    "spine02": ("spine1", "chest", "spine2"),
-    "neck01": ("neck1", "neck"),
-    "head": ("head",),
-    "clavicle": ("shoulder", "collar"),
-    "upperarm01": ("arm", "shldr", "upperarm"),
-    "lowerarm01": ("forearm", "lowerarm"),
-    "wrist": ("hand",),
-    "upperleg01": ("upleg", "thigh", "upperleg"),
-    "lowerleg01": ("leg", "shin", "lowerleg"),
-    "foot": ("foot",),
-}
-BONES = {"upperarm01": "lowerarm01", "lowerarm01": "wrist", "upperleg01": "lowerleg01", "lowerleg01": "foot"}
-ENDS = {"wrist": "lowerarm01", "foot": "lowerleg01"}  # end joints follow their limb
-SIDED = tuple(JOINTS)[5:]
-
-
-@dataclass(frozen=True)
-class Bvh:
-    names: tuple[str, ...]
-    parents: tuple[int, ...]
-    offsets: np.ndarray  # (j,3)
-    rotations: np.ndarray  # (T,j,3,3) world rotations
-    root: np.ndarray  # (T,3)
-    frame_time: float  # s
-
-
-def read_bvh(path):
-    """Parses a BVH file; CaptureError names the file and what is wrong."""
-    path = Path(path)
-    if not path.is_file():
-        raise CaptureError(f"{path}: no such motion file")
-    if path.stat().st_size > MAX_BYTES:
-        raise CaptureError(f"{path}: larger than {MAX_BYTES} bytes")
-    head, found, tail = path.read_text(errors="replace").partition("MOTION")
-    if not found or "HIERARCHY" not in head:
-        raise CaptureError(f"{path}: not a BVH file, HIERARCHY or MOTION is missing")
-    try:
-        names, parents, offsets, channels = hierarchy(head.split())
-        words = tail.split()
-        count, frame_time = int(words[1]), float(words[4])
-        values = np.array(words[5:], dtype=np.float64)
-        width = sum(map(len, channels))
-        if count < 1 or not frame_time > 0 or len(values) != count * width or not np.isfinite(values).all():
-            raise ValueError(f"{len(values)} numbers for {count} frames of {width} channels")
-    except (ValueError, IndexError, KeyError) as reason:
-        raise CaptureError(f"{path}: broken BVH: {reason}") from reason
-    rotations, root = play(values.reshape(count, width), parents, channels)
-    return Bvh(names, parents, offsets, rotations, root, frame_time)
-
-
-def hierarchy(words):
-    """Joint names, parents, offsets (j,3) and channel names from the HIERARCHY section."""
-    names, parents, offsets, channels, stack = [], [], [], [], []
-    i, ending = 0, False
-    while i < len(words):
-        word = words[i]
-        if word in ("ROOT", "JOINT"):
-            names.append(words[i + 1])
-            parents.append(stack[-1] if stack else -1)
-            channels.append([])
-            i += 2
-        elif word == "End":
-            ending = True
-            i += 2
-        elif word == "{":
-            stack.append(len(names) - 1)
-            i += 1
-        elif word == "}":
-            stack.pop()
-            ending = False
-            i += 1
-        elif word == "OFFSET":
-            if not ending:
-                offsets.append([float(w) for w in words[i + 1 : i + 4]])
-            i += 4
-        elif word == "CHANNELS":
-            n = int(words[i + 1])
-            channels[-1] = words[i + 2 : i + 2 + n]
-            i += 2 + n
-        else:
-            i += 1
-    return tuple(names), tuple(parents), np.array(offsets), channels
-
-
-def play(values, parents, channels):
-    """World rotations (T,j,3,3) and root positions (T,3)."""
-    from scipy.spatial.transform import Rotation
-
-    T = len(values)
-    world, root, at = np.empty((T, len(parents), 3, 3)), np.zeros((T, 3)), 0
-    for j, names in enumerate(channels):
-        local = np.broadcast_to(np.eye(3), (T, 3, 3))
-        for name in names:
-            axis = "XYZ".index(name[0].upper())
-            if name.endswith("position"):
-                root[:, axis] += values[:, at] * (parents[j] < 0)
-            else:
-                local = local @ Rotation.from_rotvec(np.radians(values[:, at, None]) * np.eye(3)[axis]).as_matrix()
-            at += 1
-        world[:, j] = local if parents[j] < 0 else world[:, parents[j]] @ local
-    return world, root
-
-
-def matches(bvh):
-    """anny joint -> BVH joint index, and the anny joints that the file lacks."""
-    plain = {n.lower().replace("_", "").replace(":", ""): i for i, n in reversed(list(enumerate(bvh.names)))}
-    found, missing = {}, []
-    for joint, names in JOINTS.items():
-        for side, words in (("L", ("left", "l")), ("R", ("right", "r"))) if joint in SIDED else ((None, ("",)),):
-            keys = [w + n for n in names for w in words]
-            hit = next((plain[k] for k in keys if k in plain), None)
-            full = joint if side is None else f"{joint}.{side}"
-            if hit is None:
-                missing.append(full)
-            else:
-                found[full] = hit
-    return found, missing
+LOWERING = np.radians(18)  # below the A-pose at most: beyond, the skin of arm and trunk meets with the shirt between
 
 
 def bvh_motion(path, body, frames):
     """The first `frames` frames at the studio's rate, from the first that is not a lone calibration pose."""
     from scipy.spatial.transform import Rotation
 
-    from .body import ACTIONS
-    from .motion import FPS, Motion
-
-    bvh = read_bvh(path)
-    found, missing = matches(bvh)
+    bvh = io.read_bvh(path)
+    found, missing = io.matches(bvh)
     if "root" not in found:
         raise CaptureError(f"{path}: no joint named like Hips")
-    start = 1 if len(bvh.root) > 1 and turn(bvh.rotations[0], bvh.rotations[1]).max() > np.radians(15) else 0
-    step = 1 / (FPS * bvh.frame_time)
+    start, step = io.starts_at(bvh), 1 / (FPS * bvh.frame_time)
     pick = start + np.rint(np.arange(frames) * step).astype(int)
     if pick[-1] >= len(bvh.root):
         have = int((len(bvh.root) - 1 - start) / step) + 1
         raise CaptureError(f"{path}: {have} frames at {FPS:g} fps, {frames} are needed with the ramp")
-    world = TO_OURS @ bvh.rotations[pick] @ TO_OURS.T
-    world = without_heading(world, found["root"])
-    R = retarget(world, bvh, body, found)
+    R = io.retarget(io.facing(bvh, pick, found), bvh, body.model, body.J, found, LOWERING)
     local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(frames, -1, 3)
-    root = floor_path(bvh, pick, body, found)
+    root = bent(io.floor_path(bvh, pick, body.model, body.J, found))
     return Motion(local, root, np.zeros((frames, len(ACTIONS))), grounded=False, missing=tuple(missing))
 
 
-def turn(a, b):
-    """Angles (j,) between two sets of rotations (j,3,3) [rad]."""
-    return np.arccos(np.clip((np.einsum("jik,jik->j", a, b) - 1) / 2, -1, 1))
-
-
-def without_heading(world, hips):
-    """Turns the whole clip about z so that the person faces -y at first."""
-    return rotate_z(-heading(world[0, hips])) @ world
-
-
-def heading(R):
-    """Angle about z from -y to where rotation R faces."""
-    front = R @ [0, -1.0, 0]
-    return np.arctan2(front[0], -front[1])
-
-
-def rotate_z(angle):
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-
-
-def retarget(world, bvh, body, found):
-    """Local rotations (T,K,3,3): limbs take the file's bone directions, trunk and head its turns from its rest."""
-    names, parents, J = body.model.joint_names, body.model.parents, body.J
-    T = len(world)
-    G, align = np.empty((T, len(names), 3, 3)), {}
-    for k, name in enumerate(names):
-        above = np.broadcast_to(np.eye(3), (T, 3, 3)) if parents[k] < 0 else G[:, parents[k]]
-        if name not in found:
-            G[:, k] = above
-            continue
-        joint, dot, side = name.partition(".")
-        if joint in BONES and f"{BONES[joint]}.{side}" in found:
-            ours = J[names.index(f"{BONES[joint]}.{side}")] - J[k]
-            theirs = TO_OURS @ bvh.offsets[found[f"{BONES[joint]}.{side}"]]
-            align[name] = shortest(ours, theirs)
-        G[:, k] = world[:, found[name]] @ align.get(f"{ENDS.get(joint, joint)}.{side}", np.eye(3))
-        if joint == "upperarm01":
-            G[:, k] = raised(G[:, k], above, J[names.index(f"lowerarm01.{side}")] - J[k])
-    local = G.copy()
-    for k, p in enumerate(parents):
-        if p >= 0:
-            local[:, k] = np.swapaxes(G[:, p], 1, 2) @ G[:, k]
-    return local
-
-
-def shortest(a, b):
-    """Rotation (3,3) that takes direction a to direction b by the shortest way."""
-    from scipy.spatial.transform import Rotation
-
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis = np.cross(a, b)
-    s = np.linalg.norm(axis)
-    angle = np.arctan2(s, a @ b)
-    return Rotation.from_rotvec(axis / s * angle if s > 1e-9 else np.zeros(3)).as_matrix()
-
-
-def raised(G, above, bone):
-    """Lifts upper arms sideways until they hang at most LOWERING below the A-pose, seen from the chest."""
-    from scipy.spatial.transform import Rotation
-
-    bone = bone / np.linalg.norm(bone)
-    sign = np.sign(bone[0])
-    d = np.swapaxes(above, 1, 2) @ (G @ bone)[..., None]
-    d = d[..., 0]
-    low = np.arctan2(-bone[2], abs(bone[0])) + np.radians(LOWERING)
-    angle = np.arctan2(-d[:, 2], sign * d[:, 0])  # below the horizontal, in the frontal plane
-    angle = np.where(angle < -np.pi / 2, angle + 2 * np.pi, angle)
-    lift = np.maximum(angle - low, 0)
-    fix = Rotation.from_rotvec(np.outer(lift, [0, -sign, 0])).as_matrix()
-    return above @ fix @ np.swapaxes(above, 1, 2) @ G
-
-
-def floor_path(bvh, pick, body, found):
-    """Root shifts (T,3) [m]: scaled by leg length, heights kept, the path on the floor kept within TRAVEL."""
-    leg = [found.get(f"{j}.L") for j in ("lowerleg01", "foot")]
-    if None in leg:
-        return np.zeros((len(pick), 3))
-    ours = sum(np.linalg.norm(body.J[body.model.joint(a)] - body.J[body.model.joint(b)])
-               for a, b in (("upperleg01.L", "lowerleg01.L"), ("lowerleg01.L", "foot.L")))  # fmt: skip
-    scale = ours / sum(np.linalg.norm(bvh.offsets[j]) for j in leg)
-    path = scale * (bvh.root[pick] - bvh.root[pick[0]]) @ TO_OURS.T
-    first = TO_OURS @ bvh.rotations[pick[0], found["root"]] @ TO_OURS.T
-    path = path @ rotate_z(-heading(first)).T
+def bent(path):
+    """A path (T,3) kept within TRAVEL of its start on the floor."""
+    path = path.copy()
     r = np.maximum(np.linalg.norm(path[:, :2], axis=1, keepdims=True), 1e-12)
     path[:, :2] *= TRAVEL * np.tanh(r / TRAVEL) / r
     return path

@@ -1,0 +1,113 @@
+"""Motions that drive an avatar: a registered run, a BVH file, or an `.npz` without pickles."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..scene import CaptureError
+from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
+
+MAX_FRAMES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Poses of a body model in a row, `fps` a second; `frames` numbers them.
+
+    `missing` names joints that the source lacks and that rest.
+    """
+
+    frames: np.ndarray  # (T,) int
+    rotations: np.ndarray  # (T,K,3) rotation vectors about world axes, relative to the parent [rad]
+    translation: np.ndarray  # (T,3) [m]
+    face: np.ndarray | None  # (T,q,3) facial keypoints in the head joint's frame [m], NaN where unseen
+    fps: float
+    missing: tuple[str, ...] = ()
+
+    def __len__(self):
+        return len(self.frames)
+
+
+def read_motion(path, model, J, fps, translation):
+    """A Motion for a BodyModel with rest joints `J` (K,3), at `fps`.
+
+    `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,
+    started facing -y with the root's translation `translation` (3,) [m]), or a .npz `{rotations (T,K,3),
+    translation (T,3), face (T,q,3)?, fps}` (frames counted from 0, taken at the nearest instants of `fps`).
+    CaptureError names the file and the field.
+    """
+    path = Path(path)
+    if (path / "registered.zarr").exists():
+        return _of_run(path, len(J))
+    if not path.is_file():
+        raise CaptureError(f"{path}: neither a run, nor a .bvh or .npz file")
+    if path.suffix.lower() == ".bvh":
+        return _of_bvh(path, model, J, fps, translation)
+    return _of_npz(path, len(J), fps)
+
+
+def _of_run(path, joints):
+    import zarr
+
+    group = zarr.open_group(str(path / "registered.zarr"), mode="r")
+    good = group["done"][:] == 1
+    rotations = group["pose/rotations"][:][good]
+    if rotations.shape[1:] != (joints, 3):
+        raise CaptureError(f"{path}: pose/rotations has {rotations.shape[1]} joints, the avatar has {joints}")
+    if not good.any():
+        raise CaptureError(f"{path}: no frame is registered")
+    face = group["face"][:][good] if "face" in group else None
+    return Motion(group["frames"][:][good], rotations, group["pose/translation"][:][good], face, group.attrs["scene"]["fps"])
+
+
+def _of_bvh(path, model, J, fps, translation):
+    from scipy.spatial.transform import Rotation
+
+    bvh = read_bvh(path)
+    found, missing = matches(bvh)
+    if "root" not in found:
+        raise CaptureError(f"{path}: no joint named like Hips")
+    start = starts_at(bvh)
+    pick = start + _instants(len(bvh.root) - start, 1 / bvh.frame_time, fps)
+    R = retarget(facing(bvh, pick, found), bvh, model, J, found)
+    local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(len(pick), -1, 3)
+    path_of_root = translation + floor_path(bvh, pick, model, J, found)
+    return Motion(np.arange(len(pick)), local, path_of_root, None, fps, tuple(missing))
+
+
+def _of_npz(path, joints, fps):
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            fields = {name: data[name] for name in ("rotations", "translation", "face", "fps") if name in data}
+    except (OSError, ValueError, zipfile.BadZipFile, KeyError) as error:
+        raise CaptureError(f"{path}: cannot be read as a motion: {error}") from None
+    for name in ("rotations", "translation", "fps"):
+        if name not in fields:
+            raise CaptureError(f"{path}: {name} is missing")
+    T = len(np.atleast_1d(fields["translation"]))
+    shapes = {"rotations": (T, joints, 3), "translation": (T, 3), "fps": ()}
+    if "face" in fields:
+        shapes["face"] = (T, fields["face"].shape[1] if fields["face"].ndim == 3 else -1, 3)
+    for name, shape in shapes.items():
+        value = fields[name]
+        if value.shape != shape or value.dtype.kind not in "fiu":
+            raise CaptureError(f"{path}: {name} is {value.dtype} {value.shape}, expected numbers {shape}")
+        if name != "face" and not np.isfinite(value).all():
+            raise CaptureError(f"{path}: {name} is not finite")
+    own = float(fields["fps"])
+    if not 0 < own <= 10_000 or not 0 < T <= MAX_FRAMES:
+        raise CaptureError(f"{path}: {T} frames at fps {own:g}")
+    pick = _instants(T, own, fps)
+    face = fields["face"][pick].astype(np.float64) if "face" in fields else None
+    rotations, translation = (fields[name][pick].astype(np.float64) for name in ("rotations", "translation"))
+    return Motion(np.arange(len(pick)), rotations, translation, face, fps)
+
+
+def _instants(count, own, fps):
+    """Of `count` frames at `own` a second, those nearest to the instants 0, 1/fps, 2/fps, ..."""
+    last = int((count - 1) * fps / own + 0.01)  # files round their frame time
+    return np.minimum(np.rint(np.arange(last + 1) * own / fps).astype(int), count - 1)

@@ -1,0 +1,116 @@
+"""Motions from runs, BVH and npz: what was written is what drives."""
+
+import numpy as np
+import pytest
+
+from toile.io.body import load_body_model
+from toile.io.motion import read_motion
+from toile.scene import CaptureError
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_body_model("anny")
+
+
+def read(path, model, fps=30.0):
+    return read_motion(path, model, model.J, fps, np.array([0, 0, 0.9]))
+
+
+def saved(path, **fields):
+    np.savez(path, **fields)
+    return path
+
+
+def still(model, T=4, **changed):
+    K = len(model.parents)
+    return {"rotations": np.zeros((T, K, 3)), "translation": np.zeros((T, 3)), "fps": 30.0} | changed
+
+
+def test_an_npz_comes_back_as_written(model, tmp_path):
+    rng = np.random.default_rng(0)
+    wanted = still(model, rotations=rng.normal(size=(4, len(model.parents), 3)), translation=rng.normal(size=(4, 3)),
+                   face=rng.normal(size=(4, 7, 3)))  # fmt: skip
+    motion = read(saved(tmp_path / "m.npz", **wanted), model)
+    for name in ("rotations", "translation", "face"):
+        assert np.array_equal(getattr(motion, name), wanted[name])
+    assert motion.frames.tolist() == [0, 1, 2, 3] and motion.fps == 30
+
+
+def test_another_rate_is_taken_at_the_nearest_instants(model, tmp_path):
+    path = saved(tmp_path / "m.npz", **still(model, 9, translation=np.arange(27.0).reshape(9, 3), fps=120.0))
+    assert read(path, model).translation[:, 0].tolist() == [0, 12, 24]
+    path = saved(tmp_path / "n.npz", **still(model, 3, translation=np.arange(9.0).reshape(3, 3), fps=15.0))
+    assert len(read(path, model)) == 5
+
+
+@pytest.mark.parametrize(
+    "changed, said",
+    [
+        ({"rotations": np.zeros((4, 3, 3))}, "rotations"),
+        ({"translation": np.full((4, 3), np.nan)}, "translation is not finite"),
+        ({"fps": 0.0}, "fps 0"),
+        ({"fps": "thirty"}, "fps"),
+        ({"face": np.zeros((3, 7, 3))}, "face"),
+        ({"rotations": np.array([object()])}, "cannot be read"),
+    ],
+)
+def test_a_bad_npz_is_refused_by_file_and_field(model, tmp_path, changed, said):
+    path = saved(tmp_path / "bad.npz", **still(model, **changed))
+    with pytest.raises(CaptureError, match=f"bad.npz.*{said}"):
+        read(path, model)
+
+
+def test_a_missing_field_or_file_is_refused(model, tmp_path):
+    path = saved(tmp_path / "bad.npz", **{k: v for k, v in still(model).items() if k != "fps"})
+    with pytest.raises(CaptureError, match="bad.npz: fps is missing"):
+        read(path, model)
+    with pytest.raises(CaptureError, match="nothing: neither a run"):
+        read(tmp_path / "nothing", model)
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(CaptureError, match="text.npz: cannot be read"):
+        read(tmp_path / "text.npz", model)
+
+
+BVH = """HIERARCHY
+ROOT Hips
+{
+OFFSET 0 0 0
+CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+JOINT Spine
+{
+OFFSET 0 10 0
+CHANNELS 3 Zrotation Xrotation Yrotation
+End Site
+{
+OFFSET 0 10 0
+}
+}
+}
+MOTION
+Frames: 3
+Frame Time: 0.0333333
+0 90 0 0 0 0 0 0 0
+0 90 0 0 0 0 0 0 10
+0 90 0 0 0 0 0 0 20
+"""
+
+
+def test_a_bvh_turns_its_own_joints_and_reports_those_it_lacks(model, tmp_path):
+    (tmp_path / "a.bvh").write_text(BVH)
+    motion = read(tmp_path / "a.bvh", model)
+    spine = model.joint("spine04")
+    assert np.allclose(np.degrees(motion.rotations[:, spine, 2]), [0, 10, 20])
+    others = np.delete(motion.rotations, spine, 1)
+    assert np.abs(others).max() < 1e-9
+    assert np.allclose(motion.translation, [0, 0, 0.9])
+    assert "upperarm01.L" in motion.missing and "spine04" not in motion.missing
+
+
+def test_a_real_bvh_keeps_the_feet_near_the_ground(model, shared_data):
+    motion = read(shared_data / "cmu_bvh_asf" / "01_01.bvh", model)
+    assert len(motion) > 30 and np.isfinite(motion.rotations).all()
+    ground = -model.v_template[:, 2].min()
+    for k in (0, len(motion) // 2):
+        V = model.skin(model.v_template, model.J, motion.rotations[k], motion.translation[k] + [0, 0, ground - 0.9])
+        assert -0.3 < V[:, 2].min() < 0.5  # jumps and steps, scaled from the capture
