@@ -1,0 +1,129 @@
+"""Settings of an avatar and its training: every default stands here once; presets and command line fill the same objects."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ..config import QUALITIES, Settings
+from ..scene import CaptureError
+
+
+class DataSettings(Settings):
+    """What is read and unwrapped of a run and its pictures."""
+
+    geometry_size: int = 128  # texels along a side of the position maps
+    texture_size: int = 512
+    image: tuple[int, int] = (512, 512)  # (height, width) of the window [px]
+    pixel_scale: float = 1.0  # pixels of the capture along one of the window's
+    crop: Literal["person", "garment"] = "person"  # what the window is centred on
+
+
+class NetworkSettings(Settings):
+    """Sizes of the networks."""
+
+    latent: int = 128  # of each garment's code
+    width: int = 64  # channels of the widest decoder block; halved with each doubling of the resolution
+    least_width: int = 8  # channels of the finest block
+    shadow_width: int = 4
+    ao_rays: int = 64  # of ambient occlusion, per vertex
+    ao_size: int = 64  # texels along a side of the shadow network's maps
+
+
+class LossWeights(Settings):
+    """Weights of METHOD's terms: E_body and E_cloth train the layers apart, E_inv together."""
+
+    geometry: float = 1.0
+    laplacian: float = 1.0
+    texture: float = 1.0
+    kl: float = 1e-3
+    image: float = 1.0
+    mask: float = 1.0
+    visibility: float = 1.0
+    impute: float = 0.1  # the baseline only: geometry decoded from another latent
+
+
+class Phase(Settings):
+    """A stretch of training: the layers of these kinds are optimised by these terms."""
+
+    name: str
+    kinds: tuple[Literal["body", "garment", "surface"], ...]
+    terms: tuple[str, ...]  # fields of LossWeights
+    steps: int = Field(ge=0)
+    batch: int = Field(ge=1)  # (frame, camera) samples a step on each device
+    lr: float = Field(gt=0)
+
+
+APART = ("geometry", "laplacian", "texture", "kl")
+TOGETHER = ("image", "mask", "visibility", "laplacian", "kl")
+
+
+class AvatarSettings(Settings):
+    """All settings of a training, as AVATAR/avatar.json keeps them."""
+
+    quality: str = "standard"
+    data: DataSettings = DataSettings()
+    network: NetworkSettings = NetworkSettings()
+    weights: LossWeights = LossWeights()
+    body_steps: int = 2000
+    garment_steps: int = 2000
+    joint_steps: int = 6000
+    batch: int = 4
+    joint_batch: int = 2
+    lr: float = 1e-4  # AdamW
+    colour_lr: float = 1e-3  # of gain and bias of the cameras
+    decay: float = 0.1  # of the learning rate over a phase: a half cosine to this share
+    warm_up: int = 20  # steps of a phase with a rising learning rate
+    clip: float = 1.0  # largest norm of the gradient
+    visibility_c: tuple[float, float] = (0.020, 0.005)  # c of the soft visibility, first and last [m]
+    checkpoint_every: int = 250  # steps
+    picture_every: int = 250  # steps
+    diverged: float = 10.0  # a loss beyond this multiple of its recent mean has diverged
+    recent: int = 32  # steps of that mean
+    returns: int = 5  # to the last good checkpoint, each with half the learning rate, before giving up
+    baseline_lr: tuple[float, ...] = (0.5, 1.0, 2.0)  # multiples of lr that the baseline's search tries
+    baseline_search: float = 0.05  # share of the steps that each of them gets
+    seed: int = 0
+
+    def phases(self, layered=True):
+        """METHOD's order. The baseline's one surface gets the steps of both layers apart, then the same together."""
+        apart, together = dict(batch=self.batch, lr=self.lr), dict(batch=self.joint_batch, lr=self.lr)
+        if layered:
+            yield Phase(name="body", kinds=("body",), terms=APART[:-1], steps=self.body_steps, **apart)
+            yield Phase(name="garment", kinds=("garment",), terms=APART, steps=self.garment_steps, **apart)
+            yield Phase(name="joint", kinds=("body", "garment"), terms=TOGETHER, steps=self.joint_steps, **together)
+        else:
+            steps = self.body_steps + self.garment_steps
+            yield Phase(name="surface", kinds=("surface",), terms=(*APART, "impute"), steps=steps, **apart)
+            yield Phase(name="joint", kinds=("surface",), terms=(*TOGETHER, "impute"), steps=self.joint_steps, **together)
+
+
+def preset(quality):
+    """The settings of a quality preset: sizes of the maps, widths, steps."""
+    if quality not in QUALITIES:
+        raise CaptureError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+    if quality == "draft":
+        return AvatarSettings(
+            quality=quality,
+            data=DataSettings(geometry_size=64, texture_size=128, image=(256, 256), pixel_scale=1.0),
+            network=NetworkSettings(latent=32, width=32, ao_rays=16),
+            body_steps=150,
+            garment_steps=150,
+            joint_steps=300,
+            lr=1e-3,
+            checkpoint_every=50,
+            picture_every=50,
+        )
+    if quality == "fine":
+        return AvatarSettings(
+            quality=quality,
+            data=DataSettings(geometry_size=256, texture_size=1024, image=(1024, 1024)),
+            network=NetworkSettings(width=128, ao_size=128),
+            body_steps=10_000,
+            garment_steps=10_000,
+            joint_steps=40_000,
+            checkpoint_every=1000,
+            picture_every=1000,
+        )
+    return AvatarSettings()
