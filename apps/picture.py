@@ -1,7 +1,5 @@
 """The picture of the README from a run of the demo: captured, tracked surface, inner body, both layers."""
 
-import base64
-import io
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +23,7 @@ def main():
     shirt = (group["garment/tshirt/vertices"][0], group["garment/tshirt/faces"][:], CLOTH[0])
     tiles = [np.asarray(Image.fromarray(images[facing]).resize((SIZE[0], SIZE[0])))[:, 60:420]]
     for parts in ([track], [body], [body, shirt]):
-        tiles.append(np.asarray(Image.open(io.BytesIO(base64.b64decode(render(parts, 0, size=SIZE))))))
+        tiles.append(render(parts, 0, size=SIZE))
     Image.fromarray(np.concatenate(tiles, axis=1)).save(ROOT / "docs" / "layers.jpg", quality=85)
 
 

@@ -13,6 +13,7 @@ from .capture import open_capture
 from .io.body import load_body_model
 from .scene import CaptureError
 from .store import OK, Status
+from .truth import millimetres, open_truth
 
 INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
 
@@ -45,12 +46,7 @@ class _Evaluation:
         path = self.capture.root / body if body.endswith(".npz") else body
         self.model = load_body_model(path, up=self.capture.scene.up)
         self.garments = self.store.attrs["scene"]["garments"]
-        truth = self.capture.root / "truth" / "truth.zarr"
-        self.truth = zarr.open_group(str(truth), mode="r") if truth.exists() else None
-        missing = [g["name"] for g in self.garments if self.truth and f"garment/{g['name']}" not in self.truth]
-        if missing:
-            raise CaptureError(f"{truth}: garment/{missing[0]}: the run has this garment, the truth does not")
-        self.true_row = {int(f): i for i, f in enumerate(self.truth["frames"][:])} if self.truth else {}
+        self.truth = open_truth(self.capture, [g["name"] for g in self.garments])
         n = len(self.model.v_template)
         self.outside = np.ones(n, bool)
         for segment in INSIDE:
@@ -75,10 +71,10 @@ class _Evaluation:
         return {"all": everything, "per_frame": per_frame}
 
     def _frame(self, row, number, errors):
-        true = self.true_row.get(number)
+        true = self.truth is not None and number in self.truth
         tracked = self.store["track/vertices"][row]
         out = self._nothing()
-        out["joint_mm"] = None if true is None else self._joints(row, true)
+        out["joint_mm"] = self._joints(row, number) if true else None
         out["track_to_scan_mm"] = self._to_scan(row, number, tracked)
         if not self.garments:
             return out
@@ -87,13 +83,15 @@ class _Evaluation:
         faces = {g["name"]: self.store[f"garment/{g['name']}/faces"][:] for g in self.garments}
         pairs = (kernels.intersecting_pairs(cloth[n], faces[n], inner, self.skin) for n in cloth)
         out["intersections_left"] = int(sum(len(p) for p in pairs))
-        if true is None:
+        if not true:
             return out
         for garment in self.garments:
             name = garment["name"]
-            out["garment"][name], errors[name][number] = self._garment(garment, cloth[name], true)
-        out["label_iou"] = self._labels(self.store["labels"][row], tracked, true)
-        out["inner"] = self._inner(inner, self.store["confidence/inner"][row] == 0, true)
+            measures, errors[name][number] = self.truth.garment_errors(name, garment["loops"], cloth[name], number)
+            out["garment"][name] |= measures
+        out["label_iou"] = self._labels(self.store["labels"][row], tracked, number)
+        hidden = self.store["confidence/inner"][row] == 0
+        out["inner"] = self.truth.body_errors(inner, hidden, self.outside, number)
         return out
 
     def _nothing(self):
@@ -108,13 +106,13 @@ class _Evaluation:
             "intersections_left": None,
         }
 
-    def _joints(self, row, true):
+    def _joints(self, row, number):
         J = self.model.rest(self.store["shape"][:])[1]
         _, x = self.model.joint_transforms(J, self.store["pose/rotations"][row], self.store["pose/translation"][row])
-        names = [str(n) for n in self.truth.attrs["joint_names"]]
+        true, names = self.truth.joints(number)
         at = [self.model.joint_names.index(n) for n in names if n in self.model.joint_names]
         there = [i for i, n in enumerate(names) if n in self.model.joint_names]
-        return _mm(np.linalg.norm(x[at] - self.truth["joints"][true][there], axis=1))
+        return millimetres(np.linalg.norm(x[at] - true[there], axis=1))
 
     def _to_scan(self, row, number, tracked):
         try:
@@ -124,45 +122,12 @@ class _Evaluation:
         seen = (self.store["confidence/track"][row] == 2) & self.outside
         if scan is None or not seen.any():
             return None
-        return _mm(kernels.SurfaceIndex(scan.vertices, scan.faces).closest(tracked[seen])[3])
+        return millimetres(kernels.SurfaceIndex(scan.vertices, scan.faces).closest(tracked[seen])[3])
 
-    def _true_garment(self, name, true):
-        group = self.truth[f"garment/{name}"]
-        return group["vertices"][true].astype(np.float64), group["faces"][:]
-
-    def _garment(self, garment, V, true):
-        """-> measures, and the error vectors (g,3) for the jitter."""
-        name = garment["name"]
-        T, F = self._true_garment(name, true)
-        group = self.truth[f"garment/{name}"]
-        place = np.einsum("gk,gki->gi", group["map_bary"][:], T[F[group["map_face"][:]]])
-        rims, boundary, error = [T[loop] for loop in kernels.boundary_loops(F)], {}, V - place
-        for loop, at in garment["loops"].items():
-            own = min(rims, key=lambda rim: _to_polyline(place[at], rim).mean())
-            boundary[loop] = _mm(_to_polyline(V[at], own))
-        measures = {
-            "boundary_mm": boundary,
-            "surface_mm": _mm(kernels.SurfaceIndex(T, F).closest(V)[3]),
-            "correspondence_mm": _mm(np.linalg.norm(error, axis=1)),
-            "jitter_mm": None,
-        }
-        return measures, error
-
-    def _labels(self, labels, tracked, true):
+    def _labels(self, labels, tracked, number):
         """IoU by label over the outside of the tracked surface."""
-        body, F = self.truth["body/vertices"][true].astype(np.float64), self.truth["body/faces"][:]
-        hidden = np.zeros(len(body), bool)
-        parts = []
-        for garment in self.garments:
-            T, TF = self._true_garment(garment["name"], true)
-            hidden |= kernels.winding_number(body, T, TF) > 0.5
-            parts.append((T, TF, np.full(len(TF), garment["label"])))
-        bare = F[~hidden[F].any(1)]
-        parts.append((body, bare, self.truth["labels"][:][bare[:, 0]]))
-        offset = np.cumsum([0, *(len(p[0]) for p in parts)])
-        V = np.concatenate([p[0] for p in parts])
-        faces = np.concatenate([p[1] + o for p, o in zip(parts, offset)]).astype(np.int32)
-        truth = np.concatenate([p[2] for p in parts])[kernels.SurfaceIndex(V, faces).closest(tracked)[0]]
+        V, F, label = self.truth.outer(number, {g["name"]: g["label"] for g in self.garments}, bare=True)
+        truth = label[kernels.SurfaceIndex(V, F).closest(tracked)[0]]
         area = np.zeros(len(tracked))
         np.add.at(area, self.model.f.ravel(), np.repeat(kernels.face_areas(tracked, self.model.f) / 3, 3))
         area *= self.outside
@@ -173,14 +138,6 @@ class _Evaluation:
             iou[name] = float(area[a & b].sum() / union) if union > 0 else None
         return iou
 
-    def _inner(self, V, hidden, true):
-        body, F = self.truth["body/vertices"][true].astype(np.float64), self.truth["body/faces"][:]
-        distance = kernels.SurfaceIndex(body, F).closest(V)[3]
-        return {
-            "hidden_mm": _mm(distance[hidden & self.outside]),
-            "visible_mm": _mm(distance[~hidden & self.outside]),
-        }
-
     def _seconds(self):
         total, frames = defaultdict(float), defaultdict(set)
         for entry in Status(self.run / "status.jsonl").lines():
@@ -188,18 +145,6 @@ class _Evaluation:
                 total[entry["stage"]] += entry["seconds"]
                 frames[entry["stage"]].add(entry["frame"])
         return {stage: total[stage] / len(frames[stage]) for stage in total}
-
-
-def _mm(distances):
-    return float(np.mean(distances) * 1e3) if len(distances) else None
-
-
-def _to_polyline(points, closed):
-    """Distance (k,) to a closed polyline (m,3)."""
-    a, d = closed, np.roll(closed, -1, 0) - closed
-    r = points[:, None] - a
-    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
-    return np.linalg.norm(r - s[..., None] * d, axis=2).min(1)
 
 
 def _jitter(errors):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 import json
 import tomllib
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 from . import kernels
 from .capture import open_capture
 from .evaluate import evaluate, flatten
+from .page import cards, document, figure, plot, short_number
 from .scene import CaptureError
 from .store import Status
 
@@ -23,28 +22,17 @@ BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100),
 HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
 HEAT = ((44, 75, 130), (120, 170, 190), (240, 225, 150), (225, 120, 60), (140, 20, 40))  # evenly spaced from 0
 UNSEEN = (176, 174, 170)  # over holes of the scan
-STYLE = """
-:root { color-scheme: light dark; --ink: #1d2430; --soft: #66707f; --page: #f7f6f3; --card: #fff; --line: #e2dfd8; --mark: #b4552d }
-@media (prefers-color-scheme: dark) { :root { --ink: #e8e6e1; --soft: #9aa3b0; --page: #16191e; --card: #1e2229; --line: #323842; --mark: #e08a5f } }
-body { margin: 0 auto; max-width: 1100px; padding: 2.5rem 1.5rem; background: var(--page); color: var(--ink); font: 15px/1.5 system-ui, sans-serif }
-h1 { font-size: 1.7rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.5rem 0 .8rem } p.soft, .soft { color: var(--soft) }
-.cards { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.2rem 0 } .card { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .7rem 1rem; min-width: 8rem }
-.card b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums } .card span { color: var(--soft); font-size: .85rem }
-.frame { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: .8rem 1rem; margin: .8rem 0 }
-.frame h3 { margin: 0; font-size: 1rem } .frame .row { display: flex; flex-wrap: wrap; gap: .6rem; margin-top: .5rem } figure { margin: 0 } figcaption { color: var(--soft); font-size: .8rem; text-align: center }
-.frame img { width: 200px; height: auto } .scale { display: inline-block; width: 12rem; height: .7rem; border-radius: 3px; vertical-align: baseline; margin: 0 .4rem }
-img { border-radius: 4px; display: block } .why { color: var(--mark) } .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: .8rem }
-svg { width: 100%; background: var(--card); border: 1px solid var(--line); border-radius: 8px } svg text { fill: var(--soft); font-size: 11px } polyline { fill: none; stroke: var(--mark); stroke-width: 1.6 }
-pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; overflow: auto; font-size: 12px }
-"""
 
 
-def write_report(run, out=None):
-    """Writes the page of a run (default RUN/report.html) and returns its path. CaptureError where there is no run."""
+def write_report(run, out=None, more=""):
+    """Writes the page of a run (default RUN/report.html) and returns its path. CaptureError where there is no run.
+
+    `more`: HTML that stands before the frames, such as the section of an avatar made from the run.
+    """
     run = Path(run)
     result = evaluate(run)
     config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
-    page = _Page(run, result, config).html()
+    page = _Page(run, result, config).html(more)
     path = Path(out) if out else run / "report.html"
     path.write_text(page, encoding="utf-8")
     return path
@@ -61,31 +49,22 @@ class _Page:
         self.numbers = [int(n) for n in self.store["frames"][:]]
         self.flat = {f["frame"]: flatten({k: v for k, v in f.items() if k != "frame"}) for f in result["per_frame"]}
 
-    def html(self):
+    def html(self, more):
         ok, failed = self.result["all"].get("frames_ok", 0), self.result["all"].get("frames_failed", 0)
         title = f"{self.scene['name']}: {ok} frames registered" + (f", {failed} failed" if failed else "")
         ranked = self._ranked()
         shown = "".join(self._frame(number, why) for number, why in ranked[:WORST])
         layers = ", ".join(["body", *(g["name"] for g in self.scene["garments"])])
         settings = html.escape(json.dumps({k: v for k, v in self.config.items()}, indent=1))
-        return (
-            "<!doctype html><html lang='en'><head><meta charset='utf-8'><link rel='icon' href='data:,'>"
-            f"<meta name='viewport' content='width=device-width'><title>{html.escape(title)}</title><style>{STYLE}</style></head>"
-            f"<body><h1>{html.escape(title)}</h1><p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
-            f"{self._warnings()}<div class='cards'>{self._cards()}</div><h2>Errors over time</h2><div class='plots'>{self._plots()}</div>"
-            f"<h2>Frames, worst first</h2>{_scale()}{shown}<h2>Settings and versions</h2><pre>{settings}</pre></body></html>"
+        return document(
+            title,
+            f"<p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
+            f"{self._warnings()}{cards(flatten(self.result['all']))}<h2>Errors over time</h2><div class='plots'>{self._plots()}</div>{more}"
+            f"<h2>Frames, worst first</h2>{_scale()}{shown}<h2>Settings and versions</h2><pre>{settings}</pre>",
         )
 
     def _warnings(self):
         return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in Status(self.run / "status.jsonl").warnings())
-
-    def _cards(self):
-        flat = flatten(self.result["all"])
-        return "".join(
-            f"<div class='card'><b>{_number(value)}</b><span>{html.escape(name)}</span></div>"
-            for name, value in flat.items()
-            if value is not None
-        )
 
     def _plots(self):
         names = list(dict.fromkeys(name for values in self.flat.values() for name in values))
@@ -93,7 +72,7 @@ class _Page:
         for name in names:
             points = [(n, v[name]) for n, v in sorted(self.flat.items()) if v.get(name) is not None]
             if points:
-                plots.append(_plot(name, points))
+                plots.append(plot(name, points))
         return "".join(plots)
 
     def _ranked(self):
@@ -139,10 +118,7 @@ class _Page:
                 layers.append((group["vertices"][row], group["faces"][:], CLOTH[i % len(CLOTH)]))
             figures += inner + [("layers, front", layers, 0), ("layers, back", layers, np.pi)]
         figures += self._heat(number, row)
-        return "".join(
-            f"<figure><img alt='{caption}' src='data:image/jpeg;base64,{render(parts, angle, up)}'><figcaption>{caption}</figcaption></figure>"
-            for caption, parts, angle in figures
-        )
+        return "".join(figure(render(parts, angle, up), caption) for caption, parts, angle in figures)
 
     def _heat(self, number, row):
         """The tracked surface and the garments coloured by their distance to the frame's scan; nothing without one."""
@@ -200,9 +176,7 @@ def _scale():
 
 
 def render(parts, angle, up="z", size=SIZE):
-    """Shaded layers [(V, F, colour)] from the front (0) or elsewhere about the up axis [rad]; JPEG as base64."""
-    from PIL import Image
-
+    """Shaded layers [(V, F, colour)] from the front (0) or elsewhere about the up axis [rad]: a picture (H,W,3) uint8."""
     V = np.concatenate([p[0] for p in parts])
     offset = np.cumsum([0, *(len(p[0]) for p in parts)])
     F = np.concatenate([p[1] + o for p, o in zip(parts, offset)]).astype(np.int32)
@@ -218,10 +192,7 @@ def render(parts, angle, up="z", size=SIZE):
     normals = kernels.vertex_normals(camera, F)[F].mean(1)
     light = np.clip(0.35 + 0.65 * np.abs(normals @ np.array([0.35, -0.45, -0.82])), 0, 1)
     shaded = np.concatenate([colour * light[:, None], [[244, 243, 240]]])
-    picture = shaded[hit].reshape(size[0], 2, size[1], 2, 3).mean((1, 3)).round().astype(np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, "JPEG", quality=82)
-    return base64.b64encode(buffer.getvalue()).decode()
+    return shaded[hit].reshape(size[0], 2, size[1], 2, 3).mean((1, 3)).round().astype(np.uint8)
 
 
 def _view(V, angle, up):
@@ -230,15 +201,6 @@ def _view(V, angle, up):
     P = (V - (V.min(0) + V.max(0)) / 2) @ np.array(axes[up], dtype=np.float64).T
     c, s = np.cos(angle), np.sin(angle)
     return P @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-
-
-def _number(value):
-    """Three significant digits without an exponent; what is too small for them is said to be."""
-    if isinstance(value, int):
-        return str(value)
-    if 0 < abs(value) < 0.001:
-        return "under 0.001"
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _excess(name, value, median):
@@ -254,7 +216,7 @@ def _words(name, value, median):
     if name == "intersections_left" and value:
         return f"{int(value)} triangle pairs of garment and body still intersect"
     worse = "below" if "iou" in name else "above"
-    return f"{name.replace('_', ' ')} is {_number(value)}, {worse} the run's median of {_number(median)}"
+    return f"{name.replace('_', ' ')} is {short_number(value)}, {worse} the run's median of {short_number(median)}"
 
 
 def _contact(diagnostics):
@@ -263,20 +225,3 @@ def _contact(diagnostics):
         if isinstance(values, dict) and values.get("unsupported_contact"):
             return f"{stage}: hands touch the cloth, which the method cannot represent"
     return ""
-
-
-def _plot(name, points):
-    """An inline SVG of one measure over the frame numbers."""
-    x, y = np.array(points, dtype=np.float64).T
-    top = y.max() if y.max() > 0 else 1.0
-    px = 44 + 262 * (x - x.min()) / max(np.ptp(x), 1)
-    py = 128 - 96 * y / top
-    line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py))
-    words = name.replace("_mm", "").replace("_", " ")
-    title = words if len(words) <= 50 else f"{words[:20]}\u2026{words[-29:]}"  # 50 letters fill the width
-    return (
-        f"<svg viewBox='0 0 320 150' role='img' aria-label='{html.escape(name)}'><title>{html.escape(name)}</title>"
-        f"<text x='6' y='16'>{html.escape(title)}</text><text x='6' y='28'>{_number(top)}</text><text x='6' y='131'>0</text>"
-        f"<text x='44' y='145'>{x.min():.0f}</text>"
-        f"<text x='306' y='145' text-anchor='end'>{x.max():.0f}</text><polyline points='{line}'/></svg>"
-    )

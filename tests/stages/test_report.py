@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from test_pipeline import run  # noqa: F401  (the registered run is a fixture of that module)
-from toile.report import HEAT, HEAT_MM, _number, _plot, _rim, heat, write_report
+from toile.page import plot, short_number
+from toile.report import HEAT, HEAT_MM, _rim, heat, write_report
 from toile.scene import Mesh
 
 FLAGS = (
@@ -39,11 +40,11 @@ def test_heat_runs_from_the_first_colour_to_the_last_and_stays_there():
 
 
 def test_numbers_are_printed_without_an_exponent():
-    assert [_number(v) for v in (3, 0.0, 1.23456, 12345.6, 3e-9)] == ["3", "0", "1.23", "12346", "under 0.001"]
+    assert [short_number(v) for v in (3, 0.0, 1.23456, 12345.6, 3e-9)] == ["3", "0", "1.23", "12346", "under 0.001"]
 
 
 def test_the_title_of_a_plot_stays_inside_it():
-    svg = _plot("garment " + "x" * 200 + " boundary_mm hem", [(0, 1.0), (1, 2.0)])
+    svg = plot("garment " + "x" * 200 + " boundary_mm hem", [(0, 1.0), (1, 2.0)])
     title = re.search(r"<text x='6' y='16'>(.*?)</text>", svg).group(1)
     assert len(title) <= 50 and title.endswith("boundary hem")
 

@@ -1,0 +1,108 @@
+"""The truth that a studio capture brings along, and registered or decoded layers measured against it [mm]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import kernels
+from .scene import CaptureError
+
+
+class Truth:
+    """CAPTURE/truth/truth.zarr, read a frame at a time; surfaces are (V, F) in metres."""
+
+    def __init__(self, path):
+        import zarr
+
+        self.path, self.group = path, zarr.open_group(str(path), mode="r")
+        self.rows = {int(f): i for i, f in enumerate(self.group["frames"][:])}
+
+    def __contains__(self, number):
+        return number in self.rows
+
+    def check(self, garments):
+        """CaptureError where one of these garments has no truth."""
+        missing = [name for name in garments if f"garment/{name}" not in self.group]
+        if missing:
+            raise CaptureError(f"{self.path}: garment/{missing[0]}: the run has this garment, the truth does not")
+
+    def body(self, number):
+        return self.group["body/vertices"][self.rows[number]].astype(np.float64), self.group["body/faces"][:]
+
+    def garment(self, name, number):
+        group = self.group[f"garment/{name}"]
+        return group["vertices"][self.rows[number]].astype(np.float64), group["faces"][:]
+
+    def joints(self, number):
+        """(k,3), and their names."""
+        return self.group["joints"][self.rows[number]], [str(n) for n in self.group.attrs["joint_names"]]
+
+    def places(self, name, number):
+        """Where the vertices of the pipeline's template truly are (g,3)."""
+        group, (V, F) = self.group[f"garment/{name}"], self.garment(name, number)
+        return np.einsum("gk,gki->gi", group["map_bary"][:], V[F[group["map_face"][:]]])
+
+    def outer(self, number, garments, bare=False):
+        """V, F, label per face of body and garments; garments {name: label}. `bare`: without the body under them."""
+        V, F = self.body(number)
+        parts = [(*self.garment(name, number), label) for name, label in garments.items()]
+        if bare:
+            hidden = np.zeros(len(V), bool)
+            for GV, GF, _ in parts:
+                hidden |= kernels.winding_number(V, GV, GF) > 0.5
+            F = F[~hidden[F].any(1)]
+        labels = [self.group["labels"][:][F[:, 0]], *(np.full(len(GF), label) for _, GF, label in parts)]
+        surfaces = [(V, F), *((GV, GF) for GV, GF, _ in parts)]
+        offset = np.cumsum([0, *(len(v) for v, _ in surfaces)])
+        faces = np.concatenate([f + o for (_, f), o in zip(surfaces, offset)]).astype(np.int32)
+        return np.concatenate([v for v, _ in surfaces]), faces, np.concatenate(labels)
+
+    def garment_errors(self, name, loops, V, number):
+        """Measures of a garment's vertices V (g,3), and their error vectors (g,3). loops {name: vertex indices}.
+
+        boundary_mm: a loop's vertices to the true rim that is its own; surface_mm: to the true surface;
+        correspondence_mm: to the vertices' true places.
+        """
+        T, F = self.garment(name, number)
+        place = self.places(name, number)
+        rims, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}
+        for loop, at in loops.items():
+            own = min(rims, key=lambda rim: to_polyline(place[at], rim).mean())
+            boundary[loop] = millimetres(to_polyline(V[at], own))
+        measures = {
+            "boundary_mm": boundary,
+            "surface_mm": millimetres(kernels.SurfaceIndex(T, F).closest(V)[3]),
+            "correspondence_mm": millimetres(np.linalg.norm(V - place, axis=1)),
+        }
+        return measures, V - place
+
+    def body_errors(self, V, hidden, outside, number):
+        """Distances of body vertices (n,3) to the true body, where `hidden` (n,) and where not; `outside` (n,) alone count."""
+        distance = kernels.SurfaceIndex(*self.body(number)).closest(V)[3]
+        return {
+            "hidden_mm": millimetres(distance[hidden & outside]),
+            "visible_mm": millimetres(distance[~hidden & outside]),
+        }
+
+
+def open_truth(capture, garments=()):
+    """The truth of an opened capture that has these garments, or None where it brings none."""
+    path = capture.root / "truth" / "truth.zarr"
+    if not path.exists():
+        return None
+    truth = Truth(path)
+    truth.check(garments)
+    return truth
+
+
+def millimetres(distances):
+    """Their mean [mm], None of none."""
+    return float(np.mean(distances) * 1e3) if len(distances) else None
+
+
+def to_polyline(points, closed):
+    """Distance (k,) to a closed polyline (m,3)."""
+    a, d = closed, np.roll(closed, -1, 0) - closed
+    r = points[:, None] - a
+    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
+    return np.linalg.norm(r - s[..., None] * d, axis=2).min(1)
