@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <mutex>
 #include <optional>
@@ -95,6 +96,7 @@ struct NricpSolver::State {
     Vertices V, N;
     std::vector<int> to;         ///< the vertex that a vertex is welded to; empty: none is
     std::vector<Level> levels;
+    Rims rims;
     std::optional<Samples> all;  ///< every visible vertex, for the fine steps
     std::optional<NricpFine> fine;
     std::mutex busy;  ///< graphs and factors hold the frame under way: one solve at a time
@@ -148,6 +150,12 @@ Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& su
             kept.push_back(share[v]);
         }
     return {V, N, std::move(vertex), std::move(kept)};
+}
+
+std::vector<int> merged(const std::vector<int>& a, const std::vector<int>& b) {
+    std::vector<int> both;
+    std::set_union(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
+    return both;
 }
 
 /// One frame's solve: the pose, evidence, and the match of each step.
@@ -232,9 +240,7 @@ bool run_graph(Progress& p, Level& own, const Pose& rest) {
     const NricpOptions& o = p.options;
     const std::size_t level = own.number;
     own.graph.start(rest, p.pose.V);
-    const std::vector<int>&sampled = own.samples.vertex, &marked = p.matcher.marked();
-    std::vector<int> pulled;
-    std::set_union(sampled.begin(), sampled.end(), marked.begin(), marked.end(), std::back_inserter(pulled));
+    const std::vector<int> pulled = merged(own.samples.vertex, p.matcher.marked());
     own.graph.place(pulled, p.pose);
     Pull pull;
     for (int i = 0, count = o.iterations[level]; i < count; ++i) {
@@ -286,12 +292,13 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
     s.V = s.into(V);
     s.N = vertex_normals(s.V, F);
     const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
+    s.rims = Rims(s.V, s.N, F, seen);
     const GeodesicGraph surface(s.V, F);
     for (std::size_t level = options.large_motion ? 0 : 1; level < options.radii.size(); ++level)
         if (options.iterations[level] > 0) {
             Samples samples = samples_of(s.V, s.N, surface, seen, options.detail[level]);
             const double radius = std::max(options.radii[level], 0.75 * surface.median_length());  // nodes must share vertices
-            s.levels.push_back({level, {surface, radius, samples.vertex}, std::move(samples)});
+            s.levels.push_back({level, {surface, radius, merged(samples.vertex, s.rims.vertices)}, std::move(samples)});
         }
     s.all.emplace(samples_of(s.V, s.N, surface, seen, 0));
     if (options.fine_iterations > 0) s.fine.emplace(s.V, F, area);
@@ -318,7 +325,7 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     const Vertices start_N = vertex_normals(start, s.F);
     Samples& widest = s.levels.empty() ? *s.all : s.levels.front().samples;
     target.orient(widest, {start, start_N});
-    Progress p{frame, target, o, {frame, target, start.rows()}, {start, start_N}, {}};
+    Progress p{frame, target, o, {frame, target, s.rims, start.rows()}, {start, start_N}, {}};
     bool overlaps = true;
     for (int pass = 0; overlaps && pass < o.passes; ++pass) {
         const Pose rest = pass > 0 || o.rebase ? p.pose : Pose{s.V, s.N};

@@ -28,7 +28,7 @@ struct NricpOptions {
     double fine_robust = 0.006;    ///< Geman-McClure scale of the fine steps
     double phong = 1;              ///< share by which scan points are lifted off their faces to the smooth surface
     double point_weight = 0.003;   ///< share of point-to-point beside point-to-plane
-    double boundary_weight = 3;    ///< of a loop vertex against a surface vertex
+    double boundary_weight = 3;    ///< of a loop vertex against a surface vertex; of the borders' pull
     double rotation_weight = 1;    ///< penalty on rotation differences of neighbouring nodes
     double min_overlap = 0.01;     ///< matched share of the visible template below which there is no overlap
     double exposure = 0.04;        ///< share of rays that must leave the template from a visible vertex; 0: all are
@@ -67,7 +67,7 @@ struct NricpResult {
     Vector matched;              ///< (n,) weight of the last match in [0,1]
 };
 
-/// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + loops + landmarks + stiffness * rigidity(x), w_v =
+/// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + borders + loops + landmarks + stiffness * rigidity(x), w_v =
 /// Geman-McClure weight times squared cosine of the normals, annealed; x carried by a graph of rigid nodes (embedded
 /// deformation), then by a smooth displacement of its own. The same bits for any number of threads.
 class NricpSolver {

@@ -10,11 +10,6 @@ namespace toile {
 
 namespace {
 
-double geman_mcclure(double squared, double mu) {
-    const double w = mu * mu / (mu * mu + squared);
-    return w * w;
-}
-
 /// Point-to-plane with a share of point-to-point.
 Mat3 plane_weight(const Vec3& n, double point_weight) {
     return (1 - point_weight) * n * n.transpose() + point_weight * Mat3::Identity();
@@ -70,9 +65,13 @@ void pull_to_landmarks(const NricpFrame& frame, const Vertices& x, Pull& pull) {
 
 }  // namespace
 
-Matcher::Matcher(const NricpFrame& frame, const NricpTarget& target, Eigen::Index n)
-    : frame_(frame), target_(target), guess_(static_cast<std::size_t>(n), -1) {
-    for (const NricpLoop& loop : frame.loops) marked_.insert(marked_.end(), loop.vertices.begin(), loop.vertices.end());
+Matcher::Matcher(const NricpFrame& frame, const NricpTarget& target, const Rims& rims, Eigen::Index n)
+    : frame_(frame), target_(target), rims_(rims, target), in_loop_(static_cast<std::size_t>(n), 0),
+      guess_(static_cast<std::size_t>(n), -1), marked_(rims.vertices) {
+    for (const NricpLoop& loop : frame.loops) {
+        marked_.insert(marked_.end(), loop.vertices.begin(), loop.vertices.end());
+        for (int v : loop.vertices) in_loop_[v] = 1;
+    }
     using Row = Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator;
     for (Eigen::Index i = 0; i < frame.landmarks.W.rows(); ++i)
         for (Row r(frame.landmarks.W, i); r; ++r) marked_.push_back(static_cast<int>(r.col()));
@@ -142,6 +141,7 @@ Pull Matcher::pull(const Pose& pose, Samples& samples, const MatchSettings& sett
     Pull pull{std::move(A), Vertices::Zero(n, 3), Vector::Zero(n), marked_};
     to_scan(pose, samples, settings, pull);
     if (settings.reverse > 0) from_scan(pose, samples, settings, pull);
+    rims_.pull(pose, settings, in_loop_, pull);
     pull_to_loops(frame_, pose.V, settings.boundary_weight, pull);
     pull_to_landmarks(frame_, pose.V, pull);
     return pull;

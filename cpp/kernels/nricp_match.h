@@ -1,6 +1,6 @@
 // What pulls the template's vertices: matches of both directions, loops and landmarks as one quadratic per vertex.
 #pragma once
-#include "kernels/nricp_target.h"
+#include "kernels/nricp_rim.h"
 
 namespace toile {
 
@@ -10,7 +10,7 @@ struct Pull {
     std::vector<Mat3> A;
     Vertices b;
     Vector matched;      ///< (n,) robust weight of the scan match
-    std::vector<int> marked;  ///< vertices that loops or landmarks pull, ascending
+    std::vector<int> marked;  ///< vertices that borders, loops or landmarks pull, ascending
     double energy = 0, rms = 0, overlap = 0;
 
     void add(Eigen::Index v, const Mat3& weight, const Vec3& residual) {
@@ -18,6 +18,12 @@ struct Pull {
         b.row(v) += (weight * residual).transpose();
     }
 };
+
+/// Robust weight of a squared distance.
+inline double geman_mcclure(double squared, double mu) {
+    const double w = mu * mu / (mu * mu + squared);
+    return w * w;
+}
 
 struct MatchSettings {
     double mu;           ///< Geman-McClure scale; pairs farther apart than 3 mu do not match
@@ -30,7 +36,7 @@ struct MatchSettings {
 /// Matches of one frame; remembers each vertex's last match as the next search's guess.
 class Matcher {
 public:
-    Matcher(const NricpFrame& frame, const NricpTarget& target, Eigen::Index n);
+    Matcher(const NricpFrame& frame, const NricpTarget& target, const Rims& rims, Eigen::Index n);
 
     Pull pull(const Pose& pose, Samples& samples, const MatchSettings& settings);
     const std::vector<int>& marked() const { return marked_; }
@@ -41,6 +47,8 @@ private:
 
     const NricpFrame& frame_;
     const NricpTarget& target_;
+    RimTarget rims_;
+    std::vector<char> in_loop_;  ///< a given loop holds this vertex
     std::vector<int> guess_, marked_;
     std::vector<int> reverse_guess_;            ///< places in the samples last used
     const Samples* reverse_samples_ = nullptr;

@@ -42,6 +42,9 @@ public:
     /// tessellation, Boubekeur and Alexa 2008) by the share `phong`.
     ScanPoint closest(int v, const Vec3& x, double phong) const;
 
+    const Vertices& V() const { return V_; }
+    const Vertices& N() const { return N_; }
+    const Faces& F() const { return F_; }
     Eigen::Index size() const { return V_.rows(); }
     double noise() const { return noise_; }  ///< estimate of a vertex's standard deviation along its normal
 

@@ -5,6 +5,7 @@
 
 #include "base/errors.h"
 #include "check.h"
+#include "geometry/border.h"
 #include "geometry/laplacian.h"
 #include "geometry/nodes.h"
 #include "geometry/oriented_tree.h"
@@ -82,6 +83,28 @@ int main() {
                 CHECK(std::abs(sum - 1) < 1e-12);
             }
         }
+    }
+    LAW("a tube has two borders, of its circumference, that face along it; a hole in a flat sheet faces nowhere") {
+        const std::vector<Border> ends = borders(V, vertex_normals(V, body.F), body.F);
+        CHECK(ends.size() == 2 && ends[0].vertex.front() == 0 && ends[0].vertex.size() == 12);
+        double around = 0;
+        for (int s = 0; s < 12; ++s) around += (V.row((s + 1) % 12) - V.row(s)).norm();
+        for (const Border& end : ends) {
+            const double z = &end == &ends[0] ? -1 : 1;
+            CHECK(std::abs(end.total() - around) < 1e-12);
+            CHECK((end.facing() - Eigen::RowVector3d(0, 0, z)).norm() < 1e-12);
+        }
+        Vertices ring(8, 3);
+        ring << 1, 1, 0, -1, 1, 0, -1, -1, 0, 1, -1, 0, 3, 3, 0, -3, 3, 0, -3, -3, 0, 3, -3, 0;
+        Faces sheet(8, 3);
+        for (int i = 0; i < 4; ++i) {
+            const int j = (i + 1) % 4;
+            sheet.row(2 * i) << i, i + 4, j + 4;
+            sheet.row(2 * i + 1) << i, j + 4, j;
+        }
+        const std::vector<Border> hole = borders(ring, vertex_normals(ring, sheet), sheet);
+        CHECK(hole.size() == 2 && hole[0].facing().norm() < 1e-12);
+        CHECK(hole[0].conormal(0, 0) < 0 && hole[1].conormal(0, 0) > 0);
     }
     LAW("a template that lies on its scan stays; a rigid motion is found") {
         NricpSolver solver(V, body.F);

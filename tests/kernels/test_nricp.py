@@ -160,6 +160,19 @@ def test_nricp_boundary_loops_reach_their_curves():
     assert miss(bound) < 0.002 < miss(free)
 
 
+def test_nricp_borders_reach_the_borders_of_the_scan_but_not_holes():
+    V, F = tube()
+    scan_V, scan_F = tube(around=120, along=120)
+    bent = lambda x: x * [1, 1, 0.88] + np.c_[0.1 * x[:, 2] ** 2, 0 * x[:, 1], 0.01 + 0 * x[:, 2]]
+    high, low = V[:, 2] == V[:, 2].max(), V[:, 2] == 0
+    hole = np.linalg.norm(scan_V[scan_F].mean(1) - [0.2, 0, 0.53], axis=1) < 0.05  # 2 cm below the upper border
+    for kept in (scan_F, scan_F[~hole]):
+        result = nricp(V, F, bent(scan_V), kept)
+        error = np.abs(result.V - bent(V))[:, 2]
+        assert error[high | low].mean() < 0.001 and error[high | low].max() < 0.003
+        assert result.matched[high | low].mean() > 0.8
+
+
 def test_nricp_scan_labels_restrict_the_target():
     V, F = tube()
     near, far = V * [1.03, 1.03, 1] , V * [1.08, 1.08, 1]

@@ -13,14 +13,16 @@ from .arrays import as_faces, as_floats, as_indices, as_sparse, as_vertices
 class NricpSolver:
     """Fits one template V (n,3) [m], F (m,3) to scans, frame after frame:
 
-        argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + scan-to-template + loops + landmarks + stiffness rigidity(x)
+        argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + scan-to-template + borders + loops + landmarks + stiffness rigidity(x)
 
     q_v: the closest scan point in place and normal, lifted off its face to the smooth surface (Phong tessellation); n_v
     between both normals (symmetric objective, Rusinkiewicz 2019); w_v = Geman-McClure(distance / mu) (n_v . m_v)^2 with
     mu annealed; a_v shares of area. Matches on the scan's border or beyond 3 mu do not count, nor do vertices in
-    cavities. x is carried by rigid nodes, coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights),
-    then by a smooth displacement of its own, the smoother the noisier the scan. Nodes, operators and orderings are
-    made once; the same bits for any number of threads.
+    cavities. Where V has a border it is pulled, across, to a border of the scan that faces the same way and is no hole's
+    (too short, or facing all ways): a template ends where its scan ends; `boundary_weight=0` leaves it free. x is
+    carried by rigid nodes, coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights), then by a
+    smooth displacement of its own, the smoother the noisier the scan. Nodes, operators and orderings are made once; the
+    same bits for any number of threads.
 
     preset: "draft" (two levels of nodes, about 1.5 x the error of standard in a third of its time), "standard" or
     "fine" (four times the time, for large shape changes). Options (`NricpOptions` in cpp/kernels/nricp.h; lengths in
