@@ -1,0 +1,390 @@
+"""The layered avatar, and the single-layer baseline in the same code: networks joined with meshes, poses and cameras.
+
+A layer of kind "body" is driven by pose and face, a "garment" by its code alone, and the baseline's only layer, a
+"surface", by all three. All geometry is unposed until linear blend skinning poses it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import nn
+
+from .. import kernels
+from . import losses
+from .layers import Skeleton, Skin
+from .networks import LayerNetworks, Sizes, count, reparameterised, resize
+from .renderer import Surface, render
+from .uv import TexelValues, UvMap, UvSampler
+
+GEOMETRY_SCALE = 0.01  # displacement of 1 in a position map [m]
+TEXTURE_SCALE = 0.25  # colour of 1 in a texture map
+FACE_SCALE = 0.01  # a usual motion of a facial keypoint [m]
+HEAD_REACH = 0.12  # vertices that facial keypoints drive lie this near to one of them [m]
+MASK_HOPS = 2  # a joint acts on what it skins, and on what joints this near to it in the skeleton skin
+PARITY = 0.1  # largest relative difference between the baseline's number of parameters and the layered avatar's
+
+
+@dataclass
+class Decoded:
+    """One layer of a batch."""
+
+    unposed: torch.Tensor  # (B,n,3) [m]
+    vertices: torch.Tensor  # (B,n,3) posed, in the world [m]
+    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view in particular
+    texture: torch.Tensor | None = None  # (B,3,T,T) as this sample's camera sees it, before shadow
+    shadow: torch.Tensor | None = None  # (B,1,T,T) quasi-shadow
+
+    @property
+    def shaded(self):
+        """The texture to draw (B,3,T,T)."""
+        return self.texture if self.shadow is None else self.texture * self.shadow
+
+
+class LayerModel(nn.Module):
+    """One layer: its fixed surface (buffers, rebuilt from the assets) and its networks (the saved state)."""
+
+    def __init__(self, layer, sizes, mean_texture, valid, parents, face=None):
+        super().__init__()
+        self.name, self.kind, self.label, self.sizes = layer.name, layer.kind, layer.label, sizes
+        geometry_map = UvMap(layer, sizes.geometry)
+        if sizes.joints:
+            sizes = replace(sizes, mask=joint_masks(layer, geometry_map, parents, sizes.start))
+        if sizes.face_points:
+            sizes = replace(sizes, head=head_mask(layer, geometry_map, face, sizes.start))
+        self.networks = LayerNetworks(sizes)
+        fixed = dict(
+            rest=torch.as_tensor(np.asarray(layer.rest, dtype=np.float32)),
+            faces=torch.as_tensor(np.asarray(layer.faces, dtype=np.int64)),
+            uv=torch.as_tensor(np.asarray(layer.uv, dtype=np.float32)),
+            face_uv=torch.as_tensor(np.asarray(layer.face_uv, dtype=np.int64)),
+            mean_texture=torch.as_tensor(mean_texture, dtype=torch.float32),
+            valid=torch.as_tensor(valid, dtype=torch.float32)[None],
+        )
+        for key, value in fixed.items():
+            self.register_buffer(key, value.clone(), persistent=False)
+        self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
+        self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
+        self.geometry_texels = TexelValues(geometry_map, layer.faces)
+        self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
+        self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
+
+    def encode(self, unposed, texture, weight):
+        """Code (mean, logvar), each (B,Z), of unposed vertices (B,n,3), a texture (B,3,T,T) and its weights (B,1,T,T)."""
+        shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_SCALE)
+        seen = (weight > 0) & (self.valid > 0)
+        colour = torch.where(seen, texture - self.mean_texture, 0.0) / TEXTURE_SCALE
+        return self.networks.encoder(shape, colour)
+
+    def decode(self, pose, face, z, transforms, centre, texture=True):
+        """Decoded from pose features (B,K,C), face (B,q,3), code (B,Z); posed by `transforms`, seen from centre (B,3)."""
+        features = self.networks.features(pose, face, z)
+        displacement = self.networks.geometry(features)
+        with torch.autocast(features.device.type, enabled=False):
+            unposed = self.rest + GEOMETRY_SCALE * self.sampler(displacement)
+            decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
+        if not texture:
+            return decoded
+        residual = self.networks.texture(features)
+        decoded.mean_texture = decoded.texture = self.mean_texture + TEXTURE_SCALE * residual
+        if self.networks.view is not None:
+            cosine = self.view_texels(facing(decoded.vertices, self.faces, centre))
+            seen = self.networks.view_residual((decoded.mean_texture - 0.5) / TEXTURE_SCALE, cosine)
+            decoded.texture = decoded.mean_texture + TEXTURE_SCALE * seen
+        return decoded
+
+    def quasi_shadow(self, occlusion):
+        """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean."""
+        maps = self.shadow_texels((occlusion - self.mean_ao)[..., None])
+        return resize(self.networks.shadow(maps), self.sizes.texture)
+
+    def surface(self, decoded, b):
+        """Sample b of a batch, as the renderer takes it."""
+        return Surface(decoded.vertices[b], self.faces, self.uv, self.face_uv, decoded.shaded[b])
+
+
+class Avatar(nn.Module):
+    """All layers of a person, body first, and the cameras' colours.
+
+    `layers`: what `read_layers` gives, or [surface_layer] for the baseline. `J` (K,3) and `parents` (K,): the skeleton.
+    `mean_texture` {name: (3,T,T)} and `valid` {name: (T,T)}. `face_mean` (q,3): mean facial keypoints in the frame of
+    joint `head`, None where no face drives the avatar. One camera, or a scene that says so: no view branch.
+    """
+
+    def __init__(
+        self, settings, layers, J, parents, cameras, scene, mean_texture, valid, face_mean=None, head=None
+    ):
+        super().__init__()
+        self.settings, self.layers, self.cameras, self.scene = settings, list(layers), list(cameras), scene
+        self.names = [layer.name for layer in self.layers]
+        self.skeleton = Skeleton(np.asarray(J), np.asarray(parents))
+        face = None if face_mean is None else np.nan_to_num(np.asarray(face_mean, dtype=np.float64))
+        if face is not None:
+            self.register_buffer("face_mean", torch.as_tensor(face, dtype=torch.float32), persistent=False)
+            face = face if head is None else face + np.asarray(J)[head]
+        self.models = nn.ModuleList(
+            LayerModel(
+                layer,
+                layer_sizes(layer.kind, settings, cameras, scene, len(J), 0 if face is None else len(face)),
+                mean_texture[layer.name],
+                valid[layer.name],
+                np.asarray(parents),
+                face,
+            )
+            for layer in self.layers
+        )
+        self.register_buffer("up", up_vector(scene.up), persistent=False)
+        others = max(len(self.cameras) - 1, 0)
+        self.colour_gain = nn.Parameter(torch.zeros(others, 3))  # less 1
+        self.colour_bias = nn.Parameter(torch.zeros(others, 3))
+        self.laplacian = {x.name: losses.uniform_laplacian(x.faces, len(x.rest)) for x in self.layers}
+        self.anchors = {
+            x.name: losses.joint_centroids(x.skin_idx, x.skin_val, len(J)) for x in self.layers if x.kind == "surface"
+        }
+        self.operators = nn.ModuleList([*self.laplacian.values(), *self.anchors.values()])  # so that they move along
+
+    def model(self, name):
+        return self.models[self.names.index(name)]
+
+    def unposed(self, batch, name):
+        """Registered vertices of a layer (B,n,3), unposed [m]: the target of geometry and Laplacian."""
+        transforms = self.skeleton(batch["rotations"], batch["translation"])
+        return self.model(name).skin.unpose(batch[f"vertices.{name}"], *transforms)
+
+    def encode(self, batch, names=None):
+        """{layer: (mean, logvar)}, each (B,Z), of the layers that have a code."""
+        return {
+            model.name: model.encode(
+                self.unposed(batch, model.name),
+                batch[f"mean_texture.{model.name}"],
+                batch[f"mean_weight.{model.name}"],
+            )
+            for model in self._chosen(names)
+            if model.networks.encoder is not None
+        }
+
+    @staticmethod
+    def sample(codes):
+        """{layer: z} drawn from the codes, by torch's global generator."""
+        return {name: reparameterised(*code) for name, code in codes.items()}
+
+    @staticmethod
+    def means(codes):
+        """{layer: z} without noise."""
+        return {name: mean for name, (mean, _) in codes.items()}
+
+    @staticmethod
+    def impute(codes):
+        """{layer: z'} that say nothing of their samples: each the code of another sample, or of the unit Gaussian."""
+        imputed = {}
+        for name, (mean, logvar) in codes.items():
+            other = reparameterised(mean, logvar).detach().roll(1, 0)
+            prior = torch.rand(len(mean), 1, device=mean.device) < (0.5 if len(mean) > 1 else 1.0)
+            imputed[name] = torch.where(prior, torch.randn_like(mean), other)
+        return imputed
+
+    def decode(self, batch, latents, names=None, texture=True):
+        """{layer: Decoded} from pose, face and camera of the batch and the layers' codes; float32 in any autocast."""
+        pose = pose_features(batch["rotations"], self.up)
+        transforms = self.skeleton(batch["rotations"], batch["translation"])
+        view = batch["T_camera_world"]
+        centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
+        face = None
+        if hasattr(self, "face_mean"):
+            face = (batch["face"] - self.face_mean) / FACE_SCALE * batch["face_seen"][..., None]
+        return {
+            model.name: model.decode(pose, face, latents.get(model.name), transforms, centre, texture)
+            for model in self._chosen(names)
+        }
+
+    @torch.no_grad()
+    def ambient_occlusion(self, decoded):
+        """{layer: (B,n)} openness of each vertex amid all layers, 1 = nothing above it; `settings.network.ao_rays` rays."""
+        rays, names = self.settings.network.ao_rays, list(decoded)
+        vertices = [decoded[name].vertices.detach().double().cpu().numpy() for name in names]
+        starts = np.cumsum([0, *(v.shape[1] for v in vertices)])
+        faces = np.concatenate([self.model(n).faces.cpu().numpy() + s for n, s in zip(names, starts, strict=False)])
+        together = np.concatenate(vertices, axis=1)
+        open_sky = np.stack([kernels.ambient_occlusion(v, faces.astype(np.int32), rays=rays) for v in together])
+        like = decoded[names[0]].vertices
+        open_sky = torch.as_tensor(open_sky, dtype=torch.float32, device=like.device)
+        return {name: open_sky[:, a:b] for name, a, b in zip(names, starts, starts[1:], strict=False)}
+
+    @torch.no_grad()
+    def set_mean_ao(self, mean):
+        """Keeps {layer: (n,)}, the mean over the training frames that shadows are relative to."""
+        for name, value in mean.items():
+            self.model(name).mean_ao.copy_(torch.as_tensor(value))
+
+    def shade(self, decoded, occlusion=None):
+        """The same layers with quasi-shadows, from the ambient occlusion of their decoded geometry (not differentiated)."""
+        occlusion = self.ambient_occlusion(decoded) if occlusion is None else occlusion
+        return {
+            name: replace(one, shadow=self.model(name).quasi_shadow(occlusion[name])) for name, one in decoded.items()
+        }
+
+    def compose(self, decoded, batch, size, layer_depth=False, shadow=True):
+        """[Rendered], one a sample: all layers drawn together at size (height, width), in the camera's colours."""
+        if shadow:
+            decoded = self.shade(decoded)
+        pictures = []
+        for b in range(len(batch["K"])):
+            surfaces = [self.model(name).surface(one, b) for name, one in decoded.items()]
+            seen = render(surfaces, batch["K"][b], batch["T_camera_world"][b], size, layer_depth=layer_depth)
+            image = self.colour(seen.image[None], batch["camera"][b : b + 1], seen.mask)[0]
+            pictures.append(replace(seen, image=image))
+        return pictures
+
+    def colour(self, picture, camera, coverage=1.0):
+        """gain x picture + bias x coverage, per camera: pictures (B,3,h,w), cameras (B,). Camera 0 is the measure of the
+        others; -1 is a camera that the avatar was not trained on. Both leave the picture as it is."""
+        same = torch.zeros(1, 3, device=picture.device)
+        gain, bias = (torch.cat([same, table, same])[camera][..., None, None] for table in (self.colour_gain, self.colour_bias))
+        return picture * (1 + gain) + bias * coverage
+
+    def parameters_count(self):
+        return count(self)
+
+    def describe(self):
+        """What avatar.json says of the architecture."""
+        return {
+            "layers": [
+                {
+                    "name": model.name,
+                    "kind": model.kind,
+                    "vertices": len(model.rest),
+                    "parts": [part for part, net in model.networks.named_children()],
+                    "parameters": count(model),
+                }
+                for model in self.models
+            ],
+            "cameras": [camera.name for camera in self.cameras],
+            "face_points": len(self.face_mean) if hasattr(self, "face_mean") else 0,
+            "geometry_size": self.settings.data.geometry_size,
+            "texture_size": self.settings.data.texture_size,
+            "latent": self.settings.network.latent,
+            "parameters": self.parameters_count(),
+        }
+
+    def _chosen(self, names):
+        return [model for model in self.models if names is None or model.name in names]
+
+
+def layer_sizes(kind, settings, cameras, scene, joints, face_points):
+    """Sizes of a layer's networks: only the parts that its kind and the scene ask for."""
+    driven = kind in ("body", "surface")
+    return Sizes(
+        geometry=settings.data.geometry_size,
+        texture=settings.data.texture_size,
+        latent=settings.network.latent,
+        width=settings.network.width,
+        least_width=settings.network.least_width,
+        shadow_width=settings.network.shadow_width,
+        occlusion=settings.network.ao_size,
+        joints=joints if driven else 0,
+        face_points=face_points if driven else 0,
+        code=kind in ("garment", "surface"),
+        view=len(cameras) > 1 and scene.view_dependent,
+    )
+
+
+def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
+    """The baseline's settings: widths so that one surface has as many parameters as `layers` together, within PARITY."""
+
+    def parameters(kinds, settings):
+        with torch.device("meta"):
+            return sum(count(LayerNetworks(layer_sizes(k, settings, cameras, scene, joints, face_points))) for k in kinds)
+
+    def widened(least):
+        factor = least / settings.network.least_width
+        width = max(round(settings.network.width * factor), least)
+        return settings.model_copy(
+            update=dict(network=settings.network.model_copy(update=dict(width=width, least_width=least)))
+        )
+
+    wanted = parameters([layer.kind for layer in layers], settings)
+    widest = settings.network.least_width * (len(layers) + 1)
+    found = min((widened(w) for w in range(1, widest + 1)), key=lambda s: abs(parameters(["surface"], s) - wanted))
+    off = parameters(["surface"], found) / wanted - 1
+    if abs(off) > PARITY:
+        raise ValueError(f"no width gives the baseline {wanted} parameters: the nearest is off by {off:+.0%}")
+    return found
+
+
+def up_vector(up):
+    """The scene's up axis ("z", "-y") as a vector (3,)."""
+    return torch.eye(3)["xyz".index(up[-1])] * (-1 if up.startswith("-") else 1)
+
+
+def rotation_matrices(vectors):
+    """Rotation vectors (...,3) [rad] as matrices (...,3,3)."""
+    x, y, z = vectors.unbind(-1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).reshape(*x.shape, 3, 3)
+    return torch.linalg.matrix_exp(cross)
+
+
+@torch.no_grad()
+def pose_features(rotations, up):
+    """Features (B,K,9) of a pose: R - 1 of each joint's local rotation, continuous everywhere.
+
+    The root (joint 0) gives only where up is, seen from it, less the rest pose's: which way the person faces, and where
+    it stands, changes nothing of an unposed body.
+    """
+    with torch.autocast(rotations.device.type, enabled=False):
+        R = rotation_matrices(rotations.float())
+        features = (R - torch.eye(3, device=R.device)).flatten(2)
+        features[:, 0] = 0
+        features[:, 0, :3] = R[:, 0].transpose(1, 2) @ up - up
+    return features
+
+
+@torch.no_grad()
+def facing(vertices, faces, centre):
+    """n.v (B,n,1) of each vertex towards a camera at centre (B,3): the view code. No gradient: geometry shall not move to
+    mend colours."""
+    corners = vertices[:, faces]
+    normal = torch.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0], dim=-1)
+    normals = torch.zeros_like(vertices)
+    for k in range(3):
+        normals.index_add_(1, faces[:, k], normal)
+    view = centre[:, None] - vertices
+    cosine = nn.functional.cosine_similarity(normals, view, dim=-1, eps=1e-12)
+    return cosine[..., None]
+
+
+def joint_masks(layer, texels, parents, size):
+    """Where each joint may act, (K,size,size) in 0..1: skinning weights of the joint and of those within MASK_HOPS of it."""
+    joints = len(parents)
+    near = np.eye(joints)
+    for k, p in enumerate(parents):
+        if p >= 0:
+            near[k, p] = near[p, k] = 1
+    near = np.linalg.matrix_power(near, MASK_HOPS) > 0
+    near[0] = True  # the root's tilt acts everywhere
+    weights = np.zeros((len(layer.rest), joints))
+    np.add.at(weights, (np.arange(len(weights))[:, None], layer.skin_idx), layer.skin_val)
+    return shrunk(np.minimum(weights @ near.T, 1), layer, texels, size)
+
+
+def head_mask(layer, texels, face, size):
+    """Where facial keypoints (q,3), placed on the rest pose, may act: (size,size), 1 near them, 0 beyond HEAD_REACH."""
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(face).query(layer.rest)
+    return shrunk(np.clip(2 - 2 * distance / HEAD_REACH, 0, 1)[:, None], layer, texels, size)[0]
+
+
+def shrunk(values, layer, texels, size):
+    """Vertex values (n,C) as a map (C,size,size), each texel the mean over what is valid of it."""
+    inside = np.asarray(texels.valid)
+    corners = np.asarray(layer.faces)[np.maximum(texels.face, 0)]
+    maps = np.einsum("ijkc,ijk->cij", values[corners], np.asarray(texels.bary) * inside[..., None])
+    step = len(inside) // size
+
+    def pooled(x):
+        return x.reshape(*x.shape[:-2], size, step, size, step).sum((-3, -1))
+
+    return torch.as_tensor(pooled(maps) / np.maximum(pooled(inside.astype(float)), 1), dtype=torch.float32)

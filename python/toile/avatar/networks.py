@@ -1,0 +1,293 @@
+"""The networks of one layer: what they take and give, and nothing about meshes or cameras.
+
+Convolutions are weight-normalised with a bias of its own for every pixel ("untied"), LeakyReLU 0.2. Every head starts
+with gain zero: the untrained networks change nothing of the mean geometry and the mean texture. Maps are kept in
+channels-last order, and a transposed 4x4 convolution doubles the resolution: on a CPU both halve the time of the usual
+choices. Sizes are powers of two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+SLOPE = 0.2  # of the LeakyReLU
+LOGVAR = 10.0  # bound of |logvar|: sigma stays within [0.0067, 148]
+POSE_CHANNELS, FACE_CHANNELS, FACE_HIDDEN = 16, 8, 32
+COARSEST = 4  # texels along a side of the coarsest maps of encoder and code
+
+
+class Conv(nn.Module):
+    """A convolution w = g v / |v|, one |v| and g per output channel, plus a bias per output channel and pixel.
+
+    `mode`: "same" 3x3; "down" 4x4 of stride 2; "up" transposed 4x4 of stride 2. `size`: of the output map.
+    With gain 1 it keeps the variance through the LeakyReLU that follows.
+    """
+
+    def __init__(self, inputs, outputs, size, mode="same", gain=1.0):
+        super().__init__()
+        self.mode, self.up = mode, mode == "up"
+        k = 3 if mode == "same" else 4
+        self.direction = nn.Parameter(torch.randn((inputs, outputs, k, k) if self.up else (outputs, inputs, k, k)))
+        norm = gain * (2 / (1 + SLOPE**2)) ** 0.5 * (2 if self.up else 1)  # 4 of an "up" kernel's 16 taps meet a pixel
+        self.gain = nn.Parameter(torch.full((outputs,), float(norm)))
+        self.bias = nn.Parameter(torch.zeros(size, size, outputs))  # channels last
+
+    def weight(self):
+        v, kept = self.direction, 1 if self.up else 0
+        length = torch.linalg.vector_norm(v, dim=[d for d in range(4) if d != kept], keepdim=True).clamp(min=1e-12)
+        return v * (self.gain.reshape([-1 if d == kept else 1 for d in range(4)]) / length)
+
+    def forward(self, x):
+        if self.up:
+            y = F.conv_transpose2d(x, self.weight(), stride=2, padding=1)
+        else:
+            y = F.conv2d(x, self.weight(), stride=2 if self.mode == "down" else 1, padding=1)
+        return y + self.bias.permute(2, 0, 1).to(y.dtype)
+
+
+def block(*args, **kwargs):
+    """A convolution and its LeakyReLU."""
+    return nn.Sequential(Conv(*args, **kwargs), nn.LeakyReLU(SLOPE, inplace=True))
+
+
+def head(inputs, outputs, size, mode="same"):
+    """A last convolution, zero at the start."""
+    return Conv(inputs, outputs, size, mode, gain=0.0)
+
+
+def channels_last(x):
+    return x.contiguous(memory_format=torch.channels_last)
+
+
+def resize(maps, size):
+    """Maps (B,C,h,h) at another size: averaged when smaller, bilinear when larger."""
+    if maps.shape[-1] == size:
+        return maps
+    if maps.shape[-1] > size:
+        return F.avg_pool2d(maps, maps.shape[-1] // size)
+    return F.interpolate(maps, size=(size, size), mode="bilinear", align_corners=False)
+
+
+def doublings(start, size):
+    """The sizes after `start` up to `size`: 16 -> 64 gives 32, 64."""
+    sizes = []
+    while start < size:
+        start *= 2
+        sizes.append(start)
+    return sizes
+
+
+class Decoder(nn.Module):
+    """Features (B,C,s,s) -> map (B,3,size,size), 0 at the start; half the channels with each doubling."""
+
+    def __init__(self, inputs, start, size, width, least_width):
+        super().__init__()
+        blocks = [block(inputs, width, start)]
+        for s in doublings(start, size):
+            narrower = max(width // 2, least_width)
+            blocks.append(block(width, narrower, s, mode="up"))
+            width = narrower
+        self.body, self.head = nn.Sequential(*blocks), head(width, 3, size)
+
+    def forward(self, features):
+        return self.head(self.body(features)).float()
+
+
+class UNet(nn.Module):
+    """Map (B,C,size,size) -> (B,outputs,size,size), 0 at the start; strided convolutions down to 8 texels, skips added."""
+
+    def __init__(self, inputs, outputs, size, width, widest):
+        super().__init__()
+        sizes = doublings(8, size)[::-1]
+        widths = [min(width * 2**i, widest) for i in range(len(sizes))]
+        self.down = nn.ModuleList(
+            block(c, w, s // 2, mode="down") for c, w, s in zip([inputs, *widths], widths, sizes, strict=False)
+        )
+        self.up = nn.ModuleList(
+            block(widths[i], widths[i - 1], sizes[i], mode="up") for i in range(len(sizes) - 1, 0, -1)
+        )
+        self.head = head(widths[0], outputs, size, mode="up")
+
+    def forward(self, x):
+        skips = []
+        for down in self.down:
+            x = down(x)
+            skips.append(x)
+        for up, skip in zip(self.up, skips[-2::-1], strict=True):
+            x = up(x) + skip
+        return self.head(x).float()
+
+
+class PoseMap(nn.Module):
+    """Pose features (B,K,C) -> map (B,P,s,s): tiled, masked per joint, mixed by a 1x1 convolution.
+
+    y_p(x) = sum_k m_k(x) sum_c W_pkc f_kc, so a joint acts only where its mask m (K,s,s) lets it; computed in this order
+    the tiled map of K C channels is never built.
+    """
+
+    def __init__(self, mask, features, outputs=POSE_CHANNELS):
+        super().__init__()
+        self.register_buffer("mask", mask)
+        self.weight = nn.Parameter(torch.randn(outputs, mask.shape[0], features) * 0.5)
+
+    def forward(self, features):
+        k, s, _ = self.mask.shape
+        mixed = torch.einsum("pkc,bkc->bpk", self.weight, features)
+        return (mixed @ self.mask.reshape(k, s * s)).reshape(len(features), -1, s, s)
+
+
+class FaceMap(nn.Module):
+    """Facial keypoints (B,q,3), normalised, 0 where unseen -> map (B,C,s,s): a code times a learned basis on the head."""
+
+    def __init__(self, points, mask, outputs=FACE_CHANNELS):
+        super().__init__()
+        self.register_buffer("mask", mask)  # (s,s)
+        self.code = nn.Sequential(nn.Linear(3 * points, FACE_HIDDEN), nn.LeakyReLU(SLOPE))
+        self.basis = nn.Parameter(torch.randn(FACE_HIDDEN, outputs, *mask.shape) / FACE_HIDDEN**0.5)
+
+    def forward(self, face):
+        return torch.einsum("bh,hcij->bcij", self.code(face.flatten(1)), self.basis) * self.mask
+
+
+class CodeMap(nn.Module):
+    """Code z (B,Z) -> map (B,C,s,s)."""
+
+    def __init__(self, latent, start, width):
+        super().__init__()
+        self.wide = 2 * width
+        self.first = nn.Sequential(nn.Linear(latent, self.wide * COARSEST**2), nn.LeakyReLU(SLOPE))
+        sizes = doublings(COARSEST, start)
+        widths = [*[self.wide] * (len(sizes) - 1), width]
+        self.body = nn.Sequential(
+            *(block(c, w, s, mode="up") for c, w, s in zip([self.wide, *widths], widths, sizes, strict=False))
+        )
+
+    def forward(self, z):
+        return self.body(channels_last(self.first(z).reshape(len(z), self.wide, COARSEST, COARSEST)))
+
+
+class Encoder(nn.Module):
+    """Geometry map (B,3,G,G) and texture (B,3,T,T), both as normalised differences from the mean -> mean, logvar (B,Z).
+
+    Both start at 0, a unit Gaussian up to logvar's bound: |logvar| < LOGVAR by a tanh, smooth so that KL can always
+    bring it back.
+    """
+
+    def __init__(self, sizes):
+        super().__init__()
+        g, t, w = sizes.geometry, sizes.texture, sizes.least_width
+        levels = doublings(g, t)[::-1]
+        widths = [min(w * 2**i, sizes.width) for i in range(len(levels))]
+        self.texture = nn.Sequential(
+            *(block(c, o, s // 2, mode="down") for c, o, s in zip([3, *widths], widths, levels, strict=False))
+        )
+        width = ([3] + widths)[-1]
+        blocks, inputs = [], width + 3
+        for s in doublings(COARSEST, g)[::-1]:
+            width = min(max(2 * width, w), 2 * sizes.width)
+            blocks.append(block(inputs, width, s // 2, mode="down"))
+            inputs = width
+        self.body = nn.Sequential(*blocks)
+        self.mean = nn.Linear(width * COARSEST**2, sizes.latent)
+        self.logvar = nn.Linear(width * COARSEST**2, sizes.latent)
+        for linear in (self.mean, self.logvar):
+            nn.init.normal_(linear.weight, std=0.1 / (width * COARSEST**2) ** 0.5)
+            nn.init.zeros_(linear.bias)
+
+    def forward(self, geometry, texture):
+        x = torch.cat([channels_last(geometry), self.texture(channels_last(texture))], dim=1)
+        x = self.body(x).flatten(1)
+        return self.mean(x).float(), bounded(self.logvar(x).float())
+
+
+def bounded(raw):
+    """logvar: the identity near 0, within +-LOGVAR everywhere."""
+    return LOGVAR * torch.tanh(raw / LOGVAR)
+
+
+def reparameterised(mean, logvar):
+    """z = mean + exp(logvar / 2) e, e drawn from the unit Gaussian by torch's generator (Kingma and Welling 2014)."""
+    return mean + torch.exp(0.5 * logvar) * torch.randn_like(mean)
+
+
+class Shadow(nn.Module):
+    """AO - AO_mean (B,1,s,s) -> quasi-shadow (B,1,s,s), exactly 1 at the start, between 0 and 1 / sigmoid(2) = 1.135.
+
+    The texture is a mean over poses, so a place can also be brighter than its mean.
+    """
+
+    def __init__(self, size, width):
+        super().__init__()
+        self.unet = UNet(1, 1, size, width, widest=16 * width)
+
+    def forward(self, occlusion):
+        return torch.sigmoid(self.unet(channels_last(occlusion)) + 2) * (1 + torch.exp(torch.tensor(-2.0)).item())
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of one layer's networks, from the settings and the scene."""
+
+    geometry: int  # texels along a side
+    texture: int
+    latent: int
+    width: int  # channels at the decoders' start
+    least_width: int
+    shadow_width: int
+    occlusion: int  # texels along a side of the shadow network's maps
+    joints: int = 0  # pose drives this layer when > 0
+    pose_features: int = 9  # per joint
+    face_points: int = 0
+    code: bool = False
+    view: bool = False
+    mask: torch.Tensor | None = field(default=None, repr=False, compare=False)  # (K,s,s), s = start
+    head: torch.Tensor | None = field(default=None, repr=False, compare=False)  # (s,s)
+
+    @property
+    def start(self):
+        """Texels along a side where the decoders begin."""
+        return max(self.geometry // 4, COARSEST)
+
+    @property
+    def view_size(self):
+        """Reflections are smooth: half the texture's resolution."""
+        return self.texture // 2
+
+
+class LayerNetworks(nn.Module):
+    """All networks of one layer; a part that the layer does not need does not exist (None)."""
+
+    def __init__(self, sizes):
+        super().__init__()
+        self.sizes, start, w = sizes, sizes.start, sizes.width
+        blank = torch.zeros(max(sizes.joints, 1), start, start)
+        mask = sizes.mask if sizes.mask is not None else blank
+        head_mask = sizes.head if sizes.head is not None else blank[0]
+        self.pose = PoseMap(mask, sizes.pose_features) if sizes.joints else None
+        self.face = FaceMap(sizes.face_points, head_mask) if sizes.face_points else None
+        self.encoder = Encoder(sizes) if sizes.code else None
+        self.code = CodeMap(sizes.latent, start, w) if sizes.code else None
+        inputs = POSE_CHANNELS * bool(sizes.joints) + FACE_CHANNELS * bool(sizes.face_points) + w * sizes.code
+        self.geometry = Decoder(inputs, start, sizes.geometry, w, sizes.least_width)
+        self.texture = Decoder(inputs, start, sizes.texture, w, sizes.least_width)
+        self.view = UNet(4, 3, sizes.view_size, sizes.least_width, 2 * w) if sizes.view else None
+        self.shadow = Shadow(sizes.occlusion, sizes.shadow_width)
+
+    def features(self, pose, face, z):
+        """What drives the decoders (B,C,start,start): of pose, face and code only those that the layer has."""
+        parts = [net(x) for net, x in ((self.pose, pose), (self.face, face), (self.code, z)) if net is not None]
+        return channels_last(torch.cat([p.to(parts[0].dtype) for p in parts], dim=1))
+
+    def view_residual(self, texture, cosine):
+        """View-dependent residual (B,3,T,T) of a normalised texture (B,3,T,T) seen at n.v (B,1,T/2,T/2)."""
+        small = resize(texture, self.sizes.view_size)
+        return resize(self.view(channels_last(torch.cat([small, cosine], dim=1))), self.sizes.texture)
+
+
+def count(module):
+    """Number of trained parameters."""
+    return sum(p.numel() for p in module.parameters())
