@@ -10,7 +10,39 @@ namespace toile {
 namespace {
 
 constexpr int leaf_size = 4;  // as many faces as a register has lanes
-constexpr double rounding = 1 + 1e-12;     // so that pruning cannot decide between equal distances
+constexpr double tie = 1 + 2e-9;  // squares this near are equal: what symmetry makes equal, rounding must not decide
+
+/// The smallest face among the nearest of those added, in whatever order they come.
+class Nearest {
+public:
+    void add(double square, int face, int slot) {
+        if (!(square <= limit())) return;
+        least_ = std::min(least_, square);
+        const auto end = candidates_ + count_;
+        if (std::any_of(candidates_, end, [&](const Candidate& c) { return c.face <= face && c.square <= square; })) return;
+        count_ = static_cast<int>(std::remove_if(candidates_, end, [&](const Candidate& c) {
+            return c.square > limit() || (face <= c.face && square <= c.square);
+        }) - candidates_);
+        if (count_ < most) candidates_[count_++] = {square, face, slot};
+    }
+    double limit() const { return least_ * tie; }
+    int slot() const {
+        int first = -1;
+        for (int k = 0; k < count_; ++k)
+            if (candidates_[k].square <= limit() && (first < 0 || candidates_[k].face < candidates_[first].face)) first = k;
+        return first < 0 ? -1 : candidates_[first].slot;
+    }
+
+private:
+    struct Candidate {
+        double square;
+        int face, slot;
+    };
+    static constexpr int most = 16;  // of a handful: each is nearer than all of smaller faces
+    Candidate candidates_[most];
+    int count_ = 0;
+    double least_ = std::numeric_limits<double>::infinity();
+};
 
 }  // namespace
 
@@ -187,21 +219,17 @@ SurfacePoint BoxTree::closest(const Vec3& p, int guess) const {
         int node;
         double square;
     } stack[stack_size];
-    int top = 0, slot = -1;
-    double square = std::numeric_limits<double>::infinity();
+    int top = 0;
+    Nearest nearest;
     const auto visit = [&](const Node& leaf) {
         const Lanes squares = squared_distances(packs_[static_cast<std::size_t>(-1 - leaf.right)], p);
-        for (int k = leaf.begin; k < leaf.end; ++k) {
-            const double s = squares[k - leaf.begin];
-            const bool earlier = slot < 0 || order_[static_cast<std::size_t>(k)] < order_[static_cast<std::size_t>(slot)];
-            if (s < square || (s == square && earlier)) square = s, slot = k;
-        }
+        for (int k = leaf.begin; k < leaf.end; ++k) nearest.add(squares[k - leaf.begin], order_[static_cast<std::size_t>(k)], k);
     };
     if (guess >= 0) visit(nodes_[static_cast<std::size_t>(leaf_[static_cast<std::size_t>(guess)])]);
     if (!nodes_.empty()) stack[top++] = {0, 0};
     while (top > 0) {
         const auto [self, box_square] = stack[--top];
-        if (box_square > square * rounding) continue;
+        if (box_square > nearest.limit()) continue;
         const Node& node = nodes_[static_cast<std::size_t>(self)];
         if (node.leaf()) {
             visit(node);
@@ -211,12 +239,13 @@ SurfacePoint BoxTree::closest(const Vec3& p, int guess) const {
         const Lanes squares = squared_distances(wide, p);
         const int bottom = top;
         for (int lane = 0; lane < 4; ++lane) {  // the nearest on top
-            if (!(squares[lane] <= square * rounding) || wide.child[lane] < 0) continue;
+            if (!(squares[lane] <= nearest.limit()) || wide.child[lane] < 0) continue;
             int k = top++;
             for (; k > bottom && stack[k - 1].square < squares[lane]; --k) stack[k] = stack[k - 1];
             stack[k] = {wide.child[lane], squares[lane]};
         }
     }
+    const int slot = nearest.slot();
     SurfacePoint out;
     if (slot < 0) return out;
     const Triangle& t = triangle(slot);

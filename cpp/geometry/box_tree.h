@@ -42,7 +42,8 @@ public:
     /// Calls `visit(slot)` for every face whose box meets the closed box, in no meaningful order.
     template <class Visit>
     void visit_overlapping(const Box& box, Visit&& visit) const;
-    /// The closest point of all faces; the smallest face among equals. A near `guess` saves time and changes nothing.
+    /// The closest point of all faces; the smallest face among those whose distances agree to 1e-9. A near `guess` saves
+    /// time and changes nothing.
     SurfacePoint closest(const Vec3& p, int guess = -1) const;
 
 private:

@@ -89,6 +89,7 @@ void Obstacle::move(const Vertices& V) {
     if (!closed_) return;
     winding_ = std::make_unique<WindingMoments>(*tree_);
     orientation_ = winding_->volume() < 0 ? -1 : 1;
+    hollow_ = std::abs(winding_->volume()) < 1e-12 * std::pow(size_, 3);
 }
 
 bool Obstacle::on_rim(const SurfacePoint& s) const {

@@ -32,6 +32,8 @@ public:
 
     void move(const Vertices& V);
     bool closed() const { return closed_; }  ///< no edge with one face only
+    /// A closed surface whose volume vanishes within rounding: nothing is inside it, or its parts cancel.
+    bool hollow() const { return hollow_; }
     const BoxTree& tree() const { return *tree_; }
     const BoxTree::Triangle& triangle(int face) const { return tree_->triangle(tree_->slot_of(face)); }
 
@@ -58,6 +60,7 @@ private:
     Adjacency faces_of_;            ///< of vertices
     double orientation_ = 1;        ///< -1: a closed surface whose faces look inwards
     double size_ = 1;               ///< diagonal of the box [m]
+    bool hollow_ = false;
     std::unique_ptr<BoxTree> tree_;
     std::unique_ptr<WindingMoments> winding_;
 };

@@ -25,27 +25,33 @@ std::vector<char> open_vertices(const Faces& F, Eigen::Index n) {
     return open;
 }
 
-Faces distinct_faces(const Faces& F, Eigen::Index n) {
-    using Corners = std::array<int, 3>;
-    const auto sorted = [&](Eigen::Index f) {
-        Corners c{F(f, 0), F(f, 1), F(f, 2)};
-        std::sort(c.begin(), c.end());
-        return c;
+std::vector<int> first_alike(const Faces& F, Eigen::Index n) {
+    struct Listing {
+        int middle, largest, face;
     };
     std::vector<int> start(static_cast<std::size_t>(n) + 1, 0);  // faces by their smallest corner
-    for (Eigen::Index f = 0; f < F.rows(); ++f) ++start[std::min({F(f, 0), F(f, 1), F(f, 2)}) + 1];
+    for (Eigen::Index f = 0; f < F.rows(); ++f) ++start[F.row(f).minCoeff() + 1];
     std::partial_sum(start.begin(), start.end(), start.begin());
-    std::vector<int> next(start.begin(), start.end() - 1), keep;
-    std::vector<std::array<int, 2>> others(static_cast<std::size_t>(F.rows()));
-    keep.reserve(others.size());
+    std::vector<int> next(start.begin(), start.end() - 1), first(static_cast<std::size_t>(F.rows()));
+    std::vector<Listing> listed(first.size());
     for (int f = 0; f < F.rows(); ++f) {
-        const Corners c = sorted(f);
-        const auto first = others.begin() + start[c[0]], end = others.begin() + next[c[0]];
-        const std::array<int, 2> own{c[1], c[2]};
-        if (c[0] == c[1] || c[1] == c[2] || std::find(first, end, own) != end) continue;
-        others[next[c[0]]++] = own;
-        keep.push_back(f);
+        std::array<int, 3> c{F(f, 0), F(f, 1), F(f, 2)};
+        std::sort(c.begin(), c.end());
+        const auto end = listed.begin() + next[c[0]];
+        const auto same = std::find_if(listed.begin() + start[c[0]], end,
+                                       [&](const Listing& l) { return l.middle == c[1] && l.largest == c[2]; });
+        first[f] = same == end ? f : same->face;
+        if (same == end) listed[next[c[0]]++] = {c[1], c[2], f};
     }
+    return first;
+}
+
+Faces distinct_faces(const Faces& F, Eigen::Index n) {
+    const std::vector<int> first = first_alike(F, n);
+    std::vector<int> keep;
+    keep.reserve(first.size());
+    for (int f = 0; f < F.rows(); ++f)
+        if (first[f] == f && F(f, 0) != F(f, 1) && F(f, 1) != F(f, 2) && F(f, 2) != F(f, 0)) keep.push_back(f);
     return static_cast<Eigen::Index>(keep.size()) == F.rows() ? F : F(keep, Eigen::all);
 }
 

@@ -9,6 +9,9 @@ namespace toile {
 /// Per vertex: on the border, or where faces meet in odd numbers.
 std::vector<char> open_vertices(const Faces& F, Eigen::Index n);
 
+/// Per face the first one with the same three corners, whatever their order.
+std::vector<int> first_alike(const Faces& F, Eigen::Index n);
+
 /// Faces of three different corners, the first of those with the same three, whatever their order.
 Faces distinct_faces(const Faces& F, Eigen::Index n);
 

@@ -1,12 +1,14 @@
 #include "kernels/untangle.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
 #include <vector>
 
 #include "base/errors.h"
+#include "geometry/weld.h"
 #include "kernels/untangle_frame.h"
 
 namespace toile {
@@ -52,16 +54,48 @@ double mean_edge(const Vertices& V, const Adjacency& ring) {
     return ring.index.empty() ? 0 : sum / static_cast<double>(ring.index.size());
 }
 
+/// The faces of a body, each once: the windings of a face and its reverse would cancel.
+struct Distinct {
+    Distinct(const Faces& F, Eigen::Index n) {
+        const std::vector<int> first = first_alike(F, n);
+        std::vector<int> keep;
+        for (int f = 0; f < F.rows(); ++f)
+            if (first[f] == f) keep.push_back(f);
+        once = F(keep, Eigen::all);
+        if (once.rows() == F.rows()) return;
+        listings.resize(keep.size());
+        for (int f = 0; f < F.rows(); ++f)
+            listings[std::lower_bound(keep.begin(), keep.end(), first[f]) - keep.begin()].push_back(f);
+    }
+
+    /// Pairs with faces of `once`, as pairs with all faces given.
+    Edges as_listed(const Edges& pairs) const {
+        if (listings.empty()) return pairs;
+        std::vector<std::array<int, 2>> all;
+        for (const auto& pair : pairs.rowwise())
+            for (int g : listings[pair[1]]) all.push_back({pair[0], g});
+        std::sort(all.begin(), all.end());
+        Edges out(static_cast<Eigen::Index>(all.size()), 2);
+        for (std::size_t k = 0; k < all.size(); ++k) out.row(k) << all[k][0], all[k][1];
+        return out;
+    }
+
+    Faces once;
+    std::vector<std::vector<int>> listings;  ///< of each face the numbers of those given; empty: all were distinct
+};
+
 }  // namespace
 
 struct UntangleSolver::State {
-    State(Faces cloth_F, Eigen::Index n, Faces body_F, Eigen::Index m, const UntangleOptions& o)
-        : cloth_n(n), body_n(m), options(o), cloth(std::move(cloth_F), n), membrane(cloth.ring), body(std::move(body_F), o.max_depth) {}
+    State(Faces cloth_F, Eigen::Index n, const Faces& body_F, Eigen::Index m, const UntangleOptions& o)
+        : cloth_n(n), body_n(m), options(o), cloth(std::move(cloth_F), n), membrane(cloth.ring), distinct(body_F, m),
+          body(distinct.once, o.max_depth) {}
 
     Eigen::Index cloth_n, body_n;
     UntangleOptions options;
     Cloth cloth;
     Membrane membrane;
+    Distinct distinct;
     Obstacle body;
     std::vector<int> faces_below;  ///< of the body, under the cloth's vertices at the start of the last frame
 };
@@ -70,7 +104,7 @@ UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F
     check_options(options);
     check_mesh("untangle", Vertices::Zero(cloth_n, 3), cloth_F, "cloth_V", "cloth_F");
     check_mesh("untangle", Vertices::Zero(body_n, 3), body_F, "body_V", "body_F");
-    state_ = std::make_unique<State>(std::move(cloth_F), cloth_n, std::move(body_F), body_n, options);
+    state_ = std::make_unique<State>(std::move(cloth_F), cloth_n, body_F, body_n, options);
 }
 
 UntangleSolver::~UntangleSolver() = default;
@@ -92,6 +126,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     const UntangleOptions& o = s.options;
     s.body.move(body_V);
     check_span(s.body.tree().nodes()[0].box.diagonal().norm());
+    require(!s.body.hollow(), "untangle: body_V and body_F close on themselves around no volume: nothing is inside");
     UntangleFrame frame(cloth_V, s.cloth, s.body, o);
     const double stiffness = std::clamp(1.5 * std::pow(mean_edge(cloth_V, s.cloth.ring) / o.spread, 2), 1e-8, 1e8);
 
@@ -101,7 +136,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     frame.find_pairs();
     frame.decide_sides();
     r.depth_before = frame.depth();
-    r.intersections_before = static_cast<int>(frame.pairs.rows());
+    r.intersections_before = static_cast<int>(s.distinct.as_listed(frame.pairs).rows());
     int fewest = std::numeric_limits<int>::max();
     Vertices best, d = Vertices::Zero(s.cloth_n, 3);
     for (int idle = 0, former = std::numeric_limits<int>::max();; ++r.iterations) {
@@ -136,7 +171,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
         frame.find_pairs();
         frame.decide_sides();
     }
-    r.pairs_left = frame.pairs;
+    r.pairs_left = s.distinct.as_listed(frame.pairs);
     r.intersections_left = static_cast<int>(r.pairs_left.rows());
     r.vertices_left = frame.vertices_inside();
     r.depth_after = frame.depth();

