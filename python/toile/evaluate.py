@@ -13,9 +13,7 @@ from .capture import open_capture
 from .io.body import load_body_model
 from .scene import CaptureError
 from .store import OK, Status
-from .truth import millimetres, open_truth
-
-INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
+from .truth import millimetres, open_truth, outside_of
 
 
 def evaluate(run):
@@ -47,11 +45,8 @@ class _Evaluation:
         self.model = load_body_model(path, up=self.capture.scene.up)
         self.garments = self.store.attrs["scene"]["garments"]
         self.truth = open_truth(self.capture, [g["name"] for g in self.garments])
-        n = len(self.model.v_template)
-        self.outside = np.ones(n, bool)
-        for segment in INSIDE:
-            self.outside[self.model.segments.get(segment, [])] = False
-        component = kernels.vertex_components(self.model.f, n)
+        self.outside = outside_of(self.model)
+        component = kernels.vertex_components(self.model.f, len(self.model.v_template))
         self.skin = np.ascontiguousarray(self.model.f[component[self.model.f[:, 0]] == np.bincount(component).argmax()])
 
     def result(self):

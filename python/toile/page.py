@@ -8,6 +8,7 @@ import io
 
 import numpy as np
 
+HEAT = ((44, 75, 130), (120, 170, 190), (240, 225, 150), (225, 120, 60), (140, 20, 40))  # evenly spaced over 0..1
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2430; --soft: #66707f; --page: #f7f6f3; --card: #fff; --line: #e2dfd8; --mark: #b4552d }
 @media (prefers-color-scheme: dark) { :root { --ink: #e8e6e1; --soft: #9aa3b0; --page: #16191e; --card: #1e2229; --line: #323842; --mark: #e08a5f } }
@@ -20,6 +21,8 @@ h1 { font-size: 1.7rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.5rem 0 .8
 .frame img { width: 200px; height: auto } .scale { display: inline-block; width: 12rem; height: .7rem; border-radius: 3px; vertical-align: baseline; margin: 0 .4rem }
 img { border-radius: 4px; display: block } .why { color: var(--mark) } .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: .8rem }
 svg { width: 100%; background: var(--card); border: 1px solid var(--line); border-radius: 8px } svg text { fill: var(--soft); font-size: 11px } polyline { fill: none; stroke: var(--mark); stroke-width: 1.6 }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums } th, td { padding: .25rem .9rem .25rem 0; text-align: right; border-bottom: 1px solid var(--line) } th:first-child, td:first-child { text-align: left } th { color: var(--soft); font-weight: 500 }
+.sheet { margin: .8rem 0; overflow-x: auto } .sheet img { width: 100%; min-width: 700px; height: auto }
 pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; overflow: auto; font-size: 12px }
 """
 
@@ -51,6 +54,20 @@ def figure(picture, caption):
     Image.fromarray(picture).save(buffer, "JPEG", quality=82)
     data, text = base64.b64encode(buffer.getvalue()).decode(), html.escape(caption)
     return f"<figure><img alt='{text}' src='data:image/jpeg;base64,{data}'><figcaption>{text}</figcaption></figure>"
+
+
+def table(head, rows):
+    """A table: `head` and `rows` of texts and numbers; None is a dash."""
+    cell = lambda v: "\u2013" if v is None else html.escape(v if isinstance(v, str) else short_number(v))  # noqa: E731
+    line = lambda tag, values: f"<tr>{''.join(f'<{tag}>{cell(v)}</{tag}>' for v in values)}</tr>"  # noqa: E731
+    return f"<table>{line('th', head)}{''.join(line('td', row) for row in rows)}</table>"
+
+
+def heat(share):
+    """Colours (...,3) of values 0..1: blue at 0, dark red from 1 on."""
+    at = np.clip(np.asarray(share, dtype=np.float64), 0, 1)
+    knots = np.linspace(0, 1, len(HEAT))
+    return np.stack([np.interp(at, knots, channel) for channel in np.array(HEAT, dtype=np.float64).T], axis=-1)
 
 
 def short_number(value):

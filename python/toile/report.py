@@ -12,7 +12,7 @@ import numpy as np
 from . import kernels
 from .capture import open_capture
 from .evaluate import evaluate, flatten
-from .page import cards, document, figure, plot, short_number
+from .page import HEAT, cards, document, figure, heat, plot, short_number
 from .scene import CaptureError
 from .store import Status
 
@@ -20,7 +20,6 @@ WORST = 40  # frames shown with pictures
 SIZE = (360, 220)  # (height, width) of a picture [px]
 BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
 HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
-HEAT = ((44, 75, 130), (120, 170, 190), (240, 225, 150), (225, 120, 60), (140, 20, 40))  # evenly spaced from 0
 UNSEEN = (176, 174, 170)  # over holes of the scan
 
 
@@ -136,7 +135,7 @@ class _Page:
             V, F = group["vertices"][row], group["faces"][:]
             face, _, bary, distance = index.closest(V)
             beyond = (rim[scan.faces[face]] | (bary < 1e-6)).all(1)  # the nearest point lies on the scan's rim
-            colour = heat(distance[F].mean(1))
+            colour = heat(distance[F].mean(1) * 1e3 / HEAT_MM)
             colour[beyond[F].any(1)] = UNSEEN
             return V, F, colour
 
@@ -148,13 +147,6 @@ class _Page:
             for name, parts in surfaces.items()
             for side, angle in (("front", 0), ("back", np.pi))
         ]
-
-
-def heat(distance):
-    """Colours (k,3) of distances (k,) [m]: blue at 0, dark red from HEAT_MM on."""
-    at = np.clip(np.asarray(distance) * 1e3 / HEAT_MM, 0, 1)
-    knots = np.linspace(0, 1, len(HEAT))
-    return np.stack([np.interp(at, knots, channel) for channel in np.array(HEAT, dtype=np.float64).T], axis=1)
 
 
 def _rim(mesh):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from test_pipeline import run  # noqa: F401  (the registered run is a fixture of that module)
-from toile.page import plot, short_number
-from toile.report import HEAT, HEAT_MM, _rim, heat, write_report
+from toile.page import HEAT, heat, plot, short_number, table
+from toile.report import _rim, write_report
 from toile.scene import Mesh
 
 FLAGS = (
@@ -35,12 +35,17 @@ def test_report_loads_in_a_browser_without_a_console_error(run, tmp_path):  # no
 
 
 def test_heat_runs_from_the_first_colour_to_the_last_and_stays_there():
-    colours = heat(np.array([0, HEAT_MM / 2, HEAT_MM, 1000 * HEAT_MM]) * 1e-3)
+    colours = heat(np.array([0, 0.5, 1, 1000]))
     assert np.allclose(colours, [HEAT[0], HEAT[2], HEAT[-1], HEAT[-1]])
 
 
 def test_numbers_are_printed_without_an_exponent():
     assert [short_number(v) for v in (3, 0.0, 1.23456, 12345.6, 3e-9)] == ["3", "0", "1.23", "12346", "under 0.001"]
+
+
+def test_a_table_escapes_its_texts():
+    assert table(["<b>"], [["&", None, 0.25]]).count("&lt;b&gt;") == 1
+    assert "<td>&amp;</td><td>\u2013</td><td>0.25</td>" in table(["<b>"], [["&", None, 0.25]])
 
 
 def test_the_title_of_a_plot_stays_inside_it():
