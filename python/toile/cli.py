@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Annotated, Optional
 import typer
 
 from .scene import CaptureError
+
+FRAMES = 1_000_000  # frame numbers have six digits
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
 
@@ -73,11 +76,16 @@ def register(
 
 
 @app.command()
-def evaluate(run: Path, as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False):
-    """Measure a run against its scans and, where the capture has it, the truth."""
-    from .evaluate import evaluate as measure
-
-    result = measure(run)
+def evaluate(
+    path: Annotated[Path, typer.Argument(help="a run or an avatar")],
+    frames: Annotated[Optional[str], typer.Option(help="of an avatar: 1-50,60; default: what its training held out")] = None,
+    run: Annotated[Optional[Path], typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
+):
+    """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
+    result = measure(path, frames, run)
+    for warning in result.get("warnings", ()):
+        typer.echo(f"  warning: {warning}", err=True)
     if as_json:
         typer.echo(json.dumps(result, allow_nan=False))
         return
@@ -86,11 +94,23 @@ def evaluate(run: Path, as_json: Annotated[bool, typer.Option("--json", help="on
 
 
 @app.command()
-def report(run: Path, out: Annotated[Optional[Path], typer.Option(help="default: RUN/report.html")] = None):
-    """Write one self-contained HTML page about a run."""
+def report(
+    path: Annotated[Path, typer.Argument(help="a run or an avatar")],
+    out: Annotated[Optional[Path], typer.Option(help="default: report.html in that folder")] = None,
+    frames: Annotated[Optional[str], typer.Option(help="of an avatar: 1-50,60; default: what its training held out")] = None,
+    run: Annotated[Optional[Path], typer.Option(help="of an avatar: its run, if that was moved")] = None,
+):
+    """Write one self-contained HTML page about a run or an avatar."""
+    if is_avatar(path):
+        from .avatar.report import write_avatar_report
+
+        with progress_bars() as progress:
+            typer.echo(str(write_avatar_report(path, out, frames=numbers_of(frames), run=run, progress=progress)))
+        return
     from .report import write_report
 
-    typer.echo(str(write_report(run, out)))
+    no_avatar(path, frames, run)
+    typer.echo(str(write_report(path, out)))
 
 
 @app.command()
@@ -122,18 +142,55 @@ def quality_within(budget, quality, capture, numbers):
     return quality
 
 
+def is_avatar(path):
+    return (path / "avatar.json").exists()
+
+
+def measure(path, frames, run):
+    """The evaluation of a run or of an avatar."""
+    if is_avatar(path):
+        from .avatar.evaluation import evaluate_avatar
+
+        with progress_bars() as progress:
+            return evaluate_avatar(path, numbers_of(frames), run, progress)
+    from .evaluate import evaluate as evaluate_run
+
+    no_avatar(path, frames, run)
+    return evaluate_run(path)
+
+
+def no_avatar(path, frames, run):
+    """Refuses the options that are an avatar's."""
+    for name, value in (("frames", frames), ("run", run)):
+        if value is not None:
+            raise CaptureError(f"--{name} {value}: {path} is no avatar, it has no avatar.json")
+
+
+def numbers_of(text):
+    """"1-3,7" -> (1, 2, 3, 7), None for None."""
+    if text is None:
+        return None
+    last = max((int(n) for n in re.findall(r"\d+", text)), default=0)
+    if last >= FRAMES:
+        raise CaptureError(f"--frames {text}: {last} is no frame number, they have six digits")
+    numbers = frame_numbers(text, range(last + 1))
+    if not numbers:
+        raise CaptureError(f"--frames {text}: there is no number in this range")
+    return numbers
+
+
 def frame_numbers(text, available, step=1):
     """"1-50,60" -> the numbers of that list that are captured, every `step`-th; all of them for None."""
     if step < 1:
         raise CaptureError(f"--step {step}: expected at least 1")
     if text is None:
         return tuple(available)[::step]
-    numbers = []
+    numbers, there = [], set(available)
     for part in text.split(","):
         first, _, last = part.strip().partition("-")
         if not first.isdigit() or (last and not last.isdigit()):
             raise CaptureError(f"--frames {text}: '{part}' is not a number or a range")
-        numbers += [n for n in range(int(first), int(last or first) + 1) if not last or n in set(available)]
+        numbers += [n for n in range(int(first), int(last or first) + 1) if not last or n in there]
     return tuple(dict.fromkeys(numbers))[::step]
 
 

@@ -1,0 +1,132 @@
+"""An avatar measured on pictures that it was not trained on, beside its single-layer baseline (METHOD, Results).
+
+Reconstruction: each avatar encodes the frame itself, decodes the mean of its code, and is compared with the captured
+picture in the window that it was trained on. Both pictures are black outside the captured foreground.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..scene import CaptureError
+from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
+from .sheet import write_sheets
+
+SHOWN = 3  # frames whose pictures are drawn
+NAMES = ("layered", "baseline")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One camera's picture of a held-out frame; `rendered` and what was captured have values 0..1."""
+
+    frame: int
+    camera: str
+    captured: np.ndarray  # (H,W,3)
+    mask: np.ndarray  # (H,W) bool
+    labels: np.ndarray  # (H,W)
+    rendered: dict[str, np.ndarray]  # by avatar (H,W,3)
+    loops: dict[str, np.ndarray]  # a garment's open loops in this picture (k,2) [px]
+    mm_per_pixel: float  # at the person's distance
+
+
+class Tally:
+    """Errors of pictures, by avatar, frame and camera."""
+
+    def __init__(self, garments):
+        self.garments, self.pictures = tuple(garments), defaultdict(dict)
+
+    def add(self, picture):
+        mask = picture.mask[..., None]
+        captured, sets = picture.captured * mask, pixel_sets(picture.mask, picture.labels, self.garments)
+        for name, image in picture.rendered.items():
+            if not np.isfinite(image).all():
+                raise CaptureError(f"frame {picture.frame}, camera {picture.camera}: the {name} avatar's picture is not finite")
+            image = np.clip(image, 0, 1) * mask
+            maps = squared_error(image, captured), ssim_map(image, captured)
+            sums = {pixels: over(*maps, where) for pixels, where in sets.items()}
+            self.pictures[name][picture.frame, picture.camera] = sums
+
+    def measures(self, name, frame=None):
+        """Over all frames or one, and under "cameras" over each camera's pictures of them."""
+        chosen = {key: sums for key, sums in self.pictures[name].items() if frame in (None, key[0])}
+        by_camera = {c: _measures(s for (_, d), s in chosen.items() if d == c) for c in sorted({c for _, c in chosen})}
+        return _measures(chosen.values()) | {"cameras": by_camera}
+
+
+def _measures(pictures):
+    """mse, ssim, psnr over the foreground, the same as band_*, garment_mse, body_mse; None where there is no pixel."""
+    total = defaultdict(Sums)
+    for sums in pictures:
+        for pixels, value in sums.items():
+            total[pixels].add(value)
+    whole, band = total["all"], total["band"]
+    return {
+        "mse": whole.mse, "ssim": whole.ssim, "psnr": whole.psnr,
+        "band_mse": band.mse, "band_ssim": band.ssim, "band_psnr": band.psnr,
+        "garment_mse": total["garment"].mse, "body_mse": total["body"].mse,
+        "pixels": whole.pixels, "band_pixels": band.pixels,
+    }  # fmt: skip
+
+
+def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, total: None, sheets=True):
+    """{"all": {"layered": {...}, "baseline": {...} or None, ...}, "per_frame": [...], "warnings": [...]}.
+
+    frames: numbers, by default those that the training held out. run: where the run is now, if it was moved. sheets:
+    draw AVATAR/sheets/*.png. CaptureError: one line that names what is missing.
+
+    Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
+    garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
+    band; cameras; geometry against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
+    the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
+    "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
+    of a frame, shown to this one (DESIGN 5), for layers and for the tracked surface.
+    """
+    from .heldout import HeldOut
+
+    held = HeldOut(Path(folder), frames, run)
+    tally, spacing, shown = Tally(held.garment_labels.values()), [], defaultdict(list)
+    for i, picture in enumerate(held.pictures()):
+        progress("evaluate", i, held.count)
+        tally.add(picture)
+        spacing.append(picture.mm_per_pixel)
+        if picture.frame in held.spread(SHOWN):
+            shown[picture.frame].append(picture)
+    progress("evaluate", held.count, held.count)
+    if sheets:
+        write_sheets(Path(folder) / "sheets", shown.values(), tally.garments)
+    return _result(held, tally, float(np.mean(spacing)))
+
+
+def _result(held, tally, mm_per_pixel):
+    geometry = {n: held.geometry_errors(n) for n in held.frames} if held.truth else {}
+    distance = {n: held.nearest_pose(n) for n in held.frames}
+
+    def of(name, frame=None):
+        if name not in held.avatars:
+            return None
+        errors = [g[name] for n, g in geometry.items() if frame in (None, n)]
+        return tally.measures(name, frame) | {"geometry": mean(errors) if errors else None}
+
+    everything = {name: of(name) for name in NAMES} | {
+        "frames": len(held.frames),
+        "pose_distance_deg": mean(list(distance.values())),
+        "mm_per_pixel": mm_per_pixel,
+        "labels": "truth" if held.truth else "captured",
+        "photometric": None if held.truth else held.photometric(),
+    }
+    per_frame = [{"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames]
+    return {"all": everything, "per_frame": per_frame, "warnings": held.warnings}
+
+
+def mean(values):
+    """The mean of nested measures over those that have a number; None where none has."""
+    nested = [v for v in values if isinstance(v, dict)]
+    if nested:
+        return {key: mean([v.get(key) for v in nested]) for key in dict.fromkeys(k for v in nested for k in v)}
+    numbers = [v for v in values if v is not None]
+    return float(np.mean(numbers)) if numbers else None

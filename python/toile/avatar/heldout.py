@@ -1,0 +1,214 @@
+"""The avatars of a folder on held-out frames: what they decode and show there, and what is true there."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch.utils.data import default_collate
+
+from .. import kernels
+from ..capture import open_capture
+from ..io.body import load_body_model
+from ..scene import HIDDEN, CaptureError
+from ..truth import millimetres, open_truth, outside_of
+from .checkpoint import check_same, load_avatar, read_facts, topology
+from .data import AvatarData, pictured_frames
+from .evaluation import Picture
+from .metrics import pose_distance
+from .photometric import photometric
+
+
+class HeldOut:
+    """AVATAR and, where it is there, AVATAR/baseline, with their data of the chosen frames."""
+
+    def __init__(self, folder, frames=None, run=None):
+        facts = read_facts(folder)
+        path = Path(run or facts["run"])
+        try:
+            self.registered = RegisteredRun(path)
+        except FileNotFoundError:
+            raise CaptureError(f"{folder}: its run {path} is not there: give its place by --run") from None
+        self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels
+        self.frames, self.warnings = _chosen(folder, facts, frames, pictured_frames(path))
+        self.trained = [n for n in facts["frames"] if n in self.registered.row]
+        folders = {"layered" if facts["layered"] else "baseline": folder}
+        if (folder / "baseline" / "avatar.json").exists():
+            folders["baseline"] = folder / "baseline"
+        self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.avatars, self.data = {}, {}
+        for name, place in folders.items():
+            self.avatars[name] = load_avatar(place).to(self.device)
+            self.data[name] = self._data(place, name == "layered", path)
+        self.decoded = {name: {} for name in folders}  # by frame, {layer: vertices (n,3)} as decoded for one camera
+
+    def _data(self, folder, layered, run):
+        facts = read_facts(folder)
+        data = AvatarData(run, facts["settings"].data, folder=folder / "evaluation", frames=self.frames, layered=layered)
+        check_same(folder, facts["topology"], topology(data.layers, data.scene, data.cameras))
+        return data
+
+    @property
+    def count(self):
+        return len(next(iter(self.data.values())))
+
+    def spread(self, count):
+        """At most `count` of the frames, evenly spaced."""
+        return [self.frames[i] for i in np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int))]
+
+    def nearest_pose(self, frame):
+        """Distance [degrees] of a frame's pose to the nearest that was trained on; None where the run has none of them."""
+        poses = self.registered.rotations
+        distances = pose_distance(poses[self.registered.row[frame]], [poses[self.registered.row[n]] for n in self.trained])
+        return float(distances.min()) if len(distances) else None
+
+    @torch.no_grad()
+    def pictures(self):
+        """Every held-out picture as both avatars reconstruct it."""
+        first = next(iter(self.data))
+        for i in range(self.count):
+            samples = {name: data[i] for name, data in self.data.items()}
+            sample = samples[first]
+            frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
+            rendered = {name: self._reconstruct(name, frame, sample) for name, sample in samples.items()}
+            K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
+            mask = sample["mask"].numpy() > 0.5
+            yield Picture(
+                frame, camera, _last(sample["image"]), mask,
+                self.registered.labels(frame, K, T, sample["labels"].numpy()),
+                rendered, self._loops(sample, K, T),
+                1e3 * float(np.median(_body(sample) @ T[2, :3] + T[2, 3])) / K[0, 0],
+            )  # fmt: skip
+
+    def _reconstruct(self, name, frame, sample):
+        """(H,W,3): the frame encoded, the mean of its code decoded and rendered."""
+        avatar = self.avatars[name]
+        batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
+        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
+        if frame not in self.decoded[name]:
+            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
+        return _last(avatar.compose(decoded, batch, sample["image"].shape[-2:])[0].image)
+
+    def _loops(self, sample, K, T):
+        """Pixels of the registered garments' loops, {name: (k,2)}."""
+        loops = {}
+        for garment, named in self.registered.loops.items():
+            V = self.registered.garment(garment, int(sample["frame"])) @ T[:3, :3].T + T[:3, 3]
+            for loop, at in named.items():
+                p = V[at] @ K.T
+                title = loop if len(self.registered.loops) == 1 else f"{garment} {loop}"
+                loops[title] = np.where(p[:, 2:] > 0, p[:, :2] / np.maximum(p[:, 2:], 1e-9), np.nan)
+        return loops
+
+    def photometric(self):
+        """{avatar: the photometric check of what it was trained on}, see `photometric.py`."""
+        garments = list(self.garment_labels.values())
+        return {name: photometric(data, garments) for name, data in self.data.items()}
+
+    def geometry_errors(self, frame):
+        """{avatar: {measure: mm}} of what was decoded in a frame."""
+        layers = {name: {layer.name: layer for layer in data.layers} for name, data in self.data.items()}
+        return {name: self.registered.errors(frame, self.decoded[name][frame], layers[name]) for name in self.avatars}
+
+
+class RegisteredRun:
+    """What evaluation reads of a run and of the truth behind it."""
+
+    def __init__(self, path):
+        import zarr
+
+        self.store = zarr.open_group(str(path / "registered.zarr"), mode="r")
+        self.capture = open_capture(tomllib.loads((path / "config.toml").read_text(encoding="utf-8"))["capture"])
+        self.row = {int(n): i for i, n in enumerate(self.store["frames"][:])}
+        self.rotations = self.store["pose/rotations"][:]
+        garments = self.store.attrs["scene"]["garments"]
+        self.garment_labels = {g["name"]: g["label"] for g in garments}
+        self.loops = {g["name"]: g["loops"] for g in garments}
+        self.truth = open_truth(self.capture, self.garment_labels)
+        body = self.store.attrs["body_model"]
+        self.body_path = self.capture.root / body if body.endswith(".npz") else body
+
+    def garment(self, name, frame):
+        return self.store[f"garment/{name}/vertices"][self.row[frame]]
+
+    def labels(self, frame, K, T_camera_world, captured):
+        """Label ids (H,W) of a pinhole picture: true ones where the true surface is, the captured ones without truth."""
+        if self.truth is None or frame not in self.truth:
+            return captured
+        V, F, label = self._outer(frame)
+        face = kernels.raster(V @ T_camera_world[:3, :3].T + T_camera_world[:3, 3], F, K, captured.shape).face
+        return np.where(face >= 0, label[face], 0)
+
+    @cached_property
+    def _outside(self):
+        return outside_of(load_body_model(self.body_path, up=self.capture.scene.up))
+
+    def _outer(self, frame):
+        """The true outer surface of the last frame asked for."""
+        if getattr(self, "_kept", (None,))[0] != frame:
+            self._kept = frame, self.truth.outer(frame, self.garment_labels)
+        return self._kept[1]
+
+    def errors(self, frame, decoded, layers):
+        """Measures of decoded layers {name: (n,3)} against the truth [mm]; None where the truth lacks the frame.
+
+        outer_mm: the true outer surface's vertices to the nearest decoded layer, the same for every kind of avatar.
+        """
+        if frame not in self.truth:
+            return None
+        measures = {"outer_mm": self._outer_error(frame, decoded, layers)}
+        for name, V in decoded.items():
+            if layers[name].kind == "garment":
+                measures.setdefault("garment", {})[name] = self.truth.garment_errors(name, self.loops[name], V, frame)[0]
+            elif layers[name].kind == "body":
+                hidden = self.store["confidence/inner"][self.row[frame]] == HIDDEN
+                measures["body"] = self.truth.body_errors(V, hidden, self._outside, frame)
+        return measures
+
+    def _outer_error(self, frame, decoded, layers):
+        V, F, _ = self.truth.outer(frame, self.garment_labels, bare=True)
+        seen = np.zeros(len(V), bool)
+        seen[F] = True
+        seen[: len(self._outside)] &= self._outside
+        distances = [kernels.SurfaceIndex(v, layers[name].faces).closest(V[seen])[3] for name, v in decoded.items()]
+        return millimetres(np.min(distances, axis=0))
+
+
+def _chosen(folder, facts, asked, pictured):
+    """Frames to evaluate, and what is to be said about them."""
+    frames = facts["holdout"] if asked is None else list(asked)
+    if not frames:
+        raise CaptureError(f"{folder}: nothing was held out of the training: name frames by --frames")
+    left = [n for n in frames if n in set(pictured)]
+    if not left:
+        raise CaptureError(f"{folder}: frames {_ranges(frames)}: none of them is registered and has pictures")
+    warnings, trained = [], sorted(set(left) & set(facts["frames"]))
+    if len(left) < len(frames):
+        warnings.append(f"frames {_ranges(sorted(set(frames) - set(left)))}: not registered or without pictures, left out")
+    if trained:
+        warnings.append(f"frames {_ranges(trained)}: the avatar was trained on them")
+    return left, warnings
+
+
+def _ranges(numbers):
+    """"1-3, 7" of sorted numbers."""
+    parts = []
+    for n in numbers:
+        if parts and parts[-1][1] == n - 1:
+            parts[-1][1] = n
+        else:
+            parts.append([n, n])
+    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in parts)
+
+
+def _last(image):
+    """(3,H,W) tensor -> (H,W,3) array."""
+    return image.detach().cpu().numpy().transpose(1, 2, 0)
+
+
+def _body(sample):
+    """Registered vertices of the first layer."""
+    return next(v for key, v in sample.items() if key.startswith("vertices.")).numpy().astype(np.float64)

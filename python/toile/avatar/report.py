@@ -1,0 +1,105 @@
+"""The page of an avatar: its errors beside the baseline's, frame by frame, and the picture sheets."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from ..page import document, figure, plot, table
+from .evaluation import NAMES, evaluate_avatar
+
+MEASURES = {  # name in the JSON: what it says, in the order of the table
+    "mse": "mean squared error (0\u2013255), foreground",
+    "band_mse": "\u2026 within 10 px of the garment's border",
+    "garment_mse": "\u2026 on garments",
+    "body_mse": "\u2026 on the body, outside that band",
+    "ssim": "SSIM, foreground",
+    "band_ssim": "\u2026 within 10 px of the garment's border",
+    "psnr": "PSNR [dB], foreground",
+}
+PLOTTED = ("mse", "band_mse")
+
+
+def write_avatar_report(folder, out=None, **options):
+    """Evaluates an avatar (`evaluation.evaluate_avatar`, also for the options) and writes AVATAR/report.html; returns its path."""
+    folder = Path(folder)
+    path = Path(out) if out else folder / "report.html"
+    path.write_text(document(f"Avatar {folder.name}", section(folder, evaluate_avatar(folder, **options))), encoding="utf-8")
+    return path
+
+
+def section(folder, result):
+    """HTML of an evaluation's result and of the sheets that it drew in AVATAR/sheets."""
+    everything = result["all"]
+    frames = f"{everything['frames']} held-out frames" if everything["frames"] != 1 else "1 held-out frame"
+    distance = everything["pose_distance_deg"]
+    apart = "" if distance is None else f", their poses on average {distance:.1f}\u00b0 a joint from the nearest trained one"
+    intro = f"{frames}{apart}; pixels of {everything['mm_per_pixel']:.1f} mm; borders from {everything['labels']} labels."
+    warnings = "".join(f"<p class='why'>{html.escape(w)}</p>" for w in result["warnings"])
+    return (
+        f"<h2>Avatar on pictures it was not trained on</h2><p class='soft'>{html.escape(intro)}</p>{warnings}"
+        f"{_errors(everything)}{_geometry(everything)}{_photometric(everything)}"
+        f"<div class='plots' style='margin-top:1rem'>{_plots(result)}</div>{_sheets(folder)}"
+    )
+
+
+def _errors(everything):
+    layered, baseline = (everything[name] or {} for name in NAMES)
+    rows = [[words, layered.get(m), baseline.get(m), _change(m, layered, baseline)] for m, words in MEASURES.items()]
+    rows = [row for row in rows if row[1:3] != [None, None]]
+    return table(["", "layered", "single layer", "change"], rows)
+
+
+def _change(measure, layered, baseline):
+    """How the layered avatar's error differs from the baseline's, in words; only for squared errors."""
+    if not measure.endswith("mse") or not layered.get(measure) or not baseline.get(measure):
+        return ""
+    return f"{100 * (layered[measure] / baseline[measure] - 1):+.1f} %"
+
+
+def _geometry(everything):
+    """Distances of the decoded layers to the truth."""
+    flat = {}
+    for name in NAMES:
+        for measure, value in _flat((everything[name] or {}).get("geometry") or {}):
+            flat.setdefault(measure, {})[name] = value
+    rows = [[measure, values.get("layered"), values.get("baseline")] for measure, values in flat.items()]
+    return f"<h2>Decoded geometry against the truth [mm]</h2>{table(['', 'layered', 'single layer'], rows)}" if rows else ""
+
+
+def _flat(values, prefix=""):
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name} ")
+        else:
+            yield prefix + name.removesuffix("_mm"), value
+
+
+def _photometric(everything):
+    checks = {n: v for n, v in (everything["photometric"] or {}).items() if v}
+    if not checks:
+        return ""
+    rows = [[measure, *(check[measure] for check in checks.values())] for measure in ("mse", "ssim", "psnr", "band_mse")]
+    return (
+        "<h2>Registration: a camera's picture from the texture of the others</h2>"
+        f"{table(['', *('layers' if n == 'layered' else 'tracked surface' for n in checks)], rows)}"
+    )
+
+
+def _plots(result):
+    plots = []
+    for name in NAMES:
+        for measure in PLOTTED:
+            points = [(f["frame"], f[name][measure]) for f in result["per_frame"] if f[name] and f[name][measure] is not None]
+            if len(points) > 1:
+                plots.append(plot(f"{name} {measure.replace('_', ' ')}", points))
+    return "".join(plots)
+
+
+def _sheets(folder):
+    from PIL import Image
+
+    paths = sorted((folder / "sheets").glob("*.png"))
+    return "".join(f"<div class='sheet'>{figure(np.asarray(Image.open(p).convert('RGB')), p.stem)}</div>" for p in paths)
