@@ -3,7 +3,7 @@
 Convolutions are weight-normalised with a bias of its own for every pixel ("untied"), LeakyReLU 0.2. Every head starts
 with gain zero: the untrained networks change nothing of the mean geometry and the mean texture. Maps are kept in
 channels-last order, and a transposed 4x4 convolution doubles the resolution: on a CPU both halve the time of the usual
-choices. Sizes are powers of two.
+choices. Sizes are powers of two, at least 16 texels (textures 32).
 """
 
 from __future__ import annotations
@@ -199,8 +199,8 @@ class Encoder(nn.Module):
             nn.init.zeros_(linear.bias)
 
     def forward(self, geometry, texture):
-        x = torch.cat([channels_last(geometry), self.texture(channels_last(texture))], dim=1)
-        x = self.body(x).flatten(1)
+        colours = resize(self.texture(channels_last(texture)), geometry.shape[-1])
+        x = self.body(torch.cat([channels_last(geometry), colours], dim=1)).flatten(1)
         return self.mean(x).float(), bounded(self.logvar(x).float())
 
 
@@ -250,7 +250,7 @@ class Sizes:
     @property
     def start(self):
         """Texels along a side where the decoders begin."""
-        return max(self.geometry // 4, COARSEST)
+        return max(self.geometry // 4, 2 * COARSEST)
 
     @property
     def view_size(self):
