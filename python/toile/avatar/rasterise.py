@@ -1,0 +1,114 @@
+"""Which face does each pixel see? Buffers without gradient: the core's `raster` on the CPU, a scatter-min elsewhere."""
+
+import numpy as np
+import torch
+
+from ..kernels import InputError, raster
+
+NEAR = 0.01  # what lies nearer to the camera's plane is cut away [m]
+SUBPIXEL = 4096  # corners are snapped to 1/4096 px, so that shared edges neither crack nor double
+GUARD = 2**18  # [px] snapped corners are cut to it, so that edge functions fit 64 bits
+CANDIDATES = 2**24  # (face, pixel) pairs looked at together: bounds the memory
+
+
+def rasterise(vertices, faces, K, size):
+    """vertices (n,3) in the camera's frame, faces (m,3) -> face (H,W) int64, -1 where empty; depth (H,W) float64 [m], inf there.
+
+    Both sides of a face are seen; equal depths go to the lower face index. InputError: as of `kernels.raster`.
+    """
+    if vertices.device.type != "cpu":
+        return rasterise_by_scatter(vertices, faces, K, size)
+    result = raster(vertices.detach().numpy(), faces.numpy(), K.numpy().astype(np.float64), size, near_plane=NEAR)
+    return torch.tensor(result.face).long(), torch.tensor(result.depth)
+
+
+@torch.no_grad()
+def rasterise_by_scatter(vertices, faces, K, size):
+    """The same in torch, on any device: every face tests the pixels of its bounding box; the least (depth, face) stays."""
+    if not torch.isfinite(vertices).all():
+        raise InputError("rasterise: vertices are not finite")
+    height, width = size
+    K = K.double()
+    corners, face = _clip(vertices.double()[faces])
+    snapped = _snap(corners, K)
+    low = (snapped.amin(1) + SUBPIXEL // 2 - 1).div(SUBPIXEL, rounding_mode="floor").clamp(min=0)
+    high = (snapped.amax(1) - SUBPIXEL // 2).div(SUBPIXEL, rounding_mode="floor")
+    high = torch.minimum(high, torch.tensor([width - 1, height - 1], device=high.device))
+    extent = (high - low + 1).clamp(min=0)  # columns, rows
+    area = extent.prod(1)
+    plane = _inverse_depth(corners, K)
+    best = torch.full((height * width,), torch.iinfo(torch.int64).max, device=vertices.device)
+    for part in _parts(area):
+        owner = torch.repeat_interleave(part, area[part])
+        rank = torch.arange(len(owner), device=owner.device) - torch.repeat_interleave(area[part].cumsum(0) - area[part], area[part])
+        column, row = low[owner, 0] + rank % extent[owner, 0], low[owner, 1] + rank.div(extent[owner, 0], rounding_mode="floor")
+        inside = _covers(snapped[owner], column, row)
+        owner, column, row = owner[inside], column[inside], row[inside]
+        near, far = corners[owner, :, 2].amin(1), corners[owner, :, 2].amax(1)
+        z = 1 / (plane[owner, 0] * (column + 0.5) + plane[owner, 1] * (row + 0.5) + plane[owner, 2])
+        z = torch.where(z >= near, torch.minimum(z, far), near)  # an edge-on plane divides by zero
+        key = (z.float().view(torch.int32).long() << 32) | face[owner]  # positive floats order as their bits do
+        best.scatter_reduce_(0, row * width + column, key, "amin")
+    empty = best == torch.iinfo(torch.int64).max
+    depth = (best >> 32).int().view(torch.float32).double()
+    face, depth = (best & 0xFFFFFFFF).masked_fill(empty, -1), depth.masked_fill(empty, torch.inf)
+    return face.view(height, width), depth.view(height, width)
+
+
+def _clip(corners):
+    """Cuts triangles (m,3,3) by z >= NEAR -> (k,3,3) pieces and the face (k,) of each."""
+    front = corners[..., 2] >= NEAR
+    count, face = front.sum(1), torch.arange(len(corners), device=corners.device)
+    whole, one, two = count == 3, count == 1, count == 2
+    odd = torch.where(one[:, None], front, ~front).int().argmax(1)  # the corner alone on its side comes first
+    turn = (odd[:, None] + torch.arange(3, device=odd.device)) % 3
+    a, b, c = corners.gather(1, turn[..., None].expand(-1, -1, 3)).unbind(1)
+    ab, ac = _cut(a, b), _cut(a, c)
+    tip, near, far = torch.stack([a, ab, ac], 1), torch.stack([ab, b, c], 1), torch.stack([ab, c, ac], 1)
+    return (
+        torch.cat([corners[whole], tip[one], near[two], far[two]]),
+        torch.cat([face[whole], face[one], face[two], face[two]]),
+    )
+
+
+def _cut(p, q):
+    """Where the edge from p to q meets z = NEAR, the same point from either of its faces: it runs from the front end."""
+    front, back = torch.where(p[:, 2:] >= q[:, 2:], p, q), torch.where(p[:, 2:] >= q[:, 2:], q, p)
+    t = (front[:, 2:] - NEAR) / (front[:, 2:] - back[:, 2:]).clamp(min=1e-300)
+    cut = front + t * (back - front)
+    return torch.cat([cut[:, :2], torch.full_like(cut[:, 2:], NEAR)], 1)
+
+
+def _snap(corners, K):
+    """Image positions (k,3,2) in units of 1/4096 px."""
+    xy = (corners @ K.T)[..., :2] / corners[..., 2:]
+    return (xy.clamp(-GUARD, GUARD) * SUBPIXEL + 0.5).floor().long()
+
+
+def _inverse_depth(corners, K):
+    """1/z of each face's plane as a linear function (a, b, c) . (u, v, 1) of the pixel (k,3)."""
+    a, b, c = corners.unbind(1)
+    normal = torch.linalg.cross(b - a, c - a)
+    return normal @ torch.linalg.inv(K) / (normal * a).sum(1, keepdim=True)
+
+
+def _parts(area):
+    """Indices of the faces that have candidates, in runs of at most CANDIDATES (or one face)."""
+    some = area.nonzero().squeeze(1)
+    run = area[some].cumsum(0).div(CANDIDATES, rounding_mode="floor")
+    return [] if len(some) == 0 else some.split(torch.unique_consecutive(run, return_counts=True)[1].tolist())
+
+
+def _covers(corner, column, row):
+    """Do triangles (k,3,2) cover the centres of their pixels? Exact in integers, top-left rule, either winding."""
+    a, b, c = corner.unbind(1)
+    (abx, aby), (acx, acy) = (b - a).unbind(1), (c - a).unbind(1)
+    area = abx * acy - aby * acx
+    b, c = torch.where(area[:, None] < 0, c, b), torch.where(area[:, None] < 0, b, c)
+    x, y = column * SUBPIXEL + SUBPIXEL // 2, row * SUBPIXEL + SUBPIXEL // 2
+    inside = area != 0
+    for p, q in ((a, b), (b, c), (c, a)):
+        dx, dy = (q - p).unbind(1)
+        top_left = (dy < 0) | ((dy == 0) & (dx > 0))  # y points down: such an edge owns its points
+        inside &= dx * (y - p[:, 1]) - dy * (x - p[:, 0]) >= (~top_left).long()
+    return inside
