@@ -1,0 +1,51 @@
+"""Films hold the pictures that were put in."""
+
+import numpy as np
+import pytest
+
+from toile.io.video import VideoWriter
+
+av = pytest.importorskip("av")
+
+
+def pictures(n=5, size=(48, 64)):
+    y, x = np.mgrid[: size[0], : size[1]]
+    return [np.stack([(4 * x + 10 * k) % 256, (3 * y) % 200 + 20, 0 * x + 30 * k], -1).astype(np.uint8) // 2 + 40 for k in range(n)]
+
+
+def write(path, frames, fps=30):
+    with VideoWriter(path, fps) as film:
+        for frame in frames:
+            film.add(frame)
+    return path
+
+
+def test_a_film_gives_its_pictures_back(tmp_path):
+    put = pictures()
+    with av.open(str(write(tmp_path / "a.mp4", put))) as film:
+        stream = film.streams.video[0]
+        assert stream.codec_context.name == "h264" and stream.average_rate == 30
+        got = [f.to_ndarray(format="rgb24") for f in film.decode(stream)]
+    assert len(got) == len(put)
+    assert max(np.abs(g.astype(int) - p).mean() for g, p in zip(got, put)) < 6  # chroma at half the resolution
+
+
+def test_the_same_pictures_give_the_same_bits(tmp_path):
+    a, b = (write(tmp_path / f"{n}.mp4", pictures()).read_bytes() for n in "ab")
+    assert a == b
+
+
+def test_odd_sides_lose_one_row_or_column(tmp_path):
+    with av.open(str(write(tmp_path / "a.mp4", pictures(2, (47, 63))))) as film:
+        assert (film.streams.video[0].height, film.streams.video[0].width) == (46, 62)
+
+
+def test_a_broken_film_leaves_nothing(tmp_path):
+    with pytest.raises(RuntimeError):
+        with VideoWriter(tmp_path / "a.mp4", 30) as film:
+            film.add(pictures(1)[0])
+            raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    with VideoWriter(tmp_path / "b.mp4", 30):
+        pass
+    assert list(tmp_path.iterdir()) == []
