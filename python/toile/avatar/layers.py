@@ -1,0 +1,183 @@
+"""The avatar's surfaces as a registered run gives them, and linear blend skinning in torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from ..io.body import load_body_model
+from ..scene import CaptureError, blended_transforms
+from ..store import OK
+
+BLEND = 8  # joints that move one vertex of a garment, at most
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One surface of the avatar; UVs have a topology of their own, v up."""
+
+    name: str  # "body", a garment's name, or "surface", the baseline's only layer
+    kind: str  # "body", "garment" or "surface"
+    rest: np.ndarray  # (n,3) mean unposed shape [m]
+    faces: np.ndarray  # (m,3)
+    uv: np.ndarray  # (t,2)
+    face_uv: np.ndarray  # (m,3) into uv
+    skin_idx: np.ndarray  # (n,B) joints
+    skin_val: np.ndarray  # (n,B) rows sum to 1
+    label: int  # id in the scene's label table; -1 for body and surface
+    loops: dict[str, np.ndarray] = field(default_factory=dict)  # a garment's open loops as vertex cycles
+
+
+@dataclass(frozen=True)
+class RunBody:
+    """A registered run as the avatar reads it: its store, the body model, and the person's rest joints J (K,3)."""
+
+    path: Path
+    store: object  # zarr group
+    model: object  # scene.BodyModel
+    J: np.ndarray
+
+    def rows(self, frames=None):
+        """Rows of the store of the registered frames, of those in `frames` if given."""
+        good = np.flatnonzero(self.store["done"][:] == OK)
+        return good if frames is None else good[np.isin(self.store["frames"][:][good], list(frames))]
+
+    def mean_unposed(self, name, skin_idx, skin_val, frames):
+        """Mean over frames of the vertices `name`, unposed (n,3)."""
+        total, rows = 0.0, self.rows(frames)
+        if len(rows) == 0:
+            raise CaptureError(f"{self.path}: none of the frames asked for is registered")
+        for row in rows:
+            pose = self.store["pose/rotations"][row], self.store["pose/translation"][row]
+            A, b = blended_transforms(self.J, *self.model.joint_transforms(self.J, *pose), skin_idx, skin_val)
+            total = total + np.linalg.solve(A, (self.store[name][row] - b)[..., None])[..., 0]
+        return total / len(rows)
+
+
+def open_body(run):
+    """The RunBody of a folder made by `toile register`."""
+    import zarr
+
+    run = Path(run)
+    if not (run / "registered.zarr").exists():
+        raise CaptureError(f"{run}: no registered.zarr; is it a run of `toile register`?")
+    store = zarr.open_group(str(run / "registered.zarr"), mode="r")
+    model = load_body_model(store.attrs["body_model"], up=store.attrs["scene"]["up"])
+    if model.uv is None:
+        raise CaptureError(f"{store.attrs['body_model']}: uv: the body model has none, an avatar needs them")
+    if len(model.parents) != store["pose/rotations"].shape[1] or len(model.v_template) != store["track/vertices"].shape[1]:
+        raise CaptureError(f"{run}/registered.zarr: pose and vertices do not fit the body model {store.attrs['body_model']}")
+    return RunBody(run, store, model, model.rest(store["shape"][:])[1])
+
+
+def read_layers(run, frames=None):
+    """The layers of a run, inner to outer: the body, then each garment. `rest` is the mean over `frames` (all registered
+    ones by default). A run without garments has its tracked surface as the body."""
+    body = open_body(run)
+    inner = "inner/vertices" if "inner" in body.store else "track/vertices"
+    garments = [_garment_layer(body, g, frames) for g in body.store.attrs["scene"]["garments"]]
+    return [_body_layer(body, "body", "body", inner, frames), *garments]
+
+
+def surface_layer(run, frames=None):
+    """The tracked, clothed surface as one layer: the baseline's."""
+    return _body_layer(open_body(run), "surface", "surface", "track/vertices", frames)
+
+
+def _body_layer(body, name, kind, vertices, frames):
+    model = body.model
+    skin = model.weights_idx, model.weights_val
+    rest = body.mean_unposed(vertices, *skin, frames)
+    return Layer(name, kind, rest, model.f, model.uv, model.f_uv, *skin, label=-1)
+
+
+def _garment_layer(body, garment, frames):
+    at = f"garment/{garment['name']}"
+    weights, faces = body.store[f"{at}/skin"][:], body.store[f"{at}/faces"][:]
+    uv, face_uv = body.store[f"{at}/uv"][:], body.store[f"{at}/face_uv"][:]
+    n = body.store[f"{at}/vertices"].shape[1]
+    if len(weights) != n or faces.max() >= n or face_uv.shape != faces.shape or face_uv.max() >= len(uv):
+        raise CaptureError(f"{body.path}/registered.zarr: {at}: faces, UVs, skin and vertices do not fit one another")
+    idx = np.argsort(-weights, axis=1, kind="stable")[:, :BLEND].astype(np.int32)
+    val = np.take_along_axis(weights, idx.astype(np.int64), 1).astype(np.float64)
+    val /= val.sum(1, keepdims=True)
+    rest = body.mean_unposed(f"{at}/vertices", idx, val, frames)
+    loops = {name: np.array(loop, np.int64) for name, loop in garment["loops"].items()}
+    return Layer(garment["name"], "garment", rest, faces, uv, face_uv, idx, val, garment["label"], loops)
+
+
+class Skeleton(nn.Module):
+    """Forward kinematics about world axes: R_k = R_parent exp(r_k), x_k = x_parent + R_parent (J_k - J_parent)."""
+
+    def __init__(self, J, parents):
+        super().__init__()
+        self.register_buffer("J", torch.as_tensor(np.asarray(J, dtype=np.float32)), persistent=False)
+        self.levels = _levels([int(p) for p in parents])
+
+    def forward(self, rotations, translation):
+        """Rotation vectors (B,K,3), translation (B,3) -> skinning transforms R (B,K,3,3), t (B,K,3): x = sum_k w_k (R_k v + t_k)."""
+        local = rotation_matrices(rotations)
+        R, x = torch.empty_like(local), torch.empty_like(rotations)
+        for joints, parents in self.levels:  # joints as deep as one another at once
+            if parents is None:
+                R[:, joints], x[:, joints] = local[:, joints], self.J[joints] + translation[:, None]
+                continue
+            above = R[:, parents]
+            R[:, joints] = above @ local[:, joints]
+            offset = (self.J[joints] - self.J[parents])[..., None]
+            x[:, joints] = x[:, parents] + (above @ offset)[..., 0]
+        return R, x - (R @ self.J[..., None])[..., 0]
+
+
+def _levels(parents):
+    """[(joints, their parents)] by depth in the tree; the roots' parents are None."""
+    depth = []
+    for p in parents:
+        depth.append(0 if p < 0 else depth[p] + 1)
+    levels = [[k for k, d in enumerate(depth) if d == level] for level in range(max(depth) + 1)]
+    return [(joints, None if i == 0 else [parents[k] for k in joints]) for i, joints in enumerate(levels)]
+
+
+def rotation_matrices(r):
+    """Rotation vectors (...,3) [rad] -> (...,3,3), smooth at zero (Rodrigues)."""
+    squared = r.square().sum(-1)[..., None, None]
+    small = squared < 1e-8
+    angle = torch.where(small, torch.ones_like(squared), squared).sqrt()
+    a = torch.where(small, 1 - squared / 6, angle.sin() / angle)
+    b = torch.where(small, 0.5 - squared / 24, (1 - angle.cos()) / angle.square())
+    x, y, z = r.unbind(-1)
+    o = torch.zeros_like(x)
+    S = torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).reshape(*r.shape[:-1], 3, 3)
+    return torch.eye(3, dtype=r.dtype, device=r.device) + a * S + b * (S @ S)
+
+
+class Skin(nn.Module):
+    """Linear blend skinning of one layer, and its inverse per vertex."""
+
+    def __init__(self, layer):
+        super().__init__()
+        self.register_buffer("joints", torch.as_tensor(np.asarray(layer.skin_idx, dtype=np.int64)), persistent=False)
+        self.register_buffer("weights", torch.as_tensor(np.asarray(layer.skin_val, dtype=np.float32)), persistent=False)
+
+    def blend(self, R, t):
+        """Per vertex A (B,n,3,3) and b (B,n,3): skinning is A v + b."""
+        both = torch.cat([R, t[..., None]], -1).flatten(2)  # (B,K,12)
+        mixed = 0.0
+        for k in range(self.joints.shape[1]):
+            mixed = mixed + self.weights[:, k, None] * both[:, self.joints[:, k]]
+        mixed = mixed.reshape(len(R), -1, 3, 4)
+        return mixed[..., :3], mixed[..., 3]
+
+    def pose(self, unposed, R, t):
+        """(B,n,3) unposed -> posed, in the world."""
+        A, b = self.blend(R, t)
+        return (A @ unposed[..., None])[..., 0] + b
+
+    def unpose(self, posed, R, t):
+        """The inverse of `pose`."""
+        A, b = self.blend(R, t)
+        return torch.linalg.solve(A, (posed - b)[..., None])[..., 0]
