@@ -19,9 +19,8 @@ def shown():
 def test_a_sheet_has_five_columns_and_a_row_a_loop(shown):
     picture = shown[0]
     image = sheet(picture)
-    line = LINE + GAP
-    assert image.shape == (line + TILE + line + TILE * 3 // 4 + line, 5 * (TILE + GAP), 3)
-    assert sheet(dataclasses.replace(picture, loops={})).shape[0] == line + TILE + line
+    assert image.shape == (LINE + TILE + GAP + LINE + TILE * 3 // 4 + GAP + LINE, 5 * (TILE + GAP), 3)
+    assert sheet(dataclasses.replace(picture, loops={})).shape[0] == LINE + TILE + GAP + LINE
     alone = dataclasses.replace(picture, rendered={"layered": picture.captured})
     assert sheet(alone).shape[1] == 3 * (TILE + GAP)
 
@@ -32,7 +31,7 @@ def test_errors_are_blue_where_there_is_none_and_red_where_it_is_large(shown):
     columns = np.arange(half.shape[1]) > half.shape[1] // 2
     half[:, columns] = 1 - half[:, columns]
     image = sheet(dataclasses.replace(picture, rendered={"layered": half}, loops={}))
-    errors = image[LINE + GAP : LINE + GAP + TILE, 2 * (TILE + GAP) : 3 * (TILE + GAP) - GAP].reshape(-1, 3)
+    errors = image[LINE : LINE + TILE, 2 * (TILE + GAP) : 3 * (TILE + GAP) - GAP].reshape(-1, 3)
     left, right = np.split(errors.reshape(TILE, TILE, 3), 2, axis=1)
     near = lambda part, colour: int((np.abs(part.astype(int) - colour).max(-1) < 12).sum())  # noqa: E731
     assert near(left, HEAT[0]) > 500 and near(left, HEAT[-1]) < 20
@@ -68,6 +67,13 @@ def test_a_frames_sheet_is_of_the_camera_that_shows_most_of_the_border(shown, tm
     (path,) = write_sheets(tmp_path / "sheets", [[bare, shown[1]]], [SHIRT])
     assert path.name == "000000_cam03.png"
     assert (np.asarray(Image.open(path)) == sheet(shown[1])).all()
+
+
+def test_unseen_views_have_a_strip_of_their_own(shown, tmp_path):
+    views = [picture.captured for picture in shown]
+    paths = write_sheets(tmp_path, [], [SHIRT], unseen=(3, views))
+    assert [p.name for p in paths] == ["000003_unseen.png"]
+    assert np.asarray(Image.open(paths[0])).shape == (LINE + TILE + GAP, 2 * (TILE + GAP), 3)
 
 
 def test_sheets_of_an_earlier_evaluation_go(shown, tmp_path):

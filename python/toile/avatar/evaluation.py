@@ -98,7 +98,8 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
             shown[picture.frame].append(picture)
     progress("evaluate", held.count, held.count)
     if sheets:
-        write_sheets(Path(folder) / "sheets", shown.values(), tally.garments)
+        middle = held.spread(SHOWN)[len(shown) // 2]
+        write_sheets(Path(folder) / "sheets", shown.values(), tally.garments, (middle, held.unseen_views(middle)))
     return _result(held, tally, float(np.mean(spacing)))
 
 

@@ -65,7 +65,6 @@ class HeldOut:
         distances = pose_distance(poses[self.registered.row[frame]], [poses[self.registered.row[n]] for n in self.trained])
         return float(distances.min()) if len(distances) else None
 
-    @torch.no_grad()
     def pictures(self):
         """Every held-out picture as both avatars reconstruct it."""
         first = next(iter(self.data))
@@ -85,12 +84,29 @@ class HeldOut:
 
     def _reconstruct(self, name, frame, sample):
         """(H,W,3): the frame encoded, the mean of its code decoded and rendered."""
+        decoded, image = self._show(name, sample)
+        if frame not in self.decoded[name]:
+            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
+        return image
+
+    @torch.no_grad()
+    def _show(self, name, sample):
+        """-> {layer: Decoded}, picture (H,W,3)."""
         avatar = self.avatars[name]
         batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
-        if frame not in self.decoded[name]:
-            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
-        return _last(avatar.compose(decoded, batch, sample["image"].shape[-2:])[0].image)
+        return decoded, _last(avatar.compose(decoded, batch, sample["image"].shape[-2:])[0].image)
+
+    def unseen_views(self, frame, count=4):
+        """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
+        name, data = next(iter(self.data.items()))
+        of_frame = [i for i in range(len(data)) if int(data[i]["frame"]) == frame]
+        step, views = np.pi / max(len(of_frame), 6), []
+        for i in np.unique(np.linspace(0, len(of_frame) - 1, count).round().astype(int)):
+            sample = data[of_frame[i]]
+            moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
+            views.append(self._show(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})[1])
+        return views
 
     def _loops(self, sample, K, T):
         """Pixels of the registered garments' loops, {name: (k,2)}."""
@@ -202,6 +218,16 @@ def _ranges(numbers):
         else:
             parts.append([n, n])
     return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in parts)
+
+
+def _turned(centre, angle, up):
+    """(4,4): the world turned about a vertical axis through `centre` (3,)."""
+    from scipy.spatial.transform import Rotation
+
+    R = Rotation.from_rotvec(angle * np.eye(3)["xyz".index(up)]).as_matrix()
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, centre - R @ centre
+    return torch.as_tensor(T, dtype=torch.float32)
 
 
 def _last(image):

@@ -17,10 +17,10 @@ LEAST = 12  # a loop whose box is smaller is left out [px]
 PAPER, INK = 248, (40, 44, 52)
 
 
-def write_sheets(folder, frames, garments):
+def write_sheets(folder, frames, garments, unseen=None):
     """One PNG a frame: of its pictures the one that shows most of the garments' border. Returns the paths.
 
-    frames: lists of pictures of one frame (`evaluation.Picture`); garments: label ids.
+    frames: lists of pictures of one frame (`evaluation.Picture`); garments: label ids; unseen: (frame, views (H,W,3)).
     """
     paths = []
     for pictures in frames:
@@ -28,6 +28,10 @@ def write_sheets(folder, frames, garments):
         paths.append(folder / f"{picture.frame:06d}_{picture.camera}.png")
         image = sheet(picture)
         replace_file(paths[-1], lambda part: _save(part, image))
+    if unseen is not None:
+        frame, views = unseen
+        paths.append(folder / f"{frame:06d}_unseen.png")
+        replace_file(paths[-1], lambda part: _save(part, strip(views, f"frame {frame} from places where no camera stands")))
     for old in set(folder.glob("*.png")) - set(paths):
         old.unlink()
     return paths
@@ -50,15 +54,23 @@ def sheet(picture):
         title = f"error of {name}: {squared[picture.mask].mean():.0f}" if picture.mask.any() else f"error of {name}"
         columns[title] = np.where(mask, heat(np.sqrt(squared) / ERROR_TOP), PAPER).astype(np.uint8)
     height, width = picture.mask.shape
-    whole = (0, 0, width, height)
-    rows = [_row(columns, whole, title=True)]
+    rows = [np.concatenate([_text(title, TILE + GAP) for title in columns], axis=1)]
+    rows.append(_tiles(columns.values(), (0, 0, width, height), TILE * height // width))
     for name, points in sorted(picture.loops.items()):
         box = loop_box(points, (height, width))
         if box is not None:
-            rows.append(_row(columns, box, name))
+            rows += [_text(name, rows[0].shape[1]), _tiles(columns.values(), box, TILE * 3 // 4)]
     legend = f"frame {picture.frame}, {picture.camera}; errors: blue 0, dark red {ERROR_TOP:g} of 255 and more, mean square in the title"
     rows.append(_text(legend, rows[0].shape[1]))
     return np.concatenate(rows)
+
+
+def strip(views, words):
+    """Pictures (H,W,3) with values 0..1 side by side under a line of text."""
+    pictures = [(np.clip(view, 0, 1) * 255).round().astype(np.uint8) for view in views]
+    height, width = pictures[0].shape[:2]
+    row = _tiles(pictures, (0, 0, width, height), TILE * height // width)
+    return np.concatenate([_text(words, row.shape[1]), row])
 
 
 def loop_box(points, size):
@@ -81,27 +93,23 @@ def loop_box(points, size):
     return tuple(int(round(v)) for v in box)
 
 
-def _row(columns, box, name="", title=False):
-    """Tiles of one box side by side, under their titles or over the row's name."""
+def _tiles(images, box, height):
+    """One box of several pictures (H,W,3) uint8 side by side, each as large as TILE x `height` allows."""
     from PIL import Image
 
     left, top, right, bottom = box
-    height = TILE * (bottom - top) // (right - left) if title else TILE * 3 // 4
-    tiles = []
-    for caption, image in columns.items():
-        tile = Image.fromarray(image[top:bottom, left:right])
-        scale = min(TILE / tile.width, height / tile.height)
-        tile = tile.resize((max(1, round(tile.width * scale)), max(1, round(tile.height * scale))), Image.Resampling.BICUBIC)
-        canvas = np.full((height, TILE + GAP, 3), PAPER, np.uint8)
-        canvas[: tile.height, : tile.width] = np.asarray(tile)
-        tiles.append(np.concatenate([_text(caption, TILE + GAP), canvas]) if title else canvas)
-    row = np.concatenate(tiles, axis=1)
-    return row if title else np.concatenate([_text(name, row.shape[1]), row])
+    row = np.full((height + GAP, len(images) * (TILE + GAP), 3), PAPER, np.uint8)
+    scale = min(TILE / (right - left), height / (bottom - top))
+    size = (max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale)))
+    for i, image in enumerate(images):
+        tile = Image.fromarray(image[top:bottom, left:right]).resize(size, Image.Resampling.BICUBIC)
+        row[: size[1], i * (TILE + GAP) :][:, : size[0]] = np.asarray(tile)
+    return row
 
 
 def _text(words, width):
     from PIL import Image, ImageDraw, ImageFont
 
-    image = Image.new("RGB", (width, LINE + GAP), (PAPER,) * 3)
-    ImageDraw.Draw(image).text((3, GAP), words, fill=INK, font=ImageFont.load_default(13))
+    image = Image.new("RGB", (width, LINE), (PAPER,) * 3)
+    ImageDraw.Draw(image).text((3, 0), words, fill=INK, font=ImageFont.load_default(13))
     return np.asarray(image)
