@@ -82,7 +82,7 @@ def test_renderer_gradients_are_those_of_a_supersampled_image(name):
     surfaces = scene(name)
     for loss, (ours, true) in slopes(surfaces, 256, random_directions(surfaces, 8)).items():
         norms = np.linalg.norm(ours), np.linalg.norm(true)
-        assert ours @ true > 0.98 * norms[0] * norms[1], loss
+        assert ours @ true > 0.95 * norms[0] * norms[1], loss
         assert 0.9 < norms[0] / norms[1] < 1.1, loss
 
 
