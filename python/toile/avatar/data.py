@@ -1,0 +1,229 @@
+"""What an avatar is trained on: (frame, camera) samples of a registered run and its pictures, prepared once into a cache."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from ..capture import open_capture
+from ..scene import CaptureError
+from ..store import replace_file, write_text
+from .layers import open_body, read_layers, surface_layer
+from .textures import Unwrapper, filled, mean_texture, pinhole, take, undistorted, window_about
+from .uv import UvMap
+
+THREADS = 2  # frames prepared at a time
+VERSION = 1  # of the cache's files
+
+
+def capture_of(run):
+    """The Capture that a run was made of."""
+    path = Path(run) / "config.toml"
+    try:
+        return open_capture(tomllib.loads(path.read_text(encoding="utf-8"))["capture"])
+    except (OSError, KeyError, tomllib.TOMLDecodeError) as error:
+        raise CaptureError(f"{path}: {error}") from None
+
+
+def pictured_frames(run):
+    """Numbers of the registered frames that have pictures, in order."""
+    body, capture = open_body(run), capture_of(run)
+    numbers = [int(n) for n in body.store["frames"][:][body.rows()]]
+    return [n for n in numbers if any((capture.root / "frames" / f"{n:06d}" / "images").glob("*"))]
+
+
+class AvatarData(Dataset):
+    """Samples (frame, camera) of `frames` of a run, cameras running fastest; nothing of other frames is read.
+
+    `settings`: DataSettings. `folder`: where the cache goes, a folder a setting of it. `layered=False`: the tracked
+    surface alone, for the baseline. `progress(done, total)`.
+
+    A sample is a dict of float32 tensors, unless said, that torch's default collation stacks:
+      frame, camera int64; rotations (K,3), translation (3,), face (q,3) with 0 where unseen, face_seen (q,)
+      vertices.LAYER (n,3) registered, posed [m]; confidence.LAYER (n,) 0..1
+      texture.LAYER (3,T,T) 0..1 from this view, texel_weight.LAYER (1,T,T)
+      mean_texture.LAYER (3,T,T), mean_weight.LAYER (1,T,T) over this frame's views
+      image (3,H,W) 0..1, mask (H,W), labels (H,W) int64, K (3,3), T_camera_world (4,4) of the undistorted window
+
+    CaptureError: no frame has pictures; a picture is missing; topologies and UVs that do not fit.
+    """
+
+    def __init__(self, run, settings, folder, frames=None, layered=True, progress=None):
+        self.run, self.settings = Path(run), settings
+        self.body, self.capture = open_body(run), capture_of(run)
+        self.scene, self.J, self.parents = self.capture.scene, self.body.J, self.body.model.parents
+        pictured = pictured_frames(run)
+        self.frames = pictured if frames is None else [n for n in pictured if n in set(frames)]
+        if not self.frames:
+            raise CaptureError(f"{run}: none of the frames asked for is registered and has pictures in {self.capture.root}")
+        self.layers = read_layers(run, self.frames) if layered else [surface_layer(run, self.frames)]
+        self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
+        self.row = {int(n): i for i, n in enumerate(self.body.store["frames"][:])}
+        self.folder = Path(folder) / self._key(layered)
+        self._prepare(progress or (lambda done, total: None))
+        self._summarise()
+
+    def __len__(self):
+        return len(self.frames) * len(self.cameras)
+
+    def __getitem__(self, i):
+        number, camera = self.frames[i // len(self.cameras)], i % len(self.cameras)
+        out = {"frame": torch.tensor(number), "camera": torch.tensor(camera)}
+        with np.load(self._path(number)) as file:
+            out |= {name: torch.from_numpy(file[name]) for name in file.files if not name.startswith("mean_")}
+            for layer in self.layers:
+                texture, weight = self._unpacked(file, layer.name, "mean_")
+                out |= {f"mean_texture.{layer.name}": texture, f"mean_weight.{layer.name}": weight}
+        with np.load(self._path(number, camera)) as file:
+            for layer in self.layers:
+                texture, weight = self._unpacked(file, layer.name)
+                out |= {f"texture.{layer.name}": texture, f"texel_weight.{layer.name}": weight}
+            out["image"] = torch.from_numpy(file["image"]).permute(2, 0, 1).float() / 255
+            out["mask"] = torch.from_numpy(file["mask"]).float()
+            out["labels"] = torch.from_numpy(file["labels"]).long()
+            out["K"], out["T_camera_world"] = torch.from_numpy(file["K"]), torch.from_numpy(file["T_camera_world"])
+        return out
+
+    def _key(self, layered):
+        """The cache's folder: what its files depend on."""
+        parts = [VERSION, layered, self.settings.model_dump(mode="json"), str(self.run.resolve())]
+        parts += [self.body.store["done"][:].tolist(), [c.name for c in self.cameras]]
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+    def _path(self, number, camera=None):
+        return self.folder / f"{number:06d}" / ("frame.npz" if camera is None else f"{self.cameras[camera].name}.npz")
+
+    # Preparation -----------------------------------------------------------------------------------------------------
+
+    def _prepare(self, progress):
+        left = [n for n in self.frames if not (self.folder / f"{n:06d}" / "whole").exists()]
+        if not left:
+            return
+        maps = [UvMap(layer, self.settings.texture_size) for layer in self.layers]
+        garments = [layer.label for layer in self.layers if layer.kind == "garment"]
+        with ThreadPoolExecutor(THREADS) as pool:  # each frame has files of its own
+            for k, _ in enumerate(pool.map(lambda n: self._prepare_frame(n, Unwrapper(maps, garments)), left)):
+                progress(len(self.frames) - len(left) + k + 1, len(self.frames))
+
+    def _prepare_frame(self, number, unwrapper):
+        frame = self.capture.frame(number)
+        missing = [name for name in self.capture.cameras if name not in frame.images]
+        if missing:
+            raise CaptureError(f"{self.capture.root}/frames/{number:06d}/images: camera '{missing[0]}' is missing")
+        values = self._registered(number)
+        vertices = [values[f"vertices.{layer.name}"].astype(np.float64) for layer in self.layers]
+        unwrapper.frame(vertices, [values[f"confidence.{layer.name}"] for layer in self.layers])
+        shown = vertices[-1] if self.settings.crop == "garment" and len(vertices) > 1 else np.concatenate(vertices)
+        seen = [[] for _ in self.layers]
+        for c, (name, camera) in enumerate(self.capture.cameras.items()):
+            mask = frame.masks.get(name, frame.labels.get(name, np.ones(camera.size, np.uint8)) > 0)
+            labels = frame.labels.get(name)
+            whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
+            flat = None if labels is None else undistorted(camera, labels, True)
+            textures = unwrapper.view(pinhole(camera), *whole, flat)
+            for views, texture in zip(seen, textures):
+                views.append(texture)
+            window = window_about(camera, shown, self.settings.image, self.settings.pixel_scale)
+            picture = take(camera, frame.images[name], mask, labels, self.settings.pixel_scale, window)
+            self._save_view(number, c, picture, textures)
+        for layer, views in zip(self.layers, seen):
+            values |= self._packed(layer.name, *mean_texture(views), "mean_")
+            values[f"confidence.{layer.name}"] = (values[f"confidence.{layer.name}"] / 2).astype(np.float32)
+        _save(self._path(number), values)
+        write_text(self.folder / f"{number:06d}" / "whole", "")
+
+    def _registered(self, number):
+        """Pose, face, vertices and confidence of a frame as the run has them."""
+        store, row = self.body.store, self.row[number]
+        values = {
+            "rotations": store["pose/rotations"][row].astype(np.float32),
+            "translation": store["pose/translation"][row].astype(np.float32),
+        }
+        face = store["face"][row] if "face" in store else np.zeros((0, 3))
+        values["face"] = np.nan_to_num(face).astype(np.float32)
+        values["face_seen"] = np.isfinite(face).all(-1).astype(np.float32)
+        for layer in self.layers:
+            inner = layer.kind == "body" and "inner/vertices" in store
+            name = f"garment/{layer.name}" if layer.kind == "garment" else "inner" if inner else "track"
+            values[f"vertices.{layer.name}"] = store[f"{name}/vertices"][row].astype(np.float32)
+            values[f"confidence.{layer.name}"] = store[f"confidence/{name.removeprefix('garment/')}"][row]
+        return values
+
+    def _save_view(self, number, camera, picture, textures):
+        values = {
+            "image": picture.image, "mask": picture.mask,
+            "labels": picture.mask.astype(np.uint8) if picture.labels is None else picture.labels,
+            "K": picture.camera.K.astype(np.float32), "T_camera_world": picture.camera.T_camera_world.astype(np.float32),
+        }  # fmt: skip
+        for layer, (texture, weight) in zip(self.layers, textures):
+            values |= self._packed(layer.name, texture, weight)
+        _save(self._path(number, camera), values)
+
+    @staticmethod
+    def _packed(name, texture, weight, prefix=""):
+        """Only the texels that were seen: their bits, colours and weights (in 256ths, at most 4)."""
+        seen = weight.ravel() > 0
+        return {
+            f"{prefix}texels.{name}": np.packbits(seen),
+            f"{prefix}texture.{name}": texture.reshape(-1, 3)[seen],
+            f"{prefix}weight.{name}": np.clip(np.ceil(256 * weight.ravel()[seen]), 1, 1023).astype(np.uint16),
+        }
+
+    def _unpacked(self, file, name, prefix=""):
+        size = self.settings.texture_size
+        seen = np.unpackbits(file[f"{prefix}texels.{name}"], count=size * size).astype(bool)
+        texture, weight = np.zeros((size * size, 3), np.float32), np.zeros(size * size, np.float32)
+        texture[seen] = file[f"{prefix}texture.{name}"] / np.float32(255)
+        weight[seen] = file[f"{prefix}weight.{name}"] / np.float32(256)
+        texture = torch.from_numpy(texture.T.reshape(3, size, size).copy())
+        return texture, torch.from_numpy(weight.reshape(1, size, size))
+
+    # Means over the frames -------------------------------------------------------------------------------------------
+
+    def _summarise(self):
+        """mean_texture {layer: (3,T,T)} in 0..1, unseen texels filled; valid {layer: (T,T)}, seen in some view; texture_std,
+        of seen texels about their mean; face_mean (q,3) in the head joint's frame."""
+        size = self.settings.texture_size
+        total = {layer.name: np.zeros((4, size, size)) for layer in self.layers}
+        squared, faces = 0.0, []
+        for number in self.frames:
+            with np.load(self._path(number)) as file:
+                faces.append(np.where(file["face_seen"][:, None] > 0, file["face"], np.nan))
+                for layer in self.layers:
+                    texture, weight = (x.numpy().astype(np.float64) for x in self._unpacked(file, layer.name, "mean_"))
+                    total[layer.name] += np.concatenate([texture * weight, weight])
+                    squared += float((weight * texture**2).sum())
+        self.mean_texture, self.valid, explained = {}, {}, 0.0
+        for name, sums in total.items():
+            mean = sums[:3] / np.maximum(sums[3], 1e-9)
+            self.valid[name] = sums[3] > 0
+            explained += float((sums[3] * mean**2).sum())
+            self.mean_texture[name] = filled(mean.transpose(1, 2, 0), self.valid[name]).transpose(2, 0, 1).astype(np.float32)
+        weights = sum(float(sums[3].sum()) for sums in total.values())
+        self.texture_std = float(np.sqrt(max(squared - explained, 0) / max(3 * weights, 1e-9)))
+        self.face_mean, self.head = self._face(np.array(faces))
+
+    def _face(self, faces):
+        """Mean facial keypoints, and the head joint's index; (None, None) where the scene has no face or none was seen."""
+        names = self.body.model.joint_names
+        seen = np.isfinite(faces).all(-1).any(0) if faces.size else np.zeros(0, bool)
+        if not self.scene.face_keypoints or not seen.any() or "head" not in names:
+            return None, None
+        mean = np.zeros(faces.shape[1:])
+        mean[seen] = np.nanmean(faces[:, seen], axis=0)
+        return mean, names.index("head")
+
+
+def _save(path, values):
+    def write(temporary):
+        with open(temporary, "wb") as file:
+            np.savez(file, **values)
+
+    replace_file(path, write)
