@@ -31,7 +31,7 @@ ALLOWED = {
     "evaluate": TYPES | {"capture", "io", "store", "truth"},
     "report": TYPES | {"capture", "evaluate", "page", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "request", "store", "workers", "__init__"},
-    "avatar": TYPES | {"capture", "config", "io", "page", "store", "truth", "views"},
+    "avatar": TYPES | {"capture", "config", "io", "page", "store", "truth", "views", "workers"},
     "cli": TYPES | {"avatar", "budget", "capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
     "io": {"scene"},
     "__init__": {"kernels"},

@@ -232,9 +232,11 @@ def progress_bars():
 
 def main():
     """Entry point with the exit codes of this page."""
+    from .avatar.command import train
     from .kernels import InputError
     from .studio.command import studio
 
+    app.command()(train)
     app.command()(studio)
     try:
         code = app(standalone_mode=False)

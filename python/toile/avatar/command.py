@@ -1,0 +1,65 @@
+"""The command `toile train`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from ..scene import CaptureError
+
+
+def train(
+    run: Annotated[Path, typer.Argument(help="a registered run, made by toile register")],
+    avatar: Annotated[Path, typer.Argument(help="folder of the avatar; a training that was stopped there goes on")],
+    quality: Annotated[str, typer.Option(help="draft, standard or fine: sizes of the maps, widths, steps")] = "standard",
+    minutes: Annotated[Optional[float], typer.Option(help="as many steps as fit; without, the quality's")] = None,
+    steps: Annotated[Optional[str], typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
+    holdout: Annotated[Optional[str], typer.Option(help="A-B, frames never trained on; default the last tenth; none")] = None,
+    baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
+    lr: Annotated[Optional[float], typer.Option(help="learning rate of AdamW; default the quality's")] = None,
+    seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU")] = 0,
+):
+    """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
+
+    from .settings import preset
+
+    settings = preset(quality).model_copy(update=changes(minutes, steps, lr, seed))
+    from .make import Request, make_avatar
+
+    first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
+    columns = ("{task.description:<20}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), "{task.fields[note]}")
+    with Progress(*columns, console=Console(stderr=True, quiet=not first)) as bars:
+        tasks = {}
+
+        def progress(stage, done, total, note=""):
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total, note=note)
+            bars.update(tasks[stage], completed=done, total=total, note=note)
+
+        make_avatar(Request(run, settings, minutes, holdout, progress, bars.console.print), avatar, baseline)
+    if first:
+        typer.echo(f"{avatar}: trained")
+
+
+def changes(minutes, steps, lr, seed):
+    """Settings that the command line changes; CaptureError names the option."""
+    changed = {"seed": seed}
+    if minutes is not None and not 0 < minutes < 1e6:
+        raise CaptureError(f"--minutes {minutes:g}: expected a positive number")
+    if lr is not None:
+        if not 0 < lr < 1:
+            raise CaptureError(f"--lr {lr:g}: expected a number between 0 and 1")
+        changed["lr"] = lr
+    if steps is not None:
+        counts = steps.split(",")
+        if len(counts) != 3 or not all(count.strip().isdecimal() for count in counts):
+            raise CaptureError(f"--steps {steps}: expected three numbers BODY,GARMENT,JOINT")
+        if minutes is not None:
+            raise CaptureError(f"--steps {steps}: --minutes {minutes:g} is given too")
+        changed |= dict(zip(("body_steps", "garment_steps", "joint_steps"), map(int, counts)))
+    return changed
