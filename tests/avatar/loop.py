@@ -35,6 +35,9 @@ class TinyObjective(torch.nn.Module):
         super().__init__()
         self.avatar, self.settings = avatar, settings
 
+    def prepare(self, data, to_device):
+        pass
+
     def forward(self, batch, phase, share):
         z = batch["x"] + 0.01 * torch.randn_like(batch["x"])
         error = (self.avatar.net(z)[:, 0] * (1 + self.avatar.colour) - batch["y"]).square().mean()

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import torch
+from torch.utils.data import default_collate
 
 from . import losses
+from .avatar import Decoded
+
+OCCLUSION_SAMPLES = 16  # spread over the training frames, whose mean ambient occlusion shadows are relative to
 
 
 class Objective(torch.nn.Module):
@@ -15,6 +19,17 @@ class Objective(torch.nn.Module):
         self.avatar, self.settings = avatar, settings
         self.kinds = {layer.name: layer.kind for layer in avatar.layers}
         self.labels = {layer.name: layer.label for layer in avatar.layers}
+
+    @torch.no_grad()
+    def prepare(self, data, to_device):
+        """Sets the mean ambient occlusion of registered frames, before the first step."""
+        rows = torch.linspace(0, len(data) - 1, min(OCCLUSION_SAMPLES, len(data))).long().unique().tolist()
+        found = []
+        for row in rows:
+            batch = to_device(default_collate([data[row]]))
+            layers = {name: Decoded(vertices, vertices) for name in self.kinds for vertices in [batch[f"vertices.{name}"]]}
+            found.append(self.avatar.ambient_occlusion(layers))
+        self.avatar.set_mean_ao({name: torch.cat([one[name] for one in found]).mean(0) for name in self.kinds})
 
     def forward(self, batch, phase, share):
         """{term: value} of a phase; `share` of it that is over, 0 to 1, anneals c."""

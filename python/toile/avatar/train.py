@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from torch.utils.data import DataLoader, Sampler
+from torch.utils.data import DataLoader, Sampler, default_collate
 
 from ..scene import CaptureError
 from ..store import write_text
@@ -68,8 +68,10 @@ class Training:
     def run(self):
         """Trains from where the folder's last checkpoint stands to the end. Returns {phase: steps}."""
         tensors = self._restore()
-        if tensors is None and self.log:
-            self.log.cut(0)
+        if tensors is None:
+            self.objective.prepare(self.data, self.fabric.to_device)
+            if self.log:
+                self.log.cut(0)
         if tensors is None and self.seconds is not None:
             self.at.costs = [self._time_a_step(phase) for phase in self.phases]
             self._plan()
@@ -217,7 +219,7 @@ class Training:
 
     def _picture(self):
         if self.log:
-            batch = self.fabric.to_device(torch.utils.data.default_collate([self.data[0]]))
+            batch = self.fabric.to_device(default_collate([self.data[0]]))
             self.log.picture(self.at.total, self.objective.picture(batch))
 
 
