@@ -58,7 +58,7 @@ def test_laplacian_s_gradient_is_its_transpose():
     operator, y = losses.uniform_laplacian(f, len(v)), torch.randn(2, len(v), 3)
     x = torch.randn(2, len(v), 3, requires_grad=True)
     (operator(x) * y).sum().backward()
-    dense = operator.matrix.to_dense()
+    dense = operator.sparse("matrix", operator.shape).to_dense()
     assert torch.allclose(x.grad, torch.einsum("ij,bic->bjc", dense, y), atol=1e-6)
 
 

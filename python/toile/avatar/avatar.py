@@ -255,7 +255,7 @@ class Avatar(nn.Module):
                     "name": model.name,
                     "kind": model.kind,
                     "vertices": len(model.rest),
-                    "parts": [part for part, net in model.networks.named_children()],
+                    "parts": [part for part, net in model.networks.named_children() if net is not None],
                     "parameters": count(model),
                 }
                 for model in self.models
@@ -290,12 +290,14 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points):
     )
 
 
+def layer_parameters(kinds, settings, cameras, scene, joints, face_points):
+    """Number of parameters that layers of these kinds have together; nothing is allocated."""
+    with torch.device("meta"):
+        return sum(count(LayerNetworks(layer_sizes(k, settings, cameras, scene, joints, face_points))) for k in kinds)
+
+
 def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
     """The baseline's settings: widths so that one surface has as many parameters as `layers` together, within PARITY."""
-
-    def parameters(kinds, settings):
-        with torch.device("meta"):
-            return sum(count(LayerNetworks(layer_sizes(k, settings, cameras, scene, joints, face_points))) for k in kinds)
 
     def widened(least):
         factor = least / settings.network.least_width
@@ -303,6 +305,9 @@ def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
         return settings.model_copy(
             update=dict(network=settings.network.model_copy(update=dict(width=width, least_width=least)))
         )
+
+    def parameters(kinds, settings):
+        return layer_parameters(kinds, settings, cameras, scene, joints, face_points)
 
     wanted = parameters([layer.kind for layer in layers], settings)
     widest = settings.network.least_width * (len(layers) + 1)

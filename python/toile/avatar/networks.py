@@ -131,7 +131,7 @@ class PoseMap(nn.Module):
 
     def __init__(self, mask, features, outputs=POSE_CHANNELS):
         super().__init__()
-        self.register_buffer("mask", mask)
+        self.register_buffer("mask", mask, persistent=False)
         self.weight = nn.Parameter(torch.randn(outputs, mask.shape[0], features) * 0.5)
 
     def forward(self, features):
@@ -145,7 +145,7 @@ class FaceMap(nn.Module):
 
     def __init__(self, points, mask, outputs=FACE_CHANNELS):
         super().__init__()
-        self.register_buffer("mask", mask)  # (s,s)
+        self.register_buffer("mask", mask, persistent=False)  # (s,s)
         self.code = nn.Sequential(nn.Linear(3 * points, FACE_HIDDEN), nn.LeakyReLU(SLOPE))
         self.basis = nn.Parameter(torch.randn(FACE_HIDDEN, outputs, *mask.shape) / FACE_HIDDEN**0.5)
 

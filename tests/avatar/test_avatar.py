@@ -1,0 +1,485 @@
+"""The avatar as a whole, on two tubes: what depends on what, what exists, and that every loss can be driven down."""
+
+import copy
+import math
+
+import pytest
+import torch
+from small_avatar import BODY, JACKET, SHIRT, SIZE, SURFACE, avatar, awake, batch, settings
+from toile.avatar import losses
+from toile.avatar.avatar import PARITY, matched_settings, pose_features, up_vector
+
+LAYERED, BASELINE = (BODY, SHIRT), (SURFACE,)
+
+
+def decoded(model, b, **changes):
+    b = b | changes
+    return model.decode(b, model.means(model.encode(b)))
+
+
+def parts(model, name):
+    return {part for part, net in model.model(name).networks.named_children() if net is not None}
+
+
+# --- what it starts from --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layers", [LAYERED, BASELINE])
+def test_untrained_avatar_is_the_mean_shape_posed_and_the_mean_texture(layers):
+    model = avatar(layers)
+    b = batch(model)
+    for name, one in decoded(model, b).items():
+        layer = model.model(name)
+        assert torch.equal(one.unposed, layer.rest.expand_as(one.unposed))
+        assert torch.equal(one.texture, layer.mean_texture.expand_as(one.texture))
+        posed = layer.skin.pose(one.unposed, *model.skeleton(b["rotations"], b["translation"]))
+        assert torch.equal(one.vertices, posed)
+
+
+def test_unposed_takes_back_the_pose():
+    model = avatar()
+    b = batch(model)
+    target = model.unposed(b, "shirt")
+    assert (target - model.model("shirt").rest).abs().max() < 0.06  # the noise of 1 cm alone
+    transforms = model.skeleton(b["rotations"], b["translation"])
+    assert torch.allclose(model.model("shirt").skin.pose(target, *transforms), b["vertices.shirt"], atol=1e-5)
+
+
+# --- what depends on what -------------------------------------------------------------------------------------------
+
+
+def test_garment_never_sees_pose_or_face_and_the_body_does():
+    model = awake(avatar())
+    b = batch(model)
+    z = model.means(model.encode(b))
+    before = model.decode(b, z)
+    posed = model.decode(b | {"rotations": b["rotations"] + 0.3}, z)
+    smiling = model.decode(b | {"face": b["face"] + 0.02}, z)
+    for after in (posed, smiling):
+        assert torch.equal(before["shirt"].unposed, after["shirt"].unposed)
+        assert torch.equal(before["shirt"].mean_texture, after["shirt"].mean_texture)
+        assert not torch.equal(before["body"].unposed, after["body"].unposed)
+        assert not torch.equal(before["body"].mean_texture, after["body"].mean_texture)
+    assert not torch.equal(before["shirt"].vertices, posed["shirt"].vertices)  # skinning poses it
+
+
+def test_garment_follows_its_code_and_the_body_has_none():
+    model = awake(avatar())
+    b = batch(model)
+    codes = model.encode(b)
+    assert set(codes) == {"shirt"}
+    z = model.means(codes)
+    before, after = model.decode(b, z), model.decode(b, {"shirt": z["shirt"] + 1})
+    assert not torch.equal(before["shirt"].unposed, after["shirt"].unposed)
+    assert not torch.equal(before["shirt"].mean_texture, after["shirt"].mean_texture)
+    assert torch.equal(before["body"].unposed, after["body"].unposed)
+
+
+def test_the_baseline_follows_pose_face_and_code():
+    model = awake(avatar(BASELINE))
+    b = batch(model)
+    z = model.means(model.encode(b))
+    before = model.decode(b, z)["surface"].unposed
+    for change, code in (({"rotations": b["rotations"] + 0.3}, z), ({"face": b["face"] + 0.02}, z), ({}, {"surface": z["surface"] + 1})):
+        assert not torch.equal(before, model.decode(b | change, code)["surface"].unposed)
+
+
+def test_unseen_facial_keypoints_change_nothing():
+    model = awake(avatar())
+    b = batch(model)
+    hidden = b | {"face_seen": torch.zeros_like(b["face_seen"])}
+    one, other = decoded(model, hidden), decoded(model, hidden, face=b["face"] + 1)
+    assert torch.equal(one["body"].unposed, other["body"].unposed)
+
+
+def test_where_the_person_stands_and_faces_changes_no_unposed_geometry():
+    rotations, up = 0.3 * torch.randn(2, 3, 3), up_vector("z")
+    turned = rotations.clone()
+    turned[:, 0] = torch.tensor([0.0, 0.0, 2.5])
+    upright = rotations.clone()
+    upright[:, 0] = 0
+    assert torch.allclose(pose_features(turned, up), pose_features(upright, up), atol=1e-6)
+    assert not torch.allclose(pose_features(rotations, up), pose_features(upright, up), atol=1e-3)
+
+
+def test_pose_features_are_continuous_through_half_a_turn():
+    up = up_vector("z")
+    angle = torch.tensor([math.pi - 1e-4, -math.pi + 1e-4])
+    rotations = torch.zeros(2, 2, 3)
+    rotations[:, 1, 0] = angle
+    one, other = pose_features(rotations, up)
+    assert torch.allclose(one, other, atol=1e-3)
+
+
+@pytest.mark.parametrize("up, vector", [("z", [0, 0, 1]), ("y", [0, 1, 0]), ("-y", [0, -1, 0])])
+def test_up_axis_of_the_scene(up, vector):
+    assert up_vector(up).tolist() == vector
+
+
+def test_view_moves_the_texture_alone_and_only_its_own_camera():
+    model = awake(avatar())
+    b = batch(model)
+    other = b | {"T_camera_world": b["T_camera_world"].flip(0)}
+    one, moved = decoded(model, b), decoded(model, other)
+    for name in model.names:
+        assert torch.equal(one[name].vertices, moved[name].vertices)
+        assert torch.equal(one[name].mean_texture, moved[name].mean_texture)
+        assert not torch.equal(one[name].texture, moved[name].texture)
+
+
+def test_samples_of_a_batch_do_not_mix():
+    model = awake(avatar())
+    b = batch(model, 3)
+    alone = {key: value[1:2] for key, value in b.items()}
+    for name, one in decoded(model, alone).items():
+        together = decoded(model, b)[name]
+        assert torch.allclose(one.vertices, together.vertices[1:2], atol=1e-5)
+        assert torch.allclose(one.texture, together.texture[1:2], atol=1e-4)
+
+
+def test_only_the_named_layers_are_decoded_and_textures_only_when_asked():
+    model = avatar()
+    b = batch(model)
+    assert set(model.decode(b, {}, ["body"])) == {"body"}
+    geometry = model.decode(b, model.means(model.encode(b)), texture=False)["shirt"]
+    assert geometry.texture is None and geometry.vertices is not None
+    assert not model.encode(b, ["body"])
+
+
+# --- what exists ----------------------------------------------------------------------------------------------------
+
+
+def test_one_camera_has_no_view_branch_and_no_colours():
+    model = avatar(views=1)
+    assert "view" not in parts(model, "body") | parts(model, "shirt")
+    assert "view" in parts(avatar(views=2), "body")
+    assert model.colour_gain.numel() == 0
+    one = decoded(model, batch(model))["body"]
+    assert one.texture is one.mean_texture
+
+
+def test_a_scene_that_is_not_view_dependent_has_no_view_branch():
+    assert "view" not in parts(avatar(view_dependent=False), "body")
+
+
+def test_no_face_no_face_branch():
+    model = avatar(face=False)
+    assert "face" not in parts(model, "body") and "face" in parts(avatar(), "body")
+    b = batch(model)
+    assert torch.equal(decoded(model, b)["body"].unposed, decoded(model, b, face=b["face"] * math.nan)["body"].unposed)
+
+
+def test_no_garment_no_garment_network():
+    model = awake(avatar((BODY,)))
+    b = batch(model)
+    assert model.names == ["body"] and not model.encode(b)
+    assert not any("networks.encoder" in key or "networks.code" in key for key in model.state_dict())
+    assert len(model.compose(decoded(model, b), b, SIZE, shadow=False)) == 2
+
+
+def test_two_garments_have_their_own_networks_and_codes():
+    model = awake(avatar((BODY, SHIRT, JACKET)))
+    b = batch(model)
+    z = model.means(model.encode(b))
+    assert set(z) == {"shirt", "jacket"}
+    before, after = model.decode(b, z), model.decode(b, z | {"jacket": z["jacket"] + 1})
+    assert torch.equal(before["shirt"].unposed, after["shirt"].unposed)
+    assert not torch.equal(before["jacket"].unposed, after["jacket"].unposed)
+    picture = model.compose(before, b, SIZE, layer_depth=True, shadow=False)[0]
+    assert picture.depth.shape == (3, *SIZE)
+
+
+def test_parts_of_a_layer_follow_its_kind():
+    driven = {"pose", "face", "geometry", "texture", "view", "shadow"}
+    assert parts(avatar(), "body") == driven
+    assert parts(avatar(), "shirt") == {"encoder", "code", "geometry", "texture", "view", "shadow"}
+    assert parts(avatar(BASELINE), "surface") == driven | {"encoder", "code"}
+
+
+@pytest.mark.parametrize("layers", [LAYERED, (BODY,), (BODY, SHIRT, JACKET)])
+@pytest.mark.parametrize("quality", ["draft", "standard", "fine"])
+def test_baseline_has_as_many_parameters_as_the_layered_avatar(quality, layers):
+    from toile.avatar.settings import preset
+    from toile.avatar.avatar import layer_parameters
+
+    model = avatar(views=2)
+    options = preset(quality)
+    found = matched_settings(options, layers, model.cameras, model.scene, 104, 29)
+    counts = [layer_parameters([x.kind for x in xs], s, model.cameras, model.scene, 104, 29)
+              for xs, s in ((layers, options), (BASELINE, found))]  # fmt: skip
+    assert abs(counts[1] / counts[0] - 1) < PARITY
+    assert found.data == options.data and found.network.latent == options.network.latent
+
+
+def test_built_baseline_keeps_the_parity_that_was_planned():
+    layered = avatar()
+    found = matched_settings(layered.settings, LAYERED, layered.cameras, layered.scene, 3, 2)
+    baseline = avatar(BASELINE, options=found)
+    assert abs(baseline.parameters_count() / layered.parameters_count() - 1) < PARITY
+
+
+# --- drawing --------------------------------------------------------------------------------------------------------
+
+
+def test_camera_0_and_new_cameras_keep_their_colours_and_the_others_gain_and_bias():
+    model = avatar()
+    with torch.no_grad():
+        model.colour_gain[0], model.colour_bias[1] = 0.5, 0.1
+    x = torch.full((4, 3, 2, 2), 0.4)
+    got = model.colour(x, torch.tensor([0, 1, 2, -1]))
+    assert got[:, 0, 0, 0].tolist() == pytest.approx([0.4, 0.6, 0.5, 0.4])
+
+
+def test_composed_picture_shows_the_garment_before_the_body():
+    model = avatar()
+    b = batch(model)
+    picture = model.compose(decoded(model, b), b, SIZE, layer_depth=True, shadow=False)[0]
+    both = torch.isfinite(picture.depth).all(0)
+    assert both.sum() > 20 and (picture.layer[both] == 1).float().mean() > 0.9
+    assert picture.image.shape == (3, *SIZE) and (picture.image[:, picture.layer < 0] == 0).all()
+
+
+def test_shadow_multiplies_the_texture_and_starts_at_one():
+    model = avatar()
+    b = batch(model)
+    one = decoded(model, b)
+    open_sky = {name: torch.rand(2, len(model.model(name).rest)) for name in one}
+    assert torch.equal(model.shade(one, open_sky)["body"].shaded, one["body"].texture)
+    awake(model)
+    dark = model.shade(one, open_sky)["body"]
+    assert torch.equal(dark.shaded, dark.texture * dark.shadow) and dark.shadow.std() > 0
+    model.set_mean_ao({name: value[0] for name, value in open_sky.items()})
+    flat, zero = (model.model("body").quasi_shadow(x) for x in (open_sky["body"], model.model("body").mean_ao[None]))
+    assert torch.equal(flat[:1], zero)
+
+
+def test_ambient_occlusion_sees_the_other_layers_and_is_not_differentiated():
+    model = avatar()
+    b = batch(model, 1)
+    one = {name: copy.copy(x) for name, x in decoded(model, b).items()}
+    together = model.ambient_occlusion(one)
+    alone = model.ambient_occlusion({"body": one["body"]})
+    assert together["body"].mean() < alone["body"].mean() - 0.05  # under the shirt
+    assert all(((x >= 0) & (x <= 1)).all() and not x.requires_grad for x in together.values())
+
+
+# --- losses and gradients -------------------------------------------------------------------------------------------
+
+
+def all_losses(model, b, c=0.02):
+    """Every loss of METHOD that applies to this avatar."""
+    codes = model.encode(b)
+    out = model.decode(b, model.sample(codes))
+    terms = {name: [] for name in ("geometry", "laplacian", "texture", "kl", "image", "mask", "visibility", "impute")}
+    imputed = model.decode(b, model.impute(codes), texture=False)
+    for layer in model.layers:
+        name, one, target = layer.name, out[layer.name], model.unposed(b, layer.name)
+        terms["geometry"].append(losses.geometry(one.unposed, target, b[f"confidence.{name}"]))
+        terms["laplacian"].append(losses.laplacian(model.laplacian[name], one.unposed, target))
+        colours = model.colour(one.texture, b["camera"])
+        terms["texture"].append(losses.texture(colours, b[f"texture.{name}"], b[f"texel_weight.{name}"]))
+        if name in codes:
+            terms["kl"].append(losses.kl(*codes[name]))
+        if name in model.anchors:
+            terms["impute"].append(losses.impute(model.anchors[name], imputed[name].unposed, target))
+    open_sky = {name: torch.full(x.vertices.shape[:2], 0.8) for name, x in out.items()}
+    pictures = model.compose(model.shade(out, open_sky), b, SIZE, layer_depth=True, shadow=False)
+    images, masks = torch.stack([p.image for p in pictures]), torch.stack([p.mask for p in pictures])
+    terms["image"].append(losses.image_l1(images, b["image"], b["mask"]))
+    terms["mask"].append(losses.mask_l1(masks, b["mask"]))
+    labels = [layer.label for layer in model.layers]
+    for p, seen in zip(pictures, b["labels"], strict=True):
+        terms["visibility"].append(losses.soft_visibility(p.depth, seen, labels, c))
+    return {name: torch.stack(values).mean() for name, values in terms.items() if values}
+
+
+ONES = {name: 1.0 for name in ("geometry", "laplacian", "texture", "kl", "image", "mask", "visibility", "impute")}
+
+
+def extremes():
+    def without(*keys):
+        return lambda b: {k: torch.zeros_like(v) if k.startswith(keys) else v for k, v in b.items()}
+
+    def pictures(value):
+        return lambda b: {k: torch.full_like(v, value) if k.startswith(("image", "texture", "mean_texture")) else v for k, v in b.items()}
+
+    def away(b):
+        view = b["T_camera_world"].clone()
+        view[:, 0, 3] += 50
+        return b | {"T_camera_world": view}
+
+    def one(b):
+        return {k: v[:1] for k, v in b.items()}
+
+    return {
+        "as it is": lambda b: b,
+        "black": pictures(0.0),
+        "white": pictures(1.0),
+        "saturated": pictures(100.0),
+        "nothing seen": without("texel_weight", "mean_weight", "confidence", "mask", "labels"),
+        "empty views": away,
+        "one frame": one,
+        "face unseen": without("face_seen"),
+        "rest pose": without("rotations", "translation"),
+    }
+
+
+@pytest.mark.parametrize("autocast", [False, True], ids=["f32", "bf16"])
+@pytest.mark.parametrize("layers", [LAYERED, BASELINE], ids=["layered", "baseline"])
+@pytest.mark.parametrize("name", extremes())
+def test_losses_and_gradients_are_finite(name, layers, autocast):
+    model = awake(avatar(layers))
+    b = extremes()[name](batch(model))
+    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=autocast):
+        values = all_losses(model, b)
+    losses.total(values, ONES).backward()
+    assert all(math.isfinite(v.item()) and v.dtype == torch.float32 for v in values.values())
+    for key, p in model.named_parameters():
+        assert p.grad is None or torch.isfinite(p.grad).all(), key
+
+
+@pytest.mark.parametrize("bias", [-1e4, 1e4])
+def test_sigma_at_its_bounds_stays_finite(bias):
+    model = awake(avatar())
+    with torch.no_grad():
+        model.model("shirt").networks.encoder.logvar.bias.fill_(bias)
+    values = all_losses(model, batch(model))
+    losses.total(values, ONES).backward()
+    assert all(math.isfinite(v.item()) for v in values.values())
+    assert all(torch.isfinite(p.grad).all() for p in model.parameters() if p.grad is not None)
+
+
+REACHED = {  # a parameter that each term has to reach, in the layered avatar (impute: in the baseline)
+    "geometry": ("shirt", "geometry"),
+    "laplacian": ("body", "geometry"),
+    "texture": ("shirt", "view"),
+    "kl": ("shirt", "encoder"),
+    "image": ("body", "shadow"),
+    "mask": ("shirt", "geometry"),
+    "visibility": ("shirt", "geometry"),
+    "impute": ("surface", "pose"),
+}
+
+
+@pytest.mark.parametrize("term", REACHED)
+def test_each_term_reaches_its_networks_and_dropping_it_from_the_total_is_noticed(term):
+    name, part = REACHED[term]
+    model = awake(avatar(BASELINE if term == "impute" else LAYERED))
+    b = batch(model)
+    if term == "visibility":  # the body before the cloth, on purpose
+        with torch.no_grad():
+            model.model("shirt").rest *= torch.tensor([0.7, 0.7, 1.0])
+    torch.manual_seed(0)
+    values = all_losses(model, b)
+    whole = losses.total(values, ONES)
+    rest = losses.total({key: value for key, value in values.items() if key != term}, ONES)
+    assert whole.item() - rest.item() == pytest.approx(values[term].item(), abs=1e-4) and values[term] > 1e-4
+    part_of = getattr(model.model(name).networks, part)
+    gradients = torch.autograd.grad(values[term], list(part_of.parameters()), allow_unused=True)
+    assert max(float(g.abs().max()) for g in gradients if g is not None) > 0
+
+
+@pytest.mark.parametrize("term", REACHED)
+def test_overfitting_one_sample_drives_each_loss_down(term):
+    model = avatar(BASELINE if term == "impute" else LAYERED)
+    b = batch(model, 1)
+    if term in ("kl", "visibility"):
+        awake(model)
+    if term == "visibility":
+        with torch.no_grad():
+            model.model("shirt").rest *= torch.tensor([0.8, 0.8, 1.0])
+        b["labels"].fill_(3)
+    if term == "mask":  # a person 1.5 cm wider
+        with torch.no_grad():
+            widened = copy.deepcopy(model)
+            for one in widened.models:
+                one.rest *= torch.tensor([1.15, 1.15, 1.0])
+            b["mask"] = torch.stack([p.mask for p in widened.compose(decoded(widened, b), b, SIZE, shadow=False)])
+    optimiser = torch.optim.AdamW(model.parameters(), lr=1e-2)
+    history = []
+    for _ in range(60):
+        torch.manual_seed(0)
+        loss = all_losses(model, b)[term]
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        history.append(loss.item())
+    assert min(history[-5:]) < 0.6 * history[0], history[::10]
+
+
+def test_soft_visibility_brings_the_garment_before_the_body():
+    model = avatar()
+    with torch.no_grad():  # the shirt 2.4 cm within the body
+        model.model("shirt").rest *= torch.tensor([0.63, 0.63, 1.0])
+    b = batch(model, 1)
+    b["labels"].fill_(3)
+    optimiser = torch.optim.AdamW(model.parameters(), lr=1e-2)
+    labels = [layer.label for layer in model.layers]
+
+    def in_front():
+        out = decoded(model, b)
+        p = model.compose(out, b, SIZE, layer_depth=True, shadow=False)[0]
+        both = torch.isfinite(p.depth).all(0)
+        return out, p, (p.layer[both] == 1).float().mean().item()
+
+    hard = torch.autograd.grad(in_front()[1].image.sum(), list(model.model("shirt").parameters()), allow_unused=True)
+    assert in_front()[2] < 0.05 and not any(g is not None and g.any() for g in hard)  # a z-buffer sees no shirt to move
+    for _ in range(150):
+        out, p, _ = in_front()
+        smooth = losses.laplacian(model.laplacian["shirt"], out["shirt"].unposed, model.model("shirt").rest[None])
+        loss = losses.soft_visibility(p.depth, b["labels"][0], labels, 0.02) + smooth
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    assert in_front()[2] > 0.95
+
+
+# --- state ----------------------------------------------------------------------------------------------------------
+
+
+def test_state_is_parameters_and_mean_ao_and_restores_the_avatar():
+    model = awake(avatar())
+    model.set_mean_ao({"body": torch.rand(len(BODY.rest))})
+    state = model.state_dict()
+    assert {name for name, _ in model.named_parameters()} | {"models.0.mean_ao", "models.1.mean_ao"} <= set(state)
+    assert all(value.layout == torch.strided and value.is_contiguous() for value in state.values())
+    other = avatar(seed=9)
+    other.load_state_dict(state)
+    b = batch(model)
+    for name, one in decoded(model, b).items():
+        assert torch.equal(one.texture, decoded(other, b)[name].texture)
+    assert torch.equal(other.model("body").mean_ao, model.model("body").mean_ao)
+
+
+def test_the_same_seed_gives_the_same_avatar_and_draws():
+    b = batch(avatar())
+    draws = []
+    for _ in range(2):
+        model = awake(avatar(seed=3))
+        torch.manual_seed(4)
+        codes = model.encode(b)
+        draws.append((model.sample(codes)["shirt"], model.impute(codes)["shirt"]))
+    assert all(torch.equal(x, y) for x, y in zip(*draws, strict=True))
+    assert not torch.equal(*draws[0])
+
+
+def test_imputed_codes_carry_no_gradient_and_belong_to_no_sample_of_their_own():
+    model = awake(avatar())
+    codes = {"shirt": (torch.arange(6.0).reshape(6, 1) * 100, torch.full((6, 1), -10.0, requires_grad=True))}
+    z = model.impute(codes)["shirt"]
+    assert not z.requires_grad
+    assert ((z - codes["shirt"][0]).abs() > 50)[1:].all()  # of sample 0 the prior is not to be told
+
+
+def test_description_names_layers_parts_and_sizes():
+    import json
+
+    told = json.loads(json.dumps(avatar().describe()))
+    assert [x["name"] for x in told["layers"]] == ["body", "shirt"]
+    assert "encoder" in told["layers"][1]["parts"] and "encoder" not in told["layers"][0]["parts"]
+    assert told["parameters"] == avatar().parameters_count()
+
+
+def test_settings_sizes_scale_the_networks():
+    small, wide = avatar(), avatar(options=settings(width=32))
+    assert wide.parameters_count() > 1.2 * small.parameters_count()
