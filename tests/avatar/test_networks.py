@@ -134,7 +134,8 @@ def test_only_the_parts_that_are_asked_for_exist(asked, parts):
 @pytest.mark.parametrize("geometry, texture", [(16, 32), (32, 32), (32, 128), (64, 32)])
 @pytest.mark.parametrize("width, least", [(8, 8), (24, 3), (16, 4)])
 def test_maps_have_the_sizes_asked_for(geometry, texture, width, least):
-    sizes = Sizes(**SIZES | dict(geometry=geometry, texture=texture, width=width, least_width=least), code=True, view=True)
+    changed = dict(geometry=geometry, texture=texture, width=width, least_width=least, code=True, view=True)
+    sizes = Sizes(**SIZES | changed)
     net = LayerNetworks(sizes)
     mean, logvar = net.encoder(torch.randn(2, 3, geometry, geometry), torch.randn(2, 3, texture, texture))
     assert mean.shape == logvar.shape == (2, sizes.latent)

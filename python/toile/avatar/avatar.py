@@ -14,7 +14,7 @@ from torch import nn
 
 from .. import kernels
 from . import losses
-from .layers import Skeleton, Skin
+from .layers import Skeleton, Skin, rotation_matrices
 from .networks import LayerNetworks, Sizes, count, reparameterised, resize
 from .renderer import Surface, render
 from .uv import TexelValues, UvMap, UvSampler
@@ -72,14 +72,14 @@ class LayerModel(nn.Module):
         self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
 
     def encode(self, unposed, texture, weight):
-        """Code (mean, logvar), each (B,Z), of unposed vertices (B,n,3), a texture (B,3,T,T) and its weights (B,1,T,T)."""
+        """Code (mean, logvar), each (B,Z): unposed vertices (B,n,3), texture (B,3,T,T) and its weights (B,1,T,T)."""
         shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_SCALE)
         seen = (weight > 0) & (self.valid > 0)
         colour = torch.where(seen, texture - self.mean_texture, 0.0) / TEXTURE_SCALE
         return self.networks.encoder(shape, colour)
 
     def decode(self, pose, face, z, transforms, centre, texture=True):
-        """Decoded from pose features (B,K,C), face (B,q,3), code (B,Z); posed by `transforms`, seen from centre (B,3)."""
+        """Pose features (B,K,C), face (B,q,3) and code (B,Z), posed by `transforms` and seen from centre (B,3)."""
         features = self.networks.features(pose, face, z)
         displacement = self.networks.geometry(features)
         with torch.autocast(features.device.type, enabled=False):
@@ -150,8 +150,9 @@ class Avatar(nn.Module):
 
     def unposed(self, batch, name):
         """Registered vertices of a layer (B,n,3), unposed [m]: the target of geometry and Laplacian."""
-        transforms = self.skeleton(batch["rotations"], batch["translation"])
-        return self.model(name).skin.unpose(batch[f"vertices.{name}"], *transforms)
+        with torch.autocast(batch["rotations"].device.type, enabled=False):
+            transforms = self.skeleton(batch["rotations"], batch["translation"])
+            return self.model(name).skin.unpose(batch[f"vertices.{name}"], *transforms)
 
     def encode(self, batch, names=None):
         """{layer: (mean, logvar)}, each (B,Z), of the layers that have a code."""
@@ -188,9 +189,10 @@ class Avatar(nn.Module):
     def decode(self, batch, latents, names=None, texture=True):
         """{layer: Decoded} from pose, face and camera of the batch and the layers' codes; float32 in any autocast."""
         pose = pose_features(batch["rotations"], self.up)
-        transforms = self.skeleton(batch["rotations"], batch["translation"])
         view = batch["T_camera_world"]
-        centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
+        with torch.autocast(view.device.type, enabled=False):
+            transforms = self.skeleton(batch["rotations"], batch["translation"])
+            centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
         face = None
         if hasattr(self, "face_mean"):
             face = (batch["face"] - self.face_mean) / FACE_SCALE * batch["face_seen"][..., None]
@@ -201,7 +203,7 @@ class Avatar(nn.Module):
 
     @torch.no_grad()
     def ambient_occlusion(self, decoded):
-        """{layer: (B,n)} openness of each vertex amid all layers, 1 = nothing above it; `settings.network.ao_rays` rays."""
+        """{layer: (B,n)} openness of each vertex amid all layers: 1 = nothing above it."""
         rays, names = self.settings.network.ao_rays, list(decoded)
         vertices = [decoded[name].vertices.detach().double().cpu().numpy() for name in names]
         starts = np.cumsum([0, *(v.shape[1] for v in vertices)])
@@ -219,7 +221,7 @@ class Avatar(nn.Module):
             self.model(name).mean_ao.copy_(torch.as_tensor(value))
 
     def shade(self, decoded, occlusion=None):
-        """The same layers with quasi-shadows, from the ambient occlusion of their decoded geometry (not differentiated)."""
+        """The same layers with quasi-shadows, from the ambient occlusion of their decoded geometry, detached."""
         occlusion = self.ambient_occlusion(decoded) if occlusion is None else occlusion
         return {
             name: replace(one, shadow=self.model(name).quasi_shadow(occlusion[name])) for name, one in decoded.items()
@@ -238,10 +240,13 @@ class Avatar(nn.Module):
         return pictures
 
     def colour(self, picture, camera, coverage=1.0):
-        """gain x picture + bias x coverage, per camera: pictures (B,3,h,w), cameras (B,). Camera 0 is the measure of the
-        others; -1 is a camera that the avatar was not trained on. Both leave the picture as it is."""
+        """gain x picture + bias x coverage, per camera: pictures (B,3,h,w), cameras (B,).
+
+        Camera 0 is the measure of the others, -1 a camera that the avatar was not trained on; both change nothing.
+        """
         same = torch.zeros(1, 3, device=picture.device)
-        gain, bias = (torch.cat([same, table, same])[camera][..., None, None] for table in (self.colour_gain, self.colour_bias))
+        gain = torch.cat([same, self.colour_gain, same])[camera][..., None, None]
+        bias = torch.cat([same, self.colour_bias, same])[camera][..., None, None]
         return picture * (1 + gain) + bias * coverage
 
     def parameters_count(self):
@@ -297,7 +302,7 @@ def layer_parameters(kinds, settings, cameras, scene, joints, face_points):
 
 
 def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
-    """The baseline's settings: widths so that one surface has as many parameters as `layers` together, within PARITY."""
+    """The baseline's settings: widths that give one surface as many parameters as `layers` together, within PARITY."""
 
     def widened(least):
         factor = least / settings.network.least_width
@@ -323,14 +328,6 @@ def up_vector(up):
     return torch.eye(3)["xyz".index(up[-1])] * (-1 if up.startswith("-") else 1)
 
 
-def rotation_matrices(vectors):
-    """Rotation vectors (...,3) [rad] as matrices (...,3,3)."""
-    x, y, z = vectors.unbind(-1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).reshape(*x.shape, 3, 3)
-    return torch.linalg.matrix_exp(cross)
-
-
 @torch.no_grad()
 def pose_features(rotations, up):
     """Features (B,K,9) of a pose: R - 1 of each joint's local rotation, continuous everywhere.
@@ -348,8 +345,10 @@ def pose_features(rotations, up):
 
 @torch.no_grad()
 def facing(vertices, faces, centre):
-    """n.v (B,n,1) of each vertex towards a camera at centre (B,3): the view code. No gradient: geometry shall not move to
-    mend colours."""
+    """The view code: n.v (B,n,1) of each vertex towards a camera at centre (B,3).
+
+    It has no gradient: geometry shall not move to mend colours.
+    """
     corners = vertices[:, faces]
     normal = torch.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0], dim=-1)
     normals = torch.zeros_like(vertices)
@@ -361,7 +360,7 @@ def facing(vertices, faces, centre):
 
 
 def joint_masks(layer, texels, parents, size):
-    """Where each joint may act, (K,size,size) in 0..1: skinning weights of the joint and of those within MASK_HOPS of it."""
+    """Where each joint may act, (K,size,size): skinning weights of the joint and of those within MASK_HOPS of it."""
     joints = len(parents)
     near = np.eye(joints)
     for k, p in enumerate(parents):
@@ -371,7 +370,7 @@ def joint_masks(layer, texels, parents, size):
     near[0] = True  # the root's tilt acts everywhere
     weights = np.zeros((len(layer.rest), joints))
     np.add.at(weights, (np.arange(len(weights))[:, None], layer.skin_idx), layer.skin_val)
-    return shrunk(np.minimum(weights @ near.T, 1), layer, texels, size)
+    return shrunk(np.minimum(weights @ near.T, 1), texels, size)
 
 
 def head_mask(layer, texels, face, size):
@@ -379,17 +378,14 @@ def head_mask(layer, texels, face, size):
     from scipy.spatial import cKDTree
 
     distance, _ = cKDTree(face).query(layer.rest)
-    return shrunk(np.clip(2 - 2 * distance / HEAD_REACH, 0, 1)[:, None], layer, texels, size)[0]
+    return shrunk(np.clip(2 - 2 * distance / HEAD_REACH, 0, 1)[:, None], texels, size)[0]
 
 
-def shrunk(values, layer, texels, size):
+def shrunk(values, texels, size):
     """Vertex values (n,C) as a map (C,size,size), each texel the mean over what is valid of it."""
-    inside = np.asarray(texels.valid)
-    corners = np.asarray(layer.faces)[np.maximum(texels.face, 0)]
-    maps = np.einsum("ijkc,ijk->cij", values[corners], np.asarray(texels.bary) * inside[..., None])
-    step = len(inside) // size
+    maps, step = texels.texels(values).transpose(2, 0, 1), texels.size // size
 
     def pooled(x):
         return x.reshape(*x.shape[:-2], size, step, size, step).sum((-3, -1))
 
-    return torch.as_tensor(pooled(maps) / np.maximum(pooled(inside.astype(float)), 1), dtype=torch.float32)
+    return torch.as_tensor(pooled(maps) / np.maximum(pooled(texels.valid.astype(float)), 1), dtype=torch.float32)

@@ -91,9 +91,9 @@ def soft_visibility(depth, labels, layer_labels, c):
 def impute(anchors, predicted, registered):
     """The baseline's disentanglement: what the pose determines must not change with the code.
 
-    `predicted` was decoded from the code of another sample or of the prior, with this sample's pose and face. As much of
-    it as the driving signal sees, a centroid per joint, A V with A (K,n), has to agree: |A(V^p) - A(V^r)|^2, mean over
-    the joints [cm^2] (after Bagautdinov et al. 2021, where a decoded body must give back its driving signal).
+    `predicted` was decoded from the code of another sample or of the prior, with this sample's pose and face. What the
+    driving signal sees of it, a centroid per joint, A V with A (K,n), has to agree: |A(V^p) - A(V^r)|^2, mean over the
+    joints [cm^2] (after Bagautdinov et al. 2021, where a decoded body must give back its driving signal).
     """
     return weighted_mean(squared_lengths(anchors(predicted - registered)))
 

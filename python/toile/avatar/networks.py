@@ -98,7 +98,7 @@ class Decoder(nn.Module):
 
 
 class UNet(nn.Module):
-    """Map (B,C,size,size) -> (B,outputs,size,size), 0 at the start; strided convolutions down to 8 texels, skips added."""
+    """Map (B,C,size,size) -> (B,outputs,size,size), 0 at the start; strided down to 8 texels, skips added."""
 
     def __init__(self, inputs, outputs, size, width, widest):
         super().__init__()
@@ -125,8 +125,8 @@ class UNet(nn.Module):
 class PoseMap(nn.Module):
     """Pose features (B,K,C) -> map (B,P,s,s): tiled, masked per joint, mixed by a 1x1 convolution.
 
-    y_p(x) = sum_k m_k(x) sum_c W_pkc f_kc, so a joint acts only where its mask m (K,s,s) lets it; computed in this order
-    the tiled map of K C channels is never built.
+    y_p(x) = sum_k m_k(x) sum_c W_pkc f_kc, so a joint acts only where its mask m (K,s,s) lets it; in this order the
+    tiled map of K C channels is never built.
     """
 
     def __init__(self, mask, features, outputs=POSE_CHANNELS):
@@ -141,7 +141,7 @@ class PoseMap(nn.Module):
 
 
 class FaceMap(nn.Module):
-    """Facial keypoints (B,q,3), normalised, 0 where unseen -> map (B,C,s,s): a code times a learned basis on the head."""
+    """Facial keypoints (B,q,3), normalised, 0 where unseen -> map (B,C,s,s): a code times a learned basis."""
 
     def __init__(self, points, mask, outputs=FACE_CHANNELS):
         super().__init__()
