@@ -33,5 +33,6 @@ void bind_untangle(py::module_& m);
 void bind_skeleton(py::module_& m);
 void bind_inner(py::module_& m);
 void bind_raster(py::module_& m);
+void bind_occlusion(py::module_& m);
 
 }  // namespace toile::bind

@@ -30,4 +30,5 @@ PYBIND11_MODULE(_core, m) {
     bind_skeleton(m);
     bind_inner(m);
     bind_raster(m);
+    bind_occlusion(m);
 }

@@ -216,6 +216,26 @@ bool SurfaceIndex::occluded(const Vec3& origin, const Vec3& direction, double fr
     return ray.tfar < 0;
 }
 
+int SurfaceIndex::occluded_of(const Vec3& origin, const Vec3* directions, int count, double to) const {
+    const State& s = *state_;
+    const Vec3 local = s.to_local(origin);
+    if (beyond_float(local)) return 0;
+    alignas(32) int valid[packet];
+    alignas(32) RTCRay8 rays{};
+    for (int k = 0; k < packet; ++k) {
+        valid[k] = k < count ? -1 : 0;
+        const RTCRay ray = local_ray(local, directions[std::min(k, count - 1)], 0, to, s.scale);
+        rays.org_x[k] = ray.org_x, rays.org_y[k] = ray.org_y, rays.org_z[k] = ray.org_z;
+        rays.dir_x[k] = ray.dir_x, rays.dir_y[k] = ray.dir_y, rays.dir_z[k] = ray.dir_z;
+        rays.tnear[k] = ray.tnear, rays.tfar[k] = ray.tfar, rays.mask[k] = ray.mask;
+    }
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcOccluded8(valid, s.scene, &context, &rays);
+    return static_cast<int>(std::count_if(rays.tfar, rays.tfar + count, [](float t) { return t < 0; }));
+}
+
+double SurfaceIndex::diagonal() const { return state_->scale; }
 const Vertices& SurfaceIndex::vertices() const { return state_->V; }
 const Faces& SurfaceIndex::faces() const { return state_->F; }
 

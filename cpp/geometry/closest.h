@@ -35,6 +35,11 @@ public:
     RayHit first_hit(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
     bool occluded(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
 
+    /// How many of `count` <= packet rays from one point, along unit directions, meet a face within `to`.
+    int occluded_of(const Vec3& origin, const Vec3* directions, int count, double to = 1e30) const;
+    static constexpr int packet = 8;
+
+    double diagonal() const;  ///< of the box of referenced vertices [m]
     const Vertices& vertices() const;
     const Faces& faces() const;
 

@@ -18,6 +18,7 @@ from .inner import InnerSolver
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .mrf import mrf
 from .nricp import NricpSolver, nricp
+from .occlusion import ambient_occlusion
 from .raster import raster
 from .skeleton import SkeletonSolver, skeleton
 from .untangle import UntangleSolver, untangle
@@ -32,6 +33,7 @@ __all__ = [
     "SolveError",
     "SurfaceIndex",
     "UntangleSolver",
+    "ambient_occlusion",
     "biharmonic",
     "boundary_loops",
     "cotangent_laplacian",
