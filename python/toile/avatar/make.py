@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable
 
+import numpy as np
 import torch
 from lightning_fabric import Fabric
 from lightning_fabric.strategies import DDPStrategy
@@ -19,12 +20,16 @@ from ..scene import CaptureError
 from ..workers import locked
 from .avatar import Avatar, matched_settings
 from .checkpoint import begin, read_assets, read_facts, save_assets, save_avatar, topology
-from .data import AvatarData, pictured_frames
+from .data import AvatarData, capture_of, pictured_frames
+from .layers import open_body
 from .settings import AvatarSettings
+from .textures import pinhole
 from .train import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
 ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head")
+FITTED = 50  # frames that the window is fitted to
+MARGIN = 4  # about the person in the window [px of the capture]
 SCORED = 1 / 3  # of the last losses of a learning rate's trial
 
 
@@ -49,9 +54,13 @@ def make_avatar(request, folder, baseline=False):
     if not frames:
         raise CaptureError(f"{request.run}: the hold-out leaves no pictured frame to train on")
     seconds = None if request.minutes is None else 60 * request.minutes
+    settings = request.settings
+    if settings.fit_window:
+        data = settings.data.model_copy(update={"pixel_scale": fitting_scale(request.run, settings.data, frames)})
+        settings = settings.model_copy(update={"data": data})
     with locked(folder) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
         job = Job(request, fabric, frames, held)
-        job.train(folder, request.settings, begun=begun, seconds=seconds)
+        job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
             job.train_baseline(folder)
 
@@ -142,6 +151,24 @@ def held_out(text, frames):
     if not held:
         raise CaptureError(f"--holdout {text}: none of the run's pictured frames {frames[0]}-{frames[-1]} lies there")
     return held
+
+
+def fitting_scale(run, settings, frames):
+    """Pixels of the capture along one of the window's, at least those of the settings, so that it holds the person, or
+    its garments, in every picture of (a spread of) the frames."""
+    body, capture = open_body(run), capture_of(run)
+    rows, scale = body.rows(frames), settings.pixel_scale
+    garments = [f"garment/{garment.name}/vertices" for garment in capture.scene.garments]
+    shown = garments if garments and settings.crop == "garment" else ["track/vertices", *garments]
+    for row in np.unique(np.linspace(0, len(rows) - 1, FITTED).round().astype(int)):
+        V = np.concatenate([body.store[name][rows[row]] for name in shown])
+        for camera in capture.cameras.values():
+            uv, depth = pinhole(camera).project(V)
+            uv = np.clip(uv[depth > 0], 0, [camera.width, camera.height])
+            if len(uv):
+                width, height = np.ptp(uv, axis=0) + 2 * MARGIN
+                scale = max(scale, height / settings.image[0], width / settings.image[1])
+    return round(scale + 0.005, 2)
 
 
 def start_fabric():

@@ -16,7 +16,7 @@ class DataSettings(Settings):
     geometry_size: int = 128  # texels along a side of the position maps
     texture_size: int = 512
     image: tuple[int, int] = (512, 512)  # (height, width) of the window [px]
-    pixel_scale: float = 1.0  # pixels of the capture along one of the window's
+    pixel_scale: float = 1.0  # pixels of the capture along one of the window's, at least
     crop: Literal["person", "garment"] = "person"  # what the window is centred on
 
 
@@ -69,12 +69,13 @@ class AvatarSettings(Settings):
     body_steps: int = 2000
     garment_steps: int = 2000
     joint_steps: int = 6000
+    fit_window: bool = True  # pictures are scaled down until the window holds what it is centred on, in every frame
     batch: int = 4
     joint_batch: int = 2
     lr: float = 1e-4  # AdamW
     colour_lr: float = 1e-3  # of gain and bias of the cameras
     decay: float = 0.1  # of the learning rate over a phase: a half cosine to this share
-    warm_up: int = 20  # steps of a phase with a rising learning rate
+    warm_up: float = 0.05  # share of a phase with a rising learning rate
     clip: float = 1.0  # largest norm of the gradient
     visibility_c: tuple[float, float] = (0.020, 0.005)  # c of the soft visibility, first and last [m]
     checkpoint_every: int = 250  # steps

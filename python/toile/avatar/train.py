@@ -295,6 +295,6 @@ def draw(*parts):
 
 def rate_at(step, steps, settings):
     """Share of the learning rate at a step: rises over the first steps, falls by half a cosine to `decay`."""
-    rise = min((step + 1) / settings.warm_up, 1.0)
+    rise = min((step + 1) / max(settings.warm_up * steps, 1), 1.0)
     fall = 0.5 * (1 + math.cos(math.pi * min(step / max(steps, 1), 1.0)))
     return rise * (settings.decay + (1 - settings.decay) * fall)
