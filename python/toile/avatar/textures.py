@@ -30,9 +30,11 @@ class Picture:
 def pinhole(camera, scale=1.0, window=None):
     """The camera without distortion, `scale` of its pixels along one of the picture's; `window` (row, column, height,
     width) of that picture."""
+    whole = round(camera.height / scale), round(camera.width / scale)
     K = np.array(camera.K, dtype=np.float64)
-    K[:2] /= scale
-    row, column, height, width = window or (0, 0, round(camera.height / scale), round(camera.width / scale))
+    K[0] *= whole[1] / camera.width
+    K[1] *= whole[0] / camera.height
+    row, column, height, width = window or (0, 0, *whole)
     K[:2, 2] -= [column, row]
     return replace(camera, K=K, width=width, height=height, distortion=np.zeros(5))
 
@@ -54,11 +56,11 @@ def take(camera, image, mask, labels, scale, window):
     def cut(array, nearest):
         array = undistorted(camera, array, nearest)
         if scale != 1:
-            how = cv2.INTER_NEAREST if nearest else cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR
+            how = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR
             array = cv2.resize(array, (flat.width, flat.height), interpolation=how)
         return cropped(array, window)
 
-    mask = cut(mask.astype(np.uint8), True) > 0
+    mask = cut(255 * mask.astype(np.uint8), False) > 127
     labels = None if labels is None else cut(labels, True)
     return Picture(pinhole(camera, scale, window), cut(image, False), mask, labels)
 
