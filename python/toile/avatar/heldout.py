@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +11,12 @@ from torch.utils.data import default_collate
 
 from .. import kernels
 from ..capture import open_capture
-from ..io.body import load_body_model
 from ..scene import HIDDEN, CaptureError
 from ..truth import millimetres, open_truth, outside_of
 from .checkpoint import check_same, load_avatar, read_facts, topology
 from .data import AvatarData, pictured_frames
 from .evaluation import Picture
+from .layers import open_body
 from .metrics import pose_distance
 from .photometric import photometric
 
@@ -28,10 +27,9 @@ class HeldOut:
     def __init__(self, folder, frames=None, run=None):
         facts = read_facts(folder)
         path = Path(run or facts["run"])
-        try:
-            self.registered = RegisteredRun(path)
-        except FileNotFoundError:
-            raise CaptureError(f"{folder}: its run {path} is not there: give its place by --run") from None
+        if not (path / "registered.zarr").exists():
+            raise CaptureError(f"{folder}: its run {path} is not there: give its place by --run")
+        self.registered = RegisteredRun(path)
         self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels
         self.frames, self.warnings = _chosen(folder, facts, frames, pictured_frames(path))
         self.trained = [n for n in facts["frames"] if n in self.registered.row]
@@ -134,9 +132,8 @@ class RegisteredRun:
     """What evaluation reads of a run and of the truth behind it."""
 
     def __init__(self, path):
-        import zarr
-
-        self.store = zarr.open_group(str(path / "registered.zarr"), mode="r")
+        body = open_body(path)
+        self.store, self.outside = body.store, outside_of(body.model)
         self.capture = open_capture(tomllib.loads((path / "config.toml").read_text(encoding="utf-8"))["capture"])
         self.row = {int(n): i for i, n in enumerate(self.store["frames"][:])}
         self.rotations = self.store["pose/rotations"][:]
@@ -144,8 +141,7 @@ class RegisteredRun:
         self.garment_labels = {g["name"]: g["label"] for g in garments}
         self.loops = {g["name"]: g["loops"] for g in garments}
         self.truth = open_truth(self.capture, self.garment_labels)
-        body = self.store.attrs["body_model"]
-        self.body_path = self.capture.root / body if body.endswith(".npz") else body
+        self._outer = None, None  # a frame and its true outer surface
 
     def garment(self, name, frame):
         return self.store[f"garment/{name}/vertices"][self.row[frame]]
@@ -154,19 +150,11 @@ class RegisteredRun:
         """Label ids (H,W) of a pinhole picture: true ones where the true surface is, the captured ones without truth."""
         if self.truth is None or frame not in self.truth:
             return captured
-        V, F, label = self._outer(frame)
+        if self._outer[0] != frame:
+            self._outer = frame, self.truth.outer(frame, self.garment_labels)
+        V, F, label = self._outer[1]
         face = kernels.raster(V @ T_camera_world[:3, :3].T + T_camera_world[:3, 3], F, K, captured.shape).face
         return np.where(face >= 0, label[face], 0)
-
-    @cached_property
-    def _outside(self):
-        return outside_of(load_body_model(self.body_path, up=self.capture.scene.up))
-
-    def _outer(self, frame):
-        """The true outer surface of the last frame asked for."""
-        if getattr(self, "_kept", (None,))[0] != frame:
-            self._kept = frame, self.truth.outer(frame, self.garment_labels)
-        return self._kept[1]
 
     def errors(self, frame, decoded, layers):
         """Measures of decoded layers {name: (n,3)} against the truth [mm]; None where the truth lacks the frame.
@@ -180,15 +168,16 @@ class RegisteredRun:
             if layers[name].kind == "garment":
                 measures.setdefault("garment", {})[name] = self.truth.garment_errors(name, self.loops[name], V, frame)[0]
             elif layers[name].kind == "body":
-                hidden = self.store["confidence/inner"][self.row[frame]] == HIDDEN
-                measures["body"] = self.truth.body_errors(V, hidden, self._outside, frame)
+                confidence = self.store["confidence/inner" if "inner" in self.store else "confidence/track"][self.row[frame]]
+                hidden = confidence == HIDDEN
+                measures["body"] = self.truth.body_errors(V, hidden, self.outside, frame)
         return measures
 
     def _outer_error(self, frame, decoded, layers):
         V, F, _ = self.truth.outer(frame, self.garment_labels, bare=True)
         seen = np.zeros(len(V), bool)
         seen[F] = True
-        seen[: len(self._outside)] &= self._outside
+        seen[: len(self.outside)] &= self.outside
         distances = [kernels.SurfaceIndex(v, layers[name].faces).closest(V[seen])[3] for name, v in decoded.items()]
         return millimetres(np.min(distances, axis=0))
 
