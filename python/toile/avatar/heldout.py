@@ -20,6 +20,10 @@ from .layers import open_body
 from .metrics import pose_distance
 from .photometric import photometric
 
+WINDOW = ("frame", "camera", "image", "mask", "labels", "K", "T_camera_world")  # of a sample: both avatars show the same
+
+PAPER = 0.97  # behind a view that no camera took
+
 
 class HeldOut:
     """AVATAR and, where it is there, AVATAR/baseline, with their data of the chosen frames."""
@@ -41,7 +45,8 @@ class HeldOut:
         for name, place in folders.items():
             self.avatars[name] = load_avatar(place).to(self.device)
             self.data[name] = self._data(place, name == "layered", path)
-        self.decoded = {name: {} for name in folders}  # by frame, {layer: vertices (n,3)} as decoded for one camera
+        self.decoded = {name: {} for name in folders}  # by frame, {layer: vertices (n,3)}
+        self._occlusion = {}  # by avatar, a frame and its ambient occlusion
 
     def _data(self, folder, layered, run):
         facts = read_facts(folder)
@@ -67,10 +72,10 @@ class HeldOut:
         """Every held-out picture as both avatars reconstruct it."""
         first = next(iter(self.data))
         for i in range(self.count):
-            samples = {name: data[i] for name, data in self.data.items()}
-            sample = samples[first]
+            sample = self.data[first][i]
+            samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
             frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
-            rendered = {name: self._reconstruct(name, frame, sample) for name, sample in samples.items()}
+            rendered = {name: _last(self._reconstruct(name, sample).image) for name, sample in samples.items()}
             K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
             mask = sample["mask"].numpy() > 0.5
             yield Picture(
@@ -80,20 +85,18 @@ class HeldOut:
                 1e3 * float(np.median(_body(sample) @ T[2, :3] + T[2, 3])) / K[0, 0],
             )  # fmt: skip
 
-    def _reconstruct(self, name, frame, sample):
-        """(H,W,3): the frame encoded, the mean of its code decoded and rendered."""
-        decoded, image = self._show(name, sample)
-        if frame not in self.decoded[name]:
-            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
-        return image
-
     @torch.no_grad()
-    def _show(self, name, sample):
-        """-> {layer: Decoded}, picture (H,W,3)."""
-        avatar = self.avatars[name]
+    def _reconstruct(self, name, sample):
+        """Rendered: the frame encoded, the mean of its code decoded and drawn."""
+        avatar, frame = self.avatars[name], int(sample["frame"])
         batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
-        return decoded, _last(avatar.compose(decoded, batch, sample["image"].shape[-2:])[0].image)
+        if frame not in self.decoded[name]:
+            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
+        if self._occlusion.get(name, (None,))[0] != frame:  # no camera changes the geometry
+            self._occlusion[name] = frame, avatar.ambient_occlusion(decoded)
+        shaded = avatar.shade(decoded, self._occlusion[name][1])
+        return avatar.compose(shaded, batch, sample["image"].shape[-2:], shadow=False)[0]
 
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
@@ -103,7 +106,8 @@ class HeldOut:
         for i in np.unique(np.linspace(0, len(of_frame) - 1, count).round().astype(int)):
             sample = data[of_frame[i]]
             moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
-            views.append(self._show(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})[1])
+            seen = self._reconstruct(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})
+            views.append(_last(seen.image + PAPER * (1 - seen.mask)))
         return views
 
     def _loops(self, sample, K, T):
