@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +9,16 @@ import torch
 from torch.utils.data import default_collate
 
 from .. import kernels
-from ..capture import open_capture
 from ..scene import HIDDEN, CaptureError
 from ..truth import millimetres, open_truth, outside_of
 from .checkpoint import check_same, load_avatar, read_facts, topology
-from .data import AvatarData, pictured_frames
+from .data import AvatarData, capture_of, pictured_frames
 from .evaluation import Picture
 from .layers import open_body
 from .metrics import pose_distance
 from .photometric import photometric
 
 WINDOW = ("frame", "camera", "image", "mask", "labels", "K", "T_camera_world")  # of a sample: both avatars show the same
-
 PAPER = 0.97  # behind a view that no camera took
 
 
@@ -101,10 +98,10 @@ class HeldOut:
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
         name, data = next(iter(self.data.items()))
-        of_frame = [i for i in range(len(data)) if int(data[i]["frame"]) == frame]
-        step, views = np.pi / max(len(of_frame), 6), []
-        for i in np.unique(np.linspace(0, len(of_frame) - 1, count).round().astype(int)):
-            sample = data[of_frame[i]]
+        cameras, first = len(data.cameras), data.frames.index(frame) * len(data.cameras)
+        step, views = np.pi / max(cameras, 6), []
+        for i in np.unique(np.linspace(0, cameras - 1, count).round().astype(int)):
+            sample = data[first + int(i)]
             moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
             seen = self._reconstruct(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})
             views.append(_last(seen.image + PAPER * (1 - seen.mask)))
@@ -138,7 +135,7 @@ class RegisteredRun:
     def __init__(self, path):
         body = open_body(path)
         self.store, self.outside = body.store, outside_of(body.model)
-        self.capture = open_capture(tomllib.loads((path / "config.toml").read_text(encoding="utf-8"))["capture"])
+        self.capture = capture_of(path)
         self.row = {int(n): i for i, n in enumerate(self.store["frames"][:])}
         self.rotations = self.store["pose/rotations"][:]
         garments = self.store.attrs["scene"]["garments"]
