@@ -32,7 +32,8 @@ ALLOWED = {
     "report": TYPES | {"capture", "evaluate", "page", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "request", "store", "workers", "__init__"},
     "avatar": TYPES | {"capture", "config", "io", "page", "store", "truth", "views", "workers"},
-    "cli": TYPES | {"avatar", "budget", "capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
+    "animate": TYPES | {"avatar", "io", "store"},
+    "cli": TYPES | {"animate", "avatar", "budget", "capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
     "io": {"scene"},
     "__init__": {"kernels"},
 }  # fmt: skip

@@ -141,7 +141,7 @@ def save_assets(folder, data):
         save_record(assets / f"layer{i}.npz", layer)
     maps = {f"mean_texture.{name}": value for name, value in data.mean_texture.items()}
     maps |= {f"valid.{name}": value for name, value in data.valid.items()}
-    rig = {"J": data.J, "parents": data.parents, "face_mean": data.face_mean, "head": data.head}
+    rig = {"J": data.J, "parents": data.parents, "face_mean": data.face_mean, "head": data.head, **data.poses}
     maps |= {name: value for name, value in rig.items() if value is not None}
 
     def write(part):
@@ -218,6 +218,12 @@ def read_assets(folder):
         "face_mean": values.get("face_mean"),
         "head": int(values["head"]) if "head" in values else None,
     }
+
+
+def training_poses(folder):
+    """What AvatarData.poses held of the frames that an avatar was trained on."""
+    with np.load(Path(folder) / "assets" / "maps.npz", allow_pickle=False) as maps:
+        return {name: maps[name] for name in ("rotations", "translation", "usual")}
 
 
 def _plain_camera(camera):

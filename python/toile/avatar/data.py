@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..capture import open_capture
 from ..scene import CaptureError
 from ..store import replace_file, write_text
 from .layers import open_body, read_layers, surface_layer
+from .metrics import pose_distance
 from .textures import Unwrapper, filled, mean_texture, pinhole, take, undistorted, window_about
 from .uv import UvMap
 
@@ -99,6 +101,19 @@ class AvatarData(Dataset):
 
     def _path(self, number, camera=None):
         return self.folder / f"{number:06d}" / ("frame.npz" if camera is None else f"{self.cameras[camera].name}.npz")
+
+    @cached_property
+    def poses(self):
+        """rotations (F,K,3) and translation (F,3) of the frames; usual: how far [degrees] 95 % of these poses are at most from
+        the nearest that is not their neighbour in time (a second or more away, where there is one)."""
+        rows = [self.row[n] for n in self.frames]
+        rotations, translation = (self.body.store[f"pose/{name}"][:][rows] for name in ("rotations", "translation"))
+        frames, distances = np.array(self.frames), []
+        for number, pose in zip(frames, rotations):
+            apart = np.abs(frames - number) >= self.scene.fps
+            others = rotations[apart if apart.any() else frames != number]
+            distances.append(pose_distance(pose, others).min() if len(others) else 0.0)
+        return {"rotations": rotations, "translation": translation, "usual": float(np.quantile(distances, 0.95))}
 
     # Preparation -----------------------------------------------------------------------------------------------------
 

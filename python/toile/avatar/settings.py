@@ -100,6 +100,21 @@ class AvatarSettings(Settings):
             yield Phase(name="joint", kinds=("surface",), terms=(*TOGETHER, "impute"), steps=self.joint_steps, **together)
 
 
+class TemporalSettings(Settings):
+    """The model that gives garments' codes from poses, and its training."""
+
+    model: Literal["window", "damped"] = "window"
+    window: int = Field(15, ge=1)  # poses that the window model sees, the current one included
+    channels: int = 256
+    steps: int = Field(2000, ge=1)
+    batch: int = 64  # windows, or stretches of the damped model
+    stretch: int = 60  # frames that the damped model is unrolled over
+    lr: float = 5e-4
+    weight_decay: float = 0.01
+    pose_floor: float = 0.05  # least spread that a pose's feature is divided by: joints that rest carry only noise
+    seed: int = 0
+
+
 def preset(quality):
     """The settings of a quality preset: sizes of the maps, widths, steps."""
     if quality not in QUALITIES:

@@ -82,8 +82,9 @@ class DampedModel(nn.Module):
         return torch.stack(states, 1)
 
 
-def windows(poses, length):
-    """Pose features (T,P) of frames in a row -> (T,length,P): what was known at each frame; before the first stands the
-    first."""
-    index = torch.arange(len(poses))[:, None] + torch.arange(1 - length, 1)
-    return poses[index.clamp(min=0)]
+def windows(poses, length, first=None, step=1):
+    """Pose features (T,P) -> (T,length,P): what was known at each frame, `step` rows apart. `first` (T,): where the row of
+    neighbouring frames that it belongs to begins, 0 by default; before that stands the first."""
+    first = torch.zeros(len(poses), dtype=torch.long) if first is None else first
+    index = torch.arange(len(poses))[:, None] + step * torch.arange(1 - length, 1)
+    return poses[index.maximum(first[:, None])]
