@@ -114,6 +114,28 @@ def report(
 
 
 @app.command()
+def animate(
+    avatar: Annotated[Path, typer.Argument(help="made by toile train --temporal, or its baseline/")],
+    motion: Annotated[Path, typer.Argument(help="a run, a .bvh file, or an .npz of rotations, translation and fps")],
+    out: Annotated[Path, typer.Argument(help="a new folder: pictures/, meshes/, animation.mp4")],
+    frames: Annotated[Optional[str], typer.Option(help="numbers of the motion's frames: 1-50,60")] = None,
+    camera: Annotated[Optional[str], typer.Option(help="one of the avatar's, orbit, or a cameras.json taken in turn")] = None,
+    height: Annotated[Optional[int], typer.Option(help="of the pictures [px]; default the camera's", min=16, max=8192)] = None,
+    meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
+    seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by")] = 0,
+):
+    """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
+    from .animate import animate as run_animation
+
+    with progress_bars() as progress:
+        done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, seed, progress)
+    for warning in done.warnings:
+        typer.echo(f"  warning: {warning}", err=True)
+    typer.echo(f"{out}: {done.frames} frames, {done.intersections_before} intersecting pairs before untangling")
+    typer.echo(f"intersections_left: {done.intersections_left}")
+
+
+@app.command()
 def template(
     run: Path,
     out: Annotated[Path, typer.Argument(help="the template, an .obj in the body model's rest pose")],

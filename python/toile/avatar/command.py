@@ -19,6 +19,8 @@ def train(
     steps: Annotated[Optional[str], typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
     holdout: Annotated[Optional[str], typer.Option(help="A-B, frames never trained on; default the last tenth; none")] = None,
     baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
+    temporal: Annotated[bool, typer.Option("--temporal", help="also the model that drives the garments by poses")] = False,
+    window: Annotated[int, typer.Option(help="poses that the temporal model sees")] = 15,
     lr: Annotated[Optional[float], typer.Option(help="learning rate of AdamW; default the quality's")] = None,
     seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU")] = 0,
 ):
@@ -42,7 +44,15 @@ def train(
             bars.update(tasks[stage], completed=done, total=total, note=note)
 
         make_avatar(Request(run, settings, minutes, holdout, progress, bars.console.print), avatar, baseline)
+        if temporal and first:
+            from .driving import train_temporal
+            from .settings import TemporalSettings
+
+            measured = train_temporal(avatar, TemporalSettings(window=window, seed=seed), lambda *at: progress("temporal", *at))
     if first:
+        if temporal:
+            errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
+            typer.echo(f"temporal model: {errors}, of the codes' variance")
         typer.echo(f"{avatar}: trained")
 
 

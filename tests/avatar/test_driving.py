@@ -1,0 +1,103 @@
+"""The temporal model of a trained avatar: its tracks, files and refusals."""
+
+import shutil
+
+import numpy as np
+import pytest
+import torch
+import small_avatar
+
+from toile.avatar.driving import Driver, Track, load_driver, make_track, relative_error, row_starts, train_temporal, without
+from toile.avatar.settings import TemporalSettings
+from toile.scene import CaptureError
+
+
+def track(frames, stride=1, features=3):
+    frames = np.asarray(frames)
+    own = np.diff(frames).min()
+    return Track(frames, torch.randn(len(frames), features), row_starts(np.diff(frames) != own), stride // own)
+
+
+def test_rows_of_neighbours_begin_after_each_gap():
+    assert track([0, 1, 2, 5, 6, 9]).first.tolist() == [0, 0, 0, 3, 3, 5]
+    assert track([0, 6, 12, 30, 36]).first.tolist() == [0, 0, 0, 3, 3]
+
+
+def test_held_out_frames_part_those_on_either_side():
+    left = without(track(range(10)), [4, 5])
+    assert left.frames.tolist() == [0, 1, 2, 3, 6, 7, 8, 9]
+    assert left.first.tolist() == [0, 0, 0, 0, 4, 4, 4, 4]
+    assert without(track([0, 1, 2, 5, 6]), [1]).first.tolist() == [0, 1, 2, 2]
+
+
+@pytest.mark.parametrize("model", ["window", "damped"])
+def test_a_finer_motion_drives_as_its_every_nth_frame_does(model):
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(model=model, window=4, channels=8), 3, {"shirt": 5}).eval()
+    fine = track(range(24), stride=6)
+    coarse = Track(fine.frames[::6], fine.features[::6], fine.first[::6] * 0, 1)
+    with torch.no_grad():
+        assert torch.allclose(driver.latents(fine)["shirt"][::6], driver.latents(coarse)["shirt"], atol=1e-6)
+
+
+def test_a_motion_of_another_step_is_refused():
+    avatar = small_avatar.avatar()
+    poses = np.zeros((4, 3, 3)), np.zeros((4, 3))
+    with pytest.raises(CaptureError, match="its frames are 4 apart, the temporal model was trained on poses 6 apart"):
+        make_track(avatar, [0, 4, 8, 12], *poses, None, 6)
+    assert make_track(avatar, [0, 3, 6, 9], *poses, None, 6).step == 2
+
+
+def test_codes_come_back_as_they_were_standardised():
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(window=2, channels=8), 3, {"shirt": 2, "jacket": 3})
+    codes = 5 + 3 * torch.randn(50, 5)
+    driver.standardise(torch.randn(50, 3), codes)
+    for p in driver.model.outlet.parameters():
+        p.data.zero_()
+    found = driver.latents(track(range(7)))
+    assert found["shirt"].shape == (7, 2) and found["jacket"].shape == (7, 3)
+    assert torch.allclose(torch.cat(list(found.values()), 1), codes.mean(0).expand(7, 5), atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def driven(sample_avatar):
+    folder = sample_avatar.parent / "driven"
+    shutil.copytree(sample_avatar, folder)
+    return folder, train_temporal(folder, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3))
+
+
+def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
+    folder, measured = driven
+    assert measured["code_error"] < 0.05  # of their variance
+    assert measured["held_out"] > 0
+    driver, stride = load_driver(folder)
+    assert stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
+
+
+def test_the_same_seed_gives_the_same_bits(driven, tmp_path):
+    folder, _ = driven
+    again = tmp_path / "again"
+    shutil.copytree(folder, again)
+    train_temporal(again, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3))
+    assert (again / "temporal.safetensors").read_bytes() == (folder / "temporal.safetensors").read_bytes()
+
+
+def test_an_untaught_model_errs_by_the_codes_variance():
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(window=2, channels=8), 3, {"shirt": 4})
+    codes = 5 + 3 * torch.randn(50, 4)
+    driver.standardise(torch.randn(50, 3), codes)
+    for p in driver.model.outlet.parameters():
+        p.data.zero_()
+    assert relative_error(driver, track(range(50)), range(50), codes) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_what_cannot_be_driven_is_refused(sample_avatar, tmp_path):
+    with pytest.raises(CaptureError, match="temporal.safetensors: the file is missing"):
+        load_driver(sample_avatar)
+    with pytest.raises(CaptureError, match="no garment"):
+        train_temporal(sample_avatar / "baseline", TemporalSettings(steps=1))
+    (tmp_path / "temporal.safetensors").write_bytes(b"rubbish")
+    with pytest.raises(CaptureError, match="temporal.safetensors: not a file of toile's tensors"):
+        load_driver(tmp_path)
