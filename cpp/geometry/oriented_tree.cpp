@@ -1,7 +1,6 @@
 #include "geometry/oriented_tree.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "base/parallel.h"
 
@@ -31,47 +30,50 @@ OrientedTree::OrientedTree(const Vertices& X, const Vertices& N) : leaf_of_(stat
     if (n == 0) return;
     std::int64_t leaves = 1, inner = 0;
     for (; leaves * wide < n; leaves *= wide) inner += leaves;
-    std::vector<int> order(leaf_of_.size());
-    std::iota(order.begin(), order.end(), 0);
+    std::vector<Place> order(leaf_of_.size());
+    parallel_for(n, [&](std::int64_t v) {
+        for (int c = 0; c < 3; ++c) {
+            order[v].at[c] = static_cast<float>(X(v, c));
+            order[v].at[c + 3] = static_cast<float>(0.2 * N(v, c));
+        }
+        order[v].point = static_cast<int>(v);
+    }, 4096);
     for (std::int64_t parts = 1; parts < leaves; parts *= 2)
         parallel_for(parts, [&](std::int64_t i) {
-            split(order, X, N, share(n, i, parts), share(n, 2 * i + 1, 2 * parts), share(n, i + 1, parts));
+            Place* const all = order.data();
+            split(all + share(n, i, parts), all + share(n, 2 * i + 1, 2 * parts), all + share(n, i + 1, parts));
         }, 1);
     leaves_.resize(static_cast<std::size_t>(leaves));
     boxes_.resize(static_cast<std::size_t>(inner));
     for (std::int64_t l = 0; l < leaves; ++l) {
         Leaf& leaf = leaves_[l];
         const int begin = share(n, l, leaves), end = share(n, l + 1, leaves);
-        std::sort(order.begin() + begin, order.begin() + end);
+        std::sort(order.begin() + begin, order.begin() + end, [](const Place& a, const Place& b) { return a.point < b.point; });
         for (int i = 0; i < wide; ++i) {
-            leaf.point[i] = begin + i < end ? order[begin + i] : -1;
-            if (begin + i < end) leaf_of_[order[begin + i]] = static_cast<int>(l);
+            leaf.point[i] = begin + i < end ? order[begin + i].point : -1;
+            if (begin + i < end) leaf_of_[order[begin + i].point] = static_cast<int>(l);
             else for (Row& at : leaf.at) at[i] = nowhere;
         }
     }
     follow(X, N);
 }
 
-/// Parts order[begin, end) about `middle` along its widest side; a normal counts a fifth of a unit of length.
-void OrientedTree::split(std::vector<int>& order, const Vertices& X, const Vertices& N, int begin, int middle, int end) const {
+/// Parts [begin, end) about `middle` along its widest side; a normal counts a fifth of a unit of length.
+void OrientedTree::split(Place* begin, Place* middle, Place* end) {
     if (middle == begin || middle == end) return;
-    Eigen::Matrix<double, 6, 1> low, high, p;
-    const auto place = [&](int v) { p << X.row(v).transpose(), 0.2 * N.row(v).transpose(); };
-    place(order[begin]);
-    low = high = p;
-    for (int i = begin + 1; i < end; ++i) {
-        place(order[i]);
-        low = low.cwiseMin(p);
-        high = high.cwiseMax(p);
-    }
+    float low[6], high[6];
+    for (int c = 0; c < 6; ++c) low[c] = high[c] = begin->at[c];
+    for (const Place* p = begin + 1; p != end; ++p)
+        for (int c = 0; c < 6; ++c) {
+            low[c] = std::min(low[c], p->at[c]);
+            high[c] = std::max(high[c], p->at[c]);
+        }
     int widest = 0;
-    (high - low).maxCoeff(&widest);
-    const auto along = [&](int v) { return widest < 3 ? X(v, widest) : N(v, widest - 3); };
-    const auto before = [&](int a, int b) {
-        const double u = along(a), v = along(b);
-        return u < v || (u == v && a < b);
-    };
-    std::nth_element(order.begin() + begin, order.begin() + middle, order.begin() + end, before);
+    for (int c = 1; c < 6; ++c)
+        if (high[c] - low[c] > high[widest] - low[widest]) widest = c;
+    std::nth_element(begin, middle, end, [widest](const Place& a, const Place& b) {
+        return a.at[widest] < b.at[widest] || (a.at[widest] == b.at[widest] && a.point < b.point);
+    });
 }
 
 void OrientedTree::follow(const Vertices& X, const Vertices& N) {

@@ -29,7 +29,11 @@ private:
     struct Boxes {
         Row low[6], high[6];
     };
-    void split(std::vector<int>& order, const Vertices& X, const Vertices& N, int begin, int middle, int end) const;
+    struct Place {
+        float at[6];
+        int point;
+    };
+    static void split(Place* begin, Place* middle, Place* end);
     void fit(std::size_t group);
 
     std::vector<Leaf> leaves_;  ///< 8^k of them

@@ -130,17 +130,19 @@ namespace {
 /// The visible vertices, thinned so that each lies within `spacing` of one that is kept and stands for its area.
 Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& surface, const Vector& area,
                    double spacing) {
-    Vector share = area;
-    if (spacing > 0) {
-        const Cover thinned = cover(surface, spacing);
-        share.setZero();
-        std::vector<int> stands(thinned.vertex.size(), -1);  // a cell's centre, or its first vertex if that has no area
-        for (int v = 0; v < V.rows(); ++v) {
-            if (area[v] <= 0) continue;
+    Vector share = Vector::Zero(V.rows());
+    std::vector<int> stands(static_cast<std::size_t>(V.rows()), -1);
+    const Cover thinned = spacing > 0 ? cover(surface, spacing) : Cover{};
+    std::vector<int> chosen(thinned.vertex.size(), -1);  // a cell's centre, or its first vertex if that has no area
+    for (int v = 0; v < V.rows(); ++v) {
+        if (area[v] <= 0) continue;
+        stands[v] = v;
+        if (spacing > 0) {
             const int cell = thinned.owner[v], centre = thinned.vertex[cell];
-            if (stands[cell] < 0) stands[cell] = area[centre] > 0 ? centre : v;
-            share[stands[cell]] += area[v];
+            if (chosen[cell] < 0) chosen[cell] = area[centre] > 0 ? centre : v;
+            stands[v] = chosen[cell];
         }
+        share[stands[v]] += area[v];
     }
     std::vector<int> vertex;
     std::vector<double> kept;
@@ -149,7 +151,7 @@ Samples samples_of(const Vertices& V, const Vertices& N, const GeodesicGraph& su
             vertex.push_back(v);
             kept.push_back(share[v]);
         }
-    return {V, N, std::move(vertex), std::move(kept)};
+    return {V, N, std::move(vertex), std::move(kept), std::move(stands)};
 }
 
 std::vector<int> merged(const std::vector<int>& a, const std::vector<int>& b) {
@@ -167,6 +169,8 @@ struct Progress {
     Pose pose;
     NricpResult result;
     double last_move = INFINITY;
+
+    bool still() const { return last_move < 1e-4; }  ///< of the template's size
 
     /// False when nothing overlaps; landmarks may still be pulling the template there.
     bool match(Samples& samples, const MatchSettings& settings, Pull& pull) {
@@ -188,14 +192,14 @@ struct Progress {
         pose = std::move(next);
         ++result.iterations;
     }
-    MatchSettings coarse(std::size_t level, double mu) const {
+    MatchSettings coarse(std::size_t level, double mu, bool local) const {
         const NricpOptions& o = options;
         const bool surface = level + 1 == o.radii.size();
-        return {mu, o.spread[level], o.reverse[level], surface, o.phong, o.point_weight, o.boundary_weight};
+        return {mu, o.spread[level], o.reverse[level], local, surface, o.phong, o.point_weight, o.boundary_weight};
     }
     MatchSettings fine() const {
         const NricpOptions& o = options;
-        return {o.fine_robust, o.spread.back(), 0, true, o.phong, o.point_weight, o.boundary_weight};
+        return {o.fine_robust, o.spread.back(), 0, true, true, o.phong, o.point_weight, o.boundary_weight};
     }
 };
 
@@ -230,7 +234,7 @@ bool run_rigid(Progress& p, Samples& samples) {
     constexpr double still = 1e-3;
     Pull pull;
     for (int i = 0; i < steps && p.last_move > still; ++i) {
-        if (!p.match(samples, p.coarse(0, p.options.robust_start[0]), pull)) return false;
+        if (!p.match(samples, p.coarse(0, p.options.robust_start[0], false), pull)) return false;
         p.move_to(rigid_step(p.pose, pull));
     }
     return true;
@@ -243,9 +247,13 @@ bool run_graph(Progress& p, Level& own, const Pose& rest) {
     const std::vector<int> pulled = merged(own.samples.vertex, p.matcher.marked());
     own.graph.place(pulled, p.pose);
     Pull pull;
-    for (int i = 0, count = o.iterations[level]; i < count; ++i) {
+    const int count = o.iterations[level];
+    const double settled = (level == 1 ? 0.005 : 0.02) * o.radii[level];  // a step this small: only the last is left
+    for (int i = 0; i < count; ++i) {
+        if (i > 0 && p.last_move < settled) i = count - 1;
         const double mu = anneal(o.robust_start[level], o.robust_end[level], i, count);
-        if (!p.match(own.samples, p.coarse(level, mu), pull)) return false;
+        const bool local = i > 1 && level + 1 == o.radii.size();
+        if (!p.match(own.samples, p.coarse(level, mu, local), pull)) return false;
         const double stiffness = anneal(o.stiffness_start[level], o.stiffness_end[level], i, count);
         own.graph.step(pull, p.pose.V, stiffness, o.rotation_weight);
         Pose next = p.pose;
@@ -261,7 +269,7 @@ bool run_fine(Progress& p, NricpFine& fine, Samples& all, const Faces& F) {
     const double length = o.fine_length + o.fine_noise * p.target.noise();
     const Vertices anchor = p.pose.V;
     Pull pull;
-    for (int i = 0; i < o.fine_iterations; ++i) {
+    for (int i = 0; i < o.fine_iterations && (i == 0 || !p.still()); ++i) {
         if (!p.match(all, p.fine(), pull)) return false;
         Vertices x = fine.step(anchor, p.pose.V, pull, length, o.fine_sweeps);
         p.move_to({x, vertex_normals(x, F)});
@@ -334,12 +342,14 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
         if (s.fine) overlaps = overlaps && run_fine(p, *s.fine, *s.all, s.F);
     }
     Pull last;
-    overlaps = overlaps && (p.match(*s.all, p.fine(), last), last.overlap >= o.min_overlap);
+    Samples& finest = s.fine || s.levels.empty() ? *s.all : s.levels.back().samples;
+    overlaps = overlaps && (p.match(finest, p.fine(), last), last.overlap >= o.min_overlap);
     none.iterations = p.result.iterations;
     if (!overlaps) return none;
-    constexpr double still = 1e-4;  // of the template's size
-    p.result.stop = p.last_move < still ? "converged" : "max_iterations";
+    p.result.stop = p.still() ? "converged" : "max_iterations";
     p.result.V = s.out_of(p.pose.V);
+    for (Eigen::Index v = 0; v < last.matched.size(); ++v)
+        if (const int w = finest.stands[v]; w >= 0) p.result.matched[v] = std::max(last.matched[v], last.matched[w]);
     for (std::size_t v = 0; v < s.to.size(); ++v) {
         p.result.V.row(v) = p.result.V.row(s.to[v]);
         p.result.matched[v] = p.result.matched[s.to[v]];

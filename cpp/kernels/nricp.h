@@ -15,13 +15,13 @@ struct NricpOptions {
     bool rebase = false;           ///< the rest shape is `start`, not V
     int passes = 1;                ///< solves, each but the first from the last one's answer as start and rest shape
     std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine
-    std::vector<int> iterations{8, 5, 3};           ///< Gauss-Newton steps a level
+    std::vector<int> iterations{8, 5, 3};           ///< Gauss-Newton steps a level, at most
     std::vector<double> stiffness_start{1, 1, 0.1}, stiffness_end{0.02, 0.02, 0.02};  ///< of the graph
     std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.01};   ///< Geman-McClure scale mu
     std::vector<double> reverse{5, 1, 0.1};         ///< weight of the scan -> template term
     std::vector<double> spread{0.2, 0.05, 0.03};    ///< distance that opposite normals are worth when a match is chosen
     std::vector<double> detail{0.03, 0.01, 0};      ///< spacing of the vertices that are matched, 0: all
-    int fine_iterations = 2;       ///< steps of the vertices' own displacement, 0: the graph's answer
+    int fine_iterations = 2;       ///< steps of the vertices' own displacement, at most; 0: the graph's answer
     int fine_sweeps = 4;           ///< conjugate gradient steps each
     double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed,
     double fine_noise = 20;        ///< nor those shorter than this many times the scan's noise beside
@@ -64,7 +64,7 @@ struct NricpResult {
     int iterations = 0;          ///< over all levels
     std::vector<double> energy;  ///< data energy before each step [m^2]
     double rms = 0;              ///< weighted, of the matched vertices to the planes of their matches [m]
-    Vector matched;              ///< (n,) weight of the last match in [0,1]
+    Vector matched;              ///< (n,) weight of the last match in [0,1], the template's sample that stands for a vertex
 };
 
 /// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + borders + loops + landmarks + stiffness * rigidity(x), w_v =

@@ -85,7 +85,8 @@ void Matcher::to_scan(const Pose& pose, const Samples& samples, const MatchSetti
     parallel_for(count, [&](std::int64_t i) {
         const int v = samples.vertex[i];
         const Vec3 p = row(pose.V, v), m = row(pose.N, v);
-        const int near = target_.nearest(p, m, s.spread, INFINITY, guess_[v]);
+        const int last = guess_[v], near = s.local && last >= 0 ? target_.descend(p, m, s.spread, last)
+                                                                : target_.nearest(p, m, s.spread, INFINITY, last);
         guess_[v] = near;
         if (near < 0) return;
         const ScanPoint hit = s.surface ? target_.closest(near, p, s.phong) : target_.vertex(near);

@@ -29,6 +29,7 @@ struct MatchSettings {
     double mu;           ///< Geman-McClure scale; pairs farther apart than 3 mu do not match
     double spread;       ///< what opposite normals are worth
     double reverse;      ///< weight of the scan -> template term
+    bool local;          ///< look about the last match only: the template has hardly moved since
     bool surface;        ///< match to the closest surface point, false: to the closest scan vertex
     double phong, point_weight, boundary_weight;
 };

@@ -16,7 +16,7 @@ Vec3 row(const Vertices& X, Eigen::Index i) { return X.row(i).transpose(); }
 /// Faces without the small closed components (floating clutter).
 Faces without_clutter(const Vertices& V, const Faces& F) {
     const Indices component = vertex_components(F, V.rows());
-    const std::vector<char> boundary = boundary_vertices(F, V.rows());
+    const std::vector<char> boundary = open_vertices(F, V.rows());
     const Vector areas = face_areas(V, F);
     Vector area = Vector::Zero(component.maxCoeff() + 1);
     std::vector<char> open(static_cast<std::size_t>(area.size()), 0);
@@ -40,8 +40,8 @@ Faces target_faces(const Vertices& V, const Faces& F, const Indices& labels, con
     return F(keep, Eigen::all);
 }
 
-Samples::Samples(const Vertices& V, const Vertices& N, std::vector<int> v, std::vector<double> a)
-    : vertex(std::move(v)), area(std::move(a)), tree(V(vertex, Eigen::all), N(vertex, Eigen::all)) {}
+Samples::Samples(const Vertices& V, const Vertices& N, std::vector<int> v, std::vector<double> a, std::vector<int> s)
+    : vertex(std::move(v)), area(std::move(a)), stands(std::move(s)), tree(V(vertex, Eigen::all), N(vertex, Eigen::all)) {}
 
 void Samples::follow(const Pose& pose) { tree.follow(pose.V(vertex, Eigen::all), pose.N(vertex, Eigen::all)); }
 
@@ -68,12 +68,14 @@ std::pair<std::vector<int>, Faces> used_part(const Vertices& N, const Faces& F) 
 /// side. Normals of a mesh with deviation s and sides e differ by about 1.4 s / e; the body's own curvature by less
 /// than the angle that is taken off.
 std::pair<double, double> noise_of(const Vertices& V, const Vertices& N, const Faces& F) {
-    std::vector<double> bend(static_cast<std::size_t>(3 * F.rows()));
+    constexpr Eigen::Index enough = 20000;  // faces
+    const Eigen::Index step = 1 + F.rows() / enough;
+    std::vector<double> bend;
     double edge = 0;
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
+    for (Eigen::Index f = 0; f < F.rows(); f += step)
         for (int c = 0; c < 3; ++c) {
             const int i = F(f, c), j = F(f, (c + 1) % 3);
-            bend[3 * f + c] = 1 - N.row(i).dot(N.row(j));
+            bend.push_back(1 - N.row(i).dot(N.row(j)));
             edge += (V.row(i) - V.row(j)).norm();
         }
     if (bend.empty()) return {0, 1};
@@ -125,6 +127,23 @@ void NricpTarget::orient(const Samples& samples, const Pose& start) {
     if (agreement >= 0) return;
     N_ = -N_;
     tree_.follow(V_, N_);
+}
+
+int NricpTarget::descend(const Vec3& x, const Vec3& n, double spread, int from) const {
+    const double half = spread * spread / 2;
+    const auto measure = [&](int v) { return (row(V_, v) - x).squaredNorm() + half * (row(N_, v) - n).squaredNorm(); };
+    int at = from;
+    for (double least = measure(from);;) {
+        const int here = at;
+        for (int i = faces_.start[here]; i < faces_.start[here + 1]; ++i)
+            for (int c = 0; c < 3; ++c)
+                if (const int v = F_(faces_.index[i], c); v != here)
+                    if (const double m = measure(v); m < least) {
+                        least = m;
+                        at = v;
+                    }
+        if (at == here) return at;
+    }
 }
 
 ScanPoint NricpTarget::vertex(int v) const { return {row(V_, v), row(N_, v), static_cast<bool>(open_[v])}; }

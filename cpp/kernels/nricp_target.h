@@ -15,9 +15,11 @@ struct Pose {
 struct Samples {
     std::vector<int> vertex;
     std::vector<double> area;
+    std::vector<int> stands;  ///< (n,) the sampled vertex that stands for a vertex, -1: a hidden one
     OrientedTree tree;
 
-    Samples(const Vertices& V, const Vertices& N, std::vector<int> vertex, std::vector<double> area);
+    Samples(const Vertices& V, const Vertices& N, std::vector<int> vertex, std::vector<double> area,
+            std::vector<int> stands);
     void follow(const Pose& pose);
 };
 
@@ -37,6 +39,8 @@ public:
     int nearest(const Vec3& x, const Vec3& n, double spread, double reach, int guess) const {
         return tree_.nearest(x, n, spread, reach, guess);
     }
+    /// From a vertex along edges down to where `nearest`'s measure is least among neighbours.
+    int descend(const Vec3& x, const Vec3& n, double spread, int from) const;
     ScanPoint vertex(int v) const;
     /// The closest point of the faces about a vertex, lifted off its face towards the planes of the corners (Phong
     /// tessellation, Boubekeur and Alexa 2008) by the share `phong`.

@@ -85,7 +85,8 @@ def test_nricp_serves_frames_with_the_analyses_of_its_template(problem):
     analyses, once = solver.analyses, solver.factorisations
     second = solver.solve(scan_V, scan_F)
     assert graphs == 3 and analyses == graphs + 1  # the fine steps' factor is made for the first scan's noise
-    assert solver.analyses == analyses and solver.factorisations == once + 3 + 2 + 1
+    assert solver.analyses == analyses and solver.factorisations - once == once - 1
+    assert 3 <= once - 1 <= 3 + 2 + 1  # one a step; a level that has settled leaves some out
     assert np.array_equal(first.V, second.V)
 
 

@@ -45,7 +45,8 @@ class NricpSolver:
         are targets.
 
         -> .V (n,3) [m]; .stop "converged", "max_iterations", or "no_overlap" (then V is NaN: no answer); .iterations;
-        .energy [m^2] per step; .rms [m] of matched vertices to their planes; .matched (n,) in [0,1] weight of the match.
+        .energy [m^2] per step; .rms [m] of matched vertices to their planes; .matched (n,) in [0,1] weight of the last match,
+        without fine steps that of a vertex nearby.
         InputError names the argument and index.
         """
         none = np.zeros((0, 3))
