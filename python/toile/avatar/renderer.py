@@ -14,6 +14,7 @@ from torch.autograd.function import Function, once_differentiable
 from torch.nn.functional import grid_sample
 
 from ..kernels import InputError
+from .contours import contours, neighbours_of
 from .rasterise import NEAR, rasterise
 
 EDGE_ON = 1e-3  # sine of the angle between ray and face; below it a face has colour but no interior gradient
@@ -59,179 +60,187 @@ def render(surfaces, K, T_camera_world, size, background=0.0, layer_depth=False)
 
 
 def _render(surfaces, K, T_camera_world, size, background, layer_depth):
-    vertices = torch.cat([s.vertices.float() for s in surfaces]) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
-    parts = vertices.detach().split([len(s.vertices) for s in surfaces])
-    buffers = [rasterise(part, s.faces, K, size) for part, s in zip(parts, surfaces)]
-    layer = _nearest([depth for _, depth in buffers])
-    drawn = [face >= 0 if layer_depth else layer == k for k, (face, _) in enumerate(buffers)]
-    pixels = [mask.view(-1).nonzero().squeeze(1) for mask in drawn]
-    face = torch.cat([f.view(-1)[p] + n for (f, _), p, n in zip(buffers, pixels, _offsets(s.faces for s in surfaces))])
-    points = _Points.at(vertices, _joined(surfaces, "faces", "vertices")[face], torch.cat(pixels), K, size)
-
-    shown = [layer.view(-1)[p] == k for k, p in enumerate(pixels)]
-    chosen = torch.cat(shown).nonzero().squeeze(1)
-    seen, face = (points[chosen], face[chosen]) if layer_depth else (points, face)
-    uv = torch.cat([s.uv.float() for s in surfaces])[_joined(surfaces, "face_uv", "uv")[face]]  # (P,3,2)
-    uv = (uv * seen.weight[..., None]).sum(1).split([int(s.sum()) for s in shown])
-    colour = torch.cat([_look_up(s.texture.float(), part) for s, part in zip(surfaces, uv)], 1)
-    if layer_depth:
-        ends = torch.tensor([len(p) for p in pixels]).cumsum(0).tolist()
-        depth = torch.cat([points[end - len(p) : end].paste_depth() for p, end in zip(pixels, ends)])
-    else:
-        depth = seen.paste_depth()
+    scene = _Scene(surfaces, K, T_camera_world, size)
+    views = scene.views()
+    layer, front = _front(scene, views)
+    pixels, colours, depths, own_depths = [], [], [], []
+    for k, (surface, view) in enumerate(zip(surfaces, views)):
+        pixel = _where(view.face >= 0 if layer_depth else layer == k)
+        uv, z = scene.interpolate(k, view.face.view(-1)[pixel], pixel)
+        if layer_depth:
+            own_depths.append(view.paste(pixel, z[None], torch.inf))
+            shown = _where(layer.view(-1)[pixel] == k)
+            pixel, uv, z = pixel[shown], uv.index_select(1, shown), z.index_select(0, shown)
+        pixels.append(pixel)
+        colours.append(_look_up(surface.texture.float(), uv))
+        depths.append(z[None])
+    pixel, colour, z = torch.cat(pixels), torch.cat(colours, 1), torch.cat(depths, 1)
     return Rendered(
-        image=seen.paste(colour, _background(background, colour, size)),
-        mask=seen.paste(torch.ones_like(colour[:1]), colour.new_zeros(1, 1, 1))[0],
-        face=torch.full_like(layer, -1).view(-1).index_copy(0, seen.pixel, face).view(size),
+        image=front.paste(pixel, colour, background),
+        mask=front.paste(pixel, torch.ones_like(z), 0.0)[0],
+        face=front.face,
         layer=layer,
-        depth=depth,
+        depth=torch.cat(own_depths) if layer_depth else front.paste(pixel, z, torch.inf),
     )
 
 
-def _offsets(tensors):
+def _where(mask):
+    return mask.view(-1).nonzero().squeeze(1)
+
+
+def _front(scene, views):
+    """Which layer is nearest in each pixel (H,W), the lower one where equal, -1 where none is; and the view of them all."""
+    face, depth = views[0].face, views[0].depth
+    layer = (face >= 0).long() - 1
+    for k, view in enumerate(views[1:], 1):
+        nearer = view.depth < depth
+        layer = layer.masked_fill(nearer, k)
+        face, depth = torch.where(nearer, view.face, face), torch.minimum(depth, view.depth)
+    return layer, _View(scene, face, depth)
+
+
+def _look_up(texture, uv):
+    """Bilinear: texture (C,T,T) at uv (2,P) -> (C,P); beyond the outermost texel centres the texture is constant."""
+    if uv.shape[1] == 0:
+        return texture.flatten(1)[:, :0]
+    grid = torch.stack([2 * uv[0] - 1, 1 - 2 * uv[1]], 1)[None, None]
+    return grid_sample(texture[None], grid, padding_mode="border", align_corners=False)[0, :, 0]
+
+
+class _Scene:
+    """All surfaces as one mesh in the camera's frame, its vertices and faces counted through."""
+
+    def __init__(self, surfaces, K, T_camera_world, size):
+        self.surfaces, self.K, self.size = surfaces, K, size
+        self.vertices = torch.cat([s.vertices.float() for s in surfaces]) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+        self.first_face = _starts([s.faces for s in surfaces])
+        self.faces = torch.cat([s.faces + n for s, n in zip(surfaces, _starts([s.vertices for s in surfaces]))])
+
+    @cached_property
+    def neighbours(self):
+        parts = [neighbours_of(s.faces) for s in self.surfaces]
+        return torch.cat([torch.where(part < 0, -1, part + n) for part, n in zip(parts, self.first_face)])
+
+    def views(self):
+        """Each surface by itself."""
+        parts = self.vertices.detach().split([len(s.vertices) for s in self.surfaces])
+        buffers = [rasterise(part, s.faces, self.K, self.size) for part, s in zip(parts, self.surfaces)]
+        return [_View(self, torch.where(face < 0, -1, face + n), depth) for (face, depth), n in zip(buffers, self.first_face)]
+
+    def interpolate(self, k, face, pixel):
+        """UV (2,P) and depth (P,) [m] of the points that pixels (P,) see on faces (P,) of surface k."""
+        seen = torch.zeros(len(self.faces), dtype=torch.bool, device=face.device)
+        seen[face] = True
+        place, seen = (seen.cumsum(0) - 1)[face], _where(seen)
+        width, inverse = self.size[1], torch.linalg.inv(self.K)
+        column, row = (pixel % width) + 0.5, pixel.div(width, rounding_mode="floor") + 0.5
+        ray = [a * column + b * row + c for a, b, c in inverse[:2]]
+        uv = self.surfaces[k].uv.float()[self.surfaces[k].face_uv[seen - self.first_face[k]]]
+        return _Interpolate.apply(self.vertices, self.faces[seen], uv, place, *ray)
+
+
+def _starts(tensors):
     """How many rows stand before each tensor."""
     lengths = [len(t) for t in tensors]
     return [sum(lengths[:k]) for k in range(len(lengths))]
 
 
-def _joined(surfaces, indices, of):
-    """The surfaces' index arrays in one, counted through."""
-    starts = _offsets(getattr(s, of) for s in surfaces)
-    return torch.cat([getattr(s, indices) + n for s, n in zip(surfaces, starts)])
+class _View:
+    """Buffers without gradient, into which points of the surfaces are put."""
 
+    def __init__(self, scene, face, depth):
+        self.scene = scene
+        self.face = face  # (H,W) through all surfaces, -1 where empty
+        self.depth = depth  # (H,W) [m], inf where empty
 
-def _nearest(depths):
-    """(H,W) int64: the layer nearest in each pixel, the lower one where equal, -1 where none is."""
-    layer, least = torch.full(depths[0].shape, -1, device=depths[0].device), torch.full_like(depths[0], torch.inf)
-    for k, depth in enumerate(depths):
-        nearer = depth < least
-        layer[nearer], least = k, torch.minimum(depth, least)
-    return layer
-
-
-def _background(background, colour, size):
-    """As (C,H,W), without copies."""
-    background = torch.as_tensor(background, dtype=colour.dtype, device=colour.device)
-    return (background[:, None, None] if background.ndim == 1 else background).expand(len(colour), *size)
-
-
-def _look_up(texture, uv):
-    """Bilinear: texture (C,T,T) at uv (P,2) -> (C,P); beyond the outermost texel centres the texture is constant."""
-    if len(uv) == 0:
-        return texture.flatten(1)[:, :0]
-    grid = torch.stack([2 * uv[:, 0] - 1, 1 - 2 * uv[:, 1]], 1)[None, None]
-    return grid_sample(texture[None], grid, padding_mode="border", align_corners=False)[0, :, 0]
-
-
-class _Points:
-    """Surface points that pixels see, at most one a pixel: P of them."""
-
-    def __init__(self, pixel, corners, weight, z, position, size):
-        self.pixel = pixel  # (P,) row * W + column
-        self.corners = corners  # (P,3) vertices of the face
-        self.weight = weight  # (P,3) of the corners
-        self.z = z  # (P,) [m]
-        self.position = position  # (P,2) on the screen [px]: the pixel's centre, with the gradient of the surface point
-        self.size = size
-
-    @classmethod
-    def at(cls, vertices, corners, pixel, K, size):
-        column, row = pixel % size[1], pixel.div(size[1], rounding_mode="floor")
-        centre = torch.stack([column, row], 1) + 0.5
-        return cls(pixel, corners, *_Interpolate.apply(vertices, corners, centre, K), size)
-
-    def __getitem__(self, i):
-        fields = (self.pixel, self.corners, self.weight, self.z, self.position)
-        return _Points(*(field[i] for field in fields), self.size)
-
-    def paste(self, values, background):
-        """values (C,P) put over background (C,H,W) -> (C,H,W)."""
-        return _Paste.apply(values, self.position, background, self)
-
-    def paste_depth(self):
-        return self.paste(self.z[None], self.z.new_full((1, 1, 1), torch.inf))
+    def paste(self, pixel, values, background):
+        """values (C,P) of all points, in pixels (P,), over a background: a number, (C,) or (C,H,W) -> (C,H,W)."""
+        background = torch.as_tensor(background, dtype=values.dtype, device=values.device)
+        background = background[:, None, None] if background.ndim == 1 else background
+        return _Paste.apply(values, self.scene.vertices, background.expand(len(values), *self.face.shape), pixel, self)
 
     @cached_property
-    def edges(self):
-        """Micro-edges, horizontal and vertical: the pixels a (E,) and b (E,) to its right or below, the nearer's point (E,)."""
-        height, width = self.size
-        point = torch.full((height * width,), -1, device=self.pixel.device)
-        point[self.pixel] = torch.arange(len(self.pixel), device=point.device)
-        corners = torch.cat([self.corners, self.corners.new_full((1, 3), -1)])  # point -1 is emptiness
-        z = torch.cat([self.z.detach(), self.z.new_full((1,), torch.inf)])
-        index = torch.arange(height * width, device=point.device).view(height, width)
-        return [
-            _micro_edges(a.reshape(-1), a.reshape(-1) + step, point, corners, z)
-            for a, step in ((index[:, :-1], 1), (index[:-1], width))
-        ]
-
-
-def _micro_edges(a, b, point, corners, z):
-    p, q = point[a], point[b]
-    some = ((p >= 0) | (q >= 0)).nonzero().squeeze(1)
-    a, b, p, q = a[some], b[some], p[some], q[some]
-    apart = ~(corners[p][:, :, None] == corners[q][:, None]).flatten(1).any(1)
-    a, b, p, q = a[apart], b[apart], p[apart], q[apart]
-    return a, b, torch.where(z[p] <= z[q], p, q)
+    def contours(self):
+        scene = self.scene
+        return contours(self.face, self.depth, scene.vertices.detach(), scene.faces, scene.neighbours, scene.K)
 
 
 class _Interpolate(Function):
-    """Weights, depth and screen position of the points where pixels' rays meet their faces."""
+    """UV and depth of the points where pixels' rays meet faces: F faces that are seen, P pixels that see them.
+
+    With V = (v_0 v_1 v_2) and the ray d, z d = V w gives w = z V^-1 d, and sum_k w_k = 1 gives 1/z = c . d with
+    c = V^-T 1. Corners moved by dV, with m = dV w, give dz = z c . m and dw = (c . m) w - V^-1 m.
+    """
 
     @staticmethod
-    def forward(ctx, vertices, corners, centre, K):
-        """vertices (n,3) in the camera's frame, corners (P,3) int64, centre (P,2) -> weight (P,3), z (P,), position (P,2)."""
-        v0, v1, v2 = vertices[corners].unbind(1)
-        ray = torch.cat([centre, torch.ones_like(centre[:, :1])], 1) @ torch.linalg.inv(K).T
-        e1, e2 = v1 - v0, v2 - v0
-        # the inverse of (e1, e2, -ray), row by row: of float32's rounding only that of v0 remains
-        rows = torch.stack([torch.linalg.cross(ray, e2), torch.linalg.cross(e1, ray), torch.linalg.cross(e1, e2)], 1)
-        determinant = (e1 * rows[:, 0]).sum(1)
-        steep = determinant.abs() > EDGE_ON * rows[:, 2].norm(dim=1) * ray.norm(dim=1)
-        rows = rows * torch.where(steep, 1 / determinant, 0.0)[:, None, None]
-        second, third = (rows[:, :2] * (v0[:, 2:] * ray - v0)[:, None]).sum(2).unbind(1)
-        weight = torch.stack([1 - second - third, second, third], 1).clamp(min=0)  # < 0 by snapping only
-        weight = torch.where(steep[:, None], weight / weight.sum(1, keepdim=True), 1 / 3)
-        z = (weight * torch.stack([v0[:, 2], v1[:, 2], v2[:, 2]], 1)).sum(1).clamp(min=NEAR)
-        ctx.save_for_backward(corners, ray, K, rows, weight, z)
+    def forward(ctx, vertices, corners, uv, place, x, y):
+        """vertices (n,3) in the camera's frame, corners (F,3), uv (F,3,2), place (P,) in F, rays (x, y, 1) (P,) each."""
+        inverse = _inverse(vertices[corners]).flatten(1).T.contiguous().index_select(1, place).view(3, 3, -1)
+        uv = uv.flatten(1).T.contiguous().index_select(1, place).view(3, 2, -1)
+        weight = (inverse[:, 0] * x + inverse[:, 1] * y + inverse[:, 2]).clamp(min=0)  # < 0 by snapping only
+        z = weight.sum(0).reciprocal()
+        weight = weight * z
+        ctx.save_for_backward(corners, place, inverse, uv, weight, z)
         ctx.shape = vertices.shape
-        return weight, z, centre.clone()
+        return (uv * weight[:, None]).sum(0), z
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, g_weight, g_z, g_position):
-        corners, ray, K, rows, weight, z = ctx.saved_tensors
-        # sum_k w_k dv_k = m moves (w_1, w_2, z) by -rows m, and the screen position by K[:2,:2] (m_xy - m_z ray_xy) / z
-        g = torch.stack([g_weight[:, 1] - g_weight[:, 0], g_weight[:, 2] - g_weight[:, 0], g_z], 1)
-        g_ray = g_position @ K[:2, :2] / z[:, None]
-        force = torch.cat([g_ray, -(g_ray * ray[:, :2]).sum(1, keepdim=True)], 1) - (g[..., None] * rows).sum(1)
-        g_vertices = force.new_zeros(ctx.shape)
-        g_vertices.index_add_(0, corners.view(-1), (weight[..., None] * force[:, None]).view(-1, 3))
-        return g_vertices, None, None, None
+    def backward(ctx, g_uv, g_z):
+        corners, place, inverse, uv, weight, z = ctx.saved_tensors
+        g_weight = (uv * g_uv).sum(1)
+        m = (g_z * z + (g_weight * weight).sum(0)) * inverse.sum(0) - (inverse * g_weight[:, None]).sum(0)  # (3,P)
+        g_corners = m.new_zeros(9, len(corners))
+        g_corners.scatter_add_(1, place.expand(9, -1), (weight[:, None] * m).view(9, -1))
+        g_vertices = m.new_zeros(ctx.shape)
+        g_vertices.index_add_(0, corners.T.reshape(-1), g_corners.view(3, 3, -1).transpose(1, 2).reshape(-1, 3))
+        return g_vertices, None, None, None, None, None
+
+
+def _inverse(corners):
+    """V^-1 of faces (F,3,3), corner by corner; of a face seen edge-on that of a frontal one at its mean depth."""
+    v0, v1, v2 = corners.double().unbind(1)  # cross products of nearly parallel vectors
+    rows = torch.stack([torch.linalg.cross(v1, v2), torch.linalg.cross(v2, v0), torch.linalg.cross(v0, v1)], 1)
+    normal, volume = torch.linalg.cross(v1 - v0, v2 - v0), (v0 * rows[:, 0]).sum(1)
+    nearest = corners.norm(dim=2).amin(1)
+    edge_on = volume.abs() <= EDGE_ON * normal.norm(dim=1) * nearest
+    frontal = torch.zeros_like(rows)
+    frontal[..., 2] = 1 / (3 * corners[..., 2].mean(1, keepdim=True).clamp(min=NEAR))
+    return torch.where(edge_on[:, None, None], frontal, rows / volume[:, None, None]).float()
 
 
 class _Paste(Function):
-    """Points put over a background; the way back adds the gradient of silhouettes and occlusion edges to the positions."""
+    """Points put over a background; the way back adds the gradient of silhouettes and occlusion edges to the vertices."""
 
     @staticmethod
-    def forward(ctx, values, position, background, points):
-        image = background.expand(len(values), *points.size).flatten(1).clone()
-        image[:, points.pixel] = values
-        ctx.save_for_backward(image)
-        ctx.points, ctx.background = points, background.shape
-        return image.view(-1, *points.size)
+    def forward(ctx, values, vertices, background, pixel, view):
+        picture = background.flatten(1).clone()
+        picture[:, pixel] = values
+        ctx.save_for_backward(picture, vertices, pixel)
+        ctx.view = view
+        return picture.view(background.shape)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, g):
-        (image,), points = ctx.saved_tensors, ctx.points
-        g = g.reshape(image.shape)
-        g_position = g.new_zeros(2, len(points.pixel))
-        for along, (a, b, nearer) in zip(g_position, points.edges):
-            step = image[:, a] - image[:, b]
-            step = torch.where(step.isfinite(), step, 0.0)  # depth beside emptiness
-            along.index_add_(0, nearer, (0.5 * (g[:, a] + g[:, b]) * step).sum(0))
-        g_background = None
+    def backward(ctx, g_picture):
+        (picture, vertices, pixel), g = ctx.saved_tensors, g_picture.flatten(1)
+        g_vertices = g_background = None
+        if ctx.needs_input_grad[1]:
+            g_vertices = _through_contours(picture, g, vertices, ctx.view)
         if ctx.needs_input_grad[2]:
-            g_background = g.index_fill(1, points.pixel, 0.0).view(-1, *points.size).sum_to_size(ctx.background)
-        return g[:, points.pixel], g_position.T, g_background, None
+            g_background = g.index_fill(1, pixel, 0.0).view(g_picture.shape)
+        return g.index_select(1, pixel), g_vertices, g_background, None, None
+
+
+def _through_contours(picture, g, vertices, view):
+    g_vertices = torch.zeros_like(vertices)
+    for axis, contour in zip(view.scene.K, view.contours):
+        a, b, i, j, s = contour
+        step = picture[:, a] - picture[:, b]
+        step = torch.where(step.isfinite(), step, 0.0)  # depth beside emptiness
+        slope = (0.5 * (g[:, a] + g[:, b]) * step).sum(0)  # by the contour's place on the screen, axis . (x, y, z) / z
+        x, y, z = torch.lerp(vertices[i], vertices[j], s[:, None]).unbind(1)
+        z = z.clamp(min=NEAR)
+        force = torch.stack([axis[0].expand_as(z), axis[1].expand_as(z), -(axis[0] * x + axis[1] * y) / z], 1) * (slope / z)[:, None]
+        g_vertices.index_add_(0, torch.cat([i, j]), torch.cat([(1 - s)[:, None] * force, s[:, None] * force]))
+    return g_vertices
