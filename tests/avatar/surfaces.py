@@ -9,8 +9,11 @@ from toile.io.body import load_body_model
 FRONT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # z up, facing -y -> OpenCV camera in front of the person
 
 
-def camera(size, field=1.9, distance=3.0):
-    """K and T_camera_world of a camera that sees `field` metres at its origin's depth; the world's axes are its own."""
+FIELD = 1.9  # what the camera sees at the origin's depth [m]
+
+
+def camera(size, field=FIELD, distance=3.0):
+    """K and T_camera_world of a square camera `distance` in front of the origin; the world's axes are its own."""
     f = size * distance / field
     K = torch.tensor([[f, 0, size / 2], [0, f, size / 2], [0, 0, 1]])
     T = torch.eye(4)
@@ -46,10 +49,14 @@ def body(seed=0):
     return (V - (V.min(0) + V.max(0)) / 2) @ FRONT.T, np.asarray(model.f)
 
 
-def sheet(n=40, centre=(0.03, -0.25, -0.25), extent=(0.5, 0.6), seed=5):
-    """A wavy cloth sheet in front of the chest, large enough to leave the silhouette at the sides."""
+def sheet(n=40, centre=(0.03, -0.25, -0.25), extent=(0.5, 0.6), turn=0.0, seed=5):
+    """A wavy cloth sheet in front of the chest, large enough to leave the silhouette at the sides.
+
+    Turned in the picture's plane by `turn` [rad]: a border along a column of pixels has one phase of aliasing only.
+    """
     a, b = np.meshgrid(np.linspace(-0.5, 0.5, n + 1), np.linspace(-0.5, 0.5, n + 1))
-    V = np.stack([a * extent[0], b * extent[1], 0 * a], -1).reshape(-1, 3) + centre
+    x, y, (c, s) = a * extent[0], b * extent[1], (np.cos(turn), np.sin(turn))
+    V = np.stack([c * x - s * y, s * x + c * y, 0 * a], -1).reshape(-1, 3) + centre
     V[:, 2] += 0.02 * smooth_field(seed, 0.15, 1)(V)[:, 0]
     i = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     return V, np.r_[np.c_[i, i + n + 1, i + n + 2], np.c_[i, i + n + 2, i + 1]]

@@ -30,90 +30,84 @@ def contours(face, depth, vertices, faces, neighbours, K):
     """The jumps in a view: (Contour between columns, Contour between rows).
 
     face (H,W), -1 where empty, and depth (H,W) of the view; vertices (n,3) in the camera's frame, faces and neighbours
-    (m,3). Of two surfaces the nearer one is followed first. Where neither ends (they cross, or are one) there is no
-    contour. Corners behind the camera count as at NEAR.
+    (m,3). Of two surfaces that both end between the pixels the nearer one counts. Where neither ends (they cross, or
+    are one) there is no contour. Corners behind the camera count as at NEAR.
     """
     z = vertices[:, 2].clamp(min=NEAR)
-    screen = (vertices / z[:, None]) @ K[:2].T
-    return tuple(_contour(face, depth, screen, z, faces, neighbours, axis) for axis in (0, 1))
-
-
-def _contour(face, depth, screen, z, faces, neighbours, axis):
-    a, step = _apart(face, faces, axis)
-    face, depth, width = face.view(-1), depth.view(-1), face.shape[1]
-    centre = torch.stack([a % width, a.div(width, rounding_mode="floor")], 1) + 0.5
-    a_nearer = depth[a] <= depth[a + step]
-    ends, rest = [], torch.arange(len(a), device=a.device)
-    for from_a in (a_nearer, ~a_nearer):
-        start = torch.where(from_a, face[a], face[a + step])
-        rest = rest[start[rest] >= 0]
-        from_a, origin = from_a[rest], centre[rest]
-        origin[:, axis] += (~from_a).float()
-        found, *end = _follow(start[rest], origin, 2 * from_a.long() - 1, axis, screen, faces, neighbours)
-        ends.append((rest[found], *end))
-        rest = rest[torch.ones_like(rest, dtype=torch.bool).index_fill(0, found, False)]
-    pair, i, j, s = (torch.cat(parts) for parts in zip(*ends))
+    screen = (vertices[:, None] * K[:2]).sum(2) / z[:, None]  # no matrix product: autocast would round it
+    columns, rows = _apart(face[:, :-1], face[:, 1:], faces), _apart(face[:-1], face[1:], faces)
+    a = torch.cat([columns, rows])  # (E,2) row and column
+    b = torch.cat([columns + columns.new_tensor([0, 1]), rows + rows.new_tensor([1, 0])])
+    p, q = torch.cat([a, b]), torch.cat([b, a])  # followed both ways
+    found, i, j, s = _follow(face[p[:, 0], p[:, 1]], p.flip(1) + 0.5, (q - p).flip(1).float(), screen, faces, neighbours)
     s = s * z[i] / (s * z[i] + (1 - s) * z[j])  # perspective
-    return Contour(a[pair], a[pair] + step, i, j, s)
+    hit = torch.full_like(p[:, 0], -1).index_copy(0, found, torch.arange(len(found), device=face.device)).view(2, -1)
+    a_nearer = depth[a[:, 0], a[:, 1]] <= depth[b[:, 0], b[:, 1]]
+    hit = torch.where((hit[1] < 0) | a_nearer & (hit[0] >= 0), hit[0], hit[1])
+    a, b = (pixel[:, 0] * face.shape[1] + pixel[:, 1] for pixel in (a, b))
+    parts = torch.arange(len(a), device=face.device).split([len(columns), len(rows)])
+    return tuple(Contour(a[e], b[e], i[hit[e]], j[hit[e]], s[hit[e]]) for e in (part[hit[part] >= 0] for part in parts))
 
 
-def _apart(face, faces, axis):
-    """Pixels (E,) whose face shares no vertex with that of the next pixel (emptiness has no vertex), and the step there."""
-    first, second = (face[:, :-1], face[:, 1:]) if axis == 0 else (face[:-1], face[1:])
-    width, step = face.shape[1], (1, face.shape[1])[axis]
-    row, column = (first != second).nonzero().unbind(1)
-    a = row * width + column
-    p, q = face.view(-1)[a], face.view(-1)[a + step]
+def _apart(first, second, faces):
+    """Where (E,2) faces of neighbouring pixels share no vertex; emptiness has none."""
+    pixel = (first != second).nonzero()
+    p, q = first[pixel[:, 0], pixel[:, 1]], second[pixel[:, 0], pixel[:, 1]]
     joined = (faces[p][:, :, None] == faces[q][:, None]).flatten(1).any(1) & (p >= 0) & (q >= 0)
-    return a[~joined], step
+    return pixel[~joined]
 
 
-def _follow(face, origin, ahead, axis, screen, faces, neighbours):
-    """From `origin` (E,2) in `face` (E,) one pixel along an axis, `ahead` (E,) +1 or -1, to the contour if there is one.
+def _follow(face, origin, direction, screen, faces, neighbours):
+    """Along the surface from `origin` (E,2) in `face` (E,), -1 for nowhere, by one pixel in `direction` (E,2).
 
-    -> the numbers of those that meet one, and where: edge (i, j) and the share s of j on the screen.
+    -> the numbers of those that meet a contour, and where: mesh edge (i, j) and the share s of j on the screen.
     """
-    along, across = screen[:, axis], screen[:, 1 - axis]
-    i, j, inner, k = _way_out(faces[face], origin, ahead, axis, along, across)
-    number = torch.arange(len(face), device=face.device)
+
+    def placed(vertices):
+        """How far ahead and how far aside vertices (E,...) are (E,...,2)."""
+        shape = (len(vertices), *[1] * (vertices.ndim - 1))
+        (x, y), (dx, dy) = (screen[vertices] - origin.view(*shape, 2)).unbind(-1), direction.view(*shape, 2).unbind(-1)
+        return torch.stack([x * dx + y * dy, y * dx - x * dy], -1)
+
+    number = (face >= 0).nonzero().squeeze(1)
+    face, origin, direction = face[number], origin[number], direction[number]
+    corner = faces[face]
+    corner, at = _way_out(corner, placed(corner))
     ends = []
     for _ in range(STEPS):
-        if len(number) == 0:
-            break
-        line = origin[number, 1 - axis]
-        s = (line - across[i]) / (across[j] - across[i])
-        reach = ahead[number] * (along[i] + s * (along[j] - along[i]) - origin[number, axis])
-        beyond = neighbours[face, k]
+        (inner, i, j), (at_inner, at_i, at_j) = corner.unbind(1), at.unbind(1)
+        s = at_i[:, 1] / (at_i[:, 1] - at_j[:, 1])
+        near = torch.lerp(at_i[:, 0], at_j[:, 0], s).abs() <= 1
+        own = (faces[face] == inner[:, None]).int().argmax(1)
+        beyond = neighbours[face, own]
         outer = torch.where(beyond < 0, inner, faces[beyond].sum(1) - i - j)
-        turn_inner, turn_outer = (
-            (along[j] - along[i]) * (across[v] - across[i]) - (across[j] - across[i]) * (along[v] - along[i])
-            for v in (inner, outer)
-        )
-        near = reach.abs() <= 1
-        end = near & ((beyond < 0) | (turn_inner * turn_outer > 0))  # a border, or both faces on one side of their edge
+        at_outer = placed(outer)
+        end = near & ((beyond < 0) | (_turn(at_i, at_j, at_inner) * _turn(at_i, at_j, at_outer) > 0))  # border or fold
         ends.append((number[end], i[end], j[end], s[end]))
+        as_i = ((at_i[:, 1] >= 0) == (at_outer[:, 1] >= 0))[:, None]  # which end of the edge does `outer` replace?
+        corner = torch.where(as_i, torch.stack([i, outer, j], 1), torch.stack([j, i, outer], 1))
+        at = torch.where(as_i[:, None], torch.stack([at_i, at_outer, at_j], 1), torch.stack([at_j, at_i, at_outer], 1))
         on = (near & ~end).nonzero().squeeze(1)
-        number, i, j, face, outer, line = number[on], i[on], j[on], beyond[on], outer[on], line[on]
-        replaces_i = (across[i] >= line) == (across[outer] >= line)
-        inner = torch.where(replaces_i, i, j)
-        i, j = torch.where(replaces_i, outer, i), torch.where(replaces_i, j, outer)
-        k = (faces[face] == inner[:, None]).int().argmax(1)
-    ends = ends or [(number, i, j, origin[:, 0])]
+        if len(on) == 0:
+            break
+        number, corner, at, face, origin, direction = (x[on] for x in (number, corner, at, beyond, origin, direction))
     return [torch.cat(parts) for parts in zip(*ends)]
 
 
-def _way_out(corners, origin, ahead, axis, along, across):
-    """Through which edge does the line from `origin` leave a triangle? (i, j, the corner opposite, its place)."""
-    upper = across[corners] >= origin[:, 1 - axis, None]
-    best, place = torch.full_like(origin[:, 0], -torch.inf), torch.zeros_like(ahead)
-    for k in range(3):
-        i, j = corners[:, (k + 1) % 3], corners[:, (k + 2) % 3]
-        s = (origin[:, 1 - axis] - across[i]) / (across[j] - across[i])
-        reach = ahead * (along[i] + s * (along[j] - along[i]) - origin[:, axis])
-        later = (upper[:, (k + 1) % 3] != upper[:, (k + 2) % 3]) & (reach > best)
-        best, place = torch.where(later, reach, best), torch.where(later, k, place)
-    i, j, inner = (corners.gather(1, ((place + t) % 3)[:, None])[:, 0] for t in (1, 2, 0))
-    return i, j, inner, place
+def _way_out(corner, at):
+    """Corners (E,3) and their places turned so that the line leaves the triangle between the last two."""
+    reach = []
+    for i, j in ((1, 2), (2, 0), (0, 1)):
+        (ahead_i, aside_i), (ahead_j, aside_j) = at[:, i].unbind(1), at[:, j].unbind(1)
+        crossing = torch.lerp(ahead_i, ahead_j, aside_i / (aside_i - aside_j))
+        reach.append(torch.where((aside_i >= 0) != (aside_j >= 0), crossing, -torch.inf))
+    turn = (torch.stack(reach, 1).argmax(1, keepdim=True) + torch.arange(3, device=at.device)) % 3
+    return corner.gather(1, turn), at.gather(1, turn[..., None].expand(-1, -1, 2))
+
+
+def _turn(i, j, v):
+    """Twice the signed area of screen triangles (E,2)."""
+    return (j[:, 0] - i[:, 0]) * (v[:, 1] - i[:, 1]) - (j[:, 1] - i[:, 1]) * (v[:, 0] - i[:, 0])
 
 
 def neighbours_of(faces):

@@ -112,7 +112,9 @@ class _Scene:
 
     def __init__(self, surfaces, K, T_camera_world, size):
         self.surfaces, self.K, self.size = surfaces, K, size
-        self.vertices = torch.cat([s.vertices.float() for s in surfaces]) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+        world = torch.cat([s.vertices.float() for s in surfaces])
+        # no matrix product: on the way back autocast would round it
+        self.vertices = (world[:, None] * T_camera_world[:3, :3]).sum(2) + T_camera_world[:3, 3]
         self.first_face = _starts([s.faces for s in surfaces])
         self.faces = torch.cat([s.faces + n for s, n in zip(surfaces, _starts([s.vertices for s in surfaces]))])
 
