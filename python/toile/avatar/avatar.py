@@ -19,8 +19,8 @@ from .networks import LayerNetworks, Sizes, count, reparameterised, resize
 from .renderer import Surface, render
 from .uv import TexelValues, UvMap, UvSampler
 
-GEOMETRY_SCALE = 0.01  # displacement of 1 in a position map [m]
-TEXTURE_SCALE = 0.25  # colour of 1 in a texture map
+GEOMETRY_IN, GEOMETRY_OUT = 0.01, 0.1  # displacement [m] of 1 in an encoder's input and in a head's map
+COLOUR_IN, COLOUR_OUT = 0.25, 0.5  # the same of colours; the outputs are large so that small steps of Adam suffice
 FACE_SCALE = 0.01  # a usual motion of a facial keypoint [m]
 HEAD_REACH = 0.12  # vertices that facial keypoints drive lie this near to one of them [m]
 MASK_HOPS = 2  # a joint acts on what it skins, and on what joints this near to it in the skeleton skin
@@ -73,9 +73,9 @@ class LayerModel(nn.Module):
 
     def encode(self, unposed, texture, weight):
         """Code (mean, logvar), each (B,Z): unposed vertices (B,n,3), texture (B,3,T,T) and its weights (B,1,T,T)."""
-        shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_SCALE)
+        shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_IN)
         seen = (weight > 0) & (self.valid > 0)
-        colour = torch.where(seen, texture - self.mean_texture, 0.0) / TEXTURE_SCALE
+        colour = torch.where(seen, texture - self.mean_texture, 0.0) / COLOUR_IN
         return self.networks.encoder(shape, colour)
 
     def decode(self, pose, face, z, transforms, centre, texture=True):
@@ -83,16 +83,16 @@ class LayerModel(nn.Module):
         features = self.networks.features(pose, face, z)
         displacement = self.networks.geometry(features)
         with torch.autocast(features.device.type, enabled=False):
-            unposed = self.rest + GEOMETRY_SCALE * self.sampler(displacement)
+            unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
             decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
         if not texture:
             return decoded
         residual = self.networks.texture(features)
-        decoded.mean_texture = decoded.texture = self.mean_texture + TEXTURE_SCALE * residual
+        decoded.mean_texture = decoded.texture = self.mean_texture + COLOUR_OUT * residual
         if self.networks.view is not None:
             cosine = self.view_texels(facing(decoded.vertices, self.faces, centre))
-            seen = self.networks.view_residual((decoded.mean_texture - 0.5) / TEXTURE_SCALE, cosine)
-            decoded.texture = decoded.mean_texture + TEXTURE_SCALE * seen
+            seen = self.networks.view_residual((decoded.mean_texture - 0.5) / COLOUR_IN, cosine)
+            decoded.texture = decoded.mean_texture + COLOUR_OUT * seen
         return decoded
 
     def quasi_shadow(self, occlusion):

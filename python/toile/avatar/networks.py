@@ -16,6 +16,7 @@ from torch import nn
 
 SLOPE = 0.2  # of the LeakyReLU
 LOGVAR = 10.0  # bound of |logvar|: sigma stays within [0.0067, 148]
+START_LOGVAR = -4.0  # sigma = 0.135
 POSE_CHANNELS, FACE_CHANNELS, FACE_HIDDEN = 16, 8, 32
 COARSEST = 4  # texels along a side of the coarsest maps of encoder and code
 
@@ -31,7 +32,8 @@ class Conv(nn.Module):
         super().__init__()
         self.mode, self.up = mode, mode == "up"
         k = 3 if mode == "same" else 4
-        self.direction = nn.Parameter(torch.randn((inputs, outputs, k, k) if self.up else (outputs, inputs, k, k)))
+        shape = (inputs, outputs, k, k) if self.up else (outputs, inputs, k, k)
+        self.direction = nn.Parameter(torch.randn(shape) / (inputs * k * k) ** 0.5)  # |v| = 1: how fast it turns under Adam
         norm = gain * (2 / (1 + SLOPE**2)) ** 0.5 * (2 if self.up else 1)  # 4 of an "up" kernel's 16 taps meet a pixel
         self.gain = nn.Parameter(torch.full((outputs,), float(norm)))
         self.bias = nn.Parameter(torch.zeros(size, size, outputs))  # channels last
@@ -173,8 +175,8 @@ class CodeMap(nn.Module):
 class Encoder(nn.Module):
     """Geometry map (B,3,G,G) and texture (B,3,T,T), both as normalised differences from the mean -> mean, logvar (B,Z).
 
-    Both start at 0, a unit Gaussian up to logvar's bound: |logvar| < LOGVAR by a tanh, smooth so that KL can always
-    bring it back.
+    |logvar| < LOGVAR by a tanh, smooth so that KL can always bring it back. The codes start apart from one another with
+    little noise: from the prior, KL would win before the decoder, which starts at 0, has learned to read them.
     """
 
     def __init__(self, sizes):
@@ -194,9 +196,10 @@ class Encoder(nn.Module):
         self.body = nn.Sequential(*blocks)
         self.mean = nn.Linear(width * COARSEST**2, sizes.latent)
         self.logvar = nn.Linear(width * COARSEST**2, sizes.latent)
-        for linear in (self.mean, self.logvar):
-            nn.init.normal_(linear.weight, std=0.1 / (width * COARSEST**2) ** 0.5)
-            nn.init.zeros_(linear.bias)
+        for linear, spread in ((self.mean, 1.0), (self.logvar, 0.1)):
+            nn.init.normal_(linear.weight, std=spread / linear.in_features**0.5)
+        nn.init.zeros_(self.mean.bias)
+        nn.init.constant_(self.logvar.bias, START_LOGVAR)
 
     def forward(self, geometry, texture):
         colours = resize(self.texture(channels_last(texture)), geometry.shape[-1])
