@@ -34,14 +34,14 @@ class NetworkSettings(Settings):
 class LossWeights(Settings):
     """Weights of METHOD's terms: E_body and E_cloth train the layers apart, E_inv together."""
 
-    geometry: float = 1.0
-    laplacian: float = 1.0
-    texture: float = 1.0
-    kl: float = 1e-3
-    image: float = 1.0
-    mask: float = 1.0
+    geometry: float = 1.0  # of an error of 1 cm^2
+    laplacian: float = 10.0  # of 1 cm^2
+    texture: float = 30.0  # of a squared error of 1 in a colour of 0..1
+    kl: float = 1e-4  # of 1 nat
+    image: float = 10.0  # of an error of 1 in a colour of 0..1
+    mask: float = 10.0
     visibility: float = 1.0
-    impute: float = 0.1  # the baseline only: geometry decoded from another latent
+    impute: float = 0.1  # of 1 cm^2; the baseline only: what the pose decides, decoded from another latent
 
 
 class Phase(Settings):
@@ -127,7 +127,7 @@ def preset(quality):
             body_steps=150,
             garment_steps=150,
             joint_steps=300,
-            lr=1e-3,
+            lr=1e-2,
             checkpoint_every=50,
             picture_every=50,
         )

@@ -90,15 +90,14 @@ class Training:
         """The steps left of the phase at hand; `tensors` of a checkpoint hold its optimiser's moments."""
         phase, at, settings = self.phases[self.at.phase], self.at, self.settings
         optimiser = self._optimiser(phase, tensors)
-        batches, first, began = iter(self._loader(phase, at.step)), at.step, time.monotonic()
+        batches, planned = iter(self._loader(phase, at.step)), (at.step, time.monotonic())
         while at.step < at.steps[at.phase]:
             terms, loss = self._loss(phase, at.step, at.steps[at.phase], next(batches))
             value = float(self.fabric.all_reduce(loss.detach(), reduce_op="mean"))
             self._check(phase, value)
             if at.step % settings.checkpoint_every == 0:
-                if self.seconds is not None and at.step > first:
-                    at.costs[at.phase] = (time.monotonic() - began) / (at.step - first)
-                    self._plan()
+                if self.seconds is not None and at.step > planned[0]:
+                    planned = self._plan_again(*planned)
                 self._checkpoint(optimiser)
             rate = self._update(phase, optimiser, loss)
             at.recent = [*at.recent, value][-settings.recent :]
@@ -197,6 +196,14 @@ class Training:
         times.append(time.monotonic())
         self.objective.load_state_dict(before)
         return sorted(b - a for a, b in zip(times[1:], times[2:]))[MEASURED // 2]
+
+    def _plan_again(self, step, since):
+        """As the machine is now: since `step` at a time, all steps have cost so many times what they were thought to."""
+        at, now = self.at, time.monotonic()
+        slower = (now - since) / (at.step - step) / at.costs[at.phase]
+        at.costs = [cost * slower for cost in at.costs]
+        self._plan()
+        return at.step, now
 
     def _plan(self):
         """Steps of what is left, so that it fits the time: in the phases' proportions, at their measured costs."""
