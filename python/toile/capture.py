@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -73,23 +73,27 @@ class Capture:
 
     def frame(self, number):
         """Reads one frame. CaptureError names the file and the field."""
-        folder = self.root / "frames" / f"{number:06d}"
-        if not folder.is_dir():
-            raise CaptureError(f"{folder}: no such frame")
+        folder = self._folder(number)
         scan, keypoints = None, folder / "keypoints.json"
         if (folder / "scan.ply").exists():
             scan = _scaled(read_mesh(folder / "scan.ply"), METRES[self.scene.units])
             self._check_height(folder / "scan.ply", scan)
+        found = read_keypoints(keypoints, self.cameras) if keypoints.exists() else None
+        return replace(self.pictures(number), scan=scan, keypoints=found)
+
+    def pictures(self, number):
+        """Reads images, masks and labels of one frame, and nothing else of it."""
+        folder = self._folder(number)
         labels = self._images(folder / "labels", "L")
         self._check_labels(folder / "labels", labels)
-        return Frame(
-            number,
-            scan,
-            read_keypoints(keypoints, self.cameras) if keypoints.exists() else None,
-            self._images(folder / "images", "RGB"),
-            {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()},
-            labels,
-        )
+        masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
+        return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
+
+    def _folder(self, number):
+        folder = self.root / "frames" / f"{number:06d}"
+        if not folder.is_dir():
+            raise CaptureError(f"{folder}: no such frame")
+        return folder
 
     def _images(self, folder, mode):
         """{camera: array} of one kind: for every camera or for none."""

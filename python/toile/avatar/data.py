@@ -4,34 +4,31 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors.numpy import load_file, save_file
 from torch.utils.data import Dataset
 
 from ..capture import open_capture
 from ..scene import CaptureError
 from ..store import replace_file, write_text
-from .layers import open_body, read_layers, surface_layer
+from .layers import capture_folder, open_body, read_layers, surface_layer
 from .metrics import pose_distance
 from .textures import Unwrapper, filled, mean_texture, pinhole, take, undistorted, window_about
 from .uv import UvMap
 
 THREADS = 2  # frames prepared at a time
-VERSION = 1  # of the cache's files
+VERSION = 2  # of the cache's files
+REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
 
 
 def capture_of(run):
     """The Capture that a run was made of."""
-    path = Path(run) / "config.toml"
-    try:
-        return open_capture(tomllib.loads(path.read_text(encoding="utf-8"))["capture"])
-    except (OSError, KeyError, tomllib.TOMLDecodeError) as error:
-        raise CaptureError(f"{path}: {error}") from None
+    return open_capture(capture_folder(run))
 
 
 def pictured_frames(run):
@@ -78,29 +75,37 @@ class AvatarData(Dataset):
     def __getitem__(self, i):
         number, camera = self.frames[i // len(self.cameras)], i % len(self.cameras)
         out = {"frame": torch.tensor(number), "camera": torch.tensor(camera)}
-        with np.load(self._path(number)) as file:
-            out |= {name: torch.from_numpy(file[name]) for name in file.files if not name.startswith("mean_")}
-            for layer in self.layers:
-                texture, weight = self._unpacked(file, layer.name, "mean_")
-                out |= {f"mean_texture.{layer.name}": texture, f"mean_weight.{layer.name}": weight}
-        with np.load(self._path(number, camera)) as file:
-            for layer in self.layers:
-                texture, weight = self._unpacked(file, layer.name)
-                out |= {f"texture.{layer.name}": texture, f"texel_weight.{layer.name}": weight}
-            out["image"] = torch.from_numpy(file["image"]).permute(2, 0, 1).float() / 255
-            out["mask"] = torch.from_numpy(file["mask"]).float()
-            out["labels"] = torch.from_numpy(file["labels"]).long()
-            out["K"], out["T_camera_world"] = torch.from_numpy(file["K"]), torch.from_numpy(file["T_camera_world"])
+        file = load_file(self._path(number))
+        out |= {name: torch.from_numpy(file[name]) for name in file if name.split(".")[0] in REGISTERED}
+        for name in self.names:
+            out[f"mean_texture.{name}"], out[f"mean_weight.{name}"] = self._maps(file, name, "mean_")
+        file = load_file(self._path(number, camera))
+        for name in self.names:
+            out[f"texture.{name}"], out[f"texel_weight.{name}"] = self._maps(file, name)
+        out["image"] = torch.from_numpy(file["image"]).permute(2, 0, 1).float() / 255
+        out["mask"], out["labels"] = torch.from_numpy(file["mask"]).float(), torch.from_numpy(file["labels"]).long()
+        out["K"], out["T_camera_world"] = torch.from_numpy(file["K"]), torch.from_numpy(file["T_camera_world"])
         return out
 
+    @property
+    def names(self):
+        """Of the layers."""
+        return [layer.name for layer in self.layers]
+
     def _key(self, layered):
-        """The cache's folder: what its files depend on."""
-        parts = [VERSION, layered, self.settings.model_dump(mode="json"), str(self.run.resolve())]
-        parts += [self.body.store["done"][:].tolist(), [c.name for c in self.cameras]]
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+        """The cache's folder: what its files depend on. Of the registration the poses and three whole frames."""
+        settings = self.settings.model_dump(mode="json", exclude={"geometry_size"})
+        parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
+        digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
+        digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())
+        for number in {self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]}:
+            for values in self._registered(number).values():
+                digest.update(values.tobytes())
+        return digest.hexdigest()[:16]
 
     def _path(self, number, camera=None):
-        return self.folder / f"{number:06d}" / ("frame.npz" if camera is None else f"{self.cameras[camera].name}.npz")
+        name = "frame" if camera is None else f"camera.{self.cameras[camera].name}"
+        return self.folder / f"{number:06d}" / f"{name}.safetensors"
 
     @cached_property
     def poses(self):
@@ -128,31 +133,46 @@ class AvatarData(Dataset):
                 progress(len(self.frames) - len(left) + k + 1, len(self.frames))
 
     def _prepare_frame(self, number, unwrapper):
-        frame = self.capture.frame(number)
+        frame = self.capture.pictures(number)
         missing = [name for name in self.capture.cameras if name not in frame.images]
         if missing:
             raise CaptureError(f"{self.capture.root}/frames/{number:06d}/images: camera '{missing[0]}' is missing")
-        values = self._registered(number)
-        vertices = [values[f"vertices.{layer.name}"].astype(np.float64) for layer in self.layers]
-        unwrapper.frame(vertices, [values[f"confidence.{layer.name}"] for layer in self.layers])
-        shown = vertices[-1] if self.settings.crop == "garment" and len(vertices) > 1 else np.concatenate(vertices)
-        seen = [[] for _ in self.layers]
-        for c, (name, camera) in enumerate(self.capture.cameras.items()):
-            mask = frame.masks.get(name, frame.labels.get(name, np.ones(camera.size, np.uint8)) > 0)
-            labels = frame.labels.get(name)
-            whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
-            flat = None if labels is None else undistorted(camera, labels, True)
-            textures = unwrapper.view(pinhole(camera), *whole, flat)
-            for views, texture in zip(seen, textures):
-                views.append(texture)
-            window = window_about(camera, shown, self.settings.image, self.settings.pixel_scale)
-            picture = take(camera, frame.images[name], mask, labels, self.settings.pixel_scale, window)
-            self._save_view(number, c, picture, textures)
-        for layer, views in zip(self.layers, seen):
-            values |= self._packed(layer.name, *mean_texture(views), "mean_")
-            values[f"confidence.{layer.name}"] = (values[f"confidence.{layer.name}"] / 2).astype(np.float32)
+        values, shown = self._registered(number), self._shown(number)
+        confidence = [values[f"confidence.{name}"] for name in self.names]
+        unwrapper.frame([values[f"vertices.{name}"].astype(np.float64) for name in self.names], confidence)
+        seen = [self._prepare_view(number, c, frame, unwrapper, shown) for c in range(len(self.cameras))]
+        for name, views in zip(self.names, zip(*seen)):
+            values |= self._packed(name, mean_texture(views, self.settings.texture_size), "mean_")
+            values[f"confidence.{name}"] = values[f"confidence.{name}"].astype(np.float32) / 2
         _save(self._path(number), values)
         write_text(self.folder / f"{number:06d}" / "whole", "")
+
+    def _prepare_view(self, number, c, frame, unwrapper, shown):
+        """Writes one view; returns its Unwrapped layers."""
+        name, camera = list(self.capture.cameras.items())[c]
+        labels = frame.labels.get(name)
+        mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+        flat = None if labels is None else undistorted(camera, labels, True)
+        whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
+        unwrapped = unwrapper.view(pinhole(camera), *whole, flat)
+        window = window_about(camera, shown, self.settings.image, self.settings.pixel_scale)
+        picture = take(camera, frame.images[name], mask, labels, self.settings.pixel_scale, window)
+        values = {
+            "image": picture.image, "mask": picture.mask,
+            "labels": picture.mask.astype(np.uint8) if picture.labels is None else picture.labels,
+            "K": picture.camera.K.astype(np.float32), "T_camera_world": picture.camera.T_camera_world.astype(np.float32),
+        }  # fmt: skip
+        for layer, texels in zip(self.names, unwrapped):
+            values |= self._packed(layer, texels)
+        _save(self._path(number, c), values)
+        return unwrapped
+
+    def _shown(self, number):
+        """Vertices that the window is about: the garments' or all; the same for the baseline's single layer."""
+        store, row = self.body.store, self.row[number]
+        garments = [f"garment/{g.name}/vertices" for g in self.scene.garments]
+        names = garments if garments and self.settings.crop == "garment" else ["track/vertices", *garments]
+        return np.concatenate([store[name][row] for name in names])
 
     def _registered(self, number):
         """Pose, face, vertices and confidence of a frame as the run has them."""
@@ -171,34 +191,26 @@ class AvatarData(Dataset):
             values[f"confidence.{layer.name}"] = store[f"confidence/{name.removeprefix('garment/')}"][row]
         return values
 
-    def _save_view(self, number, camera, picture, textures):
-        values = {
-            "image": picture.image, "mask": picture.mask,
-            "labels": picture.mask.astype(np.uint8) if picture.labels is None else picture.labels,
-            "K": picture.camera.K.astype(np.float32), "T_camera_world": picture.camera.T_camera_world.astype(np.float32),
-        }  # fmt: skip
-        for layer, (texture, weight) in zip(self.layers, textures):
-            values |= self._packed(layer.name, texture, weight)
-        _save(self._path(number, camera), values)
-
-    @staticmethod
-    def _packed(name, texture, weight, prefix=""):
-        """Only the texels that were seen: their bits, colours and weights (in 256ths, at most 4)."""
-        seen = weight.ravel() > 0
+    def _packed(self, name, unwrapped, prefix=""):
+        """Bits of the texels that were seen, their colours by channel and their weights (in 256ths)."""
+        bits = np.zeros(self.settings.texture_size**2, bool)
+        bits[unwrapped.texels] = True
         return {
-            f"{prefix}texels.{name}": np.packbits(seen),
-            f"{prefix}texture.{name}": texture.reshape(-1, 3)[seen],
-            f"{prefix}weight.{name}": np.clip(np.ceil(256 * weight.ravel()[seen]), 1, 1023).astype(np.uint16),
+            f"{prefix}texels.{name}": np.packbits(bits),
+            f"{prefix}colours.{name}": np.ascontiguousarray(unwrapped.colours.T),
+            f"{prefix}weights.{name}": np.clip(np.ceil(256 * unwrapped.weights), 1, 65535).astype(np.uint16),
         }
 
-    def _unpacked(self, file, name, prefix=""):
+    def _maps(self, file, name, prefix=""):
+        """Texture (3,T,T) in 0..1 and weight (1,T,T) of a cache file's arrays."""
         size = self.settings.texture_size
-        seen = np.unpackbits(file[f"{prefix}texels.{name}"], count=size * size).astype(bool)
-        texture, weight = np.zeros((size * size, 3), np.float32), np.zeros(size * size, np.float32)
-        texture[seen] = file[f"{prefix}texture.{name}"] / np.float32(255)
-        weight[seen] = file[f"{prefix}weight.{name}"] / np.float32(256)
-        texture = torch.from_numpy(texture.T.reshape(3, size, size).copy())
-        return texture, torch.from_numpy(weight.reshape(1, size, size))
+        seen = np.flatnonzero(np.unpackbits(file[f"{prefix}texels.{name}"], count=size * size))
+        maps = np.zeros((4, size * size), np.float32)
+        for channel, values in zip(maps, file[f"{prefix}colours.{name}"]):
+            channel[seen] = values * np.float32(1 / 255)
+        maps[3, seen] = file[f"{prefix}weights.{name}"] * np.float32(1 / 256)
+        maps = torch.from_numpy(maps).unflatten(1, (size, size))
+        return maps[:3], maps[3:]
 
     # Means over the frames -------------------------------------------------------------------------------------------
 
@@ -209,12 +221,12 @@ class AvatarData(Dataset):
         total = {layer.name: np.zeros((4, size, size)) for layer in self.layers}
         squared, faces = 0.0, []
         for number in self.frames:
-            with np.load(self._path(number)) as file:
-                faces.append(np.where(file["face_seen"][:, None] > 0, file["face"], np.nan))
-                for layer in self.layers:
-                    texture, weight = (x.numpy().astype(np.float64) for x in self._unpacked(file, layer.name, "mean_"))
-                    total[layer.name] += np.concatenate([texture * weight, weight])
-                    squared += float((weight * texture**2).sum())
+            file = load_file(self._path(number))
+            faces.append(np.where(file["face_seen"][:, None] > 0, file["face"], np.nan))
+            for name in self.names:
+                texture, weight = (x.numpy() for x in self._maps(file, name, "mean_"))
+                total[name] += np.concatenate([texture * weight, weight])
+                squared += float((weight * texture**2).sum(dtype=np.float64))
         self.mean_texture, self.valid, explained = {}, {}, 0.0
         for name, sums in total.items():
             mean = sums[:3] / np.maximum(sums[3], 1e-9)
@@ -237,8 +249,4 @@ class AvatarData(Dataset):
 
 
 def _save(path, values):
-    def write(temporary):
-        with open(temporary, "wb") as file:
-            np.savez(file, **values)
-
-    replace_file(path, write)
+    replace_file(path, lambda temporary: save_file({k: np.ascontiguousarray(v) for k, v in values.items()}, temporary))

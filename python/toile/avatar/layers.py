@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -66,12 +67,30 @@ def open_body(run):
     if not (run / "registered.zarr").exists():
         raise CaptureError(f"{run}: no registered.zarr; is it a run of `toile register`?")
     store = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    model = load_body_model(store.attrs["body_model"], up=store.attrs["scene"]["up"])
+    name = store.attrs["body_model"]
+    model = load_body_model(capture_folder(run) / name if name.endswith(".npz") else name, up=store.attrs["scene"]["up"])
     if model.uv is None:
-        raise CaptureError(f"{store.attrs['body_model']}: uv: the body model has none, an avatar needs them")
+        raise CaptureError(f"{name}: uv: the body model has none, an avatar needs them")
+    for array in ("track/vertices", "pose/rotations", "pose/translation", "confidence/track", "track/faces", "shape"):
+        _need(run, store, array)
     if len(model.parents) != store["pose/rotations"].shape[1] or len(model.v_template) != store["track/vertices"].shape[1]:
-        raise CaptureError(f"{run}/registered.zarr: pose and vertices do not fit the body model {store.attrs['body_model']}")
+        raise CaptureError(f"{run}/registered.zarr: pose and vertices do not fit the body model {name}")
     return RunBody(run, store, model, model.rest(store["shape"][:])[1])
+
+
+def capture_folder(run):
+    """The folder of the capture that a run was made of."""
+    path = Path(run) / "config.toml"
+    try:
+        return Path(tomllib.loads(path.read_text(encoding="utf-8"))["capture"])
+    except (OSError, KeyError, tomllib.TOMLDecodeError) as error:
+        raise CaptureError(f"{path}: {error}") from None
+
+
+def _need(run, store, name):
+    if name not in store:
+        raise CaptureError(f"{run}/registered.zarr: {name} is missing")
+    return store[name]
 
 
 def read_layers(run, frames=None):
@@ -89,19 +108,26 @@ def surface_layer(run, frames=None):
 
 
 def _body_layer(body, name, kind, vertices, frames):
-    model = body.model
+    model, place = body.model, vertices.split("/")[0]
     skin = model.weights_idx, model.weights_val
+    _need(body.path, body.store, f"confidence/{place}")
+    if not np.array_equal(_need(body.path, body.store, f"{place}/faces")[:], model.f):
+        raise CaptureError(f"{body.path}/registered.zarr: {place}/faces: not those of the body model")
     rest = body.mean_unposed(vertices, *skin, frames)
     return Layer(name, kind, rest, model.f, model.uv, model.f_uv, *skin, label=-1)
 
 
 def _garment_layer(body, garment, frames):
     at = f"garment/{garment['name']}"
-    weights, faces = body.store[f"{at}/skin"][:], body.store[f"{at}/faces"][:]
-    uv, face_uv = body.store[f"{at}/uv"][:], body.store[f"{at}/face_uv"][:]
-    n = body.store[f"{at}/vertices"].shape[1]
-    if len(weights) != n or faces.max() >= n or face_uv.shape != faces.shape or face_uv.max() >= len(uv):
+    names = "skin", "faces", "uv", "face_uv", "vertices"
+    weights, faces, uv, face_uv, vertices = (_need(body.path, body.store, f"{at}/{name}") for name in names)
+    n, sure = vertices.shape[1], _need(body.path, body.store, f"confidence/{garment['name']}")
+    weights, faces, uv, face_uv = weights[:], faces[:], uv[:], face_uv[:]
+    fits = len(weights) == n == sure.shape[1] and faces.shape == face_uv.shape and weights.shape[1] == len(body.J)
+    if not fits or faces.min() < 0 or faces.max() >= n or face_uv.min() < 0 or face_uv.max() >= len(uv):
         raise CaptureError(f"{body.path}/registered.zarr: {at}: faces, UVs, skin and vertices do not fit one another")
+    if not (np.isfinite(uv).all() and uv.min() >= 0 and uv.max() <= 1):
+        raise CaptureError(f"{body.path}/registered.zarr: {at}/uv leaves the unit square")
     idx = np.argsort(-weights, axis=1, kind="stable")[:, :BLEND].astype(np.int32)
     val = np.take_along_axis(weights, idx.astype(np.int64), 1).astype(np.float64)
     val /= val.sum(1, keepdims=True)

@@ -11,9 +11,12 @@ from .. import kernels
 from ..views import occlusion_border, read
 
 BORDER = (0.03, 2)  # colours within so many pixels of a depth step of so many metres mix two surfaces, see occlusion_border
-SEAM = 2  # pixels within so many of another layer may show it instead: the registered border errs by as much
+SEAM = 0.012  # a pixel this near to another layer may show it instead: registered borders err by as much [m]
+LABEL = 3  # a pixel this near to a label that speaks against the layer may show that instead [px]
+DOUBT = 0.05  # from another layer within which labels are asked; farther inside, registration errs less than labels do [m]
 TOLERANCE = 0.006  # of the depth test [m]
 MIN_COSINE = 0.2  # views more grazing than this give no texel
+EMPTY = 255  # no layer
 CONFIDENCE = np.array([0.0, 0.5, 1.0])  # weight of a vertex that was hidden, interpolated, observed
 
 
@@ -89,64 +92,115 @@ def window_about(camera, points, size, scale):
     return (*start, *size)
 
 
+@dataclass(frozen=True)
+class Unwrapped:
+    """The texels of one layer's T x T map that were seen."""
+
+    texels: np.ndarray  # (q,) flat indices, rising
+    colours: np.ndarray  # (q,3) uint8
+    weights: np.ndarray  # (q,) > 0
+
+    @staticmethod
+    def nothing():
+        return Unwrapped(np.zeros(0, np.int64), np.zeros((0, 3), np.uint8), np.zeros(0))
+
+    def maps(self, size):
+        """(T,T,3) uint8 colours and (T,T) weights, zero where unseen."""
+        colours, weights = np.zeros((size * size, 3), np.uint8), np.zeros(size * size)
+        colours[self.texels], weights[self.texels] = self.colours, self.weights
+        return colours.reshape(size, size, 3), weights.reshape(size, size)
+
+
 class Unwrapper:
     """Unwraps pictures of a frame onto all its layers; `maps` are their UvMaps, inner to outer."""
 
     def __init__(self, maps, garment_labels):
-        self.maps, self.garment_labels = maps, garment_labels
+        self.maps, self.garment_labels = maps, list(garment_labels)
         self.texel = [np.flatnonzero(m.valid) for m in maps]
-        self.corners = [m.corners.reshape(-1, 3)[t] for m, t in zip(maps, self.texel)]
+        self.face = [m.face.ravel()[t] for m, t in zip(maps, self.texel)]
         self.bary = [m.bary.reshape(-1, 3)[t] for m, t in zip(maps, self.texel)]
+        self.counts = np.cumsum([0, *(len(m.layer.rest) for m in maps)])
+        self.F = np.concatenate([m.layer.faces + s for m, s in zip(maps, self.counts)]).astype(np.int32)
+        self.starts = np.cumsum([0, *(len(m.layer.faces) for m in maps)])  # faces of each layer
+        self.layer_of = np.repeat(np.arange(len(maps)), np.diff(self.starts)).astype(np.uint8)
 
     def frame(self, vertices, confidence):
         """Sets the frame: per layer vertices (n,3) and confidence (n,) uint8."""
-        counts = np.cumsum([0, *(len(v) for v in vertices)])
         self.V = np.concatenate(vertices)
-        self.F = np.concatenate([m.layer.faces + s for m, s in zip(self.maps, counts)]).astype(np.int32)
-        self.layer_of = np.repeat(np.arange(len(self.maps)), [len(m.layer.faces) for m in self.maps]).astype(np.uint8)
-        self.points, self.normals, self.sure = [], [], []
-        for m, V, sure, corners, bary in zip(self.maps, vertices, confidence, self.corners, self.bary):
-            at = lambda values: np.einsum("tk,tk...->t...", bary, values[corners])  # noqa: B023, E731
-            self.points.append(at(V))
-            self.normals.append(at(kernels.vertex_normals(V, m.layer.faces)))
-            self.sure.append(at(CONFIDENCE[confidence_ids(sure)]))
+        self.normals = np.concatenate([kernels.vertex_normals(V, m.layer.faces) for V, m in zip(vertices, self.maps)])
+        self.sure = np.concatenate([CONFIDENCE[confidence_ids(c)] for c in confidence])
 
     def view(self, camera, image, mask, labels):
-        """Per layer ((T,T,3) uint8 texture, (T,T) weight in 0..1) from one undistorted picture and its pinhole camera.
+        """An Unwrapped a layer from one undistorted picture and its pinhole camera.
 
         A texel's weight is the cosine to the view times its confidence where the layers' depth buffer shows it, away from
-        occlusion borders, on a pixel of the person whose label does not speak against the layer; else 0."""
+        occlusion borders and from other layers, on pixels of the person whose labels do not speak against the layer."""
         drawn = kernels.raster(camera.to_camera(self.V), self.F, camera.K, camera.size)
-        depth = drawn.depth
-        clear = (drawn.face >= 0) & mask & ~occlusion_border(depth, *BORDER) & ~seams(self.layer_of[drawn.face], SEAM)
-        return [self._layer(i, camera, image, labels, depth, clear) for i in range(len(self.maps))]
+        hit = drawn.face >= 0
+        clear = hit & mask & ~occlusion_border(drawn.depth, *BORDER)
+        if not hit.any():
+            return [Unwrapped.nothing() for _ in self.maps]
+        layer = np.where(hit, self.layer_of[drawn.face], EMPTY)
+        pixels = camera.K[0, 0] / np.median(drawn.depth[hit])  # a metre at the person
+        clear &= ~seams(layer, SEAM * pixels)
+        doubt = seams(layer, DOUBT * pixels)
+        allowed = [self._allowed(m.layer.label, labels, doubt) for m in self.maps]
+        return [self._layer(i, camera, image, drawn, clear & a) for i, a in enumerate(allowed)]
 
-    def _layer(self, i, camera, image, labels, depth, clear):
-        size = self.maps[i].size
-        texture, weight = np.zeros((size * size, 3), np.uint8), np.zeros(size * size)
-        uv, z = camera.project(self.points[i])
-        column, row = np.floor(uv).astype(np.int64).T
-        inside = (z > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
-        at = np.flatnonzero(inside)
-        row, column = row[at], column[at]
-        ray = camera.centre - self.points[i][at]
-        cosine = np.einsum("ni,ni->n", ray, self.normals[i][at]) / np.linalg.norm(ray, axis=1)
-        seen = clear[row, column] & (cosine > MIN_COSINE)
-        seen &= z[at] < depth[row, column] + TOLERANCE / np.maximum(cosine, MIN_COSINE)
-        if labels is not None:
-            label = self.maps[i].layer.label
-            said = labels[row, column]
-            seen &= (said == label) if label >= 0 else ~np.isin(said, self.garment_labels)
-        at, cosine = at[seen], cosine[seen]
-        texture[self.texel[i][at]] = np.rint(read(image.astype(np.float32), uv[at])).clip(0, 255)
-        weight[self.texel[i][at]] = cosine * self.sure[i][at]
-        return texture.reshape(size, size, 3), weight.reshape(size, size)
+    def _layer(self, i, camera, image, drawn, clear):
+        layer = self.maps[i].layer
+        pick = np.flatnonzero(self._near(i, drawn.face[clear])[self.face[i]])
+        corners, bary = layer.faces[self.face[i][pick]] + self.counts[i], self.bary[i][pick]
+        points, normals = (np.einsum("tk,tkx->tx", bary, values[corners]) for values in (self.V, self.normals))
+        sure = np.einsum("tk,tk->t", bary, self.sure[corners])
+        uv, z = camera.project(points)
+        column, row = (np.floor(uv[:, k]).clip(0, side - 1).astype(np.int64) for k, side in ((0, camera.width), (1, camera.height)))
+        inside = (z > 0) & (uv >= 0).all(1) & (uv[:, 0] < camera.width) & (uv[:, 1] < camera.height)
+        ray = camera.centre - points
+        cosine = np.einsum("ni,ni->n", ray, normals) / np.linalg.norm(ray, axis=1)
+        slack = TOLERANCE / np.maximum(cosine, MIN_COSINE)
+        seen = inside & clear[row, column] & (cosine > MIN_COSINE) & (z < drawn.depth[row, column] + slack) & (sure > 0)
+        colours = read(_blurred(image, clear, seen.sum()), uv[seen])
+        return Unwrapped(self.texel[i][pick[seen]], np.rint(colours).clip(0, 255).astype(np.uint8), (cosine * sure)[seen])
+
+    def _allowed(self, label, labels, doubt):
+        """Pixels (H,W) whose labels, and those about them, do not speak against a layer of that label; all outside `doubt`."""
+        if labels is None:
+            return True
+        against = (labels != label) if label >= 0 else np.isin(labels, self.garment_labels)
+        return ~doubt | (cv2.dilate(against.astype(np.uint8), _disc(LABEL)) == 0)
+
+    def _near(self, i, faces):
+        """bool per face of layer i: within two rings of those that the picture shows."""
+        F = self.maps[i].layer.faces
+        mine = faces[(faces >= self.starts[i]) & (faces < self.starts[i + 1])] - self.starts[i]
+        near = np.zeros(len(F), bool)
+        near[mine] = True
+        for _ in range(2):
+            vertices = np.zeros(len(self.maps[i].layer.rest), bool)
+            vertices[F[near]] = True
+            near = vertices[F].any(1)
+        return near
+
+
+def _disc(width):
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
+
+
+def _blurred(image, clear, texels):
+    """The picture as texels see it: one that spans several pixels takes their mean, so that fine prints do not alias."""
+    pixels = np.sqrt(clear.sum() / max(texels, 1))  # along a texel's side
+    image = image.astype(np.float32)
+    return cv2.GaussianBlur(image, (0, 0), 0.4 * pixels) if pixels > 1.5 else image
 
 
 def seams(layer, width):
-    """Pixels (H,W) within `width` pixels of one that shows another layer."""
-    box = np.ones((2 * width + 1,) * 2, np.uint8)
-    return cv2.dilate(layer, box) != cv2.erode(layer, box)
+    """Pixels (H,W) of a layer within `width` pixels, at least one, of one that shows another; EMPTY is none."""
+    disc = _disc(max(round(width), 1))
+    near = np.zeros(layer.shape, bool)
+    for k in np.unique(layer[layer != EMPTY]):
+        near |= (layer != k) & (cv2.dilate((layer == k).astype(np.uint8), disc) > 0)
+    return near
 
 
 def confidence_ids(confidence):
@@ -154,14 +208,14 @@ def confidence_ids(confidence):
     return np.nan_to_num(confidence).astype(np.int64).clip(0, len(CONFIDENCE) - 1)
 
 
-def mean_texture(views):
-    """Mean (T,T,3) uint8 and summed weight (T,T) of one layer's [(texture, weight)] over views."""
-    total = np.zeros(views[0][0].shape)
-    weight = np.zeros(views[0][1].shape)
-    for texture, w in views:
-        total += w[..., None] * texture
-        weight += w
-    return np.rint(total / np.maximum(weight, 1e-9)[..., None]).astype(np.uint8), weight
+def mean_texture(views, size):
+    """The Unwrapped of one layer's views together: weighted mean colours, summed weights."""
+    total, weight = np.zeros((size * size, 3)), np.zeros(size * size)
+    for view in views:
+        total[view.texels] += view.weights[:, None] * view.colours
+        weight[view.texels] += view.weights
+    seen = np.flatnonzero(weight)
+    return Unwrapped(seen, np.rint(total[seen] / weight[seen, None]).astype(np.uint8), weight[seen])
 
 
 def filled(texture, seen):
