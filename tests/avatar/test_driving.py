@@ -60,6 +60,18 @@ def test_codes_come_back_as_they_were_standardised():
     assert torch.allclose(torch.cat(list(found.values()), 1), codes.mean(0).expand(7, 5), atol=1e-5)
 
 
+def test_poses_far_from_training_give_codes_within_its_range():
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(window=2, channels=8), 3, {"shirt": 4})
+    codes = torch.randn(50, 4)
+    driver.standardise(torch.randn(50, 3), codes)
+    far = track(range(9))
+    far.features.mul_(1e6)
+    found = driver.latents(far)["shirt"]
+    assert (found >= codes.amin(0) - 1e-5).all() and (found <= codes.amax(0) + 1e-5).all()
+    assert (found == found[0]).all(0).sum() < 4  # it still follows the pose
+
+
 @pytest.fixture(scope="module")
 def driven(sample_avatar):
     folder = sample_avatar.parent / "driven"

@@ -86,6 +86,7 @@ class Driver(nn.Module):
         for name, size in (("feature", features), ("code", total)):
             self.register_buffer(f"{name}_mean", torch.zeros(size))
             self.register_buffer(f"{name}_spread", torch.ones(size))
+        self.register_buffer("code_range", torch.tensor([[-1.0], [1.0]]).repeat(1, total))  # of training, standardised
 
     def standardise(self, features, codes):
         """Sets means and spreads from training features (T,P) and codes (F,Z)."""
@@ -93,9 +94,12 @@ class Driver(nn.Module):
         self.feature_spread.copy_(features.std(0, correction=0).clamp(min=self.settings.pose_floor))
         self.code_mean.copy_(codes.mean(0))
         self.code_spread.copy_(codes.std(0, correction=0).clamp(min=1e-3))
+        known = (codes - self.code_mean) / self.code_spread
+        self.code_range.copy_(torch.stack([known.amin(0), known.amax(0)]))
 
     def latents(self, track):
-        """{garment: (T,Z)} for every frame of a Track."""
+        """{garment: (T,Z)} for every frame of a Track, kept within the range of the training's codes: beyond it the decoder
+        was never taught, and a pose far from the training's must not tear the cloth."""
         codes = self._codes(track, (track.features - self.feature_mean) / self.feature_spread)
         return dict(zip(self.sizes, codes.split(list(self.sizes.values()), dim=1)))
 
@@ -108,7 +112,7 @@ class Driver(nn.Module):
             for a, b in zip(rows, rows[1:]):
                 for row in range(a, min(a + track.step, b)):
                     read[row : b : track.step] = self.model(features[None, row : b : track.step])[0]
-        return self.code_mean + self.code_spread * read
+        return self.code_mean + self.code_spread * read.clamp(*self.code_range)
 
     def loss(self, features, first, rows, targets, generator):
         """Mean squared error of standardised codes over a batch drawn from the pictured frames `rows` with codes `targets`."""
