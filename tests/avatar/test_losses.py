@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from toile.avatar import losses
+from toile.avatar.operators import Facing, joint_centroids, uniform_laplacian
 
 NOTHING = torch.zeros(2, 5)
 
@@ -38,7 +39,7 @@ def test_geometry_is_a_mean_over_weighted_vertices_only():
 
 def test_laplacian_is_zero_for_translations_and_for_unused_vertices():
     v, f = octahedron()
-    operator = losses.uniform_laplacian(f, len(v))
+    operator = uniform_laplacian(f, len(v))
     x = torch.as_tensor(v).float()[None]
     moved = x + torch.tensor([0.3, -0.2, 0.1])
     assert losses.laplacian(operator, moved, x).item() == pytest.approx(0, abs=1e-7)
@@ -48,14 +49,14 @@ def test_laplacian_is_zero_for_translations_and_for_unused_vertices():
 def test_laplacian_is_the_vertex_less_the_mean_of_its_neighbours():
     v, f = octahedron()
     x = torch.randn(3, len(v), 3)
-    got = losses.uniform_laplacian(f, len(v))(x)
+    got = uniform_laplacian(f, len(v))(x)
     assert torch.allclose(got[:, 0], x[:, 0] - x[:, 2:6].mean(1), atol=1e-6)
     assert torch.allclose(got[:, 4], x[:, 4] - x[:, :4].mean(1), atol=1e-6)
 
 
 def test_laplacian_s_gradient_is_its_transpose():
     v, f = octahedron()
-    operator, y = losses.uniform_laplacian(f, len(v)), torch.randn(2, len(v), 3)
+    operator, y = uniform_laplacian(f, len(v)), torch.randn(2, len(v), 3)
     x = torch.randn(2, len(v), 3, requires_grad=True)
     (operator(x) * y).sum().backward()
     dense = operator.sparse("matrix", operator.shape).to_dense()
@@ -67,8 +68,18 @@ def test_laplacian_of_one_moved_vertex():
     x = torch.as_tensor(v).float()[None]
     p = x.clone()
     p[0, 0, 0] += 0.01  # itself 1 cm, each of its 4 neighbours a quarter, over 7 vertices
-    operator = losses.uniform_laplacian(f, len(v))
+    operator = uniform_laplacian(f, len(v))
     assert losses.laplacian(operator, p, x).item() == pytest.approx((1 + 4 / 16) / 7, rel=1e-4)
+
+
+def test_view_code_is_the_cosine_between_normal_and_view():
+    v, f = octahedron()
+    x = torch.as_tensor(v).float().expand(2, -1, -1) * torch.tensor([1.0, 3.0])[:, None, None]  # any size
+    cosine = Facing(f, len(v))(x, torch.tensor([[10.0, 0, 0], [3.0, 3.0, 0]]))
+    assert cosine[0, :2, 0].tolist() == pytest.approx([1, -1], abs=1e-6)  # the normal of (1,0,0) is itself
+    assert cosine[0, 2].item() == pytest.approx(-1 / math.sqrt(101), abs=1e-6)
+    assert cosine[1, 0].item() == pytest.approx(0, abs=1e-6)
+    assert cosine[0, 6] == 0  # no face, no normal
 
 
 def test_texture_is_a_mean_over_seen_texels_and_channels():
@@ -160,7 +171,7 @@ def test_soft_visibility_without_a_garment_or_without_another_layer_is_0():
 
 def test_imputation_sees_joints_and_not_wrinkles():
     idx = np.repeat(np.arange(2), 4).reshape(8, 1)
-    anchors = losses.joint_centroids(idx, np.ones((8, 1)), 3)
+    anchors = joint_centroids(idx, np.ones((8, 1)), 3)
     v = torch.randn(1, 8, 3)
     wrinkled = v.clone()
     wrinkled[0, 0, 1] += 0.02
@@ -175,7 +186,7 @@ def empty_losses():
     x = torch.rand(2, 3, 4, 4, requires_grad=True)
     v = torch.rand(2, 5, 3, requires_grad=True)
     none = torch.zeros(2, 1, 4, 4)
-    operator = losses.uniform_laplacian(np.zeros((0, 3), int), 5)
+    operator = uniform_laplacian(np.zeros((0, 3), int), 5)
     return {
         "geometry": lambda: (losses.geometry(v, torch.zeros(2, 5, 3), NOTHING), v),
         "laplacian": lambda: (losses.laplacian(operator, v, torch.zeros(2, 5, 3), NOTHING), v),

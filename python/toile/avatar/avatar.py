@@ -13,9 +13,9 @@ import torch
 from torch import nn
 
 from .. import kernels
-from . import losses
 from .layers import Skeleton, Skin, rotation_matrices
 from .networks import LayerNetworks, Sizes, count, reparameterised, resize
+from .operators import Facing, joint_centroids, uniform_laplacian
 from .renderer import Surface, render
 from .uv import TexelValues, UvMap, UvSampler
 
@@ -68,6 +68,7 @@ class LayerModel(nn.Module):
         self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
         self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
         self.geometry_texels = TexelValues(geometry_map, layer.faces)
+        self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
         self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
 
@@ -90,7 +91,7 @@ class LayerModel(nn.Module):
         residual = self.networks.texture(features)
         decoded.mean_texture = decoded.texture = self.mean_texture + COLOUR_OUT * residual
         if self.networks.view is not None:
-            cosine = self.view_texels(facing(decoded.vertices, self.faces, centre))
+            cosine = self.view_texels(self.facing(decoded.vertices, centre))
             seen = self.networks.view_residual((decoded.mean_texture - 0.5) / COLOUR_IN, cosine)
             decoded.texture = decoded.mean_texture + COLOUR_OUT * seen
         return decoded
@@ -139,9 +140,9 @@ class Avatar(nn.Module):
         others = max(len(self.cameras) - 1, 0)
         self.colour_gain = nn.Parameter(torch.zeros(others, 3))  # less 1
         self.colour_bias = nn.Parameter(torch.zeros(others, 3))
-        self.laplacian = {x.name: losses.uniform_laplacian(x.faces, len(x.rest)) for x in self.layers}
+        self.laplacian = {x.name: uniform_laplacian(x.faces, len(x.rest)) for x in self.layers}
         self.anchors = {
-            x.name: losses.joint_centroids(x.skin_idx, x.skin_val, len(J)) for x in self.layers if x.kind == "surface"
+            x.name: joint_centroids(x.skin_idx, x.skin_val, len(J)) for x in self.layers if x.kind == "surface"
         }
         self.operators = nn.ModuleList([*self.laplacian.values(), *self.anchors.values()])  # so that they move along
 
@@ -341,22 +342,6 @@ def pose_features(rotations, up):
         features[:, 0] = 0
         features[:, 0, :3] = R[:, 0].transpose(1, 2) @ up - up
     return features
-
-
-@torch.no_grad()
-def facing(vertices, faces, centre):
-    """The view code: n.v (B,n,1) of each vertex towards a camera at centre (B,3).
-
-    It has no gradient: geometry shall not move to mend colours.
-    """
-    corners = vertices[:, faces]
-    normal = torch.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0], dim=-1)
-    normals = torch.zeros_like(vertices)
-    for k in range(3):
-        normals.index_add_(1, faces[:, k], normal)
-    view = centre[:, None] - vertices
-    cosine = nn.functional.cosine_similarity(normals, view, dim=-1, eps=1e-12)
-    return cosine[..., None]
 
 
 def joint_masks(layer, texels, parents, size):

@@ -6,11 +6,7 @@ I = image, M = foreground mask; p = predicted, r = registered, t = target, R = r
 
 from __future__ import annotations
 
-import warnings
-
-import numpy as np
 import torch
-from torch import nn
 
 CM = 100.0  # per metre
 
@@ -107,70 +103,3 @@ def total(losses, weights):
     if missing := sorted(set(losses) - set(table)):
         raise KeyError(f"total: no weight for {', '.join(missing)}")
     return sum(table[name] * value for name, value in losses.items())
-
-
-class Linear(nn.Module):
-    """A fixed sparse matrix (m,n) applied to every sample's (n,3); not part of the saved state.
-
-    Kept as plain arrays, which can be copied and sent, and multiplied as CSR: a tenth of the time that COO takes.
-    """
-
-    def __init__(self, matrix):
-        super().__init__()
-        self.shape = matrix.shape
-        for name, m in (("matrix", matrix.tocsr()), ("transposed", matrix.T.tocsr())):
-            m.sort_indices()
-            for part, dtype in (("indptr", np.int64), ("indices", np.int64), ("data", np.float32)):
-                values = torch.from_numpy(getattr(m, part).astype(dtype))
-                self.register_buffer(f"{name}_{part}", values, persistent=False)
-
-    def sparse(self, name, shape):
-        """The CSR tensor of this name."""
-        parts = [getattr(self, f"{name}_{part}") for part in ("indptr", "indices", "data")]
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-            return torch.sparse_csr_tensor(*parts, size=shape, check_invariants=False)
-
-    def forward(self, x):
-        m, n = self.shape
-        with torch.autocast(x.device.type, enabled=False):
-            columns = x.float().permute(1, 0, 2).reshape(n, -1)
-            y = Product.apply(self.sparse("matrix", (m, n)), self.sparse("transposed", (n, m)), columns)
-        return y.reshape(m, len(x), -1).permute(1, 0, 2)
-
-
-class Product(torch.autograd.Function):
-    """A x of a constant sparse A, whose transpose is at hand for the gradient."""
-
-    @staticmethod
-    def forward(ctx, matrix, transposed, x):
-        ctx.transposed = transposed
-        return matrix @ x
-
-    @staticmethod
-    def backward(ctx, gradient):
-        return None, None, ctx.transposed @ gradient.contiguous()
-
-
-def uniform_laplacian(faces, n):
-    """L v = v - mean of its neighbours, as `Linear` (n,n): 0 for a vertex without neighbours, and for translations."""
-    from scipy.sparse import coo_matrix, diags
-
-    f = np.asarray(faces, dtype=np.int64)
-    i = np.concatenate([f[:, [0, 1, 2]].ravel(), f[:, [1, 2, 0]].ravel()])
-    j = np.concatenate([f[:, [1, 2, 0]].ravel(), f[:, [0, 1, 2]].ravel()])
-    adjacent = coo_matrix((np.ones(len(i)), (i, j)), shape=(n, n)).tocsr()
-    adjacent.data[:] = 1.0
-    degree = np.asarray(adjacent.sum(1)).ravel()
-    return Linear((diags((degree > 0).astype(float)) - diags(1 / np.maximum(degree, 1)) @ adjacent).tocsr())
-
-
-def joint_centroids(skin_idx, skin_val, joints):
-    """A (K,n) as `Linear`: the mean of the vertices by their skinning weights; 0 for a joint that moves no vertex."""
-    from scipy.sparse import coo_matrix, diags
-
-    n, width = skin_idx.shape
-    rows, columns = np.asarray(skin_idx).ravel(), np.repeat(np.arange(n), width)
-    weights = coo_matrix((np.asarray(skin_val, dtype=np.float64).ravel(), (rows, columns)), shape=(joints, n)).tocsr()
-    sums = np.asarray(weights.sum(1)).ravel()
-    return Linear((diags(np.where(sums > 1e-9, 1 / np.maximum(sums, 1e-9), 0)) @ weights).tocsr())

@@ -33,7 +33,7 @@ class Conv(nn.Module):
         self.mode, self.up = mode, mode == "up"
         k = 3 if mode == "same" else 4
         shape = (inputs, outputs, k, k) if self.up else (outputs, inputs, k, k)
-        self.direction = nn.Parameter(torch.randn(shape) / (inputs * k * k) ** 0.5)  # |v| = 1: how fast it turns under Adam
+        self.direction = nn.Parameter(torch.randn(shape) / (inputs * k * k) ** 0.5)  # |v| = 1, so that it turns
         norm = gain * (2 / (1 + SLOPE**2)) ** 0.5 * (2 if self.up else 1)  # 4 of an "up" kernel's 16 taps meet a pixel
         self.gain = nn.Parameter(torch.full((outputs,), float(norm)))
         self.bias = nn.Parameter(torch.zeros(size, size, outputs))  # channels last
