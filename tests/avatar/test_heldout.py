@@ -109,6 +109,17 @@ def test_bad_input_is_one_message(avatar, arguments, message):
     assert printed.stdout == "" and "\n" not in str(printed.exception)
 
 
+def test_a_training_that_was_stopped_is_no_avatar_yet(tmp_path):
+    (tmp_path / "checkpoints").mkdir()
+    printed = CliRunner().invoke(app, ["evaluate", str(tmp_path)])
+    assert "holds no trained avatar" in str(printed.exception)
+
+
+def test_the_baseline_s_own_folder_can_be_evaluated(avatar):
+    found = evaluate_avatar(avatar / "baseline", sheets=False)["all"]
+    assert found["layered"] is None and found["baseline"]["mse"] > 0
+
+
 def test_a_run_of_another_topology_is_refused(avatar, sample_run, tmp_path):
     import zarr
 
