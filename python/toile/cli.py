@@ -165,7 +165,7 @@ def quality_within(budget, quality, capture, numbers):
 
 
 def is_avatar(path):
-    return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()  # a training that was stopped is told so
+    return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()  # a stopped training is told so
 
 
 def measure(path, frames, run):

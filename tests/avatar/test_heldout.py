@@ -112,7 +112,7 @@ def test_bad_input_is_one_message(avatar, arguments, message):
 def test_a_training_that_was_stopped_is_no_avatar_yet(tmp_path):
     (tmp_path / "checkpoints").mkdir()
     printed = CliRunner().invoke(app, ["evaluate", str(tmp_path)])
-    assert "holds no trained avatar" in str(printed.exception)
+    assert "holds no avatar" in str(printed.exception)
 
 
 def test_the_baseline_s_own_folder_can_be_evaluated(avatar):
