@@ -13,7 +13,7 @@ TYPES = {"scene", "kernels"}
 ALLOWED = {
     "scene": {"kernels"},
     "colours": set(), "curves": set(), "views": TYPES, "loops": TYPES | {"curves"}, "garment": TYPES, "settle": TYPES,
-    "evidence": TYPES | {"views"}, "ribbon": {"curves"}, "rims": TYPES | {"curves", "loops", "ribbon"},
+    "threads": {"kernels"}, "evidence": TYPES | {"threads", "views"}, "ribbon": {"curves"}, "rims": TYPES | {"curves", "loops", "ribbon"},
     "reconstruct": TYPES,
     "track": TYPES | {"settle"},
     "segment": TYPES | {"colours", "curves", "evidence", "ribbon", "views"},

@@ -34,5 +34,6 @@ void bind_skeleton(py::module_& m);
 void bind_inner(py::module_& m);
 void bind_raster(py::module_& m);
 void bind_occlusion(py::module_& m);
+void bind_sight(py::module_& m); ///< visibility of points, values read from pictures
 
 }  // namespace toile::bind

@@ -12,13 +12,13 @@ namespace toile::bind {
 namespace {
 
 /// The face's copy of the index: (face, point, barycentric, distance) as arrays.
-py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double radius) {
+py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double radius, const Indices& guesses) {
     std::vector<SurfacePoint> hits;
     {
         py::gil_scoped_release release;
         check_points("closest", "points", P);
         require(radius >= 0, "closest: radius is not a number >= 0");
-        hits = index.closest_each(P, radius);
+        hits = index.closest_each(P, radius, guesses);
     }
     const auto n = static_cast<Eigen::Index>(hits.size());
     Indices face(n);
@@ -46,13 +46,14 @@ Matrix checked_solve(const CholeskyFactor& factor, const Matrix& B) {
 }  // namespace
 
 void bind_geometry(py::module_& m) {
-    m.def("vertex_normals", [](const Vertices& V, const Faces& F) { check_mesh("vertex_normals", V, F); return vertex_normals(V, F); });
-    m.def("face_normals", [](const Vertices& V, const Faces& F) { check_mesh("face_normals", V, F); return face_normals(V, F); });
-    m.def("face_areas", [](const Vertices& V, const Faces& F) { check_mesh("face_areas", V, F); return face_areas(V, F); });
-    m.def("cotangent_laplacian", [](const Vertices& V, const Faces& F) { check_mesh("cotangent_laplacian", V, F); return cotangent_laplacian(V, F); });
-    m.def("voronoi_mass", [](const Vertices& V, const Faces& F) { check_mesh("voronoi_mass", V, F); return voronoi_mass(V, F); });
+    const auto free = py::call_guard<py::gil_scoped_release>();
+    m.def("vertex_normals", [](const Vertices& V, const Faces& F) { check_mesh("vertex_normals", V, F); return vertex_normals(V, F); }, free);
+    m.def("face_normals", [](const Vertices& V, const Faces& F) { check_mesh("face_normals", V, F); return face_normals(V, F); }, free);
+    m.def("face_areas", [](const Vertices& V, const Faces& F) { check_mesh("face_areas", V, F); return face_areas(V, F); }, free);
+    m.def("cotangent_laplacian", [](const Vertices& V, const Faces& F) { check_mesh("cotangent_laplacian", V, F); return cotangent_laplacian(V, F); }, free);
+    m.def("voronoi_mass", [](const Vertices& V, const Faces& F) { check_mesh("voronoi_mass", V, F); return voronoi_mass(V, F); }, free);
     m.def("boundary_loops", [](const Faces& F) { check_faces("boundary_loops", F, most_vertices); return boundary_loops(F); });
-    m.def("unique_edges", [](const Faces& F) { check_faces("unique_edges", F, most_vertices); return unique_edges(F); });
+    m.def("unique_edges", [](const Faces& F) { check_faces("unique_edges", F, most_vertices); return unique_edges(F); }, free);
     m.def("vertex_components", [](const Faces& F, Eigen::Index n) {
         require(n >= 0 && n <= most_vertices, "vertex_components: n is " + std::to_string(n));
         check_faces("vertex_components", F, n);
@@ -68,7 +69,7 @@ void bind_geometry(py::module_& m) {
         .def(py::init([](const Vertices& V, const Faces& F) {
             check_mesh("SurfaceIndex", V, F);
             return std::make_unique<SurfaceIndex>(V, F);
-        }))
+        }), free)
         .def("closest", &closest_arrays)
         .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from, double to) {
             require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +

@@ -31,4 +31,5 @@ PYBIND11_MODULE(_core, m) {
     bind_inner(m);
     bind_raster(m);
     bind_occlusion(m);
+    bind_sight(m);
 }

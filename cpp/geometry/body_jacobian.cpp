@@ -34,11 +34,9 @@ void BodyGradient::clear() {
     touched.clear();
 }
 
-PosedBody::PosedBody(const BodyModel& model, BodyState state, bool shape_derivatives)
-    : model_(model), state_(std::move(state)), shape_derivatives_(shape_derivatives) {
-    rest_ = shaped_vertices(model, state_.shape);
-    J_ = shaped_joints(model, state_.shape);
-    posed_ = pose_joints(model.parents, J_, state_.local, state_.translation);
+PosedBody::PosedBody(const BodyModel& model, std::shared_ptr<const ShapedBody> shaped, BodyState state, bool shape_derivatives)
+    : model_(model), state_(std::move(state)), shape_derivatives_(shape_derivatives), shaped_(std::move(shaped)) {
+    posed_ = pose_joints(model.parents, shaped_->J, state_.local, state_.translation);
     if (!shape_derivatives) return;
     dx_ = dc_ = Matrix::Zero(model.J_shapedirs.rows(), model.J_shapedirs.cols());
     for (int k = 0; k < model.joints(); ++k) {
@@ -66,12 +64,12 @@ Vec3 PosedBody::vertex(int v) const {
         const int k = model_.weights_idx(v, b);
         if (w != 0)
             sum +=
-                w * (posed_.rotation[static_cast<std::size_t>(k)] * (rest_.row(v) - J_.row(k)).transpose() + joint(k));
+                w * (posed_.rotation[static_cast<std::size_t>(k)] * (shaped_->rest.row(v) - shaped_->J.row(k)).transpose() + joint(k));
     }
     return sum;
 }
 
-Vertices PosedBody::vertices() const { return skin_vertices(model_, rest_, J_, posed_); }
+Vertices PosedBody::vertices() const { return skin_vertices(model_, shaped_->rest, shaped_->J, posed_); }
 
 void PosedBody::touch(int k, BodyGradient& out) const {
     const auto i = static_cast<std::size_t>(k);
@@ -90,7 +88,7 @@ void PosedBody::add_vertex(int v, const Vec3& direction, BodyGradient& out) cons
         if (w == 0) continue;
         const int bone = model_.weights_idx(v, b);
         const Mat3& R = posed_.rotation[static_cast<std::size_t>(bone)];
-        const Vec3 p = w * (R * (rest_.row(v) - J_.row(bone)).transpose() + joint(bone));
+        const Vec3 p = w * (R * (shaped_->rest.row(v) - shaped_->J.row(bone)).transpose() + joint(bone));
         A += w * R;
         if (shape_derivatives_)
             out.values.tail(model_.shapes()) += w * (dc_.middleRows(3 * bone, 3).transpose() * direction);

@@ -4,6 +4,7 @@
 // bone weights tie to joints below k then moves by (R_parent u_k) x (sum_b w_b (p_b - x_k)), where p_b is where bone b
 // alone would carry it and the sum runs over the bones at or below k.
 #pragma once
+#include <memory>
 #include <vector>
 
 #include "geometry/body_model.h"
@@ -14,6 +15,14 @@ struct BodyState {
     std::vector<Mat3> local;  ///< per joint, relative to its parent, about world axes at rest
     Vec3 translation = Vec3::Zero();
     Vector shape;
+};
+
+/// What depends on the shape alone.
+struct ShapedBody {
+    ShapedBody(const BodyModel& model, const Vector& shape)
+        : shape(shape), rest(shaped_vertices(model, shape)), J(shaped_joints(model, shape)) {}
+    Vector shape;
+    Vertices rest, J;  ///< (n,3), (K,3) [m]
 };
 
 /// Derivative of one scalar by (u_0 .. u_{K-1}, translation, shape); only the joints in `touched` are not zero.
@@ -32,7 +41,10 @@ private:
 
 class PosedBody {
 public:
-    PosedBody(const BodyModel& model, BodyState state, bool shape_derivatives);
+    PosedBody(const BodyModel& model, const BodyState& state, bool shape_derivatives)
+        : PosedBody(model, std::make_shared<ShapedBody>(model, state.shape), state, shape_derivatives) {}
+    /// `shaped` is that of the state's shape.
+    PosedBody(const BodyModel& model, std::shared_ptr<const ShapedBody> shaped, BodyState state, bool shape_derivatives);
 
     Vec3 vertex(int v) const;
     Vec3 joint(int k) const { return posed_.joints.row(k); }
@@ -49,7 +61,7 @@ private:
     const BodyModel& model_;
     BodyState state_;
     bool shape_derivatives_;
-    Vertices rest_, J_;
+    std::shared_ptr<const ShapedBody> shaped_;
     Posed posed_;
     Matrix dx_, dc_;  ///< (3K,S): derivatives of x_k, and of x_k - R_k J_k, by shape
 };

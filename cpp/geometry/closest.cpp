@@ -141,10 +141,11 @@ SurfaceIndex::~SurfaceIndex() = default;
 SurfaceIndex::SurfaceIndex(SurfaceIndex&&) noexcept = default;
 SurfaceIndex& SurfaceIndex::operator=(SurfaceIndex&&) noexcept = default;
 
-SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius) const {
+SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius, int guess) const {
     const State& s = *state_;
     Query q{&s.V, &s.F, p, s.scale, {}};
     q.best.distance = radius;
+    if (guess >= 0) take_if_nearer(q, guess);
     const Vec3 local = s.to_local(p);
     if (beyond_float(local)) {
         for (int f = 0; f < s.F.rows(); ++f) take_if_nearer(q, f);
@@ -154,7 +155,7 @@ SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius) const {
     query.x = static_cast<float>(local[0]);
     query.y = static_cast<float>(local[1]);
     query.z = static_cast<float>(local[2]);
-    const double wide = radius / s.scale * (1 + 1e-6) + 1e-6;
+    const double wide = q.best.distance / s.scale * (1 + 1e-6) + 1e-6;
     query.radius = wide < 1e30 ? static_cast<float>(wide) : std::numeric_limits<float>::infinity();
     RTCPointQueryContext context;
     rtcInitPointQueryContext(&context);
@@ -162,9 +163,16 @@ SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius) const {
     return q.best;
 }
 
-std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, double radius) const {
+std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, double radius, const Indices& guesses) const {
+    require(guesses.size() == 0 || guesses.size() == points.rows(),
+            "closest: guess has " + std::to_string(guesses.size()) + " entries, points " + std::to_string(points.rows()));
+    for (Eigen::Index i = 0; i < guesses.size(); ++i)
+        require(guesses[i] < state_->F.rows(), "closest: guess[" + std::to_string(i) + "] is face " + std::to_string(guesses[i]) +
+                                                   " of " + std::to_string(state_->F.rows()));
     std::vector<SurfacePoint> out(static_cast<std::size_t>(points.rows()));
-    parallel_for(points.rows(), [&](std::int64_t i) { out[static_cast<std::size_t>(i)] = closest(Vec3(points.row(i)), radius); });
+    parallel_for(points.rows(), [&](std::int64_t i) {
+        out[static_cast<std::size_t>(i)] = closest(Vec3(points.row(i)), radius, guesses.size() > 0 ? guesses[i] : -1);
+    });
     return out;
 }
 

@@ -30,8 +30,10 @@ public:
     SurfaceIndex(SurfaceIndex&&) noexcept;
     SurfaceIndex& operator=(SurfaceIndex&&) noexcept;
 
-    SurfacePoint closest(const Vec3& p, double radius = 1e30) const;
-    std::vector<SurfacePoint> closest_each(const Vertices& points, double radius = 1e30) const;  ///< parallel
+    /// A face near the point may be guessed (-1: none): it saves time and changes nothing.
+    SurfacePoint closest(const Vec3& p, double radius = 1e30, int guess = -1) const;
+    /// In parallel; `guesses` are as many as points, or none.
+    std::vector<SurfacePoint> closest_each(const Vertices& points, double radius = 1e30, const Indices& guesses = {}) const;
     RayHit first_hit(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
     bool occluded(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
 

@@ -219,7 +219,7 @@ namespace {
 
 SkeletonResult result_of(const BodyModel& model, const Problem& problem, const BodyState& state, const System& system) {
     SkeletonResult r;
-    const PosedBody body(model, state, false);
+    const PosedBody body = problem.posed(state);
     r.pose = pose_of(state);
     r.V = body.vertices();
     r.joints.resize(model.joints(), 3);
@@ -230,10 +230,19 @@ SkeletonResult result_of(const BodyModel& model, const Problem& problem, const B
     return r;
 }
 
+std::unique_ptr<ScanSurface> surface_of(const SkeletonFrame& frame) {
+    return frame.scan_F.rows() ? std::make_unique<ScanSurface>(frame.scan_V, frame.scan_F) : nullptr;
+}
+
 }  // namespace
 
 SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
     check_frame(frame, model_);
+    const auto scan = surface_of(frame);
+    return solve_on(scan.get(), frame);
+}
+
+SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonFrame& frame) const {
     const SkeletonOptions& o = options_;
     const bool warm = !frame.start.empty();
     const Vector area = area_shares(model_, vertex_weights_, samples_);
@@ -245,8 +254,6 @@ SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
         place_rigidly(model_, frame, state);
         if (frame.keypoints.index.size()) fit_keypoints(problem, state, o);
     }
-    std::unique_ptr<ScanSurface> scan;
-    if (frame.scan_F.rows()) scan = std::make_unique<ScanSurface>(frame.scan_V, frame.scan_F);
     problem.keypoint_robust = o.keypoint_robust;
     double reach = warm ? o.reach : std::max(o.reach, o.reach_start), damping = 1e-4;
     std::vector<double> energies;
@@ -256,7 +263,7 @@ SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
     bool settled = false;  // the last step was taken within the final reach
     for (int i = 0; i < o.max_iterations; ++i) {
         problem.surface_robust = o.surface_robust * reach / o.reach;
-        const Vertices Y = PosedBody(model_, state, false).vertices();
+        const Vertices Y = problem.posed(state).vertices();
         const double moved = i == 0 ? 1e30 : std::sqrt((Y - before).squaredNorm() / static_cast<double>(Y.rows()));
         if (moved < o.tolerance && settled) {
             stop = "converged";
@@ -284,41 +291,48 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
     require(rounds > 0, "skeleton: rounds must be positive");
     const int S = model_.shapes();
     const Vector area = area_shares(model_, vertex_weights_, samples_);
-    std::vector<SkeletonResult> results;
+    for (const SkeletonFrame& frame : frames) check_frame(frame, model_);
+    const auto each_frame = [&](auto&& work) {
+        parallel_for(static_cast<std::int64_t>(frames.size()), [&](std::int64_t f) { work(static_cast<std::size_t>(f)); }, 1);
+    };
+    std::vector<std::unique_ptr<ScanSurface>> scans(frames.size());
+    std::vector<SkeletonResult> results(frames.size());
+    each_frame([&](std::size_t f) {  // each by itself; the mean shape starts the joint solve
+        scans[f] = surface_of(frames[f]);
+        results[f] = solve_on(scans[f].get(), frames[f]);
+    });
     Vector shape = Vector::Zero(S);
-    for (const SkeletonFrame& frame : frames) {  // each by itself; the mean shape starts the joint solve
-        results.push_back(solve(frame));
-        shape += results.back().pose.shape / static_cast<double>(frames.size());
-    }
+    for (const SkeletonResult& r : results) shape += r.pose.shape / static_cast<double>(frames.size());
     if (S == 0) return results;
     SkeletonOptions fixed = options_;
     fixed.solve_shape = false;
     const SkeletonSolver poses(model_, joint_sigma_, joint_limit_, vertex_weights_, fixed);
     for (int round = 0; round <= rounds; ++round) {
-        MatrixXd H = MatrixXd::Zero(S, S);
-        Vector g = Vector::Zero(S);
-        for (std::size_t f = 0; f < frames.size(); ++f) {
+        std::vector<MatrixXd> H_of(frames.size());
+        std::vector<Vector> g_of(frames.size());
+        each_frame([&](std::size_t f) {
             SkeletonFrame frame = frames[f];
             frame.start = {results[f].pose};
             frame.start[0].shape = shape;
-            results[f] = poses.solve(frame);
-            if (round == rounds) continue;
+            results[f] = poses.solve_on(scans[f].get(), frame);
+            if (round == rounds) return;
             Problem problem(model_, joint_sigma_, joint_limit_, area, frame, options_, true);
             problem.keypoint_robust = options_.keypoint_robust;
             problem.surface_robust = options_.surface_robust;
-            if (frame.scan_F.rows())
-                problem.matches = ScanSurface(frame.scan_V, frame.scan_F)
-                                      .match(results[f].V, vertex_normals(results[f].V, model_.F), samples_,
-                                             options_.reach, options_.min_cosine);
+            if (scans[f])
+                problem.matches = scans[f]->match(results[f].V, vertex_normals(results[f].V, model_.F), samples_, options_.reach,
+                                                  options_.min_cosine);
             const System s = problem.linearise(state_of(results[f].pose, model_));
             const int P = problem.shape_start();
             const MatrixXd C = s.H.bottomLeftCorner(S, P).transpose();
             const auto factor = damped_factor(s.H.topLeftCorner(P, P), 1e-9);
-            const MatrixXd full = s.H.bottomRightCorner(S, S).selfadjointView<Eigen::Lower>();
-            H += full - C.transpose() * factor.solve(C);
-            g += s.g.tail(S) - C.transpose() * factor.solve(s.g.head(P));
-        }
+            H_of[f] = MatrixXd(s.H.bottomRightCorner(S, S).selfadjointView<Eigen::Lower>()) - C.transpose() * factor.solve(C);
+            g_of[f] = s.g.tail(S) - C.transpose() * factor.solve(s.g.head(P));
+        });
         if (round == rounds) break;
+        MatrixXd H = MatrixXd::Zero(S, S);
+        Vector g = Vector::Zero(S);
+        for (std::size_t f = 0; f < frames.size(); ++f) H += H_of[f], g += g_of[f];
         const double excess =
             options_.shape_weight * static_cast<double>(frames.size() - 1);  // one prior, not one a frame
         H.diagonal().array() -= excess;

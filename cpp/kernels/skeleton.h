@@ -18,6 +18,10 @@
 
 namespace toile {
 
+namespace skeleton {
+class ScanSurface;
+}
+
 struct SkeletonOptions {
     double surface_weight = 200;       ///< independent observations that the whole surface counts as
     double surface_sigma = 0.005;      ///< [m]
@@ -86,6 +90,8 @@ public:
     std::vector<SkeletonResult> solve_shared(const std::vector<SkeletonFrame>& frames, int rounds = 4) const;
 
 private:
+    SkeletonResult solve_on(const skeleton::ScanSurface* scan, const SkeletonFrame& frame) const;
+
     BodyModel model_;
     Vector joint_sigma_, joint_limit_, vertex_weights_;
     SkeletonOptions options_;

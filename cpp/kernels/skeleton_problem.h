@@ -2,6 +2,7 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -48,7 +49,7 @@ public:
 
     /// Matches of samples within `reach` whose normals agree up to the scan's orientation, in order of the samples.
     std::vector<Match> match(const Vertices& Y, const Vertices& model_normals, const Indices& samples, double reach,
-                             double min_cosine) {
+                             double min_cosine) const {
         std::vector<Match> all(static_cast<std::size_t>(samples.size()));
         std::vector<double> cosine(all.size(), 0);
         parallel_for(samples.size(), [&](std::int64_t i) {
@@ -110,8 +111,14 @@ public:
     double keypoint_robust = 0, surface_robust = 0;
     std::vector<Match> matches;
 
+    /// Shapes seldom change from one step to the next.
+    PosedBody posed(const BodyState& state, bool shape_derivatives = false) const {
+        if (!shaped_ || shaped_->shape != state.shape) shaped_ = std::make_shared<ShapedBody>(model_, state.shape);
+        return {model_, shaped_, state, shape_derivatives};
+    }
+
     double energy(const BodyState& state) const {
-        const PosedBody body(model_, state, false);
+        const PosedBody body = posed(state);
         double e =
             parallel_sum<double>(static_cast<std::int64_t>(matches.size()), 0.0, [&](double& sum, std::int64_t i) {
                 const Match& m = matches[static_cast<std::size_t>(i)];
@@ -126,7 +133,7 @@ public:
     }
 
     System linearise(const BodyState& state) const {
-        const PosedBody body(model_, state, free_shape_);
+        const PosedBody body = posed(state, free_shape_);
         System zero;
         zero.H = MatrixXd::Zero(unknowns_, unknowns_);
         zero.g = Vector::Zero(unknowns_);
@@ -176,6 +183,7 @@ private:
     std::vector<int> column_;
     int unknowns_ = 0, translation_ = 0;
     BodyState predicted_;  // empty without earlier frames
+    mutable std::shared_ptr<const ShapedBody> shaped_;  // of the last state
 
     void predict() {
         if (frame_.previous.empty()) return;

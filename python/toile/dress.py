@@ -9,7 +9,7 @@ from .curves import isolines
 from .garment import carry, transfer_skin, unwrap
 from .loops import LoopMatch, loop_length, match_loops, name_loops
 from .rims import Rivals, trace_loop
-from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate
+from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate, Mesh
 from .settle import Settler
 
 
@@ -128,12 +128,14 @@ class Dresser:
         inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < 100:
             raise CaptureError(f"frame {frame.number}: dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
-        vertices = self.settler.solve(V, F[inside], start, self._boundary(matches))
-        rivals = Rivals(V, F, segmented, t.label)
+        cloth = Mesh(V, F[inside])
+        vertices = self.settler.solve(cloth, start, self._boundary(matches))
         if s.trace and evidence.views:
-            matches = [trace_loop(vertices, t.faces, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
-            vertices = self.settler.solve(V, F[inside], self._lay(vertices, matches), self._boundary(matches), steps=2)
-        confidence, distance = self._confidence(vertices, V, F[inside])
+            rivals = Rivals(V, F, segmented, t.label)
+            garment = Mesh(vertices, t.faces)
+            matches = [trace_loop(garment, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
+            vertices = self.settler.solve(cloth, self._lay(vertices, matches), self._boundary(matches), steps=2)
+        confidence, distance = self._confidence(vertices, cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
         diagnostics = self._diagnostics(vertices, matches, strange, tracked, confidence, distance, start)
@@ -148,12 +150,12 @@ class Dresser:
         pairs = zip(self.template.loops, matches)
         return [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop_observed]
 
-    def _confidence(self, vertices, V, F):
+    def _confidence(self, vertices, cloth):
         """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""
         from scipy.spatial import cKDTree
 
         s = self.settings
-        _, _, _, distance = kernels.SurfaceIndex(V, F).closest(vertices)
+        _, _, _, distance = cloth.index.closest(vertices)
         confidence = np.full(len(vertices), HIDDEN, np.uint8)
         seen = distance < s.observed
         if seen.any():

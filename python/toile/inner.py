@@ -23,7 +23,7 @@ class InnerLayer:
         self.model, self.shape, self.templates = model, inner_shape, templates
         self.solver = kernels.InnerSolver(model, person.shape, person.J)
         self.margin = settings.margin
-        self.skin_faces = _largest_component(model)
+        self.skin_faces, self.untanglers = _largest_component(model), {}
 
     def solve(self, tracked, segmented, dressed):
         """The inner body of one frame, then every garment out of the body and of the garments under it."""
@@ -39,18 +39,25 @@ class InnerLayer:
         return Inner(V, confidence, garments, left, diagnostics | {"intersections_left": float(left)})
 
     def _untangle(self, V, dressed):
-        obstacles, garments, diagnostics, left = [(V, self.skin_faces)], {}, {}, 0
+        obstacles, garments, diagnostics, left = [("", V, self.skin_faces)], {}, {}, 0
         for template in self.templates:
             cloth, pairs = dressed[template.name].vertices, 0
-            for body_V, body_F in obstacles:
-                moved = kernels.untangle(cloth, template.faces, body_V, body_F, margin=self.margin)
+            for under, body_V, body_F in obstacles:
+                moved = self._untangler(template, under, body_F, len(body_V)).solve(cloth, body_V)
                 cloth = np.asarray(moved.V)
                 pairs += int(moved.intersections_left)
                 diagnostics[f"{template.name}_depth_before_m"] = float(np.max(moved.depth_before, initial=0))
             garments[template.name] = cloth
             left += pairs
-            obstacles.append((cloth, template.faces))
+            obstacles.append((template.name, cloth, template.faces))
         return garments, diagnostics, left
+
+    def _untangler(self, template, under, body_F, body_n):
+        """Of a garment from what lies under it; "" is the skin."""
+        key = template.name, under
+        if key not in self.untanglers:
+            self.untanglers[key] = kernels.UntangleSolver(template.faces, len(template.rest), body_F, body_n, margin=self.margin)
+        return self.untanglers[key]
 
 
 def _visible(tracked, segmented, templates):

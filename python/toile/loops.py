@@ -52,7 +52,7 @@ def match_loops(loops, curves, settings):
     if not rims:
         return [LoopMatch(l, np.zeros(len(l), bool), np.full(len(l), np.nan)) for l in loops], 0.0
     P, T = np.concatenate([r.points for r in rims]), np.concatenate([tangents(r) for r in rims])
-    at = [loop.copy() for loop in loops]
+    at, fillers = [loop.copy() for loop in loops], [Filler(len(loop)) for loop in loops]
     owner = np.concatenate([np.full(len(l), i) for i, l in enumerate(loops)])
     for step in range(settings.loop_iterations):
         fade = step / max(settings.loop_iterations - 1, 1)
@@ -62,7 +62,7 @@ def match_loops(loops, curves, settings):
         for i, loop in enumerate(loops):
             target, observed, _ = _nearest_rim(at[i], P[claimed == i], T[claimed == i], reach, settings.loop_cosine)
             if observed.sum() >= 3:
-                at[i] = loop + fill(target - loop, observed, at[i], bending)
+                at[i] = loop + fillers[i](target - loop, observed, at[i], bending)
     matches, used = [], np.zeros(len(P), bool)
     claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
     for i in range(len(loops)):
@@ -92,19 +92,29 @@ def _nearest_rim(at, P, T, reach, cosine):
     return target, found, np.where(found, d, np.nan)
 
 
-def fill(wanted, known, at, bending, stay=1e-6):
-    """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 on a closed curve (k,3).
+class Filler:
+    """Displacements of a closed curve of k points from those that are known; the matrix' pattern is kept."""
 
-    P takes away all but a trace of what runs along the curve `at`: a loop slides along its rim until its own length
-    is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known stay by `stay`."""
-    from scipy.sparse import block_diag, identity, kron
+    def __init__(self, k):
+        i, c = np.arange(k), np.arange(3)
+        beside = (i[:, None] + np.arange(-2, 3)) % k
+        along = np.broadcast_to(3 * i[:, None, None] + c, (k, 5, 3)), 3 * beside[..., None] + c
+        blocks = np.broadcast_to(3 * i[:, None, None] + c[:, None], (k, 3, 3)), np.broadcast_to(3 * i[:, None, None] + c, (k, 3, 3))
+        self.k = k
+        self.entries = tuple(np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(along, blocks))
+        self.factor = kernels.CholeskyFactor()
 
-    k = len(at)
-    way = tangents(Curve(at, True))
-    P = known[:, None, None] * (np.eye(3) - (1 - _SLIDE) * way[:, :, None] * way[:, None, :])
-    eye = identity(k, format="csr")
-    D = eye[np.r_[1:k, 0]] - eye
-    B = D @ D[np.r_[k - 1, 0 : k - 1]]
-    smooth = kron(bending * (B.T @ B) + (_STRETCH + 1e-3 * bending) * (D.T @ D), np.eye(3))
-    A = (smooth + block_diag(list(P + stay * np.eye(3)))).tocsc()
-    return kernels.CholeskyFactor().factorize(A).solve(np.einsum("kij,kj->ki", P, wanted).reshape(-1, 1)).reshape(k, 3)
+    def __call__(self, wanted, known, at, bending, stay=1e-6):
+        """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 for wanted, at, d (k,3).
+
+        P takes away all but a trace of what runs along the curve `at`: a loop slides along its rim until its own length
+        is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known stay by `stay`."""
+        from scipy.sparse import coo_matrix
+
+        way = tangents(Curve(at, True))
+        P = known[:, None, None] * (np.eye(3) - (1 - _SLIDE) * way[:, :, None] * way[:, None, :])
+        stretch = _STRETCH + 1e-3 * bending
+        stencil = bending * np.array([1, -4, 6, -4, 1]) + stretch * np.array([0, -1, 2, -1, 0])
+        values = np.concatenate([np.tile(np.repeat(stencil, 3), self.k), (P + stay * np.eye(3)).ravel()])
+        A = coo_matrix((values, self.entries), shape=(3 * self.k,) * 2).tocsc()
+        return self.factor.factorize(A).solve(np.einsum("kij,kj->ki", P, wanted).reshape(-1, 1)).reshape(-1, 3)

@@ -251,7 +251,7 @@ class _Run:
         """(Segmented, Evidence) of a frame."""
         settings, faces = self.config.segment, self.model.f
         evidence = segment.evidence(frame, self.capture.cameras, colours, tracked, faces, settings)
-        return segment.segment(self.scene, evidence, colours, frame, tracked, faces, settings, previous), evidence
+        return segment.segment(self.scene, evidence, colours, tracked, faces, settings, previous), evidence
 
     # Every frame: track, segment, dress -------------------------------------------------------------------------
 

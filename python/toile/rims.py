@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from . import kernels
 from .curves import Curve, resample, smooth, tangents
-from .loops import LoopMatch, fill
+from .loops import Filler, LoopMatch
 from .ribbon import Ribbon
 
 _BOUND = 0.01  # way that a loop follows background alone [m]
@@ -29,25 +28,25 @@ class Rivals:
         return self.columns[self.tree.query(points)[1]]
 
 
-def trace_loop(V, F, loop, evidence, rivals, match, settings):
-    """The LoopMatch of one loop of the garment (V,F) that already lies within `rim_reach` of its rim.
+def trace_loop(garment, loop, evidence, rivals, match, settings):
+    """The LoopMatch of one loop of the garment, a Mesh that already lies within `rim_reach` of its rim.
 
     Along a strip that continues the garment past its loop, the pictures tell where cloth ends. Where they do not, the
     loop follows its seen neighbours; where they hardly do anywhere, `match` stands."""
     spacing = evidence.settings.rim_spacing
-    curve = resample(Curve(V[loop], True), spacing)
+    curve = resample(Curve(garment.vertices[loop], True), spacing)
     curve = Curve(smooth(curve.points, True, 0.008 / spacing), True)
-    offset, rim, sides = Ribbon(curve, _strip(V, F, curve), free=True).cut(evidence, rivals.column, rivals(curve.points))
+    offset, rim, sides = Ribbon(curve, _strip(garment, curve), free=True).cut(evidence, rivals.column, rivals(curve.points))
     seen = _sure(offset, sides) > settings.loop_sure
     if seen.mean() < settings.loop_observed:
         return match
-    at = V[loop]
+    at = garment.vertices[loop]
     nearest = np.linalg.norm(at[:, None] - curve.points, axis=2).argmin(1)
     way = tangents(Curve(at, True))
     wanted = rim.points[nearest] - at
     wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
     observed = seen[nearest]
-    move = fill(wanted, observed, at, settings.loop_bending / 100, _STAY)
+    move = Filler(len(at))(wanted, observed, at, settings.loop_bending / 100, _STAY)
     return LoopMatch(at + move, observed, np.where(observed, np.linalg.norm(wanted - move, axis=1), np.nan))
 
 
@@ -58,9 +57,9 @@ def _sure(offset, sides):
     return np.where(np.abs(offset) < _BOUND, 0.5 * (inner + outer), np.minimum(inner, outer))
 
 
-def _strip(V, F, curve):
+def _strip(garment, curve):
     """The Ribbon's map: the garment's own surface on the left, its tangent plane beyond the loop."""
-    index, N = kernels.SurfaceIndex(V, F), kernels.vertex_normals(V, F)
+    index, N, F = garment.index, garment.normals, garment.faces
     face, _, bary, _ = index.closest(curve.points)
     normal = np.einsum("kc,kci->ki", bary, N[F[face]])
     normal = smooth(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9), True, 3.0)

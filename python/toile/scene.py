@@ -26,6 +26,36 @@ class Mesh:
     face_uv: np.ndarray | None = None  # (m,3) into uv
     face_labels: np.ndarray | None = None  # (m,) label ids, where a scan carries its own
 
+    # Made when first asked for, and kept for all stages.
+
+    @cached_property
+    def index(self):
+        """Closest points and rays."""
+        from .kernels import SurfaceIndex
+
+        return SurfaceIndex(self.vertices, self.faces)
+
+    @cached_property
+    def normals(self):
+        """Unit normals (n,3) of the vertices."""
+        from .kernels import vertex_normals
+
+        return vertex_normals(self.vertices, self.faces)
+
+    @cached_property
+    def face_normals(self):
+        """(m,3)"""
+        from .kernels import face_normals
+
+        return face_normals(self.vertices, self.faces)
+
+    @cached_property
+    def edges(self):
+        """Undirected edges (e,2), each once."""
+        from .kernels import unique_edges
+
+        return unique_edges(self.faces)
+
 
 @dataclass(frozen=True)
 class Camera:

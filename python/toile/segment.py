@@ -8,9 +8,9 @@ import numpy as np
 from . import kernels
 from .colours import ColourModel, fit_colours
 from .curves import Curve, isolines, pieces, resample, smooth, tangents
-from .evidence import Evidence, look, mean_over_views, soft_labels, spread_views
+from .evidence import Evidence, Picture, look, mean_over_views, sights, soft_labels, spread_views
 from .ribbon import Ribbon
-from .scene import CaptureError, Segmented
+from .scene import CaptureError, Mesh, Segmented
 from .views import occlusion_border
 
 
@@ -34,10 +34,10 @@ def prepare(scene, cameras, samples, faces, settings):
     seen = [(frame, look(frame, cameras, tracked.vertices, faces)) for frame, tracked in samples]
     for (frame, views), (_, tracked) in zip(seen, samples):
         N = kernels.vertex_normals(tracked.vertices, faces)
-        soft = {name: soft_labels(frame.labels[name], ids, settings) for name in views}
-        share, weight = mean_over_views(soft, views, tracked.vertices, N, settings)
+        soft = {name: Picture(soft_labels(frame.labels[name], ids, settings)) for name in views}
+        share, weight = mean_over_views(soft, sights(views, tracked.vertices, N, settings))
         votes += share * weight[:, None]
-    prior = _spread(votes, faces, rounds=1) + 1e-9
+    prior = _spread(votes, kernels.unique_edges(faces), rounds=1) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
     prior /= prior.sum(1, keepdims=True)
     return SegmentModel(ids, _fit(seen, prior, faces, ids, settings), prior)
@@ -45,34 +45,27 @@ def prepare(scene, cameras, samples, faces, settings):
 
 def evidence(frame, cameras, model, tracked, faces, settings):
     """What the frame's pictures say, seen past the scan and the tracked surface."""
-    V, F = _surface(frame, tracked, faces)
+    scan = Mesh(tracked.vertices, faces) if frame.scan is None else frame.scan
+    V, F = scan.vertices, scan.faces
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
     views = look(frame, spread_views(cameras, frame.labels, V.mean(0), settings.views), *both)
-    return Evidence(frame, views, V, F, model.ids, model.colours, settings)
+    return Evidence(frame, views, scan, model.ids, model.colours, settings)
 
 
-def _surface(frame, tracked, faces):
-    """The scan; where there is none, the tracked surface."""
-    return (tracked.vertices, faces) if frame.scan is None else (frame.scan.vertices, frame.scan.faces)
-
-
-def segment(scene, evidence, model, frame, tracked, faces, settings, previous=None):
+def segment(scene, evidence, model, tracked, faces, settings, previous=None):
     """Labels of one frame on the tracked vertices and on the scan (on the tracked surface where there is no scan)."""
-    scan_V, scan_F = _surface(frame, tracked, faces)
-    N = kernels.vertex_normals(scan_V, scan_F)
-    surface = kernels.SurfaceIndex(tracked.vertices, faces)
-    place = _interpolate(_place_costs(model, previous, settings), *_closest(surface, scan_V, faces))
-    cost, colour, observed = evidence.costs(scan_V, N)
-    labels = _solve(cost + place, scan_V, scan_F, colour, settings)
-    labels = _dissolve_islands(labels, scan_V, scan_F, settings.min_region)
+    scan, surface = evidence.scan, Mesh(tracked.vertices, faces)
+    place = _interpolate(_place_costs(model, previous, settings), *_closest(surface, scan.vertices))
+    cost, colour, observed = evidence.scan_costs()
+    labels = _solve(cost + place, scan, colour, settings)
+    labels = _dissolve_islands(labels, scan, settings.min_region)
 
-    probability = np.zeros((len(scan_V), len(model.ids)), np.float32)
-    probability[np.arange(len(scan_V)), labels] = 1
+    probability = np.zeros((len(scan.vertices), len(model.ids)), np.float32)
+    probability[np.arange(len(scan.vertices)), labels] = 1
     moved, rims = [], {}
-    scan_index = kernels.SurfaceIndex(scan_V, scan_F)
     for garment in scene.garments if settings.refine else ():
         column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
-        distance, curves, shift = _refine_border(labels, column, scan_V, scan_F, N, scan_index, evidence, settings)
+        distance, curves, shift = _refine_border(labels, column, evidence, settings)
         p = np.clip(0.5 + 0.5 * distance / settings.ramp, 0, 1)
         rest = np.delete(np.arange(len(model.ids)), column)
         others = probability[:, rest]
@@ -82,8 +75,8 @@ def segment(scene, evidence, model, frame, tracked, faces, settings, previous=No
         moved.append(shift)
         rims[scene.labels[garment.label]] = curves
     place = _place_costs(model, previous, settings)
-    vertex_labels = _tracked_labels(tracked, faces, scan_V, scan_F[evidence.seen], probability, evidence, place, settings)
-    face_labels = model.ids[probability[scan_F].sum(1).argmax(1)]
+    vertex_labels = _tracked_labels(surface, probability, evidence, place, settings)
+    face_labels = model.ids[probability[scan.faces].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {
         "seen": float(observed.mean()),
@@ -128,8 +121,8 @@ def _fit(seen, prior, faces, ids, settings):
     return fit_colours(rgb, given, prior[faces].mean(1)[place], ids, settings.wrong, settings.colour_iterations)
 
 
-def _spread(values, faces, rounds):
-    edges = kernels.unique_edges(faces)
+def _spread(values, edges, rounds):
+    """Sums over each vertex and its neighbours, `rounds` times."""
     for _ in range(rounds):
         out = values.copy()
         np.add.at(out, edges[:, 0], values[edges[:, 1]])
@@ -146,18 +139,19 @@ def _place_costs(model, previous, settings):
     return cost
 
 
-def _closest(index, points, faces):
-    face, _, bary, distance = index.closest(points)
-    return faces[face], bary
+def _closest(mesh, points):
+    """Corners (n,3) and barycentrics (n,3) of the closest points of a Mesh."""
+    face, _, bary, _ = mesh.index.closest(points)
+    return mesh.faces[face], bary
 
 
 def _interpolate(values, corners, bary):
     return np.einsum("nc,ncl->nl", bary, values[corners])
 
 
-def _solve(cost, V, F, colour, settings):
+def _solve(cost, mesh, colour, settings):
     """Potts MRF on the surface; an edge costs its length, less across an edge of the picture."""
-    edges = kernels.unique_edges(F)
+    edges, V = mesh.edges, mesh.vertices
     length = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
     difference = np.linalg.norm(colour[edges[:, 0]] - colour[edges[:, 1]], axis=1)
     weights = settings.smoothness * np.clip(length / max(length.mean(), 1e-12), 0, 2)
@@ -165,12 +159,12 @@ def _solve(cost, V, F, colour, settings):
     return np.asarray(kernels.mrf(cost - cost.min(1, keepdims=True), edges, weights).labels)
 
 
-def _dissolve_islands(labels, V, F, least):
+def _dissolve_islands(labels, mesh, least):
     """Regions of one label smaller than `least` [m^2] take the label around them, if they touch one."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    edges = kernels.unique_edges(F)
+    V, F, edges = mesh.vertices, mesh.faces, mesh.edges
     area = np.bincount(F.ravel(), np.repeat(kernels.face_areas(V, F) / 3, 3), minlength=len(V))
     labels = labels.copy()
     for _ in range(2):
@@ -196,14 +190,15 @@ def _runner_up(cost, rest):
     return out
 
 
-def _refine_border(labels, column, V, F, N, index, evidence, settings):
+def _refine_border(labels, column, evidence, settings):
     """The garment's border by the pictures' edges. Returns the signed distance (n,) [m] of scan vertices to it,
     positive on the garment, clipped at `ramp`; the border's curves in space; and their shifts [m]."""
     from scipy.spatial import cKDTree
 
-    inside = labels == column
+    scan = evidence.scan
+    V, F, inside = scan.vertices, scan.faces, labels == column
     distance = np.where(inside, settings.ramp, -settings.ramp)
-    soft = _spread(inside.astype(float), F, 2) / _spread(np.ones(len(V)), F, 2)
+    soft = _spread(inside.astype(float), scan.edges, 2) / _spread(np.ones(len(V)), scan.edges, 2)
     coarse = [c for c in isolines(V, F, soft) if c.length > 0.02]
     outside = np.flatnonzero(~inside)
     if not coarse or len(outside) == 0:
@@ -214,7 +209,7 @@ def _refine_border(labels, column, V, F, N, index, evidence, settings):
         curve = resample(curve, settings.rim_spacing)
         curve = Curve(smooth(curve.points, curve.closed, 3.0), curve.closed)
         rival = labels[outside[rivals.query(curve.points)[1]]]
-        left, strip = _strip(curve, N, F, index)
+        left, strip = _strip(curve, scan)
         offset, rim, sides = Ribbon(curve, strip).cut(evidence, column, rival)
         at.append(curve.points)
         across.append(left)
@@ -229,29 +224,27 @@ def _refine_border(labels, column, V, F, N, index, evidence, settings):
     return distance, tuple(rims), shift
 
 
-def _strip(curve, N, F, index):
+def _strip(curve, scan):
     """Unit directions (k,3) across the curve, in the surface, towards the garment; and the Ribbon's map onto the scan."""
-    face, _, bary, _ = index.closest(curve.points)
-    left = np.cross(_interpolate(N, F[face], bary), tangents(curve))
+    left = np.cross(_interpolate(scan.normals, *_closest(scan, curve.points)), tangents(curve))
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
 
     def surface(across):
         at = curve.points[:, None] + across[..., None] * left[:, None]
-        face, points, bary, _ = index.closest(at.reshape(-1, 3))
-        return points.reshape(at.shape), _interpolate(N, F[face], bary).reshape(at.shape)
+        face, points, bary, _ = scan.index.closest(at.reshape(-1, 3))
+        return points.reshape(at.shape), _interpolate(scan.normals, scan.faces[face], bary).reshape(at.shape)
 
     return left, surface
 
 
-def _tracked_labels(tracked, faces, scan_V, scan_F, probability, evidence, place, settings):
-    """Columns (n,) per tracked vertex: those of the scan's faces `scan_F` that pictures show, where one is near or where
-    no picture shows the vertex; the pictures' elsewhere; and the neighbours'."""
-    V = tracked.vertices
-    face, _, bary, distance = kernels.SurfaceIndex(scan_V, scan_F).closest(V)
-    p = _interpolate(probability, scan_F[face], bary)
-    cost, colour, seen = evidence.costs(V, kernels.vertex_normals(V, faces))
+def _tracked_labels(surface, probability, evidence, place, settings):
+    """Columns (n,) per tracked vertex: those of the scan's faces that pictures show, where one is near or where no picture
+    shows the vertex; the pictures' elsewhere; and the neighbours'."""
+    face, _, bary, distance = evidence.shown.index.closest(surface.vertices)
+    p = _interpolate(probability, evidence.shown.faces[face], bary)
+    cost, colour, seen = evidence.costs(surface.vertices, surface.normals)
     cost += place
     near = distance < settings.tolerance
     cost[~seen] = -2 * np.log(p[~seen] + 0.02)
     cost[near] = -4 * np.log(p[near] + 1e-3)
-    return _solve(cost, V, faces, colour, settings.model_copy(update={"smoothness": 0.5 * settings.smoothness}))
+    return _solve(cost, surface, colour, settings.model_copy(update={"smoothness": 0.5 * settings.smoothness}))

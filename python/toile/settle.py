@@ -20,33 +20,39 @@ class Settler:
     def __init__(self, V, F, stiffness):
         from scipy.sparse import diags
 
-        self.F, self.n = F, len(V)
+        self.F = F
         L, M = kernels.cotangent_laplacian(V, F), kernels.voronoi_mass(V, F)
         M = np.maximum(M, 1e-6 * M.mean())
         self.bending = (L.T @ diags(M.mean() / M) @ L).tocsc()
+        self.bending.sort_indices()
+        column = np.repeat(np.arange(len(V)), np.diff(self.bending.indptr))
+        self.diagonal = np.flatnonzero(self.bending.indices == column)
         self.factor = kernels.CholeskyFactor()
         self.steps = [(stiffness * factor, gate) for factor, gate in zip((60, 20, 6, 2, 1, 1), _GATES)]
 
-    def solve(self, scan_V, scan_F, start, boundary, steps=6):
-        """Fitted vertices (n,3) from `start` (n,3); `boundary` [(vertex indices, closed polyline (k,3))]; only the last
-        `steps` of the schedule for a start within millimetres."""
-        from scipy.sparse import diags
-
-        index, normals = kernels.SurfaceIndex(scan_V, scan_F), kernels.face_normals(scan_V, scan_F)
-        border = _border_vertices(scan_F, len(scan_V))
-        V = np.array(start, dtype=np.float64)
+    def solve(self, scan, start, boundary, steps=6):
+        """Fitted vertices (n,3) from `start` (n,3) to a Mesh; `boundary` [(vertex indices, closed polyline (k,3))]; only
+        the last `steps` of the schedule for a start within millimetres."""
+        border = _border_vertices(scan.faces, len(scan.vertices))
+        V, face = np.array(start, dtype=np.float64), ()
         for stiffness, gate in self.steps[-steps:]:
-            face, point, bary, distance = index.closest(V)
-            n = normals[face]
+            face, point, bary, distance = scan.index.closest(V, guess=face)
+            n = scan.face_normals[face]
             facing = np.einsum("ni,ni->n", n, kernels.vertex_normals(V, self.F))
-            rim = border[scan_F[face]]  # a face at the scan's border may belong to what is under the cloth
+            rim = border[scan.faces[face]]  # a face at the scan's border may belong to what is under the cloth
             beyond = (rim & (bary > 1e-6)).any(1) & (rim.sum(1) > 1)
             w = ((facing > _COSINE) & (distance < gate) & ~beyond).astype(np.float64)
             t = np.einsum("ni,ni->n", n, point - V)[:, None] * n
             for vertices, curve in boundary:
                 w[vertices], t[vertices] = _RIM, _to_curve(V[vertices], curve)
-            V = V + self.factor.factorize(stiffness * self.bending + diags(w + 1e-6)).solve(w[:, None] * t)
+            V = V + self._factored(stiffness, w + 1e-6).solve(w[:, None] * t)
         return V
+
+    def _factored(self, stiffness, weights):
+        """The factor of stiffness * bending + diag(weights)."""
+        A = stiffness * self.bending
+        A.data[self.diagonal] += weights
+        return self.factor.factorize(A)
 
 
 def _border_vertices(F, n):

@@ -93,7 +93,7 @@ class _Surface:
 
     def fit(self, scan, start):
         """-> vertices (n,3) and confidence (n,)."""
-        V = self.settler.solve(scan.vertices, scan.faces, start, ())
+        V = self.settler.solve(scan, start, ())
         confidence = self._confidence(V, scan)
         if not (confidence == OBSERVED).any():
             raise CaptureError("scan.ply: the scan and the posed body do not overlap")
@@ -101,10 +101,9 @@ class _Surface:
 
     def _confidence(self, V, scan):
         """Observed where the scan is near and faces the same way; interpolated beside that; else hidden."""
-        index = kernels.SurfaceIndex(scan.vertices, scan.faces)
-        face, _, _, distance = index.closest(V, self.settings.interpolated)
+        face, _, _, distance = scan.index.closest(V, self.settings.interpolated)
         normals = kernels.vertex_normals(V, self.model.f)
-        same_side = np.einsum("ni,ni->n", normals, kernels.face_normals(scan.vertices, scan.faces)[face]) > 0.3
+        same_side = np.einsum("ni,ni->n", normals, scan.face_normals[face]) > 0.3
         near = (face >= 0) & same_side
         confidence = np.where(near & (distance < self.settings.observed), OBSERVED, np.where(near, INTERPOLATED, HIDDEN))
         for segment in ("eyes", "eye_sockets", "mouth_interior", "tongue"):

@@ -18,22 +18,24 @@ class View:
         self.depth, self.face = result.depth, result.face
 
     def see(self, points, normals, tolerance, min_cosine):
-        """Pixels (n,2) of points (n,3), and weights (n,): the cosine to the view where visible, else 0."""
-        uv, clear = self.clearance(points)
-        ray = self.camera.centre - points
-        cosine = np.einsum("ni,ni->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
-        visible = (cosine > min_cosine) & (clear > -tolerance / np.maximum(cosine, min_cosine)) & np.isfinite(clear)
-        return uv, np.where(visible, cosine, 0.0)
+        """Pixels (n,2) of points (n,3), weights (n,): the cosine to the view where visible, else 0, and by how far (n,) [m]
+        each point lies before the surface: +inf where the picture shows none, -inf outside the picture."""
+        c = self.camera
+        return kernels.see(points, normals, c.K, c.distortion, c.T_camera_world, self.depth, tolerance, min_cosine)
 
-    def clearance(self, points):
-        """Pixels (n,2), and by how far (n,) [m] each point lies before the surface: +inf where the picture shows none,
-        -inf outside the picture."""
-        uv, z = self.camera.project(points)
-        column, row = (np.floor(uv[:, i]).astype(np.int64) for i in (0, 1))
-        inside = (z > 0) & (column >= 0) & (row >= 0) & (column < self.camera.width) & (row < self.camera.height)
-        at = np.full(len(points), -np.inf)
-        at[inside] = self.depth[row[inside], column[inside]]
-        return uv, at - z
+    def window(self, about, more):
+        """Slices (rows, columns) of the pixels within `about` [m] and `more` pixels of the surface's outline; at least two
+        by two."""
+        covered, size = self.face >= 0, self.face.shape
+        nearest = self.depth.min(initial=np.inf)
+        margin = more + (int(np.ceil(about * np.abs(self.camera.K[:2, :2]).max() / nearest)) if np.isfinite(nearest) else 0)
+        spans = []
+        for axis in (0, 1):
+            at = np.flatnonzero(covered.any(1 - axis))
+            first, last = (at[0] - margin, at[-1] + margin + 1) if len(at) else (0, 2)
+            first = int(np.clip(first, 0, size[axis] - 2))
+            spans.append(slice(first, int(np.clip(last, first + 2, size[axis]))))
+        return tuple(spans)
 
 
 def occlusion_border(depth, step, width):
@@ -45,14 +47,3 @@ def occlusion_border(depth, step, width):
     border = (cv2.dilate(finite, box) - cv2.erode(finite, box)) > step
     return cv2.dilate(border.astype(np.uint8), np.ones((2 * width - 1,) * 2, np.uint8)) > 0 if width > 0 else border
 
-
-def read(image, uv):
-    """Bilinear values (n, C) of an image (H,W,C) at pixels (n,2); pixel (0,0) has its centre at (0.5, 0.5)."""
-    h, w = image.shape[:2]
-    x = np.clip(uv[:, 0] - 0.5, 0, w - 1.001)
-    y = np.clip(uv[:, 1] - 0.5, 0, h - 1.001)
-    j, i = x.astype(np.int64), y.astype(np.int64)
-    a, b = (y - i)[:, None].astype(np.float32), (x - j)[:, None].astype(np.float32)
-    flat = image.reshape(h * w, -1)
-    k = i * w + j
-    return (1 - a) * ((1 - b) * flat[k] + b * flat[k + 1]) + a * ((1 - b) * flat[k + w] + b * flat[k + w + 1])

@@ -20,7 +20,7 @@ SLEEVE = Garment("sleeve", "templates/sleeve.obj", "sleeve")
 
 def dark(frame):
     """No camera."""
-    return Evidence(frame, {}, frame.scan.vertices, frame.scan.faces, np.array([1, 2], np.uint8), None, SegmentSettings())
+    return Evidence(frame, {}, frame.scan, np.array([1, 2], np.uint8), None, SegmentSettings())
 
 
 def pipe():
@@ -102,7 +102,7 @@ def test_missing_loop_is_said(scene):
 
 def test_settling_onto_itself_moves_nothing():
     V, F = sleeve(0.1)
-    moved = Settler(V, F, 0.05).solve(V, F, V, [])
+    moved = Settler(V, F, 0.05).solve(Mesh(V, F), V, [])
     assert np.abs(moved - V).max() < 1e-9
 
 
@@ -111,8 +111,8 @@ def test_settling_follows_a_rigid_motion_of_the_world():
     S, T = sleeve(0.104, rings=60, sectors=80)
     c, s = np.cos(0.5), np.sin(0.5)
     R, t = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([1.0, -2, 3])
-    a = Settler(V, F, 0.05).solve(S, T, V, [])
-    b = Settler(V, F, 0.05).solve(S @ R.T + t, T, V @ R.T + t, [])
+    a = Settler(V, F, 0.05).solve(Mesh(S, T), V, [])
+    b = Settler(V, F, 0.05).solve(Mesh(S @ R.T + t, T), V @ R.T + t, [])
     np.testing.assert_allclose(b, a @ R.T + t, atol=2e-4)  # a symmetric start ties for closest faces
 
 

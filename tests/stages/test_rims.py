@@ -37,7 +37,7 @@ def seen():
     labels = {name: np.where(view.face >= 0, CLOTH, 0).astype(np.uint8) for name, view in views.items()}
     frame = Frame(0, Mesh(V, F), None, {}, {}, labels)
     segmented = Segmented(np.zeros(0, np.uint8), np.full(len(F), CLOTH, np.uint8), np.zeros((len(V), 2)), IDS, {}, {})
-    return Evidence(frame, look(frame, cameras, V, F), V, F, IDS, None, SegmentSettings()), Rivals(V, F, segmented, CLOTH)
+    return Evidence(frame, look(frame, cameras, V, F), Mesh(V, F), IDS, None, SegmentSettings()), Rivals(V, F, segmented, CLOTH)
 
 
 
@@ -52,7 +52,7 @@ def test_a_free_rim_is_found_within_a_pixel_from_up_to_18_millimetres_off(seen, 
     V, F = cloth(low)
     loop = lowest_loop(V, F)
     none = LoopMatch(V[loop], np.zeros(len(loop), bool), np.full(len(loop), np.nan))
-    match = trace_loop(V, F, loop, *seen, none, DressSettings())
+    match = trace_loop(Mesh(V, F), loop, *seen, none, DressSettings())
     off = match.target[:, 2] - wavy(np.arctan2(match.target[:, 1], match.target[:, 0]))
     assert match.observed.mean() > 0.95
     assert np.abs(off).mean() < 0.005
@@ -63,5 +63,5 @@ def test_a_loop_that_no_camera_sees_stands(seen):
     V, F = cloth(0.7)
     loop = lowest_loop(V, F)
     stands = LoopMatch(V[loop] + 0.01, np.zeros(len(loop), bool), np.full(len(loop), np.nan))
-    dark = Evidence(None, {}, V, F, IDS, None, SegmentSettings())
-    assert trace_loop(V, F, loop, dark, seen[1], stands, DressSettings()) is stands
+    dark = Evidence(None, {}, Mesh(V, F), IDS, None, SegmentSettings())
+    assert trace_loop(Mesh(V, F), loop, dark, seen[1], stands, DressSettings()) is stands

@@ -67,7 +67,7 @@ def on_ball(camera, uv):
 
 def labelled(scene, cameras, model, frame, tracked, faces):
     seen = evidence(frame, cameras, model, tracked, faces, SegmentSettings())
-    return segment(scene, seen, model, frame, tracked, faces, SegmentSettings())
+    return segment(scene, seen, model, tracked, faces, SegmentSettings())
 
 
 def test_border_is_found_within_two_millimetres_under_shifted_labels_and_blobs(ball):

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from .. import kernels
-from ..views import occlusion_border, read
+from ..kernels import read
+from ..views import occlusion_border
 
 BORDER = (0.03, 2)  # colours within so many pixels of a depth step of so many metres mix two surfaces, see occlusion_border
 SEAM = 0.012  # a pixel this near to another layer may show it instead: registered borders err by as much [m]

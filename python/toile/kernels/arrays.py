@@ -39,10 +39,11 @@ def as_floats(kernel, name, values, shape):
     return array
 
 
-def as_sparse(kernel, name, values):
-    """Sparse float64 rows (scipy's csr), finite, with every index in range: the core trusts its structure."""
+def as_sparse(kernel, name, values, kind=sp.csr_matrix):
+    """Sparse float64 rows (scipy's csr, or another `kind`), finite, with every index in range: the core trusts its
+    structure."""
     try:
-        matrix = sp.csr_matrix(values, dtype=np.float64)
+        matrix = kind(values, dtype=np.float64)
         matrix.check_format(full_check=True)
     except (ValueError, TypeError, IndexError) as error:
         raise InputError(f"{kernel}: {name} is not a sparse matrix of numbers: {error}") from None

@@ -3,9 +3,10 @@
 import operator
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
 from .. import _core
-from .arrays import as_faces, as_floats, as_sparse, as_vertices
+from .arrays import as_faces, as_floats, as_indices, as_sparse, as_vertices
 
 
 def vertex_normals(V, F):
@@ -56,8 +57,8 @@ class CholeskyFactor:
         self._factor = _core.CholeskyFactor()
 
     def factorize(self, A):
-        """A (n,n) sparse, symmetric; the lower triangle is read. SolveError when it is not positive definite."""
-        self._factor.factorize(as_sparse("cholesky", "A", A).tocsc())
+        """A (n,n) sparse (csc spares a copy), symmetric; the lower triangle is read. SolveError when it is not positive definite."""
+        self._factor.factorize(as_sparse("cholesky", "A", A, csc_matrix))
         return self
 
     def solve(self, B):
@@ -79,9 +80,10 @@ class SurfaceIndex:
     def __init__(self, V, F):
         self._index = _core.SurfaceIndex(as_vertices("SurfaceIndex", "V", V), as_faces("SurfaceIndex", "F", F))
 
-    def closest(self, points, radius=np.inf):
-        """-> face (k,) int32, -1 beyond `radius` [m]; point (k,3); barycentric (k,3); distance (k,) [m]."""
-        return self._index.closest(as_vertices("closest", "points", points), float(radius))
+    def closest(self, points, radius=np.inf, guess=()):
+        """-> face (k,) int32, -1 beyond `radius` [m]; point (k,3); barycentric (k,3); distance (k,) [m]. A face near each
+        point may be guessed (k,): it saves time and changes nothing."""
+        return self._index.closest(as_vertices("closest", "points", points), float(radius), as_indices("closest", "guess", guess))
 
     def occluded(self, origins, directions, near=0.0, far=np.inf):
         """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""

@@ -1,0 +1,103 @@
+"""see and read: points before a camera, and what its picture says there."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from toile import kernels
+from toile.scene import Camera
+
+NO_NUMBER = [np.nan, np.inf]
+
+
+def camera(seed=0, size=(48, 64)):
+    """A tilted camera with every distortion, four metres before the origin."""
+    rng = np.random.default_rng(seed)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(rng.normal(0, 0.2, 3)).as_matrix(), [0.1, -0.2, 4]
+    K = np.array([[60.0, 0.3, 33], [0, 58, 25], [0, 0, 1]])
+    return Camera("a", size[1], size[0], K, rng.normal(0, 0.02, 5), T)
+
+
+def scene(n=500, seed=1):
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(n, 3))
+    return rng.normal(0, 1.2, (n, 3)), normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def see(c, points, normals, depth, tolerance=0.01, min_cosine=0.2):
+    return kernels.see(points, normals, c.K, c.distortion, c.T_camera_world, depth, tolerance, min_cosine)
+
+
+def test_pixels_and_clearance_are_those_of_the_camera():
+    c, (points, normals) = camera(), scene()
+    depth = np.random.default_rng(2).uniform(3, 5, c.size)
+    uv, weight, clearance = see(c, points, normals, depth)
+    expected, z = c.project(points)
+    assert np.abs(uv - expected).max() < 1e-9
+    inside = (z > 0) & (expected >= 0).all(1) & (expected < [c.width, c.height]).all(1)
+    assert 50 < inside.sum() < len(points) and (clearance[~inside] == -np.inf).all()
+    column, row = expected[inside].astype(int).T
+    assert np.abs(clearance[inside] - (depth[row, column] - z[inside])).max() < 1e-12
+    assert (weight[~inside] == 0).all()
+
+
+def test_visible_is_what_faces_the_camera_and_lies_before_the_surface():
+    c = camera()
+    points = c.centre + np.outer([3.9, 4.0, 4.02, 4.1], (-c.centre) / np.linalg.norm(c.centre))
+    towards = np.tile(c.centre / np.linalg.norm(c.centre), (4, 1))
+    z = c.to_camera(points)[1, 2]
+    depth = np.full(c.size, z)
+    assert np.allclose(see(c, points, towards, depth, 0.03)[1], [1, 1, 1, 0])
+    assert np.allclose(see(c, points, -towards, depth, 0.03)[1], 0)
+    assert np.allclose(see(c, points, towards, np.full(c.size, np.inf), 0.03)[1], 0)  # the picture shows no surface
+    axis = np.cross(towards[0], [0, 0, 1])
+    aslant = towards @ Rotation.from_rotvec(axis / np.linalg.norm(axis)).as_matrix().T  # by one radian
+    assert np.allclose(see(c, points[:2], aslant[:2], depth)[1], np.cos(1.0))
+    assert np.allclose(see(c, points[:2], aslant[:2], depth, min_cosine=0.6)[1], 0)
+
+
+def test_a_linear_picture_is_read_exactly_and_goes_on_beyond_its_rim():
+    row, column = np.mgrid[0:30, 0:40]
+    image = np.stack([column + 0.5, row + 0.5, np.ones((30, 40))], 2)
+    uv = np.random.default_rng(0).uniform([0.5, 0.5], [39.5, 29.5], (200, 2))
+    assert np.abs(kernels.read(image, uv)[:, :2] - uv).max() < 2e-3  # the last pixel is cut by 0.001
+    assert kernels.read(image, uv).dtype == np.float32
+    far = kernels.read(image, np.array([[-9.0, 3.5], [99, 3.5], [5, -1e9], [5, 1e9]]))
+    assert np.abs(far[:, :2] - [[0.5, 3.5], [39.5, 3.5], [5, 0.5], [5, 29.5]]).max() < 2e-3
+    assert np.allclose(far[:, 2], 1) and np.isfinite(kernels.read(image, np.array([[np.nan, 1.0], [np.inf, -np.inf]]))).all()
+
+
+def test_threads_do_not_change_a_bit(threads):
+    c, (points, normals) = camera(), scene(5000)
+    depth, image = np.random.default_rng(2).uniform(3, 5, c.size), np.random.default_rng(3).random((48, 64, 7))
+    answers = []
+    for n in (1, 2, 3, 8):
+        threads(n)
+        uv, weight, clearance = see(c, points, normals, depth)
+        answers.append((uv, weight, clearance, kernels.read(image, uv)))
+    for other in answers[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(answers[0], other))
+
+
+@pytest.mark.parametrize("value", NO_NUMBER)
+def test_bad_input_is_refused_by_name(value):
+    c, (points, normals) = camera(), scene(10)
+    depth, bad = np.ones(c.size), points.copy()
+    bad[4, 1] = value
+    with pytest.raises(kernels.InputError, match=r"see: points\[4\] is not finite"):
+        see(c, bad, normals, depth)
+    with pytest.raises(kernels.InputError, match="see: normals has 9 rows, points 10"):
+        see(c, points, normals[:9], depth)
+    with pytest.raises(kernels.InputError, match="see: tolerance is"):
+        see(c, points, normals, depth, tolerance=value)
+    with pytest.raises(kernels.InputError, match="see: min_cosine is"):
+        see(c, points, normals, depth, min_cosine=0.0)
+    with pytest.raises(kernels.InputError, match=r"see: depth has shape \(48,\)"):
+        see(c, points, normals, depth[:, 0])
+    with pytest.raises(kernels.InputError, match="read: the picture is 1 x 9 pixels"):
+        kernels.read(np.zeros((1, 9, 3)), np.zeros((2, 2)))
+    with pytest.raises(kernels.InputError, match=r"read: image has shape \(9, 9\)"):
+        kernels.read(np.zeros((9, 9)), np.zeros((2, 2)))
+    with pytest.raises(kernels.InputError, match=r"read: uv has shape \(2, 3\)"):
+        kernels.read(np.zeros((9, 9, 1)), np.zeros((2, 3)))
