@@ -58,7 +58,8 @@ def worker(options):
     import warnings
 
     from .draw import Draw
-    from .entries import ENTRIES, LAWFUL
+    from .entries import ENTRIES
+    from .laws import LAWFUL
 
     warnings.simplefilter("ignore")
     draw, run = ENTRIES[options.entries[0]]

@@ -10,7 +10,9 @@ from toile import kernels
 from toile.kernels import InputError, SolveError
 
 from .draw import Draw
-from .entries import ENTRIES, LAWFUL, sound_body
+from .bodies import sound_body
+from .entries import ENTRIES
+from .laws import LAWFUL
 
 V = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 F = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
