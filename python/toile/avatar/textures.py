@@ -189,10 +189,14 @@ def _disc(width):
 
 
 def _blurred(image, clear, texels):
-    """The picture as texels see it: one that spans several pixels takes their mean, so that fine prints do not alias."""
-    pixels = np.sqrt(clear.sum() / max(texels, 1))  # along a texel's side
-    image = image.astype(np.float32)
-    return cv2.GaussianBlur(image, (0, 0), 0.4 * pixels) if pixels > 1.5 else image
+    """The picture as texels see it: one that spans several pixels takes the mean of the clear ones, so that fine prints do
+    not alias and nothing bleeds in."""
+    image, pixels = image.astype(np.float32), np.sqrt(clear.sum() / max(texels, 1))  # pixels along a texel's side
+    if pixels <= 1.5:
+        return image
+    weight = clear[..., None].astype(np.float32)
+    total, weight = (cv2.GaussianBlur(x, (0, 0), 0.4 * pixels) for x in (image * weight, weight))
+    return total / np.maximum(weight, 1e-6)[..., None]
 
 
 def seams(layer, width):
