@@ -84,6 +84,7 @@ def test_known_points_project_through_a_samples_K_where_the_real_camera_sees_the
 
 
 def test_registered_vertices_fall_on_the_mask_and_the_garment_on_its_label(data):
+    on_label = []
     for sample in (data[i] for i in range(8)):
         p = sample["vertices.tshirt"] @ sample["T_camera_world"][:3, :3].T + sample["T_camera_world"][:3, 3]
         column, row = ((p @ sample["K"].T)[:, :2] / p[:, 2:]).long().T
@@ -91,7 +92,8 @@ def test_registered_vertices_fall_on_the_mask_and_the_garment_on_its_label(data)
         assert inside.float().mean() > 0.98  # the window is about the garment
         row, column = row[inside], column[inside]
         assert sample["mask"][row, column].mean() > 0.95
-        assert (sample["labels"][row, column] == 3).float().mean() > 0.75  # arms before the shirt
+        on_label.append(float((sample["labels"][row, column] == 3).float().mean()))
+    assert np.mean(on_label) > 0.8, on_label  # the rest lies behind arms
 
 
 def test_a_view_and_the_mean_over_views_agree_where_one_view_alone_saw_a_texel(data):
