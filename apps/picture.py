@@ -1,4 +1,5 @@
-"""The picture of the README from a run of the demo: captured, tracked surface, inner body, both layers."""
+"""The pictures of the README from a run of the demo: captured, tracked surface, inner body, both layers; and the avatar on
+a frame that it was not trained on, as a camera saw it and from places where no camera stands."""
 
 from pathlib import Path
 
@@ -25,6 +26,17 @@ def main():
     for parts in ([track], [body], [body, shirt]):
         tiles.append(render(parts, 0, size=SIZE))
     Image.fromarray(np.concatenate(tiles, axis=1)).save(ROOT / "docs" / "layers.jpg", quality=85)
+    avatar().save(ROOT / "docs" / "avatar.jpg", quality=85)
+
+
+def avatar():
+    """The whole window of the demo's sheet, and below it the unseen views."""
+    sheets = sorted((ROOT / "demo" / "avatar" / "sheets").glob("*.png"))
+    sheet, unseen = (np.asarray(Image.open(path)) for path in sheets)  # FRAME_CAMERA before FRAME_unseen
+    picture = np.full((len(unseen) * 2, unseen.shape[1], 3), unseen[-1, -1], np.uint8)
+    picture[: len(unseen), : sheet.shape[1]] = sheet[: len(unseen)]
+    picture[len(unseen) :] = unseen
+    return Image.fromarray(picture)
 
 
 if __name__ == "__main__":

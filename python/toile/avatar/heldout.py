@@ -19,7 +19,7 @@ from .metrics import pose_distance
 from .photometric import photometric
 
 WINDOW = ("frame", "camera", "image", "mask", "labels", "K", "T_camera_world")  # of a sample: both avatars show the same
-PAPER = 0.97  # behind a view that no camera took
+PAPER = 248 / 255  # behind a view that no camera took
 
 
 class HeldOut:
