@@ -25,7 +25,7 @@ def test_skinning_weights_differ_from_the_pipelines_and_sum_to_one(body):
     assert np.array_equal(body.model.f, model.f)
 
 
-@pytest.mark.parametrize("name", ["walk", "rom", "talk"])
+@pytest.mark.parametrize("name", ["walk", "rom", "talk", "talk+rom"])
 def test_motions_start_near_the_a_pose_and_are_continuous(body, name):
     from toile.studio import motion
 
@@ -33,6 +33,33 @@ def test_motions_start_near_the_a_pose_and_are_continuous(body, name):
     assert m.rotations.shape == (motion.RAMP + 12, len(body.J), 3)
     assert np.abs(m.rotations[0]).max() < np.radians(3)
     assert np.abs(np.diff(m.rotations, axis=0)).max() < np.radians(12)
+
+
+def test_joined_motions_share_the_frames_and_pass_smoothly_into_each_other(body):
+    from toile.studio import motion
+
+    n, half = 240, motion.JOIN // 2
+    cut = motion.RAMP + n // 2
+    joined = motion.make_motion("talk+rom", body, n, np.random.default_rng(4))
+    rng = np.random.default_rng(4)
+    talk = motion.eased(motion.talk(body, cut + half, rng))
+    rom = motion.range_of_motion(body, motion.RAMP + n - cut + half, rng)
+    assert joined.rotations.shape == (motion.RAMP + n, len(body.J), 3) and joined.grounded
+    assert np.allclose(joined.rotations[: cut - half], talk.rotations[: cut - half])
+    assert np.allclose(joined.rotations[cut + half :], rom.rotations[2 * half :])
+    bend = np.abs(np.diff(joined.rotations, n=2, axis=0)).max((1, 2))
+    assert bend[cut - half - 2 : cut + half].max() < 1.2 * max(bend[: cut - half].max(), bend[cut + half :].max())
+    assert np.abs(joined.rotations[cut]).max() > 0.05
+
+
+def test_a_long_range_of_motion_never_repeats_a_round(body):
+    from toile.studio import motion
+
+    turn = 12 * len(motion.ROM)
+    R = motion.range_of_motion(body, 4 * turn, np.random.default_rng(5)).rotations
+    limbs = [i for i, n in enumerate(body.model.joint_names) if not n.startswith("finger")]
+    rounds = [R[28 + k * turn : (k + 1) * turn, limbs] for k in range(4)]
+    assert all(np.abs(a - b).max() > 0.1 for i, a in enumerate(rounds) for b in rounds[:i])
 
 
 def test_talk_stays_within_the_joint_limits(body):

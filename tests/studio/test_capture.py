@@ -19,7 +19,8 @@ def digest(folder):
     "bad",
     [
         {"frames": 0}, {"cameras": -1}, {"size": 8}, {"seed": -1}, {"noise": float("nan")}, {"holes": 1.5},
-        {"label_errors": -0.1}, {"subject": "naked"}, {"motion": "swim"}, {"renderer": "mitsuba"}, {"scan_faces": 0},
+        {"label_errors": -0.1}, {"subject": "naked"}, {"motion": "swim"}, {"renderer": "oils"}, {"scan_faces": 0},
+        {"samples": 0}, {"image_step": 0}, {"span": float("nan")}, {"motion": "talk+swim"},
     ],
 )  # fmt: skip
 def test_options_out_of_range_are_refused_by_name(bad):
@@ -82,33 +83,96 @@ def test_an_existing_folder_is_refused_and_left_alone(bare):
     assert digest(bare[0]) == before
 
 
-def test_a_failed_capture_leaves_nothing_behind(tmp_path, monkeypatch, body):
+def test_a_capture_that_was_begun_with_other_options_is_refused(tmp_path):
     from toile.studio import make
 
-    monkeypatch.setattr(make, "write_capture", lambda *a: 1 / 0)
-    monkeypatch.setattr(make, "accepted_truth", lambda *a: (None, make.StudioReport(tmp_path, 0)))
-    with pytest.raises(ZeroDivisionError):
-        make_capture(tmp_path / "x", StudioOptions(garment=None, **TINY))
+    (tmp_path / "x.part" / "work").mkdir(parents=True)
+    make.begin(tmp_path / "x.part", StudioOptions(**TINY))
+    with pytest.raises(CaptureError, match="x.part: was begun with frames 2, not 3"):
+        make_capture(tmp_path / "x", StudioOptions(**TINY | {"frames": 3}))
+    (tmp_path / "y.part" / "frames").mkdir(parents=True)
+    with pytest.raises(CaptureError, match="y.part: is in the way"):
+        make_capture(tmp_path / "y", StudioOptions(**TINY))
+    assert not (tmp_path / "x").exists() and not (tmp_path / "y").exists()
+
+
+def test_bad_input_found_late_leaves_nothing_behind(tmp_path):
+    pytest.importorskip("anny")
+    with pytest.raises(CaptureError, match="missing.bvh"):
+        make_capture(tmp_path / "x", StudioOptions(garment=None, motion=str(tmp_path / "missing.bvh"), **TINY))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_discarded_seed_is_counted_and_replaced(monkeypatch):
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("moment", [("simulate", 1), ("simulate", 3), ("frames", 1)])
+def test_a_killed_capture_goes_on_to_the_same_bits(moment, stepped, tmp_path, monkeypatch):
+    from toile.studio import sequence
+
+    def kill(step, done, total):
+        if (step, done) == moment:
+            raise Killed
+
+    monkeypatch.setattr(sequence, "BLOCK", 2)
+    with pytest.raises(Killed):
+        make_capture(tmp_path / "x", StudioOptions(**STEPPED), kill)
+    assert not (tmp_path / "x").exists()
+    make_capture(tmp_path / "x", StudioOptions(**STEPPED))
+    assert digest(tmp_path / "x") == digest(stepped)
+    assert [p.name for p in tmp_path.iterdir()] == ["x"]
+
+
+STEPPED = dict(frames=4, cameras=2, size=64, seed=3, scan_faces=4000, garment="cut", motion="talk+rom", image_step=3)
+
+
+@pytest.fixture(scope="module")
+def stepped(tmp_path_factory):
+    pytest.importorskip("newton")
+    out = tmp_path_factory.mktemp("studio") / "stepped"
+    make_capture(out, StudioOptions(**STEPPED), workers=2)
+    return out
+
+
+def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
+    import zarr
+
+    from toile.capture import open_capture
+    from toile.pipeline import plan
+
+    capture = open_capture(stepped)
+    assert capture.frames == (0, 3) and capture.scene.fps == 30
+    assert [s.stage for s in plan(capture) if s.runs][-2:] == ["inner", "face"]
+    truth = zarr.open_group(str(stepped / "truth" / "truth.zarr"), mode="r")
+    assert list(truth["frames"][:]) == [0, 1, 2, 3]
+    assert len(truth["garment/tshirt/vertices"]) == len(truth.attrs["per_frame"]) == 4
+    V, joints = truth["body/vertices"][3], truth["joints"][3]
+    wrist = joints[truth.attrs["joint_names"].index("wrist.L")]
+    assert np.linalg.norm(V - wrist, axis=1).min() < 0.05
+
+
+def test_a_discarded_seed_is_counted_and_replaced(tmp_path, monkeypatch):
     from toile.studio import make
-    from toile.studio.sequence import Truth
     from toile.studio.truth import TruthRejected
 
     seen = []
 
-    def truth(options, seed, progress):
-        seen.append(seed)
-        if len(seen) < 3:
-            raise TruthRejected("frame 0: no")
-        return Truth(*[None] * 8, per_frame=[], figures={})
+    class Twice:
+        def __init__(self, folder, options, seed):
+            folder.mkdir()
+            seen.append(seed)
 
-    monkeypatch.setattr(make, "make_truth", truth)
-    _, report = make.accepted_truth(StudioOptions(seed=7), lambda *a: None)
+        def simulate(self, progress):
+            if len(seen) < 3:
+                raise TruthRejected("frame 0: no")
+
+    monkeypatch.setattr(make, "Sequence", Twice)
+    report, folder = make.accepted_sequence(tmp_path, StudioOptions(seed=7), None)
     assert len(report.rejected) == 2 and report.rejected[0].startswith("seed 7: frame 0")
     assert report.seed == seen[2] and len(set(seen)) == 3
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["attempt2", "rejected.json"]
+    assert make.accepted_sequence(tmp_path, StudioOptions(seed=7), None)[0].rejected == report.rejected
 
 
 @pytest.mark.slow

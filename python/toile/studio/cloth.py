@@ -43,11 +43,23 @@ class ClothSimulation:
             )
             self.state, self.next = self.model.state(), self.model.state()
             self.control = self.model.control()
-        self.body = np.asarray(body_V, np.float64)
+        self.rest, self.faces = np.asarray(V, np.float64), np.asarray(F, np.int32)
+        self.first_body, self.body_faces = np.asarray(body_V, np.float64), np.asarray(body_F, np.int32)
+        self.body = self.first_body
 
     @property
     def vertices(self):
         return self.state.particle_q.numpy().astype(np.float64)
+
+    @property
+    def velocities(self):
+        return self.state.particle_qd.numpy().copy()
+
+    def go_on_from(self, vertices, velocities, body):
+        """Takes up the state that another simulation of the same first body was left in: goes on to the same bits."""
+        self.state.particle_q.assign(np.asarray(vertices, np.float32))
+        self.state.particle_qd.assign(np.asarray(velocities, np.float32))
+        self.body = np.asarray(body, np.float64)
 
     def move(self, V):
         """Puts the cloth at V (n,3), at rest."""

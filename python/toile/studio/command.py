@@ -9,14 +9,17 @@ import typer
 
 
 def studio(
-    out: Annotated[Path, typer.Argument(help="folder of the new capture; must not exist")],
+    out: Annotated[Path, typer.Argument(help="folder of the new capture; OUT.part of a run that was cut short is gone on with")],
     frames: Annotated[int, typer.Option(help="number of frames, 30 a second")] = 20,
     cameras: Annotated[int, typer.Option(help="number of cameras in the ring")] = 8,
     size: Annotated[int, typer.Option(help="width and height of the pictures [px]")] = 512,
     seed: Annotated[int, typer.Option(help="same seed, same bits")] = 0,
-    renderer: Annotated[str, typer.Option(help="raster: the own rasteriser")] = "raster",
+    renderer: Annotated[str, typer.Option(help="raster: the own rasteriser; mitsuba: path tracing")] = "raster",
+    samples: Annotated[int, typer.Option(help="paths a pixel, mitsuba only")] = 64,
     subject: Annotated[str, typer.Option(help="fitted, logo or loose")] = "fitted",
-    motion: Annotated[str, typer.Option(help="walk, rom, talk, hands-on-cloth, or a .bvh file")] = "walk",
+    motion: Annotated[str, typer.Option(help="walk, rom, talk, hands-on-cloth, some joined by +, or a .bvh file")] = "walk",
+    image_step: Annotated[int, typer.Option(help="captures every n-th of the simulated frames")] = 1,
+    span: Annotated[float, typer.Option(help="height that the pictures span at the middle of the stage [m]")] = 2.25,
     noise: Annotated[float, typer.Option(help="scan noise, standard deviation [mm]")] = 1.0,
     holes: Annotated[float, typer.Option(help="share of the scan's area cut out")] = 0.05,
     keypoint_noise: Annotated[float, typer.Option(help="standard deviation [px]")] = 2.0,
@@ -25,16 +28,18 @@ def studio(
     scan_faces: Annotated[int, typer.Option(help="triangles of a scan before holes")] = 60_000,
     garment: Annotated[str, typer.Option(help="newton, cut (from the body), or a shirt as .obj")] = "newton",
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
+    workers: Annotated[int, typer.Option(help="processes that share the frames; 0: as many as processors")] = 0,
 ):
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
     from rich.console import Console
     from rich.progress import Progress
 
+    from ..kernels import threads
     from .make import StudioOptions, make_capture
 
     options = StudioOptions(
-        frames, cameras, size, seed, renderer, subject, motion, noise, holes, keypoint_noise, keypoint_outliers,
-        label_errors, scan_faces, None if no_garment else garment,
+        frames, cameras, size, seed, renderer, samples, subject, motion, image_step, span, noise, holes, keypoint_noise,
+        keypoint_outliers, label_errors, scan_faces, None if no_garment else garment,
     )  # fmt: skip
     with Progress(console=Console(stderr=True)) as bar:
         tasks = {}
@@ -44,8 +49,8 @@ def studio(
                 tasks[step] = bar.add_task(step, total=total)
             bar.update(tasks[step], completed=done, total=total)
 
-        report = make_capture(out, options, progress)
+        report = make_capture(out, options, progress, workers or threads())
     for reason in report.rejected:
         typer.echo(f"discarded {reason}")
-    typer.echo(f"{report.path}: {options.frames} frames, {options.cameras} cameras, seed {report.seed}, "
+    typer.echo(f"{report.path}: {len(options.pictured)} frames, {options.cameras} cameras, seed {report.seed}, "
                f"{len(report.rejected)} seeds discarded")  # fmt: skip

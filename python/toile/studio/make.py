@@ -1,78 +1,33 @@
-"""Makes one synthetic capture: body, dressed shirt, motion, checked truth, pictures, labels, keypoints, scans."""
+"""Makes one synthetic capture: body, dressed shirt, motion, checked truth, pictures, labels, keypoints, scans.
+
+The capture OUT grows in OUT.part, beside OUT.part/work, which holds the options it was begun with, the simulation in
+blocks, and what the last step needs of each frame. OUT.part becomes OUT by one rename when everything is there.
+"""
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ..scene import CaptureError
+from ..store import write_text
+from ..workers import Workers, locked
 from . import truth as checks
-from .cameras import cameras_json, make_cameras
-from .garment import SIZES
-from .keypoints import KeypointTable, noisy
-from .labels import wrong_labels
+from .cameras import cameras_json
+from .frames import Stage, write_json
 from .motion import FPS
-from .paint import LABELS, Look
-from .pictures import Outer, make_sensors, take
-from .scans import scan, write_ply
-from .sequence import make_truth
+from .options import StudioOptions
+from .paint import LABELS
+from .sequence import Sequence
 from .template import make_template, write_obj
 
 GARMENT = "tshirt"
 ATTEMPTS = 5  # seeds tried before giving up
-THREADS = 2  # frames written at a time
-
-
-@dataclass(frozen=True)
-class StudioOptions:
-    """What to capture. Lengths in the unit of the name."""
-
-    frames: int = 20
-    cameras: int = 8
-    size: int = 512  # px, square pictures
-    seed: int = 0
-    renderer: str = "raster"
-    subject: str = "fitted"  # fitted, logo, loose
-    motion: str = "walk"  # walk, rom, talk, hands-on-cloth, or a .bvh file
-    noise: float = 1.0  # mm, scan noise
-    holes: float = 0.05  # share of the scan's area
-    keypoint_noise: float = 2.0  # px
-    keypoint_outliers: float = 0.05
-    label_errors: float = 0.10  # share of foreground pixels
-    scan_faces: int = 60_000
-    garment: str | None = "newton"  # newton, cut, the path of a shirt as .obj, or None
-
-    def __post_init__(self):
-        positive = ("frames", "cameras", "scan_faces")
-        for name in positive:
-            if getattr(self, name) < 1:
-                raise CaptureError(f"studio: {name} is {getattr(self, name)}, must be at least 1")
-        if not 32 <= self.size <= 8192:
-            raise CaptureError(f"studio: size is {self.size}, must be 32 to 8192 pixels")
-        if self.seed < 0:
-            raise CaptureError(f"studio: seed is {self.seed}, must be at least 0")
-        for name in ("noise", "keypoint_noise"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise CaptureError(f"studio: {name} is {getattr(self, name)}, must be finite and at least 0")
-        for name in ("holes", "keypoint_outliers", "label_errors"):
-            if not 0 <= getattr(self, name) <= 0.9:
-                raise CaptureError(f"studio: {name} is {getattr(self, name)}, must be 0 to 0.9")
-        if self.renderer != "raster":
-            raise CaptureError(f"studio: renderer is {self.renderer!r}, only 'raster' is there")
-        if self.subject not in SIZES:
-            raise CaptureError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
-        if self.motion not in MOTIONS and not self.motion.lower().endswith(".bvh"):
-            raise CaptureError(f"studio: motion is {self.motion!r}, must be {', '.join(MOTIONS)}, or a .bvh file")
-
-
-MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
+PACKAGES = ("anny", "newton", "warp-lang", "open3d", "pymeshlab", "xatlas", "libigl", "mitsuba", "numpy")
 
 
 @dataclass
@@ -86,114 +41,126 @@ class StudioReport:
     figures: dict = field(default_factory=dict)
 
 
-def make_capture(out, options: StudioOptions, progress=None) -> StudioReport:
-    """Writes the capture `out` in one rename; it must not exist. `progress(step, done, total)` is called as it goes.
+def make_capture(out, options: StudioOptions, progress=None, workers=1) -> StudioReport:
+    """Writes the capture `out`, which must not exist; the same call goes on with one that was cut short.
 
-    A seed whose truth breaks a bound is discarded, reported, and replaced by one derived from it. The same options
-    give the same bits. Raises CaptureError on bad options and RuntimeError when ATTEMPTS seeds were discarded.
+    `progress(step, done, total)` is called as it goes; `workers` processes share the frames. A seed whose truth breaks a
+    bound is discarded, reported, and replaced by one derived from it. The same options give the same bits, however many
+    workers and interruptions. CaptureError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS seeds
+    were discarded.
     """
-    out = Path(out)
+    out, part = Path(out), Path(f"{out}.part")
     progress = progress or (lambda step, done, total: None)
-    if out.exists():
-        raise CaptureError(f"{out}: exists already; the studio writes new captures only")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    truth, report = accepted_truth(options, progress)
+    if workers < 1:
+        raise CaptureError(f"studio: workers is {workers}, must be at least 1")
+    refuse_existing(out)
+    work = part / "work"
+    if part.exists() and not work.is_dir() and not (part / "studio.json").exists():
+        raise CaptureError(f"{part}: is in the way and holds no capture that was begun")
+    with locked(work):
+        refuse_existing(out)  # another process may have ended it meanwhile
+        fresh = begin(part, options)
+        try:
+            report = fill(part, options, progress, workers)
+        except CaptureError:
+            if fresh:
+                shutil.rmtree(part)
+            raise
+        shutil.rmtree(work)
+        part.rename(out)
     report.path = out
-    temporary = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-    try:
-        write_capture(temporary, options, truth, report, progress)
-        os.chmod(temporary, 0o755)
-        temporary.rename(out)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
     return report
 
 
-def accepted_truth(options, progress):
-    """The first truth within bounds, and a report that counts the others."""
-    report = StudioReport(Path(), options.seed)
-    for attempt in range(ATTEMPTS):
-        report.seed = options.seed if attempt == 0 else derived_seed(options.seed, attempt)
+def refuse_existing(out):
+    if out.exists():
+        raise CaptureError(f"{out}: exists already; the studio writes new captures only")
+
+
+def begin(part, options):
+    """Keeps the options in a new OUT.part, or checks that it was begun with the same ones; says whether it is new."""
+    asked = {"options": asdict(options), "versions": versions()}
+    kept = next((p for p in (part / "studio.json", part / "work" / "options.json") if p.exists()), None)
+    if kept is None:
+        write_text(part / "work" / "options.json", json.dumps(asked))
+        return True
+    found = json.loads(kept.read_text())
+    for table, values in asked.items():
+        for name, value in values.items():
+            if found[table].get(name) != value:
+                was = found[table].get(name)
+                raise CaptureError(f"{part}: was begun with {name} {was!r}, not {value!r}; finish it so, or remove it")
+    return False
+
+
+def fill(part, options, progress, workers):
+    """Makes whatever a begun capture lacks."""
+    if (part / "studio.json").exists():
+        made = json.loads((part / "studio.json").read_text())
+        return StudioReport(part, made["seed"], made["rejected"], figures=made["figures"])
+    report, folder = accepted_sequence(part / "work", options, progress)
+    stage = Stage(part, folder, options, report.seed)
+    template = write_scene(part, stage)
+    take_frames(stage, folder, progress, workers)
+    report.figures, report.per_frame = stage.sequence.measures()
+    shares = [json.loads(stage.share_file(k).read_text()) for k in options.pictured]
+    report.figures["label_error_share"] = float(np.mean(shares))
+    write_truth_store(part / "truth", stage, template, report)
+    write_text(part / "studio.json", json.dumps(studio_json(options, report)) + "\n")
+    return report
+
+
+def accepted_sequence(work, options, progress):
+    """A report of the first seed whose sequence is within bounds, which counts the others; and the sequence's folder."""
+    file = work / "rejected.json"
+    rejected = json.loads(file.read_text()) if file.exists() else []
+    while len(rejected) < ATTEMPTS:
+        attempt = len(rejected)
+        seed = options.seed if attempt == 0 else derived_seed(options.seed, attempt)
+        folder = work / f"attempt{attempt}"
         try:
-            truth = make_truth(options, report.seed, progress)
+            Sequence(folder, options, seed).simulate(progress)
         except (checks.TruthRejected, FloatingPointError) as reason:
-            report.rejected.append(f"seed {report.seed}: {reason}")
+            rejected.append(f"seed {seed}: {reason}")
+            write_text(file, json.dumps(rejected))
+            shutil.rmtree(folder)
             continue
-        report.per_frame, report.figures = truth.per_frame, truth.figures
-        return truth, report
-    raise RuntimeError(f"studio: the truth of {ATTEMPTS} seeds was discarded: " + "; ".join(report.rejected))
+        return StudioReport(Path(), seed, rejected), folder
+    raise RuntimeError(f"studio: the truth of {ATTEMPTS} seeds was discarded: " + "; ".join(rejected))
 
 
 def derived_seed(seed, attempt):
     return int(np.random.SeedSequence([seed, attempt]).generate_state(1)[0])
 
 
-def write_capture(folder, options, truth, report, progress):
-    """Writes everything of an accepted truth into `folder`."""
-    from ..io.body import load_body_model
-
-    model = load_body_model("anny")
-    rng = np.random.default_rng([report.seed, 2])
-    rig = make_cameras(options.cameras, options.size, rng)
-    sensors = make_sensors(len(rig), rng)
-    look = Look(options.subject, truth.body, truth.flat, rng)
-    table = KeypointTable(model)
-    template = None
-    if truth.garment is not None:
-        template = make_template(truth.flat, truth.garment_faces, truth.draped, truth.body.rest, model.v_template)
-        (folder / "templates").mkdir()
-        write_obj(folder / "templates" / f"{GARMENT}.obj", template.mesh)
-    (folder / "scene.toml").write_text(scene_toml(options, template is not None))
-    write_json(folder / "cameras.json", cameras_json(rig))
-    joints = np.array([truth.body.joints(r, t) for r, t in zip(truth.rotations, truth.translation)])
-    points = np.array([table.points(v.astype(np.float64), j) for v, j in zip(truth.vertices, joints)])
-
-    def one(k):
-        return write_frame(
-            folder / "frames" / f"{k:06d}", k, options, truth, report.seed, rig, sensors, look, table, points[k]
-        )
-
-    shares = []
-    with ThreadPoolExecutor(THREADS) as pool:  # each frame draws from a stream of its own: order does not matter
-        for share in pool.map(one, range(options.frames)):
-            shares.append(share)
-            progress("frames", len(shares), options.frames)
-    report.figures["label_error_share"] = float(np.mean(shares))
-    write_truth_store(folder / "truth", truth, template, look, table, joints, points, report)
-    write_json(folder / "studio.json", studio_json(options, report))
+def write_scene(part, stage):
+    """scene.toml, cameras.json, and the garment's template, which it returns (None for a bare body)."""
+    template, sequence = None, stage.sequence
+    if sequence.clothed:
+        mean = stage.table.model.v_template
+        settled = sequence.settled
+        template = make_template(settled.flat, settled.faces, sequence.draped, stage.body.rest, mean)
+        (part / "templates").mkdir(exist_ok=True)
+        write_obj(part / "templates" / f"{GARMENT}.obj", template.mesh)
+    (part / "scene.toml").write_text(scene_toml(stage.options, template is not None))
+    write_json(part / "cameras.json", cameras_json(stage.rig))
+    return template
 
 
-def write_frame(folder, k, options, truth, seed, rig, sensors, look, table, points):
-    """Pictures, masks, labels, keypoints and scan of frame k; gives the share of wrong label pixels."""
-    rng = np.random.default_rng([seed, 3, k])
-    outer = Outer(
-        truth.vertices[k].astype(np.float64), truth.body.model.f,
-        None if truth.garment is None else truth.garment[k].astype(np.float64), truth.garment_faces,
-    )  # fmt: skip
-    for name in ("images", "masks", "labels"):
-        (folder / name).mkdir(parents=True)
-    views = [take(outer, c, look, s, rng) for c, s in zip(rig, sensors)]
-    labels, share = wrong_labels(views, rig, options.label_errors, rng)
-    keypoints = {}
-    for camera, view, label in zip(rig, views, labels):
-        write_image(folder / "images" / f"{camera.name}.jpg", view.image)
-        write_image(folder / "masks" / f"{camera.name}.png", view.mask.astype(np.uint8) * 255)
-        write_image(folder / "labels" / f"{camera.name}.png", label)
-        seen = noisy(table, camera, view.depth, points, options.keypoint_noise, options.keypoint_outliers, rng)
-        keypoints[camera.name] = np.round(seen, 3).tolist()
-    write_json(folder / "keypoints.json", {"names": list(table.names), "points": keypoints})
-    write_ply(folder / "scan.ply", *scan(outer, options.scan_faces, 1e-3 * options.noise, options.holes, rng))
-    return share
-
-
-def write_image(path, pixels):
-    from PIL import Image
-
-    Image.fromarray(pixels).save(path, **({"quality": 95} if path.suffix == ".jpg" else {}))
-
-
-def write_json(path, value):
-    path.write_text(json.dumps(value) + "\n")
+def take_frames(stage, folder, progress, workers):
+    """All pictured frames that are missing, spread over the workers."""
+    numbers = stage.options.pictured
+    if workers == 1:
+        taken = (k for number in numbers for k in stage.capture(number))
+    else:
+        pool = Workers(workers, Stage, stage.part, folder, stage.options, stage.seed)
+        taken = pool.each("capture", numbers)
+    try:
+        for done, _ in enumerate(taken):
+            progress("frames", done + 1, len(numbers))
+    finally:
+        if workers > 1:
+            pool.close()
 
 
 def scene_toml(options, garment):
@@ -211,39 +178,49 @@ def scene_toml(options, garment):
     return "\n".join(lines)
 
 
-def write_truth_store(folder, truth, template, look, table, joints, points, report):
-    folder.mkdir()
-    record = {
-        "frames": np.arange(len(truth.vertices), dtype=np.int64),
-        "body/vertices": truth.vertices,
-        "body/faces": truth.body.model.f,
-        "joints": joints,
-        "keypoints": points,
-        "pose/rotations": truth.rotations,
-        "pose/translation": truth.translation,
-        "labels": look.vertex_labels(),
-        "attrs": {
-            "seed": report.seed, "joint_names": list(truth.body.model.joint_names), "keypoint_names": list(table.names),
-            "phenotype": truth.body.phenotype, "positions": "float32 metres, scene frame",
-            "figures": report.figures, "per_frame": report.per_frame,
-        },
+def write_truth_store(folder, stage, template, report):
+    """The truth of every simulated frame, pictured or not; `frames` holds the numbers."""
+    sequence, body = stage.sequence, stage.body
+    attrs = {
+        "seed": report.seed, "joint_names": list(body.model.joint_names), "keypoint_names": list(stage.table.names),
+        "phenotype": body.phenotype, "positions": "float32 metres, scene frame",
+        "figures": report.figures, "per_frame": report.per_frame,
     }  # fmt: skip
+    fixed = {
+        "frames": np.arange(sequence.frames, dtype=np.int64),
+        "body/faces": body.model.f,
+        "labels": stage.look.vertex_labels(),
+    }
     if template is not None:
-        record |= {
-            f"garment/{GARMENT}/vertices": truth.garment, f"garment/{GARMENT}/faces": truth.garment_faces,
-            f"garment/{GARMENT}/map_face": template.map_face, f"garment/{GARMENT}/map_bary": template.map_bary,
+        fixed |= {
+            f"garment/{GARMENT}/faces": sequence.settled.faces, f"garment/{GARMENT}/map_face": template.map_face,
+            f"garment/{GARMENT}/map_bary": template.map_bary,
         }  # fmt: skip
-    checks.write_truth(folder / "truth.zarr", record)
+
+    def per_frame():
+        for b in sequence.blocks():
+            poses = zip(b.vertices.astype(np.float64), b.rotations, b.translation)
+            joints, points = map(np.array, zip(*(stage.joints_and_keypoints(*p) for p in poses)))
+            yield {
+                "body/vertices": b.vertices, "joints": joints, "keypoints": points,
+                "pose/rotations": b.rotations, "pose/translation": b.translation,
+            } | ({f"garment/{GARMENT}/vertices": b.garment} if sequence.clothed else {})  # fmt: skip
+
+    folder.mkdir(exist_ok=True)
+    checks.write_truth(folder / "truth.zarr", attrs, fixed, sequence.frames, per_frame())
+
+
+def versions():
+    from importlib.metadata import version
+
+    return {p: version(p) for p in PACKAGES}
 
 
 def studio_json(options, report):
-    from importlib.metadata import version
-
-    packages = ("anny", "newton", "warp-lang", "open3d", "pymeshlab", "xatlas", "libigl", "numpy")
     return {
         "options": asdict(options), "seed": report.seed, "rejected": report.rejected, "figures": report.figures,
         "bounds": {"strain_p99": checks.STRAIN_P99, "strain_max": checks.STRAIN_MAX, "step_m": checks.STEP_MAX},
         "self_contact": "off: the cloth may pierce itself; triangle pairs are counted per frame in truth.zarr",
         "label_errors": "drawn anew for every frame, alike in all views",
-        "versions": {p: version(p) for p in packages},
+        "versions": versions(),
     }  # fmt: skip

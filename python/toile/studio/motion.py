@@ -14,6 +14,7 @@ from .body import ACTIONS, BLINKS
 
 FPS = 30.0
 RAMP = 15  # frames from the A-pose into the motion, simulated but not captured
+JOIN = 30  # frames over which one motion passes into the next
 
 LIMITS = {  # degrees (low, high) per axis x, y, z, for the left side
     "spine": ((-3, 6), (-4, 4), (-6, 6)),
@@ -39,18 +40,38 @@ class Motion:
 
 
 def make_motion(name, body, frames, rng):
-    """walk, rom, talk, hands-on-cloth, or a path that ends in .bvh; eased in from the A-pose over RAMP frames."""
+    """walk, rom, talk, hands-on-cloth, several of them joined by "+", or a path that ends in .bvh; eased in from the
+    A-pose over RAMP frames."""
     if name.lower().endswith(".bvh"):
         from .bvh import bvh_motion
 
-        motion = bvh_motion(name, body, RAMP + frames)
-    elif name == "hands-on-cloth":
-        from .touch import touch_motion
+        return eased(bvh_motion(name, body, RAMP + frames))
+    return eased(joined(name.split("+"), body, frames, rng))
 
-        motion = touch_motion(body, RAMP + frames, rng)
-    else:
-        motion = {"walk": walk, "rom": range_of_motion, "talk": talk}[name](body, RAMP + frames, rng)
-    return eased(motion)
+
+def joined(names, body, frames, rng):
+    """The motions in turn, each an even share of the frames, blended over JOIN frames about each cut."""
+    from .touch import touch_motion
+
+    make = {"walk": walk, "rom": range_of_motion, "talk": talk, "hands-on-cloth": touch_motion}
+    total, t = RAMP + frames, np.arange(RAMP + frames)
+    cuts = [0, *(RAMP + frames * i // len(names) for i in range(1, len(names))), total]
+    half = min(JOIN, frames // len(names)) // 2
+    begun = [np.ones(total), *(smoothstep((t - c + 0.5) / max(2 * half, 1) + 0.5) for c in cuts[1:-1]), np.zeros(total)]
+    parts = []
+    for i, name in enumerate(names):
+        span = slice(max(cuts[i] - half, 0), min(cuts[i + 1] + half, total))
+        parts.append((span, (begun[i] - begun[i + 1])[span], make[name](body, span.stop - span.start, rng)))
+
+    def blend(field):
+        out = np.zeros((total, *getattr(parts[0][2], field).shape[1:]))
+        for span, weight, motion in parts:
+            values = getattr(motion, field)
+            out[span] += values * weight.reshape(-1, *[1] * (values.ndim - 1))
+        return out
+
+    fields = {f: blend(f) for f in ("rotations", "root", "expression")}
+    return Motion(**fields, grounded=any(m.grounded for _, _, m in parts))
 
 
 def eased(motion):
@@ -168,12 +189,20 @@ ROM = (  # (joint, axis, degrees); both sides move, mirrored
 
 
 def range_of_motion(body, n, rng):
-    """The joints of ROM in turn, each out and back in 28 frames, two or three under way at any time."""
+    """The joints of ROM in turn, each out and back in 28 frames, two or three under way at any time.
+
+    The first round goes all the way; later ones take another order and other amplitudes, so that no round repeats.
+    """
     R = np.zeros((n, len(body.J), 3))
     length, every = 28, 12
     order = np.r_[rng.permutation(4), 4 + rng.permutation(len(ROM) - 4)]  # arms first: short clips show them too
+    share = np.ones(len(ROM))
     for turn, start in enumerate(range(2, n, every)):
-        key, axis, degrees = ROM[order[turn % len(ROM)]]
+        at = turn % len(ROM)
+        if turn and at == 0:
+            order, share = rng.permutation(len(ROM)), rng.uniform(0.4, 1, len(ROM))
+        key, axis, degrees = ROM[order[at]]
+        degrees *= share[at]
         bump = np.sin(np.pi * np.clip((np.arange(n) - start) / length, 0, 1)) ** 2 * np.radians(degrees)
         one_sided = key in ("upperleg01", "lowerleg01") and rng.choice(["L", "R"])
         for joint in [j for j in body.model.joint_names if j.startswith(key)]:
@@ -186,12 +215,11 @@ def range_of_motion(body, n, rng):
     return Motion(R, np.zeros((n, 3)), faces(n, rng, speech=False), grounded=True)
 
 
-def world_motion(motion, body, ground):
-    """Yields (vertices, rotations, translation) per frame; `ground` [m] lifts the rest pose to the floor."""
-    for R, root, e in zip(motion.rotations, motion.root, motion.expression):
-        translation = root + [0, 0, ground]
-        V = body.pose(R, translation, e)
-        if motion.grounded:
-            drop = np.array([0, 0, V[:, 2].min()])
-            V, translation = V - drop, translation - drop
-        yield V, R, translation
+def world_pose(motion, body, ground, k):
+    """Frame k in the world: vertices (n,3), rotations, translation; `ground` [m] lifts the rest pose to the floor."""
+    R, translation = motion.rotations[k], motion.root[k] + [0, 0, ground]
+    V = body.pose(R, translation, motion.expression[k])
+    if motion.grounded:
+        drop = np.array([0, 0, V[:, 2].min()])
+        V, translation = V - drop, translation - drop
+    return V, R, translation

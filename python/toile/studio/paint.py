@@ -78,12 +78,25 @@ class Look:
 
     def shirt_colours(self, flat):
         """Colours at flat shirt points (n,3): the front print where y < 0, the back's where y > 0."""
-        u = (flat[:, 0] - BOX[0]) / (BOX[1] - BOX[0]) * (TEXTURE - 1)
-        v = (BOX[3] - flat[:, 2]) / (BOX[3] - BOX[2]) * (TEXTURE - 1)
+        u, v = flat_to_texture(flat)
         front = bilinear(self.textures[0], u, v)
         back = bilinear(self.textures[1], TEXTURE - 1 - u, v)
         weave = smooth_noise(flat, 0.004, np.random.default_rng(self.noise_seed + 1), 24)
         return np.where((flat[:, 1] < 0)[:, None], front, back) * (1 + 0.03 * weave)[:, None]
+
+    def print_atlas(self):
+        """Front and back beside each other (TEXTURE, 2 TEXTURE, 3), with the weave."""
+        rng = np.random.default_rng(self.noise_seed + 1)
+        i, j = np.mgrid[:TEXTURE, : 2 * TEXTURE].reshape(2, -1) * (BOX[1] - BOX[0]) / TEXTURE
+        weave = smooth_noise(np.stack([j, np.zeros(len(i)), i], 1), 0.004, rng, 24).reshape(TEXTURE, -1, 1)
+        return np.concatenate(self.textures, 1) * (1 + 0.03 * weave)
+
+
+def flat_to_texture(flat):
+    """Texel coordinates (u to the right, v down) on the front's picture of flat shirt points (n,3)."""
+    u = (flat[:, 0] - BOX[0]) / (BOX[1] - BOX[0]) * (TEXTURE - 1)
+    v = (BOX[3] - flat[:, 2]) / (BOX[3] - BOX[2]) * (TEXTURE - 1)
+    return u, v
 
 
 def bilinear(image, u, v):

@@ -15,6 +15,7 @@ LIGHTS = (((0.4, -0.8, 0.6), 0.60), ((-0.8, -0.2, 0.5), 0.40), ((0.3, 0.9, 0.4),
 AMBIENT = 0.40
 BACKGROUND = np.array([0.30, 0.32, 0.34])
 SENSOR_NOISE = 2.0 / 255
+TRACED_NOISE = 1.0 / 255  # beside the path tracer's own
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ def make_sensors(count, rng):
     return [Sensor(1 + rng.normal(0, 0.04, 3), float(rng.normal(0, 0.01))) for _ in range(count)]
 
 
-def take(outer, camera, look, sensor, rng):
-    """One picture of `outer` by `camera`."""
+def take(outer, camera, look, sensor, rng, traced=None):
+    """One picture of `outer` by `camera`; `traced` (H,W,3) is what a path tracer saw, sRGB values before the sensor."""
     V, F, N = outer.vertices, outer.faces, outer.normals
     size = (camera.height * SAMPLES, camera.width * SAMPLES)
     K = np.diag([SAMPLES, SAMPLES, 1.0]) @ camera.K
@@ -77,14 +78,15 @@ def take(outer, camera, look, sensor, rng):
     ray = np.stack([(col + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1], np.ones(len(row))], 1)
     bary = barycentric(ray * depth[:, None], P[F[face]])
     at = lambda values: np.einsum("pc,pc...->p...", bary, values[F[face]])  # noqa: E731
-    label, colour = surface_look(outer, look, face, bary, F)
     points, normals = at(V), at(N)
-    colour = colour * shading(points, normals, camera)[:, None]
-
-    full = np.broadcast_to(BACKGROUND, (*size, 3)).copy()
-    full[row, col] = colour
-    image = full.reshape(camera.height, SAMPLES, camera.width, SAMPLES, 3).mean((1, 3))
-    image = image * sensor.gain + sensor.bias + rng.normal(0, SENSOR_NOISE, image.shape)
+    label, colour = surface_look(outer, look, face, bary, F, paint=traced is None)
+    if traced is None:
+        full = np.broadcast_to(BACKGROUND, (*size, 3)).copy()
+        full[row, col] = colour * shading(points, normals, camera)[:, None]
+        image = full.reshape(camera.height, SAMPLES, camera.width, SAMPLES, 3).mean((1, 3))
+        image = image * sensor.gain + sensor.bias + rng.normal(0, SENSOR_NOISE, image.shape)
+    else:
+        image = traced * sensor.gain + sensor.bias + rng.normal(0, TRACED_NOISE, traced.shape)
     votes = np.zeros((camera.height, camera.width, 1 + max(LABELS.values())), np.uint8)
     np.add.at(votes, (row // SAMPLES, col // SAMPLES, label), 1)
     mask = votes.sum(-1) * 2 >= SAMPLES**2
@@ -103,8 +105,8 @@ def distorted(camera, V):
     return np.concatenate([xy * P[:, 2:], P[:, 2:]], 1)
 
 
-def surface_look(outer, look, face, bary, F):
-    """True label ids (p,) and colours (p,3) of hit points."""
+def surface_look(outer, look, face, bary, F, paint=True):
+    """True label ids (p,) and, with `paint`, colours (p,3) of hit points."""
     label = np.full(len(face), LABELS["tshirt"], np.int64)
     colour = np.zeros((len(face), 3))
     on_body = face < len(outer.body_faces)
@@ -112,6 +114,8 @@ def surface_look(outer, look, face, bary, F):
     at = lambda values: np.einsum("pc,pc...->p...", b, values[f])  # noqa: E731
     neutral = at(look.neutral)
     label[on_body] = look.body_labels(neutral, at(look.arm), at(look.head))
+    if not paint:
+        return label, None
     colour[on_body] = look.body_colours(neutral, label[on_body], look.skin_vertex[f[:, 0]])
     if outer.garment is not None:
         g = F[face[~on_body]] - len(outer.body)

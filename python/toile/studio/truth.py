@@ -60,53 +60,63 @@ def check_frame(garment, F, rest, edges, body, skin_faces, hands, number):
     }  # fmt: skip
 
 
-def check_motion(body, garment):
-    """Continuity over frames (T,n,3), (T,G,3) or None; gives the largest steps [mm]."""
+def check_motion(body, garment, first=0):
+    """Continuity over frames (T,n,3), (T,G,3) or None, from frame number `first` on; gives the largest steps [mm]."""
     out = {}
     if len(body) < 2:
         return out
     step = np.linalg.norm(np.diff(body, axis=0), axis=2).max(1)
-    out["body_step_mm"] = bounded(step, STEP_MAX, "the body jumps")
+    out["body_step_mm"] = bounded(step, STEP_MAX, "the body jumps", first)
     if len(body) > 2:
         bend = np.linalg.norm(np.diff(body, n=2, axis=0), axis=2).max(1)
-        out["body_bend_mm"] = bounded(bend, ACCELERATION, "the body jerks")
+        out["body_bend_mm"] = bounded(bend, ACCELERATION, "the body jerks", first)
     if garment is not None:
         cloth = np.linalg.norm(np.diff(garment, axis=0), axis=2).max(1)
         out["garment_step_mm"] = 1e3 * float(cloth.max())
-        bounded(cloth - step, SPEED_EXCESS, "the garment outruns the body")
+        bounded(cloth - step, SPEED_EXCESS, "the garment outruns the body", first)
     return out
 
 
-def bounded(values, bound, what):
+def bounded(values, bound, what, first):
     """The largest of per-step values [m], in mm; TruthRejected beyond the bound."""
     if values.max() > bound:
-        raise TruthRejected(f"frame {int(values.argmax()) + 1}: {what} by {values.max():.3f} m (bound {bound})")
+        frame = first + int(values.argmax()) + 1
+        raise TruthRejected(f"frame {frame}: {what} by {values.max():.3f} m (bound {bound})")
     return 1e3 * float(values.max())
 
 
-def sliding(garment, body):
-    """Per garment vertex (G,): largest change of the offset to the body vertex that was nearest in frame 0 [m]."""
-    from scipy.spatial import cKDTree
+class Sliding:
+    """Per garment vertex: largest change of the offset to the body vertex that was nearest in the first frame."""
 
-    near = cKDTree(body[0]).query(garment[0])[1]
-    offset = garment - body[:, near]
-    return np.linalg.norm(offset - offset[0], axis=2).max(0)
+    def __init__(self, garment, body):
+        from scipy.spatial import cKDTree
+
+        self.near = cKDTree(body).query(garment)[1]
+        self.first = garment - body[self.near]
+        self.largest = np.zeros(len(garment))
+
+    def add(self, garment, body):
+        """Frames (T,G,3) and (T,n,3) [m]."""
+        change = np.linalg.norm(garment - body[:, self.near] - self.first, axis=2)
+        self.largest = np.maximum(self.largest, change.max(0))
 
 
-def write_truth(path, record):
-    """`truth.zarr` (zarr 3, a chunk a frame, float32 positions). `record`: path -> array; "attrs" -> dict."""
+def write_truth(path, attrs, fixed, count, blocks):
+    """`truth.zarr` (zarr 3, a chunk a frame, float32 positions): attributes, `fixed` arrays {path: array}, and arrays of
+    `count` frames that come block by block, {path: (b, ...)}."""
     import zarr
 
     root = zarr.open_group(str(path), mode="w", zarr_format=3)
-    root.attrs.update(record["attrs"])
-    for name, values in record.items():
-        if name == "attrs":
-            continue
+    root.attrs.update(attrs)
+    for name, values in fixed.items():
         values = np.asarray(values)
-        per_frame = name in PER_FRAME or name.endswith("/vertices")
-        chunks = (1, *values.shape[1:]) if per_frame else values.shape
-        array = root.create_array(name, shape=values.shape, dtype=values.dtype, chunks=tuple(max(1, c) for c in chunks))
-        array[...] = values
-
-
-PER_FRAME = ("joints", "pose/rotations", "pose/translation", "keypoints")
+        chunks = tuple(max(1, c) for c in values.shape)
+        root.create_array(name, shape=values.shape, dtype=values.dtype, chunks=chunks)[...] = values
+    start = 0
+    for block in blocks:
+        for name, values in block.items():
+            if start == 0:
+                shape = values.shape[1:]
+                root.create_array(name, shape=(count, *shape), dtype=values.dtype, chunks=(1, *shape))
+            root[name][start : start + len(values)] = values
+        start += len(values)

@@ -1,0 +1,104 @@
+"""One captured frame after the other: pictures, masks, labels, keypoints and scan, from the simulated truth."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+
+import numpy as np
+
+from ..io.body import load_body_model
+from ..store import write_text
+from .cameras import make_cameras
+from .keypoints import KeypointTable, noisy
+from .labels import wrong_labels
+from .paint import Look
+from .pictures import Outer, make_sensors, take
+from .scans import scan, write_ply
+from .sequence import Sequence
+
+
+class Stage:
+    """Person, cameras and sensors of one sequence; each process has its own. Frames are made in any order."""
+
+    def __init__(self, part, folder, options, seed):
+        self.part, self.options, self.seed = part, options, seed
+        self.sequence = Sequence(folder, options, seed)
+        rng = np.random.default_rng([seed, 2])
+        self.rig = make_cameras(options.cameras, options.size, rng, options.span, pinhole=options.renderer == "mitsuba")
+        self.sensors = make_sensors(len(self.rig), rng)
+        self.body = self.sequence.body
+        settled = self.sequence.settled
+        self.garment_faces = settled.faces if settled else None
+        self.look = Look(options.subject, self.body, settled.flat if settled else None, rng)
+        self.table = KeypointTable(load_body_model("anny"))
+        self.tracer = None
+        if options.renderer == "mitsuba":
+            from .pathtrace import PathTracer
+
+            self.tracer = PathTracer(self.look, self.body, self.table.model, self.garment_faces, options.samples)
+
+    def joints_and_keypoints(self, vertices, rotations, translation):
+        """True joints (K,3) and keypoints (q,3) of one frame."""
+        joints = self.body.joints(rotations, translation)
+        return joints, self.table.points(vertices, joints)
+
+    def capture(self, number):
+        """Makes frame `number` unless it is there; yields its number."""
+        target = self.part / "frames" / f"{number:06d}"
+        if not target.exists():
+            folder = self.part / "work" / f"frame{number:06d}.{os.getpid()}"
+            shutil.rmtree(folder, ignore_errors=True)
+            share = self._write(folder, number)
+            write_text(self.share_file(number), json.dumps(share))
+            target.parent.mkdir(exist_ok=True)
+            folder.rename(target)
+        yield number
+
+    def share_file(self, number):
+        """Where the share of wrong label pixels of a frame stands until the capture is whole."""
+        return self.part / "work" / f"label_error_share.{number:06d}.json"
+
+    def _write(self, folder, number):
+        """Everything of one frame; gives the share of wrong label pixels. Draws from a stream of its own."""
+        options = self.options
+        rng = np.random.default_rng([self.seed, 3, number])
+        vertices, garment = self.sequence.frame(number)
+        outer = Outer(vertices, self.body.model.f, garment, self.garment_faces)
+        for name in ("images", "masks", "labels"):
+            (folder / name).mkdir(parents=True)
+        traced = self._traced(outer, number)
+        views = [take(outer, c, self.look, s, rng, t) for c, s, t in zip(self.rig, self.sensors, traced)]
+        labels, share = wrong_labels(views, self.rig, options.label_errors, rng)
+        block, i = self.sequence.block_of(number)
+        points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])[1]
+        keypoints = {}
+        for camera, view, label in zip(self.rig, views, labels):
+            write_image(folder / "images" / f"{camera.name}.jpg", view.image)
+            write_image(folder / "masks" / f"{camera.name}.png", view.mask.astype(np.uint8) * 255)
+            write_image(folder / "labels" / f"{camera.name}.png", label)
+            noise, outliers = options.keypoint_noise, options.keypoint_outliers
+            seen = noisy(self.table, camera, view.depth, points, noise, outliers, rng)
+            keypoints[camera.name] = np.round(seen, 3).tolist()
+        write_json(folder / "keypoints.json", {"names": list(self.table.names), "points": keypoints})
+        write_ply(folder / "scan.ply", *scan(outer, options.scan_faces, 1e-3 * options.noise, options.holes, rng))
+        return share
+
+    def _traced(self, outer, number):
+        """What the path tracer sees, a picture a camera, or None for each."""
+        if self.tracer is None:
+            return [None] * len(self.rig)
+        scene = self.tracer.scene(outer)
+        seeds = np.random.SeedSequence([self.seed, 4, number]).generate_state(len(self.rig))
+        return [self.tracer.image(scene, outer, c, int(s)) for c, s in zip(self.rig, seeds)]
+
+
+def write_image(path, pixels):
+    from PIL import Image
+
+    Image.fromarray(pixels).save(path, **({"quality": 95} if path.suffix == ".jpg" else {}))
+
+
+def write_json(path, value):
+    path.write_text(json.dumps(value) + "\n")
