@@ -56,8 +56,8 @@ def joined(names, body, frames, rng):
     make = {"walk": walk, "rom": range_of_motion, "talk": talk, "hands-on-cloth": touch_motion}
     total, t = RAMP + frames, np.arange(RAMP + frames)
     cuts = [0, *(RAMP + frames * i // len(names) for i in range(1, len(names))), total]
-    half = min(JOIN, frames // len(names)) // 2
-    begun = [np.ones(total), *(smoothstep((t - c + 0.5) / max(2 * half, 1) + 0.5) for c in cuts[1:-1]), np.zeros(total)]
+    half = JOIN // 2
+    begun = [np.ones(total), *(smoothstep((t - c + 0.5) / JOIN + 0.5) for c in cuts[1:-1]), np.zeros(total)]
     parts = []
     for i, name in enumerate(names):
         span = slice(max(cuts[i] - half, 0), min(cuts[i + 1] + half, total))

@@ -9,6 +9,7 @@ import numpy as np
 from ..scene import CaptureError
 from .cameras import VISIBLE
 from .garment import SIZES
+from .motion import JOIN
 
 MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
 RENDERERS = ("raster", "mitsuba")
@@ -57,9 +58,17 @@ class StudioOptions:
             raise CaptureError(f"studio: renderer is {self.renderer!r}, must be {' or '.join(RENDERERS)}")
         if self.subject not in SIZES:
             raise CaptureError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
-        if not self.motion.lower().endswith(".bvh") and not set(self.motion.split("+")) <= set(MOTIONS):
+        self._check_motion()
+
+    def _check_motion(self):
+        if self.motion.lower().endswith(".bvh"):
+            return
+        parts = self.motion.split("+")
+        if not set(parts) <= set(MOTIONS):
             known = ", ".join(MOTIONS)
             raise CaptureError(f'studio: motion is {self.motion!r}, must be {known}, some joined by "+", or a .bvh file')
+        if len(parts) > 1 and self.frames < len(parts) * JOIN:
+            raise CaptureError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")
 
     @property
     def pictured(self):

@@ -21,6 +21,7 @@ from .garment import SIZES, put_on
 from .touch import HAND, vertices_of
 
 BLOCK = 50  # frames
+STEPS = ("body_step_mm", "body_bend_mm", "garment_step_mm")  # what `check_motion` measures of a block
 
 
 @dataclass(frozen=True)
@@ -174,14 +175,15 @@ class Sequence:
 
     def measures(self):
         """(figures of the whole sequence, measures of every frame)."""
-        figures, per_frame, sliding = {}, [], None
+        steps, per_frame, sliding = [], [], None
         for block in self.blocks():
-            for name, value in block.steps.items():
-                figures[name] = max(figures.get(name, 0.0), value)
+            steps.append(block.steps)
             per_frame += block.per_frame
             if self.clothed:
                 sliding = sliding or checks.Sliding(block.garment[0], block.vertices[0])
                 sliding.add(block.garment, block.vertices)
+        known = [name for name in STEPS if any(name in s for s in steps)]
+        figures = {name: max(s.get(name, 0.0) for s in steps) for name in known}
         if self.clothed:
             figures |= summary(per_frame)
             figures["sliding_p90_mm"] = 1e3 * float(np.quantile(sliding.largest, 0.9))
