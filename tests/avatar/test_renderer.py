@@ -336,6 +336,23 @@ def test_gradients_turn_with_the_world():
         assert cosine > 0.999  # corners are snapped to 1/4096 px: some pixels change sides
 
 
+def test_renderer_gives_the_same_bits_for_any_number_of_threads():
+    K, T = shapes.camera(192)
+    before, results = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2, 3, 8):
+            torch.set_num_threads(threads)
+            surfaces = body_and_cloth()
+            leaves = of_vertices(surfaces) + [s.texture.requires_grad_() for s in surfaces]
+            seen = render(surfaces, K, T, (192, 192), layer_depth=True)
+            depth = torch.where(seen.depth.isfinite(), seen.depth, 0.0)
+            gradients = torch.autograd.grad((seen.image.square() + seen.mask + depth.sum(0)).sum(), leaves)
+            results.append([tensor.detach().numpy().tobytes() for tensor in (seen.image, seen.depth, *gradients)])
+    finally:
+        torch.set_num_threads(before)
+    assert all(result == results[0] for result in results)
+
+
 def test_renderer_computes_in_float32_under_autocast():
     surfaces = spheres()
     K, T = shapes.camera(64)

@@ -62,15 +62,15 @@ def render(surfaces, K, T_camera_world, size, background=0.0, layer_depth=False)
 def _render(surfaces, K, T_camera_world, size, background, layer_depth):
     scene = _Scene(surfaces, K, T_camera_world, size)
     views = scene.views()
-    layer, front = _front(scene, views)
+    front, shown = _front(scene, views)
     pixels, colours, depths, own_depths = [], [], [], []
     for k, (surface, view) in enumerate(zip(surfaces, views)):
-        pixel = _where(view.face >= 0 if layer_depth else layer == k)
-        uv, z = scene.interpolate(k, view.face.view(-1)[pixel], pixel)
+        pixel = _where(view.own >= 0 if layer_depth else shown[k])
+        uv, z = scene.interpolate(k, view.own.view(-1)[pixel], pixel)
         if layer_depth:
             own_depths.append(view.paste(pixel, z[None], torch.inf))
-            shown = _where(layer.view(-1)[pixel] == k)
-            pixel, uv, z = pixel[shown], uv.index_select(1, shown), z.index_select(0, shown)
+            seen = _where(shown[k].view(-1)[pixel])
+            pixel, uv, z = pixel[seen], uv.index_select(1, seen), z.index_select(0, seen)
         pixels.append(pixel)
         colours.append(_look_up(surface.texture.float(), uv))
         depths.append(z[None])
@@ -79,7 +79,7 @@ def _render(surfaces, K, T_camera_world, size, background, layer_depth):
         image=front.paste(pixel, colour, background),
         mask=front.paste(pixel, torch.ones_like(z), 0.0)[0],
         face=front.face,
-        layer=layer,
+        layer=sum((mask.long() * (k + 1) for k, mask in enumerate(shown)), torch.tensor(-1, device=pixel.device)),
         depth=torch.cat(own_depths) if layer_depth else front.paste(pixel, z, torch.inf),
     )
 
@@ -89,14 +89,13 @@ def _where(mask):
 
 
 def _front(scene, views):
-    """Which layer is nearest in each pixel (H,W), the lower one where equal, -1 where none is; and the view of them all."""
-    face, depth = views[0].face, views[0].depth
-    layer = (face >= 0).long() - 1
-    for k, view in enumerate(views[1:], 1):
+    """The view of all layers together, and where each is the nearest (H,W); of equal ones the first."""
+    face, depth, shown = views[0].face, views[0].depth, [views[0].own >= 0]
+    for view in views[1:]:
         nearer = view.depth < depth
-        layer = layer.masked_fill(nearer, k)
-        face, depth = torch.where(nearer, view.face, face), torch.minimum(depth, view.depth)
-    return layer, _View(scene, face, depth)
+        face, depth = torch.where(nearer, view.own + view.first, face), torch.minimum(depth, view.depth)
+        shown = [mask & ~nearer for mask in shown] + [nearer]
+    return _View(scene, face, depth), shown
 
 
 def _look_up(texture, uv):
@@ -115,8 +114,11 @@ class _Scene:
         world = torch.cat([s.vertices.float() for s in surfaces])
         # no matrix product: on the way back autocast would round it
         self.vertices = (world[:, None] * T_camera_world[:3, :3]).sum(2) + T_camera_world[:3, 3]
-        self.first_face = _starts([s.faces for s in surfaces])
-        self.faces = torch.cat([s.faces + n for s, n in zip(surfaces, _starts([s.vertices for s in surfaces]))])
+        self.first_vertex, self.first_face = _starts([s.vertices for s in surfaces]), _starts([s.faces for s in surfaces])
+
+    @cached_property
+    def faces(self):
+        return torch.cat([s.faces + n for s, n in zip(self.surfaces, self.first_vertex)])
 
     @cached_property
     def neighbours(self):
@@ -127,18 +129,18 @@ class _Scene:
         """Each surface by itself."""
         parts = self.vertices.detach().split([len(s.vertices) for s in self.surfaces])
         buffers = [rasterise(part, s.faces, self.K, self.size) for part, s in zip(parts, self.surfaces)]
-        return [_View(self, torch.where(face < 0, -1, face + n), depth) for (face, depth), n in zip(buffers, self.first_face)]
+        return [_View(self, face, depth, n) for (face, depth), n in zip(buffers, self.first_face)]
 
     def interpolate(self, k, face, pixel):
         """UV (2,P) and depth (P,) [m] of the points that pixels (P,) see on faces (P,) of surface k."""
-        seen = torch.zeros(len(self.faces), dtype=torch.bool, device=face.device)
+        surface, K, width = self.surfaces[k], self.K, self.size[1]
+        seen = torch.zeros(len(surface.faces), dtype=torch.bool, device=face.device)
         seen[face] = True
         place, seen = (seen.cumsum(0) - 1)[face], _where(seen)
-        width, inverse = self.size[1], torch.linalg.inv(self.K)
-        column, row = (pixel % width) + 0.5, pixel.div(width, rounding_mode="floor") + 0.5
-        ray = [a * column + b * row + c for a, b, c in inverse[:2]]
-        uv = self.surfaces[k].uv.float()[self.surfaces[k].face_uv[seen - self.first_face[k]]]
-        return _Interpolate.apply(self.vertices, self.faces[seen], uv, place, *ray)
+        y = (pixel.div(width, rounding_mode="floor") + 0.5 - K[1, 2]) / K[1, 1]
+        x = (pixel % width + 0.5 - K[0, 2] - K[0, 1] * y) / K[0, 0]
+        corners, uv = surface.faces[seen] + self.first_vertex[k], surface.uv.float()[surface.face_uv[seen]]
+        return _Interpolate.apply(self.vertices, corners, uv, place, x, y)
 
 
 def _starts(tensors):
@@ -150,16 +152,21 @@ def _starts(tensors):
 class _View:
     """Buffers without gradient, into which points of the surfaces are put."""
 
-    def __init__(self, scene, face, depth):
+    def __init__(self, scene, own, depth, first=0):
         self.scene = scene
-        self.face = face  # (H,W) through all surfaces, -1 where empty
+        self.own = own  # (H,W) faces counted from face `first` of the scene, -1 where empty
         self.depth = depth  # (H,W) [m], inf where empty
+        self.first = first
+
+    @cached_property
+    def face(self):
+        return torch.where(self.own < 0, -1, self.own + self.first) if self.first else self.own
 
     def paste(self, pixel, values, background):
         """values (C,P) of all points, in pixels (P,), over a background: a number, (C,) or (C,H,W) -> (C,H,W)."""
         background = torch.as_tensor(background, dtype=values.dtype, device=values.device)
         background = background[:, None, None] if background.ndim == 1 else background
-        return _Paste.apply(values, self.scene.vertices, background.expand(len(values), *self.face.shape), pixel, self)
+        return _Paste.apply(values, self.scene.vertices, background.expand(len(values), *self.own.shape), pixel, self)
 
     @cached_property
     def contours(self):
