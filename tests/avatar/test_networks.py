@@ -26,7 +26,7 @@ def seeded():
     torch.manual_seed(0)
 
 
-@pytest.mark.parametrize("mode, size, out", [("same", 8, 8), ("down", 8, 4), ("up", 8, 16)])
+@pytest.mark.parametrize("mode, size, out", [("same", 8, 8), ("point", 8, 8), ("down", 8, 4), ("up", 8, 16)])
 def test_bias_is_untied_each_pixel_has_its_own(mode, size, out):
     conv = Conv(3, 5, out, mode)
     x = torch.randn(1, 3, size, size)
@@ -39,7 +39,7 @@ def test_bias_is_untied_each_pixel_has_its_own(mode, size, out):
     assert not change.any()
 
 
-@pytest.mark.parametrize("mode", ["same", "down", "up"])
+@pytest.mark.parametrize("mode", ["same", "point", "down", "up"])
 def test_weight_norm_length_of_a_kernel_is_its_gain_whatever_the_direction_s_length(mode):
     conv = Conv(3, 5, 8, mode)
     dims = (0, 2, 3) if mode == "up" else (1, 2, 3)
@@ -53,7 +53,7 @@ def test_weight_norm_length_of_a_kernel_is_its_gain_whatever_the_direction_s_len
     assert not conv.weight().any()  # and not NaN
 
 
-@pytest.mark.parametrize("mode, size, out", [("same", 32, 32), ("down", 64, 32), ("up", 32, 64)])
+@pytest.mark.parametrize("mode, size, out", [("same", 32, 32), ("point", 32, 32), ("down", 64, 32), ("up", 32, 64)])
 def test_a_convolution_keeps_the_variance_through_its_leaky_relu(mode, size, out):
     conv = Conv(64, 64, out, mode)
     y = torch.nn.functional.leaky_relu(conv(torch.randn(2, 64, size, size)), 0.2)

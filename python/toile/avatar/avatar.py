@@ -14,13 +14,13 @@ from torch import nn
 
 from .. import kernels
 from .layers import Skeleton, Skin, rotation_matrices
-from .networks import LayerNetworks, Sizes, count, reparameterised, resize
+from .networks import COLOUR_IN, LayerNetworks, Sizes, count, reparameterised, resize
 from .operators import Facing, joint_centroids, uniform_laplacian
 from .renderer import Surface, render
 from .uv import TexelValues, UvMap, UvSampler
 
-GEOMETRY_IN, GEOMETRY_OUT = 0.01, 0.1  # displacement [m] of 1 in an encoder's input and in a head's map
-COLOUR_IN, COLOUR_OUT = 0.25, 0.5  # the same of colours; the outputs are large so that small steps of Adam suffice
+GEOMETRY_IN = 0.01  # displacement that the encoder reads as 1 [m]
+GEOMETRY_OUT, COLOUR_OUT = 0.1, 0.5  # displacement [m] and colour of 1 in a head's map: small steps of Adam do
 FACE_SCALE = 0.01  # a usual motion of a facial keypoint [m]
 HEAD_REACH = 0.12  # vertices that facial keypoints drive lie this near to one of them [m]
 MASK_HOPS = 2  # a joint acts on what it skins, and on what joints this near to it in the skeleton skin
@@ -92,7 +92,7 @@ class LayerModel(nn.Module):
         decoded.mean_texture = decoded.texture = self.mean_texture + COLOUR_OUT * residual
         if self.networks.view is not None:
             cosine = self.view_texels(self.facing(decoded.vertices, centre))
-            seen = self.networks.view_residual((decoded.mean_texture - 0.5) / COLOUR_IN, cosine)
+            seen = self.networks.view_residual(decoded.mean_texture, cosine)
             decoded.texture = decoded.mean_texture + COLOUR_OUT * seen
         return decoded
 

@@ -18,20 +18,21 @@ SLOPE = 0.2  # of the LeakyReLU
 LOGVAR = 10.0  # bound of |logvar|: sigma stays within [0.0067, 148]
 START_LOGVAR = -4.0  # sigma = 0.135
 POSE_CHANNELS, FACE_CHANNELS, FACE_HIDDEN = 16, 8, 32
+COLOUR_IN = 0.25  # difference in colour that networks read as 1
 COARSEST = 4  # texels along a side of the coarsest maps of encoder and code
 
 
 class Conv(nn.Module):
     """A convolution w = g v / |v|, one |v| and g per output channel, plus a bias per output channel and pixel.
 
-    `mode`: "same" 3x3; "down" 4x4 of stride 2; "up" transposed 4x4 of stride 2. `size`: of the output map.
+    `mode`: "same" 3x3; "point" 1x1; "down" 4x4 of stride 2; "up" transposed 4x4 of stride 2. `size`: of the output map.
     With gain 1 it keeps the variance through the LeakyReLU that follows.
     """
 
     def __init__(self, inputs, outputs, size, mode="same", gain=1.0):
         super().__init__()
         self.mode, self.up = mode, mode == "up"
-        k = 3 if mode == "same" else 4
+        k = {"same": 3, "point": 1, "down": 4, "up": 4}[mode]
         shape = (inputs, outputs, k, k) if self.up else (outputs, inputs, k, k)
         self.direction = nn.Parameter(torch.randn(shape) / (inputs * k * k) ** 0.5)  # |v| = 1, so that it turns
         norm = gain * (2 / (1 + SLOPE**2)) ** 0.5 * (2 if self.up else 1)  # 4 of an "up" kernel's 16 taps meet a pixel
@@ -44,10 +45,13 @@ class Conv(nn.Module):
         return v * (self.gain.reshape([-1 if d == kept else 1 for d in range(4)]) / length)
 
     def forward(self, x):
-        if self.up:
-            y = F.conv_transpose2d(x, self.weight(), stride=2, padding=1)
+        w = self.weight()
+        if self.mode == "up":
+            y = F.conv_transpose2d(x, w, stride=2, padding=1)
+        elif self.mode == "point":  # a matrix product of channels-last pixels: a third of conv2d's time at 8 channels
+            y = F.linear(x.permute(0, 2, 3, 1), w.flatten(1)).permute(0, 3, 1, 2)
         else:
-            y = F.conv2d(x, self.weight(), stride=2 if self.mode == "down" else 1, padding=1)
+            y = F.conv2d(x, w, stride=2 if self.mode == "down" else 1, padding=1)
         return y + self.bias.permute(2, 0, 1).to(y.dtype)
 
 
@@ -56,7 +60,7 @@ def block(*args, **kwargs):
     return nn.Sequential(Conv(*args, **kwargs), nn.LeakyReLU(SLOPE, inplace=True))
 
 
-def head(inputs, outputs, size, mode="same"):
+def head(inputs, outputs, size, mode="point"):
     """A last convolution, zero at the start."""
     return Conv(inputs, outputs, size, mode, gain=0.0)
 
@@ -286,8 +290,8 @@ class LayerNetworks(nn.Module):
         return channels_last(torch.cat([p.to(parts[0].dtype) for p in parts], dim=1))
 
     def view_residual(self, texture, cosine):
-        """View-dependent residual (B,3,T,T) of a normalised texture (B,3,T,T) seen at n.v (B,1,T/2,T/2)."""
-        small = resize(texture, self.sizes.view_size)
+        """View-dependent residual (B,3,T,T) of a texture (B,3,T,T) seen at n.v (B,1,T/2,T/2)."""
+        small = (resize(texture, self.sizes.view_size) - 0.5) / COLOUR_IN
         return resize(self.view(channels_last(torch.cat([small, cosine], dim=1))), self.sizes.texture)
 
 
