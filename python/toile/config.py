@@ -61,6 +61,7 @@ class DressSettings(Settings):
 
     trace: bool = True  # find rims that hang free of the scan in the pictures, and settle again
     stiffness: float = 0.05  # of a garment's bending against its distance to the scan
+    quick: bool = False  # settle in half the steps
     fit_reach: float = 0.04  # reach of the body's shape when a template is carried to the person [m]
     skin_smoothing: int = 10  # umbrella steps on transferred skinning weights
     fit_frames: int = 6  # sampled frames that personalise the rest shape, 0 for none
@@ -81,7 +82,9 @@ class DressSettings(Settings):
 class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
+    samples: int = 5000  # vertices of the body that look for the scan when the pose is fitted
     stiffness: float = 0.02  # bending of the free-form displacement, see settle.Settler
+    quick: bool = False  # settle in half the steps
     rest_smoothing: int = 5  # umbrella steps on the personal offsets
     observed: float = 0.004  # a tracked vertex this close to the scan is observed [m]
     interpolated: float = 0.02  # within this it is interpolated, beyond hidden [m]
@@ -111,13 +114,15 @@ FIT_FRAMES = {"draft": 3, "standard": 6, "fine": 10}
 
 
 def preset(quality):
-    """The settings of a quality preset. Draft reads four pictures a frame and leaves rims where the labels put them."""
+    """The settings of a quality preset. Draft reads four pictures a frame, leaves rims where the labels put them, and fits
+    pose and surfaces in fewer steps to fewer points."""
     if quality not in QUALITIES:
         raise ValueError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
     draft = quality == "draft"
     return Config(
         quality=quality,
         samples=SAMPLES[quality],
+        track=TrackSettings(samples=2000 if draft else 5000, quick=draft),
         segment=SegmentSettings(views=4 if draft else 0, refine=not draft),
-        dress=DressSettings(fit_frames=FIT_FRAMES[quality], trace=not draft),
+        dress=DressSettings(fit_frames=FIT_FRAMES[quality], trace=not draft, quick=draft),
     )

@@ -103,7 +103,7 @@ class Dresser:
         self.model, self.person, self.template, self.settings = body_model, person, template, settings
         self.known = np.concatenate(template.loops).astype(np.int32)
         self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
-        self.settler = Settler(template.rest, template.faces, settings.stiffness)
+        self.settler = Settler(template.rest, template.faces, settings.stiffness, settings.quick)
         names = np.array(body_model.joint_names)
         largest = np.asarray(body_model.weights_val).argmax(1)
         strongest = np.asarray(body_model.weights_idx)[np.arange(len(largest)), largest]

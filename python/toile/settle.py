@@ -4,7 +4,8 @@ import numpy as np
 
 from . import kernels
 
-_GATES = (0.05, 0.04, 0.03, 0.02, 0.02, 0.02)  # reach of the scan, step by step [m]
+# step by step: factor of the stiffness, and reach of the scan [m]
+_STEPS = ((60, 0.05), (20, 0.04), (6, 0.03), (2, 0.02), (1, 0.02), (1, 0.02))
 _COSINE = 0.6  # least agreement of normals
 _RIM = 0.01  # weight of a loop vertex against a surface vertex: the biharmonic start has laid it there; more pins noise
 
@@ -14,10 +15,11 @@ class Settler:
 
     Each step solves min_d sum_i w_i |d_i - t_i|^2 + stiffness m d' L M^-1 L d, m the mean mass, t_i the offset along
     the scan's normal to its nearest point, w_i its gate, and loop vertices drawn to their curves. Offsets along the
-    normal keep the three coordinates apart: one factor of n unknowns a step instead of one of 3n.
+    normal keep the three coordinates apart: one factor of n unknowns a step instead of one of 3n. `quick` takes every
+    second step alone.
     """
 
-    def __init__(self, V, F, stiffness):
+    def __init__(self, V, F, stiffness, quick=False):
         from scipy.sparse import diags
 
         self.F = F
@@ -28,9 +30,9 @@ class Settler:
         column = np.repeat(np.arange(len(V)), np.diff(self.bending.indptr))
         self.diagonal = np.flatnonzero(self.bending.indices == column)
         self.factor = kernels.CholeskyFactor()
-        self.steps = [(stiffness * factor, gate) for factor, gate in zip((60, 20, 6, 2, 1, 1), _GATES)]
+        self.steps = [(stiffness * factor, gate) for factor, gate in _STEPS[quick :: 1 + quick]]
 
-    def solve(self, scan, start, boundary, steps=6):
+    def solve(self, scan, start, boundary, steps=len(_STEPS)):
         """Fitted vertices (n,3) from `start` (n,3) to a Mesh; `boundary` [(vertex indices, closed polyline (k,3))]; only
         the last `steps` of the schedule for a start within millimetres."""
         border = _border_vertices(scan.faces, len(scan.vertices))

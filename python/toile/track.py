@@ -37,7 +37,7 @@ class Tracker:
 
     def __init__(self, model, person, settings):
         self.model, self.person, self.settings = model, person, settings
-        self.skeleton = kernels.SkeletonSolver(model, solve_shape=False)
+        self.skeleton = kernels.SkeletonSolver(model, solve_shape=False, surface_samples=settings.samples)
         self.surface = _Surface(model, person.rest, settings)
 
     def track(self, frame, points, previous=None):
@@ -89,7 +89,7 @@ class _Surface:
 
     def __init__(self, model, rest, settings):
         self.model, self.settings = model, settings
-        self.settler = Settler(rest, model.f, settings.stiffness)
+        self.settler = Settler(rest, model.f, settings.stiffness, settings.quick)
 
     def fit(self, scan, start):
         """-> vertices (n,3) and confidence (n,)."""

@@ -99,5 +99,7 @@ def test_bad_input_is_refused_by_name(value):
         kernels.read(np.zeros((1, 9, 3)), np.zeros((2, 2)))
     with pytest.raises(kernels.InputError, match=r"read: image has shape \(9, 9\)"):
         kernels.read(np.zeros((9, 9)), np.zeros((2, 2)))
+    with pytest.raises(kernels.InputError, match="read: image is not an array"):
+        kernels.read([[[1.0]], [[1.0], [2.0]]], np.zeros((2, 2)))
     with pytest.raises(kernels.InputError, match=r"read: uv has shape \(2, 3\)"):
         kernels.read(np.zeros((9, 9, 1)), np.zeros((2, 3)))

@@ -39,6 +39,14 @@ def as_floats(kernel, name, values, shape):
     return array
 
 
+def as_pixels(kernel, name, values):
+    """(H,W,C) float32, C order."""
+    array = _as_array(kernel, name, values)
+    if array.ndim != 3 or array.dtype.kind not in "fiub":
+        raise InputError(f"{kernel}: {name} has shape {array.shape} of {array.dtype}, expected (H,W,C) numbers")
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
 def as_sparse(kernel, name, values, kind=sp.csr_matrix):
     """Sparse float64 rows (scipy's csr, or another `kind`), finite, with every index in range: the core trusts its
     structure."""

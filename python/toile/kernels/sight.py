@@ -1,9 +1,7 @@
 """What a camera sees of points beside a surface, and what its picture says there."""
 
-import numpy as np
-
 from .. import _core
-from .arrays import as_floats, as_vertices
+from .arrays import as_floats, as_pixels, as_vertices
 
 
 def see(points, normals, K, distortion, T_camera_world, depth, tolerance, min_cosine):
@@ -30,7 +28,4 @@ def read(image, uv):
     """Bilinear values (n,C) float32 of an image (H,W,C) at pixels (n,2); pixel (0,0) has its centre at (0.5, 0.5), and
     beyond the outermost centres their values go on; at what is no number any value. InputError for fewer than 2 x 2
     pixels."""
-    image = np.asarray(image)
-    if image.ndim != 3:
-        raise _core.InputError(f"read: image has shape {image.shape}, expected (H,W,C)")
-    return _core.read(image, as_floats("read", "uv", uv, (None, 2)))
+    return _core.read(as_pixels("read", "image", image), as_floats("read", "uv", uv, (None, 2)))
