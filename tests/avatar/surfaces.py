@@ -1,4 +1,4 @@
-"""Surfaces that the avatar's tests draw: a posed body, a cloth sheet with folds, bumpy spheres; and random smooth fields."""
+"""Surfaces that the avatar's tests draw: a posed body, a sheet with folds, bumpy spheres; and random smooth fields."""
 
 import numpy as np
 import torch
@@ -25,7 +25,8 @@ def smooth_field(seed, wavelength, channels=3, waves=6):
     """A random function of points (n,3) -> (n,channels): a sum of plane waves no shorter than `wavelength` [m]."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=(waves, 3))
-    k = 2 * np.pi / wavelength * direction / np.linalg.norm(direction, axis=1, keepdims=True) * rng.uniform(0.2, 1, (waves, 1))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    k = 2 * np.pi / wavelength * direction * rng.uniform(0.2, 1, (waves, 1))
     phase, amplitude = rng.uniform(0, 2 * np.pi, waves), rng.normal(size=(waves, channels)) / np.sqrt(waves)
     return lambda points: np.sin(np.asarray(points) @ k.T + phase) @ amplitude
 
@@ -65,7 +66,8 @@ def sheet(n=40, centre=(0.03, -0.25, -0.25), extent=(0.5, 0.6), turn=0.0, seed=5
 def sphere(radius=0.3, centre=(0, 0, 0), n=48, bumps=0.0, seed=0):
     """A (bumpy) sphere of 2 n (n/2 - 1) faces."""
     theta, phi = np.linspace(0, np.pi, n // 2 + 1)[1:-1], np.arange(n) * 2 * np.pi / n
-    ring = np.stack([np.sin(theta)[:, None] * np.cos(phi), np.cos(theta)[:, None] + 0 * phi, np.sin(theta)[:, None] * np.sin(phi)], -1)
+    theta, phi = np.meshgrid(theta, phi, indexing="ij")
+    ring = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], -1)
     V = np.r_[[[0, 1, 0]], ring.reshape(-1, 3), [[0, -1, 0]]]
     i, last = np.arange(n), len(V) - 1
     j = (i + 1) % n
@@ -79,4 +81,5 @@ def sphere(radius=0.3, centre=(0, 0, 0), n=48, bumps=0.0, seed=0):
 
 def wall(depth=0.5, half=2.0):
     """Two triangles behind everything, so that every pixel has a finite depth."""
-    return np.array([[-half, -half, depth], [half, -half, depth], [half, half, depth], [-half, half, depth]]), np.array([[0, 1, 2], [0, 2, 3]])
+    V = [[-half, -half, depth], [half, -half, depth], [half, half, depth], [-half, half, depth]]
+    return np.array(V), np.array([[0, 1, 2], [0, 2, 3]])

@@ -1,11 +1,11 @@
-"""The differentiable renderer against the raster under it: one body of 27k triangles, and one with cloth in front of it.
+"""The differentiable renderer against the raster under it: a body of 27k triangles, and one with cloth before it.
 
     python tests/bench/bench_renderer.py [--repeats 20] [--threads 2]
 
 prints milliseconds (median) of the raster alone, of forward, and of forward + backward (vertices and texture), and the
 medians of their ratios to the raster in the same round.
-With pytest-benchmark: python -m pytest tests/bench/bench_renderer.py -o python_files='bench_*.py' -o python_functions='bench_*',
-ratios in extra_info.
+With pytest-benchmark, ratios in extra_info:
+    python -m pytest tests/bench/bench_renderer.py -o python_files='bench_*.py' -o python_functions='bench_*'
 """
 
 import os
@@ -54,7 +54,8 @@ def problem(size, scene):
         loss = (seen.image - target).abs().mean() + (seen.mask - target[0]).abs().mean() + depth.mean()
         torch.autograd.grad(loss, leaves)
 
-    return {"raster": lambda: kernels.raster(V, F, camera, (size, size)), "forward": forward, "forward + backward": both_ways}
+    raster = lambda: kernels.raster(V, F, camera, (size, size))  # noqa: E731
+    return {"raster": raster, "forward": forward, "forward + backward": both_ways}
 
 
 def race(functions, repeats):
@@ -90,4 +91,5 @@ if __name__ == "__main__":
     for size in SIZES:
         for scene in SCENES:
             result = race(problem(size, scene), arguments.repeats)
-            print(f"{size} px, {scene:28s}" + "   ".join(f"{name} {1e3 * s:6.1f} ms ({r:4.1f} x)" for name, (s, r) in result.items()), flush=True)  # fmt: skip
+            figures = (f"{name} {1e3 * s:6.1f} ms ({ratio:4.1f} x)" for name, (s, ratio) in result.items())
+            print(f"{size} px, {scene:28s}" + "   ".join(figures), flush=True)

@@ -1,8 +1,8 @@
 """Where does the picture jump? Between adjacent pixels, the point of a mesh's contour that lies between their centres.
 
 From one pixel's point the surface is followed, face by face, towards the other pixel. It may end at a border or turn
-back at a fold: there the picture jumps from this surface to what lies behind. A surface that goes on as far as the other
-pixel's centre has no contour there, however small its faces are.
+back at a fold: there the picture jumps from this surface to what lies behind. A surface that goes on as far as the
+other pixel's centre has no contour there, however small its faces are.
 """
 
 from typing import NamedTuple
@@ -39,7 +39,8 @@ def contours(face, depth, vertices, faces, neighbours, K):
     a = torch.cat([columns, rows])  # (E,2) row and column
     b = torch.cat([columns + columns.new_tensor([0, 1]), rows + rows.new_tensor([1, 0])])
     p, q = torch.cat([a, b]), torch.cat([b, a])  # followed both ways
-    found, i, j, s = _follow(face[p[:, 0], p[:, 1]], p.flip(1) + 0.5, (q - p).flip(1).float(), screen, faces, neighbours)
+    start, centre, direction = face[p[:, 0], p[:, 1]], p.flip(1) + 0.5, (q - p).flip(1).float()
+    found, i, j, s = _follow(start, centre, direction, screen, faces, neighbours)
     s = s * z[i] / (s * z[i] + (1 - s) * z[j])  # perspective
     hit = torch.full_like(p[:, 0], -1).index_copy(0, found, torch.arange(len(found), device=face.device)).view(2, -1)
     a_nearer = depth[a[:, 0], a[:, 1]] <= depth[b[:, 0], b[:, 1]]

@@ -12,9 +12,10 @@ CANDIDATES = 2**24  # (face, pixel) pairs looked at together: bounds the memory
 
 
 def rasterise(vertices, faces, K, size):
-    """vertices (n,3) in the camera's frame, faces (m,3) -> face (H,W) int64, -1 where empty; depth (H,W) float64 [m], inf there.
+    """vertices (n,3) in the camera's frame, faces (m,3) -> face (H,W) int64, -1 where empty; depth (H,W) float64 [m].
 
-    Both sides of a face are seen; equal depths go to the lower face index. InputError: as of `kernels.raster`.
+    Depth is inf where empty. Both sides of a face are seen; equal depths go to the lower face index.
+    InputError: as of `kernels.raster`.
     """
     if vertices.device.type != "cpu":
         return rasterise_by_scatter(vertices, faces, K, size)
@@ -24,7 +25,7 @@ def rasterise(vertices, faces, K, size):
 
 @torch.no_grad()
 def rasterise_by_scatter(vertices, faces, K, size):
-    """The same in torch, on any device: every face tests the pixels of its bounding box; the least (depth, face) stays."""
+    """The same in torch, on any device: faces test their bounding boxes' pixels; the least (depth, face) stays."""
     if not torch.isfinite(vertices).all():
         raise InputError("rasterise: vertices are not finite")
     height, width = size
@@ -39,9 +40,10 @@ def rasterise_by_scatter(vertices, faces, K, size):
     plane = _inverse_depth(corners, K)
     best = torch.full((height * width,), torch.iinfo(torch.int64).max, device=vertices.device)
     for part in _parts(area):
-        owner = torch.repeat_interleave(part, area[part])
-        rank = torch.arange(len(owner), device=owner.device) - torch.repeat_interleave(area[part].cumsum(0) - area[part], area[part])
-        column, row = low[owner, 0] + rank % extent[owner, 0], low[owner, 1] + rank.div(extent[owner, 0], rounding_mode="floor")
+        count = area[part]
+        owner, first = part.repeat_interleave(count), (count.cumsum(0) - count).repeat_interleave(count)
+        rank, across = torch.arange(len(owner), device=owner.device) - first, extent[owner, 0]
+        column, row = low[owner, 0] + rank % across, low[owner, 1] + rank.div(across, rounding_mode="floor")
         inside = _covers(snapped[owner], column, row)
         owner, column, row = owner[inside], column[inside], row[inside]
         near, far = corners[owner, :, 2].amin(1), corners[owner, :, 2].amax(1)
@@ -72,7 +74,7 @@ def _clip(corners):
 
 
 def _cut(p, q):
-    """Where the edge from p to q meets z = NEAR, the same point from either of its faces: it runs from the front end."""
+    """Where the edge from p to q meets z = NEAR: the same point from either of its faces, as it runs from the front."""
     front, back = torch.where(p[:, 2:] >= q[:, 2:], p, q), torch.where(p[:, 2:] >= q[:, 2:], q, p)
     t = (front[:, 2:] - NEAR) / (front[:, 2:] - back[:, 2:]).clamp(min=1e-300)
     cut = front + t * (back - front)

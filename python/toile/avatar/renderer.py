@@ -114,7 +114,8 @@ class _Scene:
         world = torch.cat([s.vertices.float() for s in surfaces])
         # no matrix product: on the way back autocast would round it
         self.vertices = (world[:, None] * T_camera_world[:3, :3]).sum(2) + T_camera_world[:3, 3]
-        self.first_vertex, self.first_face = _starts([s.vertices for s in surfaces]), _starts([s.faces for s in surfaces])
+        self.first_vertex = _starts([s.vertices for s in surfaces])
+        self.first_face = _starts([s.faces for s in surfaces])
 
     @cached_property
     def faces(self):
@@ -183,7 +184,7 @@ class _Interpolate(Function):
 
     @staticmethod
     def forward(ctx, vertices, corners, uv, place, x, y):
-        """vertices (n,3) in the camera's frame, corners (F,3), uv (F,3,2), place (P,) in F, rays (x, y, 1) (P,) each."""
+        """vertices (n,3) in the camera's frame, corners (F,3), uv (F,3,2), place (P,) in F, rays (x, y, 1)."""
         inverse = _inverse(vertices[corners]).flatten(1).T.contiguous().index_select(1, place).view(3, 3, -1)
         uv = uv.flatten(1).T.contiguous().index_select(1, place).view(3, 2, -1)
         weight = (inverse[:, 0] * x + inverse[:, 1] * y + inverse[:, 2]).clamp(min=0)  # < 0 by snapping only
@@ -219,7 +220,7 @@ def _inverse(corners):
 
 
 class _Paste(Function):
-    """Points put over a background; the way back adds the gradient of silhouettes and occlusion edges to the vertices."""
+    """Points put over a background; the way back adds the gradients of silhouettes and occlusion edges."""
 
     @staticmethod
     def forward(ctx, values, vertices, background, pixel, view):
@@ -247,9 +248,10 @@ def _through_contours(picture, g, vertices, view):
         a, b, i, j, s = contour
         step = picture[:, a] - picture[:, b]
         step = torch.where(step.isfinite(), step, 0.0)  # depth beside emptiness
-        slope = (0.5 * (g[:, a] + g[:, b]) * step).sum(0)  # by the contour's place on the screen, axis . (x, y, z) / z
+        slope = (0.5 * (g[:, a] + g[:, b]) * step).sum(0)  # by the place axis . (x/z, y/z, 1) on the screen
         x, y, z = torch.lerp(vertices[i], vertices[j], s[:, None]).unbind(1)
         z = z.clamp(min=NEAR)
-        force = torch.stack([axis[0].expand_as(z), axis[1].expand_as(z), -(axis[0] * x + axis[1] * y) / z], 1) * (slope / z)[:, None]
+        slope = slope / z
+        force = torch.stack([axis[0] * slope, axis[1] * slope, -(axis[0] * x + axis[1] * y) / z * slope], 1)
         g_vertices.index_add_(0, torch.cat([i, j]), torch.cat([(1 - s)[:, None] * force, s[:, None] * force]))
     return g_vertices
