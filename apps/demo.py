@@ -13,7 +13,8 @@ from toile.avatar.report import section
 from toile.avatar.settings import preset as avatar_preset
 from toile.cli import progress_bars
 from toile.config import preset
-from toile.evaluate import evaluate, flatten
+from toile.evaluate import evaluate
+from toile.page import flatten
 from toile.pipeline import register
 from toile.report import write_report
 

@@ -13,7 +13,7 @@ from .capture import open_capture
 from .io.body import load_body_model
 from .scene import CaptureError
 from .store import OK, Status
-from .truth import millimetres, open_truth, outside_of
+from .truth import mean_measures, millimetres, open_truth, outside_of
 
 
 def evaluate(run):
@@ -55,7 +55,7 @@ class _Evaluation:
         for row, number in enumerate(int(n) for n in numbers):
             if done[row] == OK:
                 per_frame.append({"frame": number, **self._frame(row, number, errors)})
-        everything = _mean(per_frame or [self._nothing()])
+        everything = mean_measures(per_frame or [self._nothing()])
         everything.pop("frame", None)
         for name, by_frame in errors.items():
             everything["garment"][name]["jitter_mm"] = _jitter(by_frame)
@@ -150,23 +150,3 @@ def _jitter(errors):
         if n - 1 in errors and n + 1 in errors
     ]
     return float(np.mean(lengths) * 1e3) if lengths else None
-
-
-def _mean(values):
-    """The mean of nested measures over those that have a number; None where none has."""
-    nested = [v for v in values if isinstance(v, dict)]
-    if nested:
-        return {key: _mean([v.get(key) for v in nested]) for key in dict.fromkeys(k for v in nested for k in v)}
-    numbers = [v for v in values if v is not None]
-    return float(np.mean(numbers)) if numbers else None
-
-
-def flatten(values, prefix=""):
-    """Nested measures as {"garment tshirt surface_mm": number}."""
-    flat = {}
-    for name, value in values.items():
-        if isinstance(value, dict):
-            flat |= flatten(value, f"{prefix}{name} ")
-        elif value is None or isinstance(value, (int, float)):
-            flat[f"{prefix}{name}"] = value
-    return flat

@@ -63,6 +63,17 @@ def table(head, rows):
     return f"<table>{line('th', head)}{''.join(line('td', row) for row in rows)}</table>"
 
 
+def flatten(values, prefix=""):
+    """Nested measures as {"garment tshirt surface_mm": number}."""
+    flat = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{name} ")
+        elif value is None or isinstance(value, (int, float)):
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
 def heat(share):
     """Colours (...,3) of values 0..1: blue at 0, dark red from 1 on."""
     at = np.clip(np.asarray(share, dtype=np.float64), 0, 1)

@@ -11,8 +11,8 @@ import numpy as np
 
 from . import kernels
 from .capture import open_capture
-from .evaluate import evaluate, flatten
-from .page import HEAT, cards, document, figure, heat, plot, short_number
+from .evaluate import evaluate
+from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number
 from .scene import CaptureError
 from .store import Status
 

@@ -110,6 +110,15 @@ def millimetres(distances):
     return float(np.mean(distances) * 1e3) if len(distances) else None
 
 
+def mean_measures(values):
+    """The mean of nested measures over those that have a number; None where none has."""
+    nested = [v for v in values if isinstance(v, dict)]
+    if nested:
+        return {key: mean_measures([v.get(key) for v in nested]) for key in dict.fromkeys(k for v in nested for k in v)}
+    numbers = [v for v in values if v is not None]
+    return float(np.mean(numbers)) if numbers else None
+
+
 def to_polyline(points, closed):
     """Distance (k,) to a closed polyline (m,3)."""
     a, d = closed, np.roll(closed, -1, 0) - closed

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pictures import SHIRT, pictures
-from toile.avatar.evaluation import Tally, mean
+from toile.avatar.evaluation import Tally
 from toile.scene import CaptureError
+from toile.truth import mean_measures
 
 MEASURES = {"mse", "ssim", "psnr", "band_mse", "band_ssim", "band_psnr", "garment_mse", "body_mse", "pixels", "band_pixels"}
 
@@ -93,5 +94,5 @@ def test_a_picture_that_is_not_finite_is_refused(shown):
 
 def test_the_mean_of_measures_leaves_out_what_is_missing():
     values = [{"a": 1.0, "b": {"c": None}}, {"a": 3.0, "b": {"c": 2.0}}, None]
-    assert mean(values) == {"a": 2.0, "b": {"c": 2.0}}
-    assert mean([None, None]) is None and mean([]) is None
+    assert mean_measures(values) == {"a": 2.0, "b": {"c": 2.0}}
+    assert mean_measures([None, None]) is None and mean_measures([]) is None

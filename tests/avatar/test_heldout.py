@@ -48,6 +48,8 @@ def test_the_json_has_the_documented_shape(avatar, result):
         for name in ("layered", "baseline"):
             assert 0 < part[name]["band_mse"] and 0 < part[name]["mse"] < 255**2 and -1 <= part[name]["ssim"] <= 1
             assert len(part[name]["cameras"]) == 8
+    sizes = found["all"]["parameters"]
+    assert 0.9 < sizes["baseline"] / sizes["layered"] < 1.1
     assert found["all"]["layered"]["mse"] == pytest.approx(result["all"]["layered"]["mse"])
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..scene import CaptureError
+from ..truth import mean_measures
 from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
 from .sheet import write_sheets
 
@@ -111,23 +112,15 @@ def _result(held, tally, mm_per_pixel):
         if name not in held.avatars:
             return None
         errors = [g[name] for n, g in geometry.items() if frame in (None, n)]
-        return tally.measures(name, frame) | {"geometry": mean(errors) if errors else None}
+        return tally.measures(name, frame) | {"geometry": mean_measures(errors) if errors else None}
 
     everything = {name: of(name) for name in NAMES} | {
+        "parameters": {name: avatar.parameters_count() for name, avatar in held.avatars.items()},
         "frames": len(held.frames),
-        "pose_distance_deg": mean(list(distance.values())),
+        "pose_distance_deg": mean_measures(list(distance.values())),
         "mm_per_pixel": mm_per_pixel,
         "labels": "truth" if held.truth else "captured",
         "photometric": None if held.truth else held.photometric(),
     }
     per_frame = [{"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames]
     return {"all": everything, "per_frame": per_frame, "warnings": held.warnings}
-
-
-def mean(values):
-    """The mean of nested measures over those that have a number; None where none has."""
-    nested = [v for v in values if isinstance(v, dict)]
-    if nested:
-        return {key: mean([v.get(key) for v in nested]) for key in dict.fromkeys(k for v in nested for k in v)}
-    numbers = [v for v in values if v is not None]
-    return float(np.mean(numbers)) if numbers else None

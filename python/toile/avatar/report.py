@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..page import document, figure, plot, table
+from ..page import document, figure, flatten, plot, table
 from .evaluation import NAMES, evaluate_avatar
 
 MEASURES = {  # name in the JSON: what it says, in the order of the table
@@ -63,18 +63,10 @@ def _geometry(everything):
     """Distances of the decoded layers to the truth."""
     flat = {}
     for name in NAMES:
-        for measure, value in _flat((everything[name] or {}).get("geometry") or {}):
-            flat.setdefault(measure, {})[name] = value
+        for measure, value in flatten((everything[name] or {}).get("geometry") or {}).items():
+            flat.setdefault(measure.replace("_mm", ""), {})[name] = value
     rows = [[measure, values.get("layered"), values.get("baseline")] for measure, values in flat.items()]
     return f"<h2>Decoded geometry against the truth [mm]</h2>{table(['', 'layered', 'single layer'], rows)}" if rows else ""
-
-
-def _flat(values, prefix=""):
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name} ")
-        else:
-            yield prefix + name.removesuffix("_mm"), value
 
 
 def _photometric(everything):
