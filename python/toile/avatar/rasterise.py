@@ -7,8 +7,8 @@ from ..kernels import InputError, raster
 
 NEAR = 0.01  # what lies nearer to the camera's plane is cut away [m]
 SUBPIXEL = 4096  # corners are snapped to 1/4096 px, so that shared edges neither crack nor double
-GUARD = 2**18  # [px] snapped corners are cut to it, so that edge functions fit 64 bits
-CANDIDATES = 2**24  # (face, pixel) pairs looked at together: bounds the memory
+GUARD = 2**17  # [px] image positions are cut to it, so that edge functions fit 64 bits
+CANDIDATES = 2**22  # (face, pixel) pairs looked at together: bounds the memory
 
 
 def rasterise(vertices, faces, K, size):

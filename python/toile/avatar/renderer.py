@@ -235,7 +235,7 @@ class _Paste(Function):
     def backward(ctx, g_picture):
         (picture, vertices, pixel), g = ctx.saved_tensors, g_picture.flatten(1)
         g_vertices = g_background = None
-        if ctx.needs_input_grad[1]:
+        if ctx.needs_input_grad[1] and g.any():  # a layer's own depth rarely has a gradient
             g_vertices = _through_contours(picture, g, vertices, ctx.view)
         if ctx.needs_input_grad[2]:
             g_background = g.index_fill(1, pixel, 0.0).view(g_picture.shape)
