@@ -87,14 +87,20 @@ Vector face_areas(const Vertices& V, const Faces& F) {
 }
 
 Vertices vertex_normals(const Vertices& V, const Faces& F) {
+    constexpr double cancelled = 1e-12;  // a share of the faces' area that rounding leaves where they face each other
     Vertices N = Vertices::Zero(V.rows(), 3);
+    Vector area = Vector::Zero(V.rows());
     for (Eigen::Index f = 0; f < F.rows(); ++f) {
         const Vec3 n = double_area_vector(V, F, f);
-        for (int c = 0; c < 3; ++c) N.row(F(f, c)) += n.transpose();
+        for (int c = 0; c < 3; ++c) {
+            N.row(F(f, c)) += n.transpose();
+            area[F(f, c)] += n.norm();
+        }
     }
     for (Eigen::Index v = 0; v < V.rows(); ++v) {
         const double length = N.row(v).norm();
-        if (length > 0) N.row(v) /= length;
+        if (length > cancelled * area[v]) N.row(v) /= length;
+        else N.row(v).setZero();
     }
     return N;
 }

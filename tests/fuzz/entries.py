@@ -203,6 +203,18 @@ def run_raster(V, F, K, size, options):
         finite("barycentric", result.barycentric, (*size, 3))
 
 
+def draw_occlusion(d):
+    V, F = d.dressed(*d.mesh())
+    rays = d.whole(1, 40) if d.chance(0.95) else d.pick([0, -1, 65537, 2**40])
+    return {"V": V, "F": F, "rays": rays, "seed": d.whole(0, 1000), "options": d.options(offset=(1e-7, 1), reach=(1e-9, 1e9))}
+
+
+def run_occlusion(V, F, rays, seed, options):
+    openness = kernels.ambient_occlusion(V, F, rays, seed, **options)
+    finite("openness", openness, (rows(V),))
+    within("openness", openness, 0, 1)
+
+
 ENTRIES = {
     "nricp": (draw_nricp, run_nricp),
     "untangle": (draw_untangle, run_untangle),
@@ -211,6 +223,7 @@ ENTRIES = {
     "skeleton": (draw_skeleton, run_skeleton),
     "inner": (draw_inner, run_inner),
     "raster": (draw_raster, run_raster),
+    "occlusion": (draw_occlusion, run_occlusion),
     "operators": (draw_mesh, run_operators),
     "topology": (draw_topology, run_topology),
     "closest": (draw_closest, run_closest),

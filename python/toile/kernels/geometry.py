@@ -10,7 +10,7 @@ from .arrays import as_faces, as_floats, as_indices, as_sparse, as_vertices
 
 
 def vertex_normals(V, F):
-    """Area-weighted unit normals (n,3); zero where no face has area."""
+    """Area-weighted unit normals (n,3); zero where no face has area, or where a face and its reverse cancel."""
     return _core.vertex_normals(as_vertices("vertex_normals", "V", V), as_faces("vertex_normals", "F", F))
 
 
