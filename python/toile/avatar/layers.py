@@ -186,24 +186,25 @@ class Skin(nn.Module):
 
     def __init__(self, layer):
         super().__init__()
-        self.register_buffer("joints", torch.as_tensor(np.asarray(layer.skin_idx, dtype=np.int64)), persistent=False)
-        self.register_buffer("weights", torch.as_tensor(np.asarray(layer.skin_val, dtype=np.float32)), persistent=False)
+        joints = np.asarray(layer.skin_idx, dtype=np.int64)
+        dense = np.zeros((len(joints), joints.max() + 1), np.float32)  # one product is faster than sums over the few
+        np.add.at(dense, (np.arange(len(joints))[:, None], joints), layer.skin_val)
+        self.register_buffer("weights", torch.as_tensor(dense), persistent=False)
 
     def blend(self, R, t):
         """Per vertex A (B,n,3,3) and b (B,n,3): skinning is A v + b."""
-        both = torch.cat([R, t[..., None]], -1).flatten(2)  # (B,K,12)
-        mixed = 0.0
-        for k in range(self.joints.shape[1]):
-            mixed = mixed + self.weights[:, k, None] * both[:, self.joints[:, k]]
-        mixed = mixed.reshape(len(R), -1, 3, 4)
-        return mixed[..., :3], mixed[..., 3]
+        both = torch.cat([R.flatten(2), t], -1)[:, : self.weights.shape[1]]  # (B,K,12)
+        mixed = self.weights @ both
+        return mixed[..., :9].unflatten(-1, (3, 3)), mixed[..., 9:]
 
     def pose(self, unposed, R, t):
         """(B,n,3) unposed -> posed, in the world."""
         A, b = self.blend(R, t)
-        return (A @ unposed[..., None])[..., 0] + b
+        return (A * unposed[..., None, :]).sum(-1) + b
 
     def unpose(self, posed, R, t):
-        """The inverse of `pose`."""
+        """The inverse of `pose`: the rows' cross products over the determinant are the columns of A's inverse."""
         A, b = self.blend(R, t)
-        return torch.linalg.solve(A, (posed - b)[..., None])[..., 0]
+        p, (x, y, z) = posed - b, A.unbind(-2)
+        inverse = torch.stack([torch.linalg.cross(y, z), torch.linalg.cross(z, x), torch.linalg.cross(x, y)], -1)
+        return (inverse * p[..., None, :]).sum(-1) / (x * inverse[..., 0]).sum(-1, keepdim=True)
