@@ -145,6 +145,20 @@ def test_occlusion_edges_between_layers_carry_most_of_the_gradient():
     assert (gradient[inside] == 0).all()
 
 
+def test_the_silhouette_of_one_large_face_moves_with_each_corner_as_its_area_does():
+    corners = f32([[-0.31, -0.22, 1.0], [0.9, -0.1, 3.0], [0.15, 0.52, 1.8]])
+    K = torch.tensor([[300.0, 0, 130], [0, 280, 120], [0, 0, 1]])
+    vertices, faces = corners.clone().requires_grad_(), torch.tensor([[0, 1, 2]])
+    mask = render([Surface(vertices, faces, torch.rand(3, 2), faces, torch.rand(3, 4, 4))], K, IDENTITY, (256, 256)).mask
+    (ours,) = torch.autograd.grad(mask.sum(), vertices)
+    screen = (vertices @ K.T)[:, :2] / vertices[:, 2:]
+    ab, ac = screen[1] - screen[0], screen[2] - screen[0]
+    area = (ab[0] * ac[1] - ab[1] * ac[0]).abs() / 2
+    (true,) = torch.autograd.grad(area, vertices)
+    assert float(mask.detach().sum()) == pytest.approx(float(area.detach()), rel=0.01)
+    torch.testing.assert_close(ours, true, rtol=0, atol=0.02 * float(true.abs().max()))
+
+
 def test_a_smooth_surface_has_no_contour_inside_however_small_its_faces():
     V, F = shapes.sphere(n=300)  # faces of a third of a pixel
     K, T = shapes.camera(64)
