@@ -24,6 +24,7 @@ void bind_nricp(py::module_& m) {
         .def_readwrite("spread", &NricpOptions::spread)
         .def_readwrite("detail", &NricpOptions::detail)
         .def_readwrite("fine_noise", &NricpOptions::fine_noise)
+        .def_readwrite("settled", &NricpOptions::settled)
         .def_readwrite("phong", &NricpOptions::phong)
         .def_readwrite("point_weight", &NricpOptions::point_weight)
         .def_readwrite("boundary_weight", &NricpOptions::boundary_weight)

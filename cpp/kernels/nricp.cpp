@@ -68,10 +68,11 @@ Vector visible_vertices(const Vertices& V, const Faces& F, const Vertices& norma
 NricpOptions nricp_preset(const std::string& name) {
     NricpOptions o;
     if (name == "draft") {
-        o.iterations = {5, 3, 0};
+        o.iterations = {5, 5, 0};
         o.fine_iterations = 0;
     } else if (name == "fine") {
         o.iterations = {10, 10, 20};
+        o.settled = {0, 0, 0};
         o.fine_iterations = 5;
         o.fine_sweeps = 10;
     } else {
@@ -248,9 +249,8 @@ bool run_graph(Progress& p, Level& own, const Pose& rest) {
     own.graph.place(pulled, p.pose);
     Pull pull;
     const int count = o.iterations[level];
-    const double settled = (level == 1 ? 0.005 : 0.02) * o.radii[level];  // a step this small: only the last is left
     for (int i = 0; i < count; ++i) {
-        if (i > 0 && p.last_move < settled) i = count - 1;
+        if (i > 0 && p.last_move < o.settled[level] * o.radii[level]) i = count - 1;
         const double mu = anneal(o.robust_start[level], o.robust_end[level], i, count);
         const bool local = i > 1 && level + 1 == o.radii.size();
         if (!p.match(own.samples, p.coarse(level, mu, local), pull)) return false;

@@ -15,17 +15,18 @@ struct NricpOptions {
     bool rebase = false;           ///< the rest shape is `start`, not V
     int passes = 1;                ///< solves, each but the first from the last one's answer as start and rest shape
     std::vector<double> radii{0.11, 0.057, 0.032};  ///< node spacing, coarse to fine
-    std::vector<int> iterations{8, 5, 3};           ///< Gauss-Newton steps a level, at most
+    std::vector<int> iterations{8, 8, 3};           ///< Gauss-Newton steps a level, at most
     std::vector<double> stiffness_start{1, 1, 0.1}, stiffness_end{0.02, 0.02, 0.02};  ///< of the graph
-    std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.01};   ///< Geman-McClure scale mu
+    std::vector<double> robust_start{0.2, 0.036, 0.02}, robust_end{0.07, 0.02, 0.008};   ///< Geman-McClure scale mu
     std::vector<double> reverse{5, 1, 0.1};         ///< weight of the scan -> template term
     std::vector<double> spread{0.2, 0.05, 0.03};    ///< distance that opposite normals are worth when a match is chosen
     std::vector<double> detail{0.03, 0.01, 0};      ///< spacing of the vertices that are matched, 0: all
+    std::vector<double> settled{0.02, 0.005, 0.02}; ///< after a step of this share of the radius only the last is left
     int fine_iterations = 2;       ///< steps of the vertices' own displacement, at most; 0: the graph's answer
-    int fine_sweeps = 4;           ///< conjugate gradient steps each
+    int fine_sweeps = 8;           ///< conjugate gradient steps each
     double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed,
-    double fine_noise = 20;        ///< nor those shorter than this many times the scan's noise beside
-    double fine_robust = 0.006;    ///< Geman-McClure scale of the fine steps
+    double fine_noise = 10;        ///< nor those shorter than this many times the scan's noise beside
+    double fine_robust = 0.004;    ///< Geman-McClure scale of the fine steps
     double phong = 1;              ///< share by which scan points are lifted off their faces to the smooth surface
     double point_weight = 0.003;   ///< share of point-to-point beside point-to-plane
     double boundary_weight = 3;    ///< of a loop vertex against a surface vertex; of the borders' pull

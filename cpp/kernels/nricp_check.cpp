@@ -45,6 +45,7 @@ void check_options(const NricpOptions& o) {
     fits(o.reverse, "reverse");
     fits(o.spread, "spread");
     fits(o.detail, "detail");
+    fits(o.settled, "settled");
     const std::pair<const char*, double> shares[]{
         {"phong", o.phong}, {"point_weight", o.point_weight}, {"boundary_weight", o.boundary_weight},
         {"rotation_weight", o.rotation_weight}, {"min_overlap", o.min_overlap}, {"exposure", o.exposure},

@@ -24,7 +24,7 @@ class NricpSolver:
     smooth displacement of its own, the smoother the noisier the scan. Nodes, operators and orderings are made once; the
     same bits for any number of threads.
 
-    preset: "draft" (two levels of nodes, about 1.5 x the error of standard in a third of its time), "standard" or
+    preset: "draft" (two levels of nodes, about 1.7 x the error of standard in a third of its time), "standard" or
     "fine" (four times the time, for large shape changes). Options (`NricpOptions` in cpp/kernels/nricp.h; lengths in
     units of the square root of the template's area): `passes=3` solves three times, each from the last answer as start
     and rest shape, for large poses with landmarks; `large_motion=False` skips the rigid steps and the first level when
