@@ -40,7 +40,8 @@ struct Network {
     std::vector<Row> off;               ///< conormals of the edges
     std::vector<std::vector<int>> at;   ///< edges of each vertex
 
-    Network(const Vertices& V, const Faces& F) : edges(border_edges(F, V.rows())), at(static_cast<std::size_t>(V.rows())) {
+    Network(const Vertices& V, const Faces& F)
+        : edges(border_edges(F, V.rows())), at(static_cast<std::size_t>(V.rows())) {
         for (int e = 0; e < static_cast<int>(edges.size()); ++e) {
             const auto& [i, j, k] = edges[e];
             at[i].push_back(e);
@@ -97,8 +98,9 @@ std::vector<Border> borders(const Vertices& V, const Vertices& N, const Faces& F
             border.length.push_back((a + b) / 2);
             conormal.push_back(mean.normalized());
         }
-        border.conormal.resize(static_cast<Eigen::Index>(conormal.size()), 3);
-        for (std::size_t i = 0; i < conormal.size(); ++i) border.conormal.row(static_cast<Eigen::Index>(i)) = conormal[i];
+        const auto count = static_cast<Eigen::Index>(conormal.size());
+        border.conormal.resize(count, 3);
+        for (Eigen::Index i = 0; i < count; ++i) border.conormal.row(i) = conormal[i];
         if (!border.vertex.empty()) found.push_back(std::move(border));
     }
     return found;

@@ -21,7 +21,7 @@ struct NricpOptions {
     std::vector<double> reverse{5, 1, 0.1};         ///< weight of the scan -> template term
     std::vector<double> spread{0.2, 0.05, 0.03};    ///< distance that opposite normals are worth when a match is chosen
     std::vector<double> detail{0.03, 0.01, 0};      ///< spacing of the vertices that are matched, 0: all
-    std::vector<double> settled{0.02, 0.005, 0.02}; ///< after a step of this share of the radius only the last is left
+    std::vector<double> settled{0.02, 0.005, 0.02};  ///< after a step of this share of the radius only the last is left
     int fine_iterations = 2;       ///< steps of the vertices' own displacement, at most; 0: the graph's answer
     int fine_sweeps = 8;           ///< conjugate gradient steps each
     double fine_length = 0.016;    ///< waves of the displacement shorter than this are not followed,
@@ -65,11 +65,11 @@ struct NricpResult {
     int iterations = 0;          ///< over all levels
     std::vector<double> energy;  ///< data energy before each step [m^2]
     double rms = 0;              ///< weighted, of the matched vertices to the planes of their matches [m]
-    Vector matched;              ///< (n,) weight of the last match in [0,1], the template's sample that stands for a vertex
+    Vector matched;              ///< (n,) weight of the last match in [0,1], of the sample that stands for a vertex
 };
 
-/// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + borders + loops + landmarks + stiffness * rigidity(x), w_v =
-/// Geman-McClure weight times squared cosine of the normals, annealed; x carried by a graph of rigid nodes (embedded
+/// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + borders + loops + landmarks + stiffness * rigidity(x),
+/// w_v = Geman-McClure weight times squared cosine of the normals, annealed; x carried by a graph of rigid nodes (embedded
 /// deformation), then by a smooth displacement of its own. The same bits for any number of threads.
 class NricpSolver {
 public:

@@ -63,7 +63,8 @@ RimTarget::RimTarget(const Rims& rims, const NricpTarget& target) : rims_(rims),
     }
 }
 
-void RimTarget::pull(const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound, Pull& pull) const {
+void RimTarget::pull(const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound,
+                     Pull& pull) const {
     for (const Border& own : rims_.curves) pull_curve(own, pose, settings, bound, pull);
 }
 

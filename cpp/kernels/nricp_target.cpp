@@ -41,7 +41,8 @@ Faces target_faces(const Vertices& V, const Faces& F, const Indices& labels, con
 }
 
 Samples::Samples(const Vertices& V, const Vertices& N, std::vector<int> v, std::vector<double> a, std::vector<int> s)
-    : vertex(std::move(v)), area(std::move(a)), stands(std::move(s)), tree(V(vertex, Eigen::all), N(vertex, Eigen::all)) {}
+    : vertex(std::move(v)), area(std::move(a)), stands(std::move(s)),
+      tree(V(vertex, Eigen::all), N(vertex, Eigen::all)) {}
 
 void Samples::follow(const Pose& pose) { tree.follow(pose.V(vertex, Eigen::all), pose.N(vertex, Eigen::all)); }
 
