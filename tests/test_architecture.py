@@ -30,10 +30,11 @@ ALLOWED = {
     "page": set(),
     "evaluate": TYPES | {"capture", "io", "store", "truth"},
     "report": TYPES | {"capture", "evaluate", "page", "store"},
-    "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "request", "store", "workers", "__init__"},
+    "plan": set(), "layout": TYPES | {"io", "store"},
+    "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "layout", "plan", "request", "store", "workers"},
     "avatar": TYPES | {"capture", "config", "io", "page", "store", "truth", "views", "workers"},
     "animate": TYPES | {"avatar", "io", "store"},
-    "cli": TYPES | {"animate", "avatar", "budget", "capture", "config", "pipeline", "evaluate", "report", "template", "studio"},
+    "cli": TYPES | {"animate", "avatar", "budget", "capture", "config", "pipeline", "evaluate", "layout", "plan", "report", "template", "studio"},
     "io": {"scene"},
     "__init__": {"kernels"},
 }  # fmt: skip

@@ -22,8 +22,8 @@ app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_
 def plan(capture: Path):
     """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
     from .capture import open_capture
-    from .pipeline import blocks
-    from .pipeline import plan as make_plan
+    from .plan import blocks
+    from .plan import plan as make_plan
 
     opened = open_capture(capture)
     typer.echo(f"{opened.scene.name}: {len(opened.frames)} frames, {len(opened.cameras)} cameras")
@@ -143,7 +143,7 @@ def template(
     label: Annotated[str, typer.Option(help="its label in the run's scene")],
 ):
     """Make a garment template from a run's tracked surface and labels."""
-    from .pipeline import person_of
+    from .layout import person_of
     from .template import template_command
 
     model, person, labels, ids = person_of(run)

@@ -94,6 +94,7 @@ class InnerSettings(Settings):
     """The body under the garments."""
 
     margin: float = 0.002  # of cloth off the body [m]
+    tolerance: float = 2e-4  # a frame's fit ends when no vertex moves by more [m]
 
 
 class Config(Settings):
@@ -125,4 +126,5 @@ def preset(quality):
         track=TrackSettings(samples=2000 if draft else 5000, quick=draft),
         segment=SegmentSettings(views=4 if draft else 0, refine=not draft),
         dress=DressSettings(fit_frames=FIT_FRAMES[quality], trace=not draft, quick=draft),
+        inner=InnerSettings(tolerance=1e-3 if draft else 2e-4),
     )

@@ -14,8 +14,8 @@ from .settle import Settler
 
 
 def prepare(model, person, garment, label_id, mesh, samples, settings):
-    """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples` are
-    [(Frame, Tracked, Segmented, Evidence)], of which some are registered loosely, unposed and averaged.
+    """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
+    [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged.
 
     Warns where the template does not fit: size by loop lengths, a loop that no frame shows. Raises CaptureError for a
     template without open loops."""
@@ -28,10 +28,12 @@ def prepare(model, person, garment, label_id, mesh, samples, settings):
     rest = carry(V, model.v_template, person.rest, settings.fit_reach)
     names = name_loops(V, loops)
     template = GarmentTemplate(garment.name, int(label_id), rest, F, uv, face_uv, skin, loops, names)
-    chosen = samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
-    if not chosen:
-        return template
-    return _personalise(model, person, template, chosen, settings)
+    return _personalise(model, person, template, samples, settings) if samples else template
+
+
+def chosen(samples, settings):
+    """Those of the sampled frames that personalise a template."""
+    return samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
 
 
 class _Skinning:

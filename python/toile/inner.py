@@ -21,7 +21,7 @@ class InnerLayer:
 
     def __init__(self, model, person, inner_shape, templates, settings):
         self.model, self.shape, self.templates = model, inner_shape, templates
-        self.solver = kernels.InnerSolver(model, person.shape, person.J)
+        self.solver = kernels.InnerSolver(model, person.shape, person.J, tolerance=settings.tolerance)
         self.margin = settings.margin
         self.skin_faces, self.untanglers = _largest_component(model), {}
 

@@ -17,7 +17,6 @@ import time
 import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -29,42 +28,14 @@ from .config import Config
 from .curves import Curve
 from .io.body import load_body_model
 from .kernels import InputError, SolveError
+from .layout import create_store, frame_arrays
+from .plan import blocks
 from .request import open_run
 from .scene import CaptureError, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from .store import FAILED, OK, PENDING, Registered, Status, load_record, save_record, write_text
 from .workers import Workers, locked
 
-BLOCK = 50
 FRAME_ERRORS = (CaptureError, InputError, SolveError, OSError, np.linalg.LinAlgError)
-
-
-@dataclass(frozen=True)
-class Step:
-    """One stage of a plan: whether it runs, and the line of the scene or the data that decides."""
-
-    stage: str
-    runs: bool
-    why: str
-
-
-def plan(capture):
-    """The stages that this capture asks for, in order, and those left out, each with why."""
-    scene, names = capture.scene, [g.name for g in capture.scene.garments]
-    first = capture.frame(capture.frames[0])
-    cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
-    return [
-        Step("reconstruct", first.keypoints is not None, "keypoints.json" if first.keypoints else "no keypoints.json"),
-        Step("track", True, f'[body] model = "{scene.body_model}"'),
-        Step("segment", bool(names), f"{cloth}; labels/*.png" if names else cloth),
-        Step("dress", bool(names), cloth),
-        Step("inner", bool(names), cloth),
-        Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),
-    ]
-
-
-def blocks(frames):
-    """The frames, in order, cut where the block of 50 absolute numbers changes: no temporal state crosses a cut."""
-    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: number // BLOCK)]
 
 
 @dataclass(frozen=True)
@@ -234,7 +205,7 @@ class _Run:
             samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
             colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
             save_record(paths[0], colours)
-            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in samples]
+            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in dress.chosen(samples, self.config.dress)]
             for garment, path in zip(self.scene.garments, paths[1:]):
                 mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
                 with warnings.catch_warnings(record=True) as caught:
@@ -342,7 +313,7 @@ class _Run:
 
     def _last_pass(self):
         if not self.store.exists():
-            self._create_store(self.store)
+            create_store(self.store, self.frames, self.scene, self.model, self.person, self.templates)
         left = [(number,) for number in self._left()]
         for i, _ in enumerate(self._each("last_frames", left)):
             self.progress("inner" if self.templates else "store", len(self.frames) - len(left) + i + 1, len(self.frames))
@@ -379,62 +350,12 @@ class _Run:
 
     def _values(self, number, tracked, segmented, dressed):
         """The store's arrays of one frame, and its diagnostics by stage."""
-        values = {
-            "track/vertices": tracked.vertices,
-            "pose/rotations": tracked.rotations,
-            "pose/translation": tracked.translation,
-            "confidence/track": tracked.confidence,
-        }
-        diagnostics = {"track": tracked.diagnostics}
-        if self.scene.face_keypoints:
-            values["face"] = tracked.face
-        if self.templates:
-            start = time.perf_counter()
-            layer = self.inner.solve(tracked, segmented, dressed)
-            self.status.add(frame=number, stage="inner", seconds=time.perf_counter() - start, ok=True)
-            values |= {"labels": segmented.vertices, "inner/vertices": layer.vertices, "confidence/inner": layer.confidence}
-            diagnostics |= {"segment": segmented.diagnostics, "inner": layer.diagnostics}
-            for name, vertices in layer.garments.items():
-                values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
-                diagnostics[f"dress {name}"] = dressed[name].diagnostics
-        return values, diagnostics
-
-    def _create_store(self, path):
-        n, K = len(self.model.v_template), len(self.model.parents)
-        fixed = {"track/faces": self.model.f, "shape": self.person.shape}
-        per_frame = {
-            "track/vertices": ((n, 3), "float64"),
-            "pose/rotations": ((K, 3), "float64"),
-            "pose/translation": ((3,), "float64"),
-            "confidence/track": ((n,), "uint8"),
-        }
-        if self.scene.face_keypoints:
-            q = sum(name.startswith("face.") for name in self.model.keypoint_names)
-            per_frame["face"] = ((q, 3), "float64")
-        if self.templates:
-            fixed["inner/faces"] = self.model.f
-            per_frame |= {"labels": ((n,), "uint8"), "inner/vertices": ((n, 3), "float64"), "confidence/inner": ((n,), "uint8")}
-        for t in self.templates:
-            at, g = f"garment/{t.name}", len(t.rest)
-            fixed |= {f"{at}/faces": t.faces, f"{at}/uv": t.uv, f"{at}/face_uv": t.face_uv, f"{at}/skin": t.skin}
-            per_frame |= {f"{at}/vertices": ((g, 3), "float64"), f"confidence/{t.name}": ((g,), "uint8")}
-        return Registered.create(path, self.frames, fixed, per_frame, self._attributes())
-
-    def _attributes(self):
-        garments = [
-            {
-                "name": t.name,
-                "label": t.label,
-                "loops": {name: [int(v) for v in loop] for name, loop in zip(t.loop_names, t.loops)},
-            }
-            for t in self.templates
-        ]
-        scene = {"name": self.scene.name, "fps": self.scene.fps, "up": self.scene.up, "labels": self.scene.labels}
-        return {
-            "scene": scene | {"garments": garments},
-            "joint_names": list(self.model.joint_names),
-            "body_model": self.scene.body_model,
-        }
+        if not self.templates:
+            return frame_arrays(self.scene, tracked)
+        start = time.perf_counter()
+        layer = self.inner.solve(tracked, segmented, dressed)
+        self.status.add(frame=number, stage="inner", seconds=time.perf_counter() - start, ok=True)
+        return frame_arrays(self.scene, tracked, segmented, dressed, layer)
 
     def _outcome(self):
         failed, contact, pending = {}, [], self._left()
@@ -451,21 +372,3 @@ class _Run:
         pending = tuple(f for f in pending if f not in failed)
         ok = tuple(f for f in self.frames if f not in failed and f not in pending)
         return Outcome(ok, failed, tuple(contact), tuple(self.status.warnings()), pending)
-
-
-def person_of(run):
-    """(BodyModel, Person, labels (T,n) of the frames that are ok, label table) of a finished run that segmented."""
-    import zarr
-
-    group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
-    if "labels" not in group:
-        raise CaptureError(f"{run}/registered.zarr: labels: the run has none, its scene names no garment")
-    model = load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"])
-    shape = group["shape"][:]
-    rest, J = model.rest(shape)
-    good = np.flatnonzero(group["done"][:] == OK)
-    unposed = [
-        model.unskin(group["track/vertices"][i], J, group["pose/rotations"][i], group["pose/translation"][i]) for i in good
-    ]
-    person = Person(shape, np.median(unposed, axis=0) if unposed else rest, J)
-    return model, person, group["labels"][:][good], group.attrs["scene"]["labels"]

@@ -14,6 +14,7 @@ import zarr
 
 from toile import cli, pipeline
 from toile.config import preset
+from toile.plan import blocks
 from toile.scene import CaptureError
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -53,7 +54,7 @@ def undisturbed(capture, tmp_path_factory):
 
 
 def test_blocks_are_cut_at_multiples_of_50():
-    assert pipeline.blocks((48, 49, 50, 99, 100)) == [(48, 49), (50, 99), (100,)]
+    assert blocks((48, 49, 50, 99, 100)) == [(48, 49), (50, 99), (100,)]
 
 
 def test_two_workers_give_the_bits_of_one(capture, undisturbed, tmp_path):

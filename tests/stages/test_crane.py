@@ -9,7 +9,8 @@ import pytest
 from toile.capture import open_capture
 from toile.config import preset
 from toile.io.mesh import read_mesh
-from toile.pipeline import plan, register
+from toile.pipeline import register
+from toile.plan import plan
 
 APP = Path(__file__).parents[2] / "apps" / "crane.py"
 

@@ -15,6 +15,7 @@ from toile import pipeline
 from toile.capture import open_capture
 from toile.config import preset
 from toile.evaluate import evaluate
+from toile.plan import plan
 from toile.scene import CaptureError
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -133,7 +134,7 @@ def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
 
 
 def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tmp_path, monkeypatch):
-    steps = {step.stage: step for step in pipeline.plan(open_capture(bare))}
+    steps = {step.stage: step for step in plan(open_capture(bare))}
     assert steps["track"].runs and not any(steps[s].runs for s in ("segment", "dress", "inner"))
     assert "no [[garment]]" in steps["dress"].why
     for module, name in (("segment", "segment"), ("segment", "prepare"), ("dress", "prepare"), ("inner", "prepare")):

@@ -1,0 +1,35 @@
+"""What a run will do: the stages that a capture asks for, and the blocks of frames that share temporal state."""
+
+from dataclasses import dataclass
+from itertools import groupby
+
+BLOCK = 50
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage of a plan: whether it runs, and the line of the scene or the data that decides."""
+
+    stage: str
+    runs: bool
+    why: str
+
+
+def plan(capture):
+    """The stages that this capture asks for, in order, and those left out, each with why."""
+    scene, names = capture.scene, [g.name for g in capture.scene.garments]
+    first = capture.frame(capture.frames[0])
+    cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
+    return [
+        Step("reconstruct", first.keypoints is not None, "keypoints.json" if first.keypoints else "no keypoints.json"),
+        Step("track", True, f'[body] model = "{scene.body_model}"'),
+        Step("segment", bool(names), f"{cloth}; labels/*.png" if names else cloth),
+        Step("dress", bool(names), cloth),
+        Step("inner", bool(names), cloth),
+        Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),
+    ]
+
+
+def blocks(frames):
+    """The frames, in order, cut where the block of 50 absolute numbers changes: no temporal state crosses a cut."""
+    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: number // BLOCK)]
