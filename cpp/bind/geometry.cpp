@@ -47,13 +47,34 @@ Matrix checked_solve(const CholeskyFactor& factor, const Matrix& B) {
 
 void bind_geometry(py::module_& m) {
     const auto free = py::call_guard<py::gil_scoped_release>();
-    m.def("vertex_normals", [](const Vertices& V, const Faces& F) { check_mesh("vertex_normals", V, F); return vertex_normals(V, F); }, free);
-    m.def("face_normals", [](const Vertices& V, const Faces& F) { check_mesh("face_normals", V, F); return face_normals(V, F); }, free);
-    m.def("face_areas", [](const Vertices& V, const Faces& F) { check_mesh("face_areas", V, F); return face_areas(V, F); }, free);
-    m.def("cotangent_laplacian", [](const Vertices& V, const Faces& F) { check_mesh("cotangent_laplacian", V, F); return cotangent_laplacian(V, F); }, free);
-    m.def("voronoi_mass", [](const Vertices& V, const Faces& F) { check_mesh("voronoi_mass", V, F); return voronoi_mass(V, F); }, free);
-    m.def("boundary_loops", [](const Faces& F) { check_faces("boundary_loops", F, most_vertices); return boundary_loops(F); });
-    m.def("unique_edges", [](const Faces& F) { check_faces("unique_edges", F, most_vertices); return unique_edges(F); }, free);
+    m.def("vertex_normals", [](const Vertices& V, const Faces& F) {
+        check_mesh("vertex_normals", V, F);
+        return vertex_normals(V, F);
+    }, free);
+    m.def("face_normals", [](const Vertices& V, const Faces& F) {
+        check_mesh("face_normals", V, F);
+        return face_normals(V, F);
+    }, free);
+    m.def("face_areas", [](const Vertices& V, const Faces& F) {
+        check_mesh("face_areas", V, F);
+        return face_areas(V, F);
+    }, free);
+    m.def("cotangent_laplacian", [](const Vertices& V, const Faces& F) {
+        check_mesh("cotangent_laplacian", V, F);
+        return cotangent_laplacian(V, F);
+    }, free);
+    m.def("voronoi_mass", [](const Vertices& V, const Faces& F) {
+        check_mesh("voronoi_mass", V, F);
+        return voronoi_mass(V, F);
+    }, free);
+    m.def("boundary_loops", [](const Faces& F) {
+        check_faces("boundary_loops", F, most_vertices);
+        return boundary_loops(F);
+    });
+    m.def("unique_edges", [](const Faces& F) {
+        check_faces("unique_edges", F, most_vertices);
+        return unique_edges(F);
+    }, free);
     m.def("vertex_components", [](const Faces& F, Eigen::Index n) {
         require(n >= 0 && n <= most_vertices, "vertex_components: n is " + std::to_string(n));
         check_faces("vertex_components", F, n);
@@ -71,7 +92,8 @@ void bind_geometry(py::module_& m) {
             return std::make_unique<SurfaceIndex>(V, F);
         }), free)
         .def("closest", &closest_arrays)
-        .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from, double to) {
+        .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from,
+                            double to) {
             require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +
                                                              " rows, directions " + std::to_string(directions.rows()));
             check_points("occluded", "origins", origins);
@@ -79,7 +101,8 @@ void bind_geometry(py::module_& m) {
             require(!std::isnan(from) && !std::isnan(to), "occluded: near or far is not a number");
             Eigen::Array<bool, Eigen::Dynamic, 1> hit(origins.rows());
             py::gil_scoped_release release;
-            for (Eigen::Index i = 0; i < origins.rows(); ++i) hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);
+            for (Eigen::Index i = 0; i < origins.rows(); ++i)
+                hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);
             return hit;
         });
 }

@@ -21,7 +21,8 @@ void bind_mrf(py::module_& m) {
         .def_readonly("sweeps", &MrfResult::sweeps)
         .def_readonly("expansions", &MrfResult::expansions)
         .def_readonly("stop", &MrfResult::stop);
-    m.def("mrf", [](const Matrix& unary, const Edges& edges, const Vector& weights, const Matrix& pairwise, const py::kwargs& keywords) {
+    m.def("mrf", [](const Matrix& unary, const Edges& edges, const Vector& weights, const Matrix& pairwise,
+                    const py::kwargs& keywords) {
         const auto options = options_from<MrfOptions>(keywords, "mrf");
         py::gil_scoped_release release;
         return mrf(unary, edges, weights, pairwise, options);

@@ -16,7 +16,8 @@ void bind_raster(py::module_& m) {
             if (r.barycentric.rows() == 0) return py::none();
             return py::cast(r.barycentric).attr("reshape")(r.face.rows(), r.face.cols(), 3);
         });
-    m.def("raster", [](const Vertices& V, const Faces& F, const Mat3& K, int height, int width, const py::kwargs& keywords) {
+    m.def("raster", [](const Vertices& V, const Faces& F, const Mat3& K, int height, int width,
+                       const py::kwargs& keywords) {
         const auto options = options_from<RasterOptions>(keywords, "raster");
         py::gil_scoped_release release;
         return raster(V, F, K, height, width, options);

@@ -27,7 +27,8 @@ void bind_untangle(py::module_& m) {
         .def_readonly("stop", &UntangleResult::stop)
         .def_readonly("reason", &UntangleResult::reason);
     py::class_<UntangleSolver>(m, "UntangleSolver")
-        .def(py::init([](const Faces& cloth_F, Eigen::Index cloth_n, const Faces& body_F, Eigen::Index body_n, const py::kwargs& options) {
+        .def(py::init([](const Faces& cloth_F, Eigen::Index cloth_n, const Faces& body_F, Eigen::Index body_n,
+                         const py::kwargs& options) {
             const auto chosen = options_from<UntangleOptions>(options, "untangle");
             py::gil_scoped_release release;
             return std::make_unique<UntangleSolver>(cloth_F, cloth_n, body_F, body_n, chosen);

@@ -34,7 +34,8 @@ void BodyGradient::clear() {
     touched.clear();
 }
 
-PosedBody::PosedBody(const BodyModel& model, std::shared_ptr<const ShapedBody> shaped, BodyState state, bool shape_derivatives)
+PosedBody::PosedBody(const BodyModel& model, std::shared_ptr<const ShapedBody> shaped, BodyState state,
+                     bool shape_derivatives)
     : model_(model), state_(std::move(state)), shape_derivatives_(shape_derivatives), shaped_(std::move(shaped)) {
     posed_ = pose_joints(model.parents, shaped_->J, state_.local, state_.translation);
     if (!shape_derivatives) return;
@@ -62,9 +63,8 @@ Vec3 PosedBody::vertex(int v) const {
     for (Eigen::Index b = 0; b < model_.weights_idx.cols(); ++b) {
         const double w = model_.weights_val(v, b);
         const int k = model_.weights_idx(v, b);
-        if (w != 0)
-            sum +=
-                w * (posed_.rotation[static_cast<std::size_t>(k)] * (shaped_->rest.row(v) - shaped_->J.row(k)).transpose() + joint(k));
+        const Vec3 local = shaped_->rest.row(v) - shaped_->J.row(k);
+        if (w != 0) sum += w * (posed_.rotation[static_cast<std::size_t>(k)] * local + joint(k));
     }
     return sum;
 }

@@ -44,7 +44,8 @@ public:
     PosedBody(const BodyModel& model, const BodyState& state, bool shape_derivatives)
         : PosedBody(model, std::make_shared<ShapedBody>(model, state.shape), state, shape_derivatives) {}
     /// `shaped` is that of the state's shape.
-    PosedBody(const BodyModel& model, std::shared_ptr<const ShapedBody> shaped, BodyState state, bool shape_derivatives);
+    PosedBody(const BodyModel& model, std::shared_ptr<const ShapedBody> shaped, BodyState state,
+              bool shape_derivatives);
 
     Vec3 vertex(int v) const;
     Vec3 joint(int k) const { return posed_.joints.row(k); }

@@ -87,7 +87,9 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
             parts[n + static_cast<std::size_t>(k)] = halve(parts[static_cast<std::size_t>(k)], centres);
         }, 1);
     }
-    parallel_for(static_cast<std::int64_t>(parts.size()), [&](std::int64_t k) { build(parts[static_cast<std::size_t>(k)], centres); }, 1);
+    parallel_for(static_cast<std::int64_t>(parts.size()), [&](std::int64_t k) {
+        build(parts[static_cast<std::size_t>(k)], centres);
+    }, 1);
     for (std::size_t k = 0; k < m; ++k) slot_[static_cast<std::size_t>(order_[k])] = static_cast<int>(k);
     widen();
     refit(V, F);
@@ -101,9 +103,10 @@ BoxTree::Part BoxTree::halve(Part& part, std::vector<Centre>& centres) {
     int axis = 0;
     box.sizes().maxCoeff(&axis);
     const int middle = begin + (end - begin) / 2;
-    std::nth_element(centres.begin() + begin, centres.begin() + middle, centres.begin() + end, [axis](const Centre& a, const Centre& b) {
+    const auto before = [axis](const Centre& a, const Centre& b) {
         return a.place[axis] < b.place[axis] || (a.place[axis] == b.place[axis] && a.face < b.face);
-    });
+    };
+    std::nth_element(centres.begin() + begin, centres.begin() + middle, centres.begin() + end, before);
     const Count left = count(middle - begin);
     const int right = node + 1 + left.nodes;
     nodes_[static_cast<std::size_t>(node)] = {Box(), begin, end, right, -1};
@@ -223,7 +226,8 @@ SurfacePoint BoxTree::closest(const Vec3& p, int guess) const {
     Nearest nearest;
     const auto visit = [&](const Node& leaf) {
         const Lanes squares = squared_distances(packs_[static_cast<std::size_t>(-1 - leaf.right)], p);
-        for (int k = leaf.begin; k < leaf.end; ++k) nearest.add(squares[k - leaf.begin], order_[static_cast<std::size_t>(k)], k);
+        for (int k = leaf.begin; k < leaf.end; ++k)
+            nearest.add(squares[k - leaf.begin], order_[static_cast<std::size_t>(k)], k);
     };
     if (guess >= 0) visit(nodes_[static_cast<std::size_t>(leaf_[static_cast<std::size_t>(guess)])]);
     if (!nodes_.empty()) stack[top++] = {0, 0};

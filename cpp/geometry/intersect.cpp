@@ -52,9 +52,11 @@ bool meet_any(const Simplex& a, const Simplex& b) {
 /// The bound is that of the plain determinant (Shewchuk 1997, section 4.3), with room for the underflow of tiny meshes.
 int certain_side(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& p) {
     const Vec3 u = a - p, v = b - p, w = c - p;
-    const double vw_x = v[1] * w[2], wv_x = v[2] * w[1], vw_y = v[2] * w[0], wv_y = v[0] * w[2], vw_z = v[0] * w[1], wv_z = v[1] * w[0];
+    const double vw_x = v[1] * w[2], wv_x = v[2] * w[1], vw_y = v[2] * w[0], wv_y = v[0] * w[2];
+    const double vw_z = v[0] * w[1], wv_z = v[1] * w[0];
     const double det = u[0] * (vw_x - wv_x) + u[1] * (vw_y - wv_y) + u[2] * (vw_z - wv_z);
-    const double size = std::abs(u[0]) * (std::abs(vw_x) + std::abs(wv_x)) + std::abs(u[1]) * (std::abs(vw_y) + std::abs(wv_y)) +
+    const double size = std::abs(u[0]) * (std::abs(vw_x) + std::abs(wv_x)) +
+                        std::abs(u[1]) * (std::abs(vw_y) + std::abs(wv_y)) +
                         std::abs(u[2]) * (std::abs(vw_z) + std::abs(wv_z));
     const double bound = 8e-16 * size + 1e-250;
     return det > bound ? 1 : det < -bound ? -1 : 0;

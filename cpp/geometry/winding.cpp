@@ -60,7 +60,8 @@ WindingMoments::Moments WindingMoments::of_both(const Moments& left, const Momen
     s.centre = left.centre + share * (right.centre - left.centre);
     s.spread = left.spread + left.normal * (left.centre - s.centre).transpose() + right.spread +
                right.normal * (right.centre - s.centre).transpose();
-    const double around_both = std::max((left.centre - s.centre).norm() + left.radius, (right.centre - s.centre).norm() + right.radius);
+    const double around_both =
+        std::max((left.centre - s.centre).norm() + left.radius, (right.centre - s.centre).norm() + right.radius);
     s.radius = std::min(around_both, farthest_corner(box, s.centre));
     return s;
 }

@@ -46,8 +46,8 @@ private:
 
 Vector winding_numbers(const Vertices& points, const WindingNumber& winding);  ///< parallel
 
-/// Distance to the surface [m], negative inside (winding number beyond 1/2, either way). Where the mesh overlaps itself the distance
-/// is to the nearest face, which may lie inside the solid.
+/// Distance to the surface [m], negative inside (winding number beyond 1/2, either way). Where the mesh overlaps itself
+/// the distance is to the nearest face, which may lie inside the solid.
 Vector signed_distance(const Vertices& points, const SurfaceIndex& index, const WindingNumber& winding);
 
 }  // namespace toile

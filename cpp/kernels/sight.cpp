@@ -23,7 +23,8 @@ void distort(double& x, double& y, const Vector& k) {
 void check_camera(const Camera& camera) {
     check_finite("see", "K", camera.K);
     check_finite("see", "T_camera_world", camera.T_camera_world);
-    require(camera.distortion.size() == 5, "see: distortion has " + std::to_string(camera.distortion.size()) + " entries, expected 5");
+    require(camera.distortion.size() == 5,
+            "see: distortion has " + std::to_string(camera.distortion.size()) + " entries, expected 5");
     check_finite("see", "distortion", camera.distortion);
 }
 
@@ -36,7 +37,8 @@ Sight see(const Vertices& points, const Vertices& normals, const Camera& camera,
     check_points("see", "points", points);
     check_finite("see", "normals", normals);
     check_camera(camera);
-    require(tolerance >= 0 && std::isfinite(tolerance), "see: tolerance is " + std::to_string(tolerance) + ", expected a length >= 0");
+    require(tolerance >= 0 && std::isfinite(tolerance),
+            "see: tolerance is " + std::to_string(tolerance) + ", expected a length >= 0");
     require(min_cosine > 0 && min_cosine <= 1, "see: min_cosine is " + std::to_string(min_cosine) + ", expected 0 to 1");
     const Mat3 &K = camera.K, R = camera.T_camera_world.topLeftCorner<3, 3>();
     const Vec3 t = camera.T_camera_world.topRightCorner<3, 1>(), centre = -R.transpose() * t;
@@ -50,7 +52,8 @@ Sight see(const Vertices& points, const Vertices& normals, const Camera& camera,
         out.uv(i, 0) = u;
         out.uv(i, 1) = v;
         double clearance = -infinity;
-        if (p[2] > 0 && u >= 0 && v >= 0 && u < static_cast<double>(depth.cols()) && v < static_cast<double>(depth.rows()))
+        const bool inside = u >= 0 && v >= 0 && u < static_cast<double>(depth.cols()) && v < static_cast<double>(depth.rows());
+        if (p[2] > 0 && inside)
             clearance = depth(static_cast<Eigen::Index>(v), static_cast<Eigen::Index>(u)) - p[2];
         out.clearance[i] = clearance;
         const Vec3 ray = centre - world;
@@ -73,11 +76,13 @@ Readings read(const Picture& picture, const Eigen::Ref<const Matrix>& uv) {
     parallel_for(uv.rows(), [&, values = values, height = height, width = width, channels = channels](std::int64_t n) {
         const double x = place(uv(n, 0), width), y = place(uv(n, 1), height);
         const auto j = static_cast<std::int64_t>(x), i = static_cast<std::int64_t>(y);
-        const float a = static_cast<float>(y - static_cast<double>(i)), b = static_cast<float>(x - static_cast<double>(j));
+        const float a = static_cast<float>(y - static_cast<double>(i));
+        const float b = static_cast<float>(x - static_cast<double>(j));
         const float* upper = values + (i * width + j) * channels;
         const float* lower = upper + width * channels;
         for (std::int64_t c = 0; c < channels; ++c)
-            out(n, c) = (1 - a) * ((1 - b) * upper[c] + b * upper[channels + c]) + a * ((1 - b) * lower[c] + b * lower[channels + c]);
+            out(n, c) = (1 - a) * ((1 - b) * upper[c] + b * upper[channels + c]) +
+                        a * ((1 - b) * lower[c] + b * lower[channels + c]);
     }, 1024);
     return out;
 }

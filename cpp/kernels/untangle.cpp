@@ -100,7 +100,8 @@ struct UntangleSolver::State {
     std::vector<int> faces_below;  ///< of the body, under the cloth's vertices at the start of the last frame
 };
 
-UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options) {
+UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n,
+                               UntangleOptions options) {
     check_options(options);
     check_mesh("untangle", Vertices::Zero(cloth_n, 3), cloth_F, "cloth_V", "cloth_F");
     check_mesh("untangle", Vertices::Zero(body_n, 3), body_F, "body_V", "body_F");

@@ -201,7 +201,8 @@ void UntangleFrame::decide_sides() {
     for (int i = 0; i < x.rows(); ++i) {
         const bool in = inside[static_cast<std::size_t>(groups.of(i))] != 0;
         if (in || !known_clear(i)) body_.decide(at(i), in);
-        given_up_[static_cast<std::size_t>(i)] = at(i).inside() && !at(i).constrained && !body_.pass_through(x.row(i), at(i));
+        const bool lost = at(i).inside() && !at(i).constrained;
+        given_up_[static_cast<std::size_t>(i)] = lost && !body_.pass_through(x.row(i), at(i));
     }
 }
 
@@ -314,7 +315,8 @@ void UntangleFrame::lift_pierced(double least) {
         if (lifted[i] == 0) continue;
         pushes_.row(i) += push.row(i);  // of two flanks of a ridge: up
         const Vec3 way = pushes_.row(i).transpose().normalized();
-        lifts_[static_cast<std::size_t>(i)] = HalfSpaces::one(way, way.dot((x.row(i) - start_.row(i) + push.row(i)).transpose()));
+        const Vec3 goal = x.row(i) - start_.row(i) + push.row(i);
+        lifts_[static_cast<std::size_t>(i)] = HalfSpaces::one(way, way.dot(goal));
     }
 }
 

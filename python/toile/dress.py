@@ -129,7 +129,8 @@ class Dresser:
         start = self._lay(posed, matches)
         inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < 100:
-            raise CaptureError(f"frame {frame.number}: dress: {inside.sum()} faces of the scan carry garment {t.name}: too few to register")
+            carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
+            raise CaptureError(f"frame {frame.number}: dress: {carried}: too few to register")
         cloth = Mesh(V, F[inside])
         vertices = self.settler.solve(cloth, start, self._boundary(matches))
         if s.trace and evidence.views:

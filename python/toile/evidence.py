@@ -107,7 +107,8 @@ class Evidence:
             rgb = image / np.float32(255)
         empty = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), 1.0)[..., None]
         corner = columns.start, rows.start
-        return Picture(np.concatenate([likelihood, soft_labels(labels, self.ids, s), rgb, empty], 2), corner), Picture(rgb, corner)
+        every = np.concatenate([likelihood, soft_labels(labels, self.ids, s), rgb, empty], 2)
+        return Picture(every, corner), Picture(rgb, corner)
 
     def scan_costs(self):
         """`costs` of the scan's vertices."""
@@ -136,7 +137,8 @@ class Evidence:
         s = self.settings
         total, weight, carved = (np.zeros(len(points)) for _ in range(3))
         share = np.zeros((len(points), 2))
-        for on, w, likelier, given, before, empty in each(lambda name: self._said(name, points, normals, column, rival, free), self.views):
+        said = each(lambda name: self._said(name, points, normals, column, rival, free), self.views)
+        for on, w, likelier, given, before, empty in said:
             carved[before] = np.maximum(carved[before], empty)
             total[on] += w * likelier
             share[on] += w[:, None] * given
@@ -188,7 +190,8 @@ class Evidence:
         """The edge's place (k,) [m] by one view, and its weight (k,)."""
         k, m = points.shape[:2]
         flank = np.abs(s) > 0.55 * s[-1]
-        uv, w, _ = self.views[name].see(points.reshape(-1, 3), normals.reshape(-1, 3), self.settings.tolerance, self.settings.min_cosine)
+        flat = points.reshape(-1, 3), normals.reshape(-1, 3)
+        uv, w, _ = self.views[name].see(*flat, self.settings.tolerance, self.settings.min_cosine)
         rgb = self.rgb[name].read(uv).reshape(k, m, 3)
         out, inner = rgb[:, flank & (s < 0)].mean(1), rgb[:, flank & (s > 0)].mean(1)
         step = inner - out

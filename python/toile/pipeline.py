@@ -63,12 +63,13 @@ def register(capture_path, run_path, config=None, frames=None, progress=None, wo
     """
     config = config or Config()
     if workers < 1 or not 1 <= shard[0] <= shard[1]:
-        raise CaptureError(f"workers {workers}, shard {shard[0]}/{shard[1]}: expected at least one worker and 1 <= i <= n")
+        asked = f"workers {workers}, shard {shard[0]}/{shard[1]}"
+        raise CaptureError(f"{asked}: expected at least one worker and 1 <= i <= n")
     capture = open_capture(capture_path)
     frames = tuple(capture.frames if frames is None else frames)
     unknown = sorted(set(frames) - set(capture.frames))
     if unknown or not frames:
-        raise CaptureError(f"{capture.root}/frames: no frame {unknown[0]}" if unknown else f"{capture.root}/frames: no frame asked for")
+        raise CaptureError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
     check_capture(capture, frames)
     run, fresh = Path(run_path), not Path(run_path).exists()
     open_run(run, capture, config, frames, retry)
@@ -100,7 +101,8 @@ class _Run:
     def __init__(self, capture, run, config, frames, progress, workers=1, shard=(1, 1)):
         self.capture, self.run, self.config, self.frames, self.progress = capture, run, config, frames, progress
         self.scene, self.work, self.prepared, self.shard = capture.scene, run / "work", run / "prepared", shard
-        self.model = load_body_model(capture.root / self.scene.body_model if self.scene.body_model.endswith(".npz") else self.scene.body_model, up=self.scene.up)
+        name = self.scene.body_model
+        self.model = load_body_model(capture.root / name if name.endswith(".npz") else name, up=self.scene.up)
         self.status = Status(run / "status.jsonl")
         self.store = run / "registered.zarr"
         self.workers = Workers(workers, _worker, capture.root, run, config, frames) if workers > 1 else None
@@ -205,7 +207,8 @@ class _Run:
             samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
             colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
             save_record(paths[0], colours)
-            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in dress.chosen(samples, self.config.dress)]
+            chosen = dress.chosen(samples, self.config.dress)
+            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in chosen]
             for garment, path in zip(self.scene.garments, paths[1:]):
                 mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
                 with warnings.catch_warnings(record=True) as caught:
@@ -272,7 +275,8 @@ class _Run:
         tracked = timed("track", lambda: self.tracker.track(frame, points, before and before[0]))
         save_record(folder / "track.npz", tracked)
         if self.templates:
-            segmented, evidence = timed("segment", lambda: self._segment(self.colours, frame, tracked, before and before[1]))
+            previous = before and before[1]
+            segmented, evidence = timed("segment", lambda: self._segment(self.colours, frame, tracked, previous))
             save_record(folder / "segment.npz", segmented)
             for name, dresser in self.dressers.items():
                 dressed = timed("dress", lambda: dresser.dress(frame, tracked, segmented, evidence))

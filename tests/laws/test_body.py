@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from tests.fuzz.entries import sound_body
+from tests.fuzz.bodies import sound_body
 from toile.kernels import InnerSolver, SkeletonSolver
 
 from .motions import examples, rigid, seeds, shuffled

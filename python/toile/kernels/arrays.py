@@ -35,7 +35,8 @@ def as_floats(kernel, name, values, shape):
     array = _as_float64(kernel, name, values)
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape))
     if not fits:
-        raise InputError(f"{kernel}: {name} has shape {array.shape}, expected {tuple('any' if s is None else s for s in shape)}")
+        wanted = tuple("any" if size is None else size for size in shape)
+        raise InputError(f"{kernel}: {name} has shape {array.shape}, expected {wanted}")
     return array
 
 

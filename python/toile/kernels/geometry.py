@@ -87,6 +87,5 @@ class SurfaceIndex:
 
     def occluded(self, origins, directions, near=0.0, far=np.inf):
         """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""
-        return self._index.occluded(
-            as_vertices("occluded", "origins", origins), as_vertices("occluded", "directions", directions), float(near), min(float(far), 1e30)
-        )
+        rays = as_vertices("occluded", "origins", origins), as_vertices("occluded", "directions", directions)
+        return self._index.occluded(*rays, float(near), min(float(far), 1e30))

@@ -11,7 +11,8 @@ def intersecting_pairs(V1, F1, V2, F2):
     point. V1 (n,3), V2 (m,3) [m]. InputError for empty meshes, NaN, or indices out of range.
     """
     name = "intersecting_pairs"
-    return _core.intersecting_pairs(as_vertices(name, "V1", V1), as_faces(name, "F1", F1), as_vertices(name, "V2", V2), as_faces(name, "F2", F2))
+    first = as_vertices(name, "V1", V1), as_faces(name, "F1", F1)
+    return _core.intersecting_pairs(*first, as_vertices(name, "V2", V2), as_faces(name, "F2", F2))
 
 
 def self_intersections(V, F):
@@ -34,7 +35,8 @@ def winding_number(points, V, F):
 def signed_distance(points, V, F):
     """Distance (k,) [m] of points (k,3) to the surface, negative inside.
 
-    Inside is a winding number beyond 1/2 either way, so faces may all look inwards, and meshes that overlap themselves or have holes are no obstacle. There the
+    Inside is a winding number beyond 1/2 either way, so faces may all look inwards, and meshes that overlap themselves
+    or have holes are no obstacle. There the
     distance is still to the nearest face, which may lie within the solid.
     """
     name = "signed_distance"

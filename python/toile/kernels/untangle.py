@@ -22,13 +22,15 @@ class UntangleSolver:
 
     def __init__(self, cloth_F, cloth_n, body_F, body_n, **options):
         name = "untangle"
-        self._solver = _core.UntangleSolver(as_faces(name, "cloth_F", cloth_F), int(cloth_n), as_faces(name, "body_F", body_F), int(body_n), **options)
+        cloth = as_faces(name, "cloth_F", cloth_F), int(cloth_n)
+        self._solver = _core.UntangleSolver(*cloth, as_faces(name, "body_F", body_F), int(body_n), **options)
 
     def solve(self, cloth_V, body_V):
         """-> UntangleResult: .V (n,3); .displacement (n,3); .depth_before, .depth_after (n,) how far inside, 0 outside;
         .margin (n,) asked for at each vertex; .pairs_left (k,2) faces (cloth, body); .intersections_before,
         .intersections_left, .vertices_left (inside), .vertices_short (nearer than their margin) counts; .iterations;
-        .stop "clear" (none of these left), "stalled" or "iterations"; .reason in words when not clear. Lengths in metres. InputError for NaN and wrong sizes.
+        .stop "clear" (none of these left), "stalled" or "iterations"; .reason in words when not clear.
+        Lengths in metres. InputError for NaN, wrong sizes, and a closed body around no volume.
         """
         return self._solver.solve(as_vertices("untangle", "cloth_V", cloth_V), as_vertices("untangle", "body_V", body_V))
 
