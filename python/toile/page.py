@@ -22,7 +22,7 @@ h1 { font-size: 1.7rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.5rem 0 .8
 img { border-radius: 4px; display: block } .why { color: var(--mark) } .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(320px, 1fr)); gap: .8rem }
 svg { width: 100%; background: var(--card); border: 1px solid var(--line); border-radius: 8px } svg text { fill: var(--soft); font-size: 11px } polyline { fill: none; stroke: var(--mark); stroke-width: 1.6 }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums } th, td { padding: .25rem .9rem .25rem 0; text-align: right; border-bottom: 1px solid var(--line) } th:first-child, td:first-child { text-align: left } th { color: var(--soft); font-weight: 500 }
-.sheet { margin: .8rem 0; overflow-x: auto } .sheet img { width: 100%; min-width: 700px; height: auto }
+.sheet { margin: .8rem 0; overflow-x: auto } .sheet img { max-width: 100%; height: auto }
 pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1rem; overflow: auto; font-size: 12px }
 """
 

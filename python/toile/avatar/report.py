@@ -19,6 +19,7 @@ MEASURES = {  # name in the JSON: what it says, in the order of the table
     "band_ssim": "\u2026 within 10 px of the garment's border",
     "psnr": "PSNR [dB], foreground",
 }
+TITLES = {"layered": "layered", "baseline": "single layer"}
 PLOTTED = ("mse", "band_mse")
 
 
@@ -33,10 +34,9 @@ def write_avatar_report(folder, out=None, **options):
 def section(folder, result):
     """HTML of an evaluation's result and of the sheets that it drew in AVATAR/sheets."""
     everything = result["all"]
-    frames = f"{everything['frames']} held-out frames" if everything["frames"] != 1 else "1 held-out frame"
     distance = everything["pose_distance_deg"]
-    apart = "" if distance is None else f", their poses on average {distance:.1f}\u00b0 a joint from the nearest trained one"
-    intro = f"{frames}{apart}; pixels of {everything['mm_per_pixel']:.1f} mm; borders from {everything['labels']} labels."
+    apart = "" if distance is None else f"; distance of poses to the nearest trained one {distance:.1f}\u00b0 a joint"
+    intro = f"Frames held out: {everything['frames']}{apart}; pixels of {everything['mm_per_pixel']:.1f} mm; borders from {everything['labels']} labels."
     warnings = "".join(f"<p class='why'>{html.escape(w)}</p>" for w in result["warnings"])
     return (
         f"<h2>Avatar on pictures it was not trained on</h2><p class='soft'>{html.escape(intro)}</p>{warnings}"
@@ -46,27 +46,29 @@ def section(folder, result):
 
 
 def _errors(everything):
-    layered, baseline = (everything[name] or {} for name in NAMES)
-    rows = [[words, layered.get(m), baseline.get(m), _change(m, layered, baseline)] for m, words in MEASURES.items()]
-    rows = [row for row in rows if row[1:3] != [None, None]]
-    return table(["", "layered", "single layer", "change"], rows)
+    there = [name for name in NAMES if everything[name]]
+    rows = []
+    for measure, words in MEASURES.items():
+        values = [everything[name][measure] for name in there]
+        if any(value is not None for value in values):
+            rows.append([words, *values, *([_change(measure, *values)] if len(values) == 2 else [])])
+    return table(["", *(TITLES[name] for name in there), *(["change"] if len(there) == 2 else [])], rows)
 
 
 def _change(measure, layered, baseline):
     """How the layered avatar's error differs from the baseline's, in words; only for squared errors."""
-    if not measure.endswith("mse") or not layered.get(measure) or not baseline.get(measure):
+    if not measure.endswith("mse") or layered is None or not baseline:
         return ""
-    return f"{100 * (layered[measure] / baseline[measure] - 1):+.1f} %"
+    return f"{100 * (layered / baseline - 1):+.1f} %"
 
 
 def _geometry(everything):
     """Distances of the decoded layers to the truth."""
-    flat = {}
-    for name in NAMES:
-        for measure, value in flatten((everything[name] or {}).get("geometry") or {}).items():
-            flat.setdefault(measure.replace("_mm", ""), {})[name] = value
-    rows = [[measure, values.get("layered"), values.get("baseline")] for measure, values in flat.items()]
-    return f"<h2>Decoded geometry against the truth [mm]</h2>{table(['', 'layered', 'single layer'], rows)}" if rows else ""
+    there = {name: flatten(everything[name]["geometry"]) for name in NAMES if everything[name] and everything[name]["geometry"]}
+    measures = dict.fromkeys(measure for flat in there.values() for measure in flat)
+    rows = [[measure.replace("_mm", ""), *(flat.get(measure) for flat in there.values())] for measure in measures]
+    head = ["", *(TITLES[name] for name in there)]
+    return f"<h2>Decoded geometry against the truth [mm]</h2>{table(head, rows)}" if rows else ""
 
 
 def _photometric(everything):
