@@ -165,6 +165,14 @@ def test_frames_without_pictures_are_left_out(other):
         AvatarData(run, SETTINGS, run / "cache")
 
 
+def test_a_capture_whose_garments_have_changed_is_refused(other):
+    run, capture = other
+    scene = capture / "scene.toml"
+    scene.write_text(scene.read_text().replace('name = "tshirt"', 'name = "jacket"'))
+    with pytest.raises(CaptureError, match="garments"):
+        AvatarData(run, SETTINGS, run / "cache")
+
+
 def test_a_missing_picture_of_a_listed_camera_is_named(other):
     run, capture = other
     path = sorted((capture / "frames" / "000000" / "images").iterdir())[3]
@@ -183,3 +191,30 @@ def test_black_and_white_pictures_give_finite_samples(other, value):
     data = AvatarData(run, SETTINGS, run / "cache", frames=[0])
     assert all(torch.isfinite(v).all() for v in data[0].values()) and data.texture_std < 0.02
     assert abs(float(data.mean_texture["tshirt"].mean()) - value / 255) < 0.02
+
+
+def test_a_person_in_no_picture_gives_empty_finite_samples(other):
+    from PIL import Image
+
+    run, capture = other
+    for kind in ("masks", "labels"):
+        for path in (capture / "frames" / "000003" / kind).glob("*"):
+            Image.fromarray(np.zeros(Image.open(path).size[::-1], np.uint8)).save(path)
+    data = AvatarData(run, SETTINGS, run / "cache", frames=[3])
+    sample = data[0]
+    assert all(torch.isfinite(v).all() for v in sample.values()) and sample["mask"].sum() == 0
+    assert not data.valid["tshirt"].any() and (data.mean_texture["tshirt"] == 0.5).all() and data.texture_std == 0
+
+
+def test_a_run_without_garments_is_a_body_on_its_tracked_surface(other):
+    import zarr
+
+    run, capture = other
+    scene = (capture / "scene.toml").read_text()
+    (capture / "scene.toml").write_text(scene[: scene.index("[[garment]]")] + scene[scene.index("[cameras]") :])
+    store = zarr.open_group(str(run / "registered.zarr"), mode="r+")
+    store.attrs["scene"] = store.attrs["scene"] | {"garments": []}
+    del store["inner"], store["garment"], store["labels"], store["confidence/inner"], store["confidence/tshirt"]
+    data = AvatarData(run, SETTINGS, run / "cache", frames=[0, 1])
+    assert data.names == ["body"] and np.array_equal(data[0]["vertices.body"], store["track/vertices"][0].astype(np.float32))
+    assert 0.05 < data.valid["body"].mean()
