@@ -92,8 +92,8 @@ def test_the_clear_coat_reflects_more_at_grazing_angles(tracer):
     def reflectance(degrees):
         a = np.radians(degrees)
         interaction.wi = [np.sin(a), 0, np.cos(a)]
-        draws = [bsdf.sample(mi.BSDFContext(), interaction, sampler.next_1d(), sampler.next_2d())[1] for _ in range(4000)]
-        return float(np.mean([np.array(d)[0] for d in draws]))
+        draw = lambda: bsdf.sample(mi.BSDFContext(), interaction, sampler.next_1d(), sampler.next_2d())[1]  # noqa: E731
+        return float(np.mean([np.array(draw())[0] for _ in range(4000)]))
 
     straight, slanting, grazing = (reflectance(d) for d in (0, 60, 80))
     assert 0.03 < straight < 0.06  # ((n - 1) / (n + 1))^2 = 0.04

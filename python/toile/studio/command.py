@@ -9,7 +9,7 @@ import typer
 
 
 def studio(
-    out: Annotated[Path, typer.Argument(help="folder of the new capture; OUT.part of a run that was cut short is gone on with")],
+    out: Annotated[Path, typer.Argument(help="folder of the new capture; goes on with OUT.part")],
     frames: Annotated[int, typer.Option(help="number of frames, 30 a second")] = 20,
     cameras: Annotated[int, typer.Option(help="number of cameras in the ring")] = 8,
     size: Annotated[int, typer.Option(help="width and height of the pictures [px]")] = 512,
@@ -17,7 +17,7 @@ def studio(
     renderer: Annotated[str, typer.Option(help="raster: the own rasteriser; mitsuba: path tracing")] = "raster",
     samples: Annotated[int, typer.Option(help="paths a pixel, mitsuba only")] = 64,
     subject: Annotated[str, typer.Option(help="fitted, logo or loose")] = "fitted",
-    motion: Annotated[str, typer.Option(help="walk, rom, talk, hands-on-cloth, some joined by +, or a .bvh file")] = "walk",
+    motion: Annotated[str, typer.Option(help="walk, rom, talk, hands-on-cloth, some joined by +, or a .bvh")] = "walk",
     image_step: Annotated[int, typer.Option(help="captures every n-th of the simulated frames")] = 1,
     span: Annotated[float, typer.Option(help="height that the pictures span at the middle of the stage [m]")] = 2.25,
     noise: Annotated[float, typer.Option(help="scan noise, standard deviation [mm]")] = 1.0,

@@ -44,10 +44,10 @@ class StudioReport:
 def make_capture(out, options: StudioOptions, progress=None, workers=1) -> StudioReport:
     """Writes the capture `out`, which must not exist; the same call goes on with one that was cut short.
 
-    `progress(step, done, total)` is called as it goes; `workers` processes share the frames. A seed whose truth breaks a
-    bound is discarded, reported, and replaced by one derived from it. The same options give the same bits, however many
-    workers and interruptions. CaptureError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS seeds
-    were discarded.
+    `progress(step, done, total)` is called as it goes; `workers` processes share the frames. A seed whose truth breaks
+    a bound is discarded, reported, and replaced by one derived from it. The same options give the same bits, however
+    many workers and interruptions. CaptureError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS
+    seeds were discarded.
     """
     out, part = Path(out), Path(f"{out}.part")
     progress = progress or (lambda step, done, total: None)
@@ -111,7 +111,7 @@ def fill(part, options, progress, workers):
 
 
 def accepted_sequence(work, options, progress):
-    """A report of the first seed whose sequence is within bounds, which counts the others; and the sequence's folder."""
+    """A report of the first seed whose sequence is within bounds, which counts the others; the sequence's folder."""
     file = work / "rejected.json"
     rejected = json.loads(file.read_text()) if file.exists() else []
     while len(rejected) < ATTEMPTS:

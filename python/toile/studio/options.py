@@ -65,8 +65,8 @@ class StudioOptions:
             return
         parts = self.motion.split("+")
         if not set(parts) <= set(MOTIONS):
-            known = ", ".join(MOTIONS)
-            raise CaptureError(f'studio: motion is {self.motion!r}, must be {known}, some joined by "+", or a .bvh file')
+            known = f'{", ".join(MOTIONS)}, some joined by "+", or a .bvh file'
+            raise CaptureError(f"studio: motion is {self.motion!r}, must be {known}")
         if len(parts) > 1 and self.frames < len(parts) * JOIN:
             raise CaptureError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")
 

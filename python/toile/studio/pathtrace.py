@@ -68,7 +68,8 @@ class PathTracer:
             }  # fmt: skip
         normals = outer.normals
         n = len(outer.body)
-        corner, faces = np.unique(np.stack([self.body.model.f, self.f_uv], 2).reshape(-1, 2), axis=0, return_inverse=True)
+        corner = np.stack([self.body.model.f, self.f_uv], 2).reshape(-1, 2)
+        corner, faces = np.unique(corner, axis=0, return_inverse=True)
         stage["body"] = self.mesh(
             "body", outer.body[corner[:, 0]], normals[:n][corner[:, 0]], self.uv[corner[:, 1]] * [1, -1] + [0, 1],
             faces, self.body_bsdf,
@@ -186,7 +187,8 @@ class PathTracer:
 
 def coat(colour, alpha):
     """A diffuse colour under a rough dielectric coat: what that reflects grows at grazing angles (Fresnel)."""
-    return {"type": "roughplastic", "distribution": "ggx", "alpha": alpha, "int_ior": 1.5, "diffuse_reflectance": colour}
+    coat = {"type": "roughplastic", "distribution": "ggx", "alpha": alpha, "int_ior": 1.5}
+    return coat | {"diffuse_reflectance": colour}
 
 
 class PrintedMesh:

@@ -59,9 +59,11 @@ class Sequence:
         streams = [np.random.default_rng([seed, i]) for i in range(2)]
         self.body = self._kept("body", TruthBody, lambda: make_body(options.subject, streams[0]), model=BodyModel)
         self.ground = -self.body.rest[:, 2].min()
-        self.motion = self._kept("motion", motions.Motion,
-                                 lambda: motions.make_motion(options.motion, self.body, self.frames, streams[1]))  # fmt: skip
+        self.motion = self._kept("motion", motions.Motion, lambda: self._make_motion(streams[1]))
         self.block = lru_cache(2)(self._block)
+
+    def _make_motion(self, rng):
+        return motions.make_motion(self.options.motion, self.body, self.frames, rng)
 
     def _kept(self, name, kind, make, **records):
         """The record FOLDER/NAME.npz, made when it is not there."""

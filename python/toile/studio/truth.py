@@ -102,8 +102,8 @@ class Sliding:
 
 
 def write_truth(path, attrs, fixed, count, blocks):
-    """`truth.zarr` (zarr 3, a chunk a frame, float32 positions): attributes, `fixed` arrays {path: array}, and arrays of
-    `count` frames that come block by block, {path: (b, ...)}."""
+    """`truth.zarr` (zarr 3, a chunk a frame, float32 positions): attributes, `fixed` arrays {path: array}, and arrays
+    of `count` frames that come block by block, {path: (b, ...)}."""
     import zarr
 
     root = zarr.open_group(str(path), mode="w", zarr_format=3)
