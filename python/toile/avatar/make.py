@@ -189,9 +189,13 @@ def start_fabric():
 @contextmanager
 def deterministic(fabric):
     """On the CPU the same bits from run to run: torch's parallel sums of gradients are otherwise in no order."""
-    before = torch.are_deterministic_algorithms_enabled()
-    torch.use_deterministic_algorithms(before or fabric.device.type == "cpu", warn_only=True)
+    from torch.utils import deterministic as extra
+
+    before = torch.are_deterministic_algorithms_enabled(), extra.fill_uninitialized_memory
+    torch.use_deterministic_algorithms(before[0] or fabric.device.type == "cpu", warn_only=True)
+    extra.fill_uninitialized_memory = False  # nothing here reads memory that it has not written, and filling costs a sixth
     try:
         yield
     finally:
-        torch.use_deterministic_algorithms(before)
+        torch.use_deterministic_algorithms(before[0])
+        extra.fill_uninitialized_memory = before[1]

@@ -37,7 +37,7 @@ class LossWeights(Settings):
     geometry: float = 1.0  # of an error of 1 cm^2
     laplacian: float = 10.0  # of 1 cm^2
     texture: float = 30.0  # of a squared error of 1 in a colour of 0..1
-    kl: float = 1e-4  # of 1 nat
+    kl: float = 1e-5  # of 1 nat
     image: float = 10.0  # of an error of 1 in a colour of 0..1
     mask: float = 10.0
     visibility: float = 1.0
@@ -75,7 +75,7 @@ class AvatarSettings(Settings):
     lr: float = 1e-4  # AdamW
     colour_lr: float = 1e-3  # of gain and bias of the cameras
     decay: float = 0.1  # of the learning rate over a phase: a half cosine to this share
-    warm_up: float = 0.05  # share of a phase with a rising learning rate
+    warm_up: float = 0.1  # share of a phase with a rising learning rate
     clip: float = 1.0  # largest norm of the gradient
     visibility_c: tuple[float, float] = (0.020, 0.005)  # c of the soft visibility, first and last [m]
     checkpoint_every: int = 250  # steps
@@ -122,12 +122,12 @@ def preset(quality):
     if quality == "draft":
         return AvatarSettings(
             quality=quality,
-            data=DataSettings(geometry_size=64, texture_size=128, image=(256, 256), pixel_scale=1.0),
+            data=DataSettings(geometry_size=64, texture_size=256, image=(256, 256)),
             network=NetworkSettings(latent=32, width=32, ao_rays=16),
             body_steps=150,
             garment_steps=150,
             joint_steps=300,
-            lr=1e-2,
+            lr=3e-3,
             checkpoint_every=50,
             picture_every=50,
         )

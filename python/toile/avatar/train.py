@@ -18,6 +18,7 @@ from pathlib import Path
 import torch
 from torch.utils.data import DataLoader, Sampler, default_collate
 
+from ..kernels import InputError
 from ..scene import CaptureError
 from ..store import write_text
 from .checkpoint import Checkpoints, load_model, load_optimiser
@@ -107,7 +108,10 @@ class Training:
     def _loss(self, phase, step, steps, batch):
         """({term: value}, their weighted sum) of a step's samples."""
         torch.manual_seed(draw(self.settings.seed, self.at.returns, phase.name, step, self.fabric.global_rank))
-        terms = self.module(batch, phase, step / max(steps - 1, 1))
+        try:
+            terms = self.module(batch, phase, step / max(steps - 1, 1))
+        except InputError:  # the renderer and the core refuse vertices that are not finite
+            return {}, torch.tensor(math.nan, device=self.fabric.device)
         return terms, total(terms, self.settings.weights)
 
     def _check(self, phase, loss):
@@ -137,7 +141,7 @@ class Training:
         colour = [p for name, p in named if "colour" in name]
         others = [p for name, p in named if "colour" not in name]
         groups = [{"params": others, "base": phase.lr}, {"params": colour, "base": self.settings.colour_lr}]
-        optimiser = torch.optim.AdamW([group for group in groups if group["params"]], lr=phase.lr)
+        optimiser = torch.optim.AdamW([group for group in groups if group["params"]], lr=phase.lr, fused=True)
         if tensors is not None:
             load_optimiser(optimiser, tensors)
         return self.fabric.setup_optimizers(optimiser)
