@@ -45,9 +45,9 @@ class Puppet:
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
         scene = self.avatar.scene
-        model = load_body_model(scene.body_model, up=scene.up)
+        self.model = load_body_model(scene.body_model, up=scene.up)
         J, poses = self.avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)
-        self.motion = read_motion(motion_path, model, J, scene.fps, poses["translation"].mean(0))
+        self.motion = read_motion(motion_path, self.model, J, scene.fps, poses["translation"].mean(0))
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
@@ -121,7 +121,7 @@ class Puppet:
     def _solver(self, layer, under):
         key = layer.name, under.name
         if key not in self.solvers:
-            faces = under.faces if under.kind == "garment" else skin(under.faces, len(under.rest))
+            faces = under.faces if under.kind == "garment" else self.model.skin_faces
             self.solvers[key] = kernels.UntangleSolver(layer.faces, len(layer.rest), faces, len(under.rest), margin=MARGIN)
         return self.solvers[key]
 
@@ -131,12 +131,6 @@ class Puppet:
         seen = self.avatar.compose(decoded, batch, size)[0]
         image = seen.image + BACKGROUND * (1 - seen.mask)
         return (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).cpu().numpy()
-
-
-def skin(faces, n):
-    """Faces of the largest component: eyes and tongue lie inside it."""
-    component = kernels.vertex_components(faces, n)
-    return np.ascontiguousarray(faces[component[faces[:, 0]] == np.bincount(component).argmax()])
 
 
 def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=True, seed=0, progress=lambda *_: None):

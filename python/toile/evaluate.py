@@ -46,8 +46,6 @@ class _Evaluation:
         self.garments = self.store.attrs["scene"]["garments"]
         self.truth = open_truth(self.capture, [g["name"] for g in self.garments])
         self.outside = outside_of(self.model)
-        component = kernels.vertex_components(self.model.f, len(self.model.v_template))
-        self.skin = np.ascontiguousarray(self.model.f[component[self.model.f[:, 0]] == np.bincount(component).argmax()])
 
     def result(self):
         numbers, done = self.store["frames"][:], self.store["done"][:]
@@ -76,7 +74,7 @@ class _Evaluation:
         inner = self.store["inner/vertices"][row]
         cloth = {g["name"]: self.store[f"garment/{g['name']}/vertices"][row] for g in self.garments}
         faces = {g["name"]: self.store[f"garment/{g['name']}/faces"][:] for g in self.garments}
-        pairs = (kernels.intersecting_pairs(cloth[n], faces[n], inner, self.skin) for n in cloth)
+        pairs = (kernels.intersecting_pairs(cloth[n], faces[n], inner, self.model.skin_faces) for n in cloth)
         out["intersections_left"] = int(sum(len(p) for p in pairs))
         if not true:
             return out

@@ -23,7 +23,7 @@ class InnerLayer:
         self.model, self.shape, self.templates = model, inner_shape, templates
         self.solver = kernels.InnerSolver(model, person.shape, person.J, tolerance=settings.tolerance)
         self.margin = settings.margin
-        self.skin_faces, self.untanglers = _largest_component(model), {}
+        self.untanglers = {}
 
     def solve(self, tracked, segmented, dressed):
         """The inner body of one frame, then every garment out of the body and of the garments under it."""
@@ -39,7 +39,7 @@ class InnerLayer:
         return Inner(V, confidence, garments, left, diagnostics | {"intersections_left": float(left)})
 
     def _untangle(self, V, dressed):
-        obstacles, garments, diagnostics, left = [("", V, self.skin_faces)], {}, {}, 0
+        obstacles, garments, diagnostics, left = [("", V, self.model.skin_faces)], {}, {}, 0
         for template in self.templates:
             cloth, pairs = dressed[template.name].vertices, 0
             for under, body_V, body_F in obstacles:
@@ -68,9 +68,3 @@ def _visible(tracked, segmented, templates):
 
 def _meshes(templates, dressed):
     return [(dressed[t.name].vertices, t.faces) for t in templates]
-
-
-def _largest_component(model):
-    """Faces of the skin; eyes and tongue lie inside it."""
-    component = kernels.vertex_components(model.f, len(model.v_template))
-    return np.ascontiguousarray(model.f[component[model.f[:, 0]] == np.bincount(component).argmax()])

@@ -182,6 +182,14 @@ class BodyModel:
     segments: dict[str, np.ndarray] = field(default_factory=dict)  # name -> vertex indices
 
     @cached_property
+    def skin_faces(self):
+        """Faces of the largest connected component: eyes and tongue lie inside it."""
+        from .kernels import vertex_components
+
+        component = vertex_components(self.f, len(self.v_template))
+        return np.ascontiguousarray(self.f[component[self.f[:, 0]] == np.bincount(component).argmax()])
+
+    @cached_property
     def core(self):
         """The C++ twin, built once."""
         from .kernels.body import core_model
