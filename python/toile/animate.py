@@ -113,7 +113,7 @@ class Puppet:
                 for other, body_V in under:
                     found = self._solver(layer, other).solve(V, body_V)
                     V, before, left = found.V, before + found.intersections_before, left + found.intersections_left
-                posed = torch.as_tensor(V, dtype=torch.float32, device=self.device)[None]
+                posed = torch.tensor(V, dtype=torch.float32, device=self.device)[None]
                 moved[layer.name] = replace(decoded[layer.name], vertices=posed)
             under.append((layer, V))
         return moved, before, left

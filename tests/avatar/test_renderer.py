@@ -448,4 +448,4 @@ def test_soft_visibility_brings_the_order_back_where_a_hard_z_buffer_has_no_grad
         optimiser.step()
     last = seen()
     assert ((last.layer == 1) & (labels == 1)).sum() > 0.98 * labels.sum()
-    assert float(soft_visibility(last.depth, labels, torch.tensor([-1, 1]), 0.02)) < 0.02
+    assert float(soft_visibility(last.depth.detach(), labels, torch.tensor([-1, 1]), 0.02)) < 0.02

@@ -152,7 +152,7 @@ def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
     import zarr
 
     from toile.capture import open_capture
-    from toile.pipeline import plan
+    from toile.plan import plan
 
     capture = open_capture(stepped)
     assert capture.frames == (0, 3) and capture.scene.fps == 30
