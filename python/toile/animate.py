@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +13,8 @@ import torch
 from . import kernels
 from .avatar.checkpoint import load_avatar, read_facts, training_poses
 from .avatar.driving import FILE, load_driver, make_track
+from .avatar.layers import body_model_of
 from .avatar.metrics import pose_distance
-from .io.body import load_body_model
 from .io.camera import read_cameras
 from .io.mesh import write_ply
 from .io.motion import read_motion
@@ -45,7 +46,7 @@ class Puppet:
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
         scene = self.avatar.scene
-        self.model = load_body_model(scene.body_model, up=scene.up)
+        self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
         J, poses = self.avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)
         self.motion = read_motion(motion_path, self.model, J, scene.fps, poses["translation"].mean(0))
         self.latents = self._latents(seed)
@@ -134,16 +135,18 @@ class Puppet:
 
 
 def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=True, seed=0, progress=lambda *_: None):
-    """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`: pictures/, meshes/LAYER/,
+    """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, in one rename: pictures/, meshes/LAYER/,
     animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default. `camera`: a name of the
     avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in turn. `height` [px].
     Returns an Animation. CaptureError: what is asked does not fit the avatar."""
-    out = Path(out)
-    if out.exists() and any(out.iterdir()):
-        raise CaptureError(f"{out}: exists already and is not empty")
+    whole = Path(out).resolve()
+    out = whole.with_name(f".{whole.name}.part")
+    if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
+        raise CaptureError(f"{whole}: exists already and is not empty")
     puppet = Puppet(folder, motion, seed=seed)
     rows = chosen_rows(puppet.motion.frames, frames)
     path = camera_path(puppet, camera, height)
+    shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
     before = left = 0
     with VideoWriter(out / "animation.mp4", puppet.motion.fps) as film:
         for done, i in enumerate(rows):
@@ -162,6 +165,7 @@ def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=T
     done = Animation(len(rows), int(before), int(left), tuple(puppet.warnings))
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": puppet.motion.fps}
     write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
+    out.replace(whole)
     return done
 
 
@@ -169,7 +173,7 @@ def chosen_rows(frames, asked):
     """Rows of the frames asked for."""
     if asked is None:
         return list(range(len(frames)))
-    rows = [i for i, n in enumerate(frames.tolist()) if n in set(asked)]
+    rows = np.flatnonzero(np.isin(frames, list(asked))).tolist()
     if not rows:
         raise CaptureError(f"--frames: the motion has frames {frames[0]} to {frames[-1]}, none of those asked for")
     return rows

@@ -97,3 +97,16 @@ def test_an_orbit_turns_the_world_about_the_person():
     assert np.allclose(np.linalg.norm(moved.centre - centre), np.linalg.norm(camera.centre - centre))
     assert np.allclose(turned(camera, centre, up, 2 * np.pi).T_camera_world, T)
     assert np.allclose(resized(camera, 96).project(np.array([[0.1, 0.2, 0]]))[0], 2 * camera.project(np.array([[0.1, 0.2, 0]]))[0])
+
+
+def test_a_stopped_animation_leaves_no_folder_that_looks_whole(puppet_folder, sample_run, tmp_path):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        animate(puppet_folder, sample_run, out, frames=[1, 2], height=32, progress=stop)
+    assert not out.exists()
+    animate(puppet_folder, sample_run, out, frames=[2], height=32)
+    assert [p.name for p in (out / "pictures").iterdir()] == ["000002.png"]
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]

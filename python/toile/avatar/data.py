@@ -63,7 +63,7 @@ class AvatarData(Dataset):
         if named != [g.name for g in self.scene.garments]:
             raise CaptureError(f"{run}: registered garments {named}, {self.capture.root}/scene.toml names others")
         pictured = pictured_frames(run)
-        self.frames = pictured if frames is None else [n for n in pictured if n in set(frames)]
+        self.frames = pictured if frames is None else sorted(set(pictured) & set(frames))
         if not self.frames:
             raise CaptureError(f"{run}: none of the frames asked for is registered and has pictures in {self.capture.root}")
         self.layers = read_layers(run, self.frames) if layered else [surface_layer(run, self.frames)]
@@ -102,7 +102,7 @@ class AvatarData(Dataset):
         parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
         digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
         digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())
-        for number in {self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]}:
+        for number in (self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]):
             for values in self._registered(number).values():
                 digest.update(values.tobytes())
         return digest.hexdigest()[:16]

@@ -68,7 +68,7 @@ def open_body(run):
         raise CaptureError(f"{run}: no registered.zarr; is it a run of `toile register`?")
     store = zarr.open_group(str(run / "registered.zarr"), mode="r")
     name = store.attrs["body_model"]
-    model = load_body_model(capture_folder(run) / name if name.endswith(".npz") else name, up=store.attrs["scene"]["up"])
+    model = body_model_of(run, name, store.attrs["scene"]["up"])
     if model.uv is None:
         raise CaptureError(f"{name}: uv: the body model has none, an avatar needs them")
     for array in ("track/vertices", "pose/rotations", "pose/translation", "confidence/track", "track/faces", "shape"):
@@ -76,6 +76,11 @@ def open_body(run):
     if len(model.parents) != store["pose/rotations"].shape[1] or len(model.v_template) != store["track/vertices"].shape[1]:
         raise CaptureError(f"{run}/registered.zarr: pose and vertices do not fit the body model {name}")
     return RunBody(run, store, model, model.rest(store["shape"][:])[1])
+
+
+def body_model_of(run, name, up):
+    """The body model of this name: a packaged one, or a .npz inside the capture that the run was made of."""
+    return load_body_model(capture_folder(run) / name if name.endswith(".npz") else name, up=up)
 
 
 def capture_folder(run):
