@@ -135,9 +135,10 @@ class Puppet:
 
 
 def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=True, seed=0, progress=lambda *_: None):
-    """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, in one rename: pictures/, meshes/LAYER/,
-    animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default. `camera`: a name of the
-    avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in turn. `height` [px].
+    """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
+    pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
+    `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
+    turn. `height` [px].
     Returns an Animation. CaptureError: what is asked does not fit the avatar."""
     whole = Path(out).resolve()
     out = whole.with_name(f".{whole.name}.part")
