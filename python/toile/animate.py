@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from . import kernels
 from .avatar.checkpoint import load_avatar, read_facts, training_poses
 from .avatar.driving import FILE, load_driver, make_track
 from .avatar.layers import body_model_of
 from .avatar.metrics import pose_distance
+from .avatar.untangling import Untangler
 from .io.camera import read_cameras
 from .io.mesh import write_ply
 from .io.motion import read_motion
@@ -22,7 +22,6 @@ from .io.video import VideoWriter
 from .scene import Camera, CaptureError
 from .store import write_text
 
-MARGIN = 0.002  # of cloth off the body [m]
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
 ORBIT = 10.0  # seconds of a camera's way about the person
 BACKGROUND = 1.0
@@ -52,7 +51,7 @@ class Puppet:
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
-        self.solvers = {}
+        self.untangled = Untangler(self.avatar.layers, self.model.skin_faces)
 
     def _latents(self, seed):
         """{layer: (T,Z)}: garments' by the temporal model; the single-layer baseline's drawn once from the unit Gaussian."""
@@ -63,7 +62,7 @@ class Puppet:
             return {name: torch.randn(1, size, generator=generator).expand(count, size) for name in kinds}
         if "garment" not in kinds.values():
             return {}
-        driver, stride = load_driver(self.folder)
+        driver, stride, _ = load_driver(self.folder)
         motion = self.motion
         with torch.no_grad():
             track = make_track(self.avatar, motion.frames, motion.rotations, motion.translation, motion.face, stride)
@@ -103,28 +102,6 @@ class Puppet:
         """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left)."""
         latents = {name: z[i : i + 1].to(self.device) for name, z in self.latents.items()}
         return self.untangled(self.avatar.decode(batch, latents))
-
-    def untangled(self, decoded):
-        """Garments moved out of the layers under them, inner to outer."""
-        before = left = 0
-        under, moved = [], dict(decoded)
-        for layer in self.avatar.layers:
-            V = decoded[layer.name].vertices[0].double().cpu().numpy()
-            if layer.kind == "garment":
-                for other, body_V in under:
-                    found = self._solver(layer, other).solve(V, body_V)
-                    V, before, left = found.V, before + found.intersections_before, left + found.intersections_left
-                posed = torch.tensor(V, dtype=torch.float32, device=self.device)[None]
-                moved[layer.name] = replace(decoded[layer.name], vertices=posed)
-            under.append((layer, V))
-        return moved, before, left
-
-    def _solver(self, layer, under):
-        key = layer.name, under.name
-        if key not in self.solvers:
-            faces = under.faces if under.kind == "garment" else self.model.skin_faces
-            self.solvers[key] = kernels.UntangleSolver(layer.faces, len(layer.rest), faces, len(under.rest), margin=MARGIN)
-        return self.solvers[key]
 
     @torch.no_grad()
     def picture(self, decoded, batch, size):

@@ -80,10 +80,11 @@ def evaluate(
     path: Annotated[Path, typer.Argument(help="a run or an avatar")],
     frames: Annotated[Optional[str], typer.Option(help="of an avatar: 1-50,60; default: what its training held out")] = None,
     run: Annotated[Optional[Path], typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    driven: Annotated[bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ):
     """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
-    result = measure(path, frames, run)
+    result = measure(path, frames, run, driven)
     for warning in result.get("warnings", ()):
         typer.echo(f"  warning: {warning}", err=True)
     if as_json:
@@ -99,17 +100,19 @@ def report(
     out: Annotated[Optional[Path], typer.Option(help="default: report.html in that folder")] = None,
     frames: Annotated[Optional[str], typer.Option(help="of an avatar: 1-50,60; default: what its training held out")] = None,
     run: Annotated[Optional[Path], typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    driven: Annotated[bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")] = False,
 ):
     """Write one self-contained HTML page about a run or an avatar."""
     if is_avatar(path):
         from .avatar.report import write_avatar_report
 
         with progress_bars() as progress:
-            typer.echo(str(write_avatar_report(path, out, frames=numbers_of(frames), run=run, progress=progress)))
+            options = dict(frames=numbers_of(frames), run=run, progress=progress, driven=driven)
+            typer.echo(str(write_avatar_report(path, out, **options)))
         return
     from .report import write_report
 
-    no_avatar(path, frames, run)
+    no_avatar(path, frames, run, driven)
     typer.echo(str(write_report(path, out)))
 
 
@@ -168,24 +171,25 @@ def is_avatar(path):
     return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()  # a stopped training is told so
 
 
-def measure(path, frames, run):
+def measure(path, frames, run, driven):
     """The evaluation of a run or of an avatar."""
     if is_avatar(path):
         from .avatar.evaluation import evaluate_avatar
 
         with progress_bars() as progress:
-            return evaluate_avatar(path, numbers_of(frames), run, progress)
+            return evaluate_avatar(path, numbers_of(frames), run, progress, driven=driven)
     from .evaluate import evaluate as evaluate_run
 
-    no_avatar(path, frames, run)
+    no_avatar(path, frames, run, driven)
     return evaluate_run(path)
 
 
-def no_avatar(path, frames, run):
+def no_avatar(path, frames, run, driven):
     """Refuses the options that are an avatar's."""
-    for name, value in (("frames", frames), ("run", run)):
-        if value is not None:
-            raise CaptureError(f"--{name} {value}: {path} is no avatar, it has no avatar.json")
+    given = {f"--frames {frames}": frames is not None, f"--run {run}": run is not None, "--driven": driven}
+    for option, there in given.items():
+        if there:
+            raise CaptureError(f"{option}: {path} is no avatar, it has no avatar.json")
 
 
 def numbers_of(text):

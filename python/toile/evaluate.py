@@ -13,7 +13,7 @@ from .capture import open_capture
 from .io.body import load_body_model
 from .scene import CaptureError
 from .store import OK, Status
-from .truth import mean_measures, millimetres, open_truth, outside_of
+from .truth import mean_measures, millimetres, open_truth, outside_of, second_difference
 
 
 def evaluate(run):
@@ -56,7 +56,7 @@ class _Evaluation:
         everything = mean_measures(per_frame or [self._nothing()])
         everything.pop("frame", None)
         for name, by_frame in errors.items():
-            everything["garment"][name]["jitter_mm"] = _jitter(by_frame)
+            everything["garment"][name]["jitter_mm"] = second_difference(by_frame)
         if everything.get("intersections_left") is not None:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
@@ -138,13 +138,3 @@ class _Evaluation:
                 total[entry["stage"]] += entry["seconds"]
                 frames[entry["stage"]].add(entry["frame"])
         return {stage: total[stage] / len(frames[stage]) for stage in total}
-
-
-def _jitter(errors):
-    """Mean second difference of the error over consecutive frames {number: (g,3)} [mm]."""
-    lengths = [
-        np.linalg.norm(errors[n - 1] - 2 * errors[n] + errors[n + 1], axis=1).mean()
-        for n in errors
-        if n - 1 in errors and n + 1 in errors
-    ]
-    return float(np.mean(lengths) * 1e3) if lengths else None

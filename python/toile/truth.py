@@ -110,6 +110,16 @@ def millimetres(distances):
     return float(np.mean(distances) * 1e3) if len(distances) else None
 
 
+def second_difference(positions):
+    """Mean length of x(t-1) - 2 x(t) + x(t+1) over consecutive frames {number: (n,3)} [mm for metres]; None of fewer than 3."""
+    lengths = [
+        np.linalg.norm(positions[n - 1] - 2 * x + positions[n + 1], axis=1).mean()
+        for n, x in positions.items()
+        if n - 1 in positions and n + 1 in positions
+    ]
+    return float(np.mean(lengths) * 1e3) if lengths else None
+
+
 def mean_measures(values):
     """The mean of nested measures over those that have a number; None where none has."""
     nested = [v for v in values if isinstance(v, dict)]

@@ -83,8 +83,8 @@ def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
     folder, measured = driven
     assert measured["code_error"] < 0.05  # of their variance
     assert measured["held_out"] > 0
-    driver, stride = load_driver(folder)
-    assert stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
+    driver, stride, known = load_driver(folder)
+    assert known == driven[1] and stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
 
 
 def test_the_same_seed_gives_the_same_bits(driven, tmp_path):

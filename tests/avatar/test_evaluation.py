@@ -11,7 +11,7 @@ from toile.avatar.evaluation import Tally
 from toile.scene import CaptureError
 from toile.truth import mean_measures
 
-MEASURES = {"mse", "ssim", "psnr", "band_mse", "band_ssim", "band_psnr", "garment_mse", "body_mse", "pixels", "band_pixels"}
+MEASURES = {"mse", "ssim", "psnr", "band_mse", "band_ssim", "band_psnr", "garment_mse", "body_mse", "rim_mse", "pixels", "band_pixels"}
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from toile.avatar.metrics import BAND, Sums, border_band, over, pixel_sets, pose_distance, squared_error, ssim_map
+from toile.avatar.metrics import BAND, Sums, border_band, over, pixel_sets, pose_distance, silhouette_ring, squared_error, ssim_map
+from toile.truth import second_difference
 
 SHIRT, SKIN = 3, 1
 
@@ -130,3 +131,20 @@ def test_pose_distance_is_the_geodesic_and_not_the_difference_of_vectors():
     a, b = np.zeros((2, 3)), np.zeros((2, 3))
     a[1], b[1] = [0, 0, np.pi - 0.1], [0, 0, -np.pi + 0.1]
     assert pose_distance(a, [b]) == pytest.approx([np.degrees(0.2)])
+
+
+def test_the_ring_lies_inside_the_silhouette_and_not_along_the_picture_s_edge():
+    mask = np.zeros((40, 50), bool)
+    mask[10:, 20:40] = True
+    ring = silhouette_ring(mask, 3)
+    inner = np.zeros_like(mask)
+    inner[13:, 23:37] = True
+    assert (ring == (mask & ~inner)).all()
+    assert not silhouette_ring(np.ones((9, 9), bool)).any() and not silhouette_ring(np.zeros((9, 9), bool)).any()
+
+
+def test_second_differences_are_zero_for_uniform_motion_and_twice_a_square_s_factor():
+    x = np.random.default_rng(0).normal(size=(7, 3))
+    assert second_difference({n: x + 0.01 * n for n in range(5)}) == pytest.approx(0, abs=1e-9)
+    assert second_difference({n: x + 0.002 * n**2 * np.array([1, 0, 0]) for n in range(3, 8)}) == pytest.approx(4.0)
+    assert second_difference({0: x, 6: x, 12: x}) is None

@@ -134,15 +134,13 @@ def codes_of(avatar, data):
     return torch.stack(codes), {name: mean.shape[1] for name, (mean, _) in found.items()}
 
 
-def run_track(avatar, run):
-    """The Track of all registered frames of a run, and its stride."""
-    body = open_body(run)
+def run_track(avatar, body, stride=None):
+    """The Track of all registered frames of a RunBody, with pictures or without; `stride`: their own step by default."""
     rows = body.rows()
     frames = body.store["frames"][:][rows]
     face = body.store["face"][:][rows] if "face" in body.store else None
-    stride = stride_of(frames) or 1
     pose = body.store["pose/rotations"][:][rows], body.store["pose/translation"][:][rows]
-    return make_track(avatar, frames, *pose, face, stride), stride
+    return make_track(avatar, frames, *pose, face, stride or stride_of(frames) or 1)
 
 
 def train_temporal(folder, settings, progress=lambda done, total: None):
@@ -156,8 +154,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     avatar = load_avatar(folder)
     if not any(layer.kind == "garment" for layer in avatar.layers):
         raise CaptureError(f"{folder}: no garment: there is no code that a motion could drive")
-    track, stride = run_track(avatar, facts["run"])
-    track = without(track, facts["holdout"])
+    whole = run_track(avatar, open_body(facts["run"]))
+    track = without(whole, held_out_span(facts["holdout"]))
     data = _data(folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
@@ -169,13 +167,12 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     measured = {"code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
         held = _data(folder, facts, "evaluation", facts["holdout"])
-        whole, _ = run_track(avatar, facts["run"])
         measured["held_out"] = relative_error(driver, whole, held.frames, codes_of(avatar, held)[0])
     write_tensors(
         folder / FILE,
         {PREFIX + name: value for name, value in driver.state_dict().items()},
         {"settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
-         "stride": stride, "measured": measured},
+         "stride": stride_of(whole.frames) or 1, "measured": measured},
     )  # fmt: skip
     return measured
 
@@ -212,6 +209,11 @@ def relative_error(driver, track, frames, targets):
     return float(((read - targets) / driver.code_spread).square().mean())
 
 
+def held_out_span(frames):
+    """Of the held-out pictured frames, contiguous among the pictured ones, all numbers from the first to the last."""
+    return range(min(frames), max(frames) + 1) if frames else ()
+
+
 def without(track, frames):
     """The track less these frames; those on either side are no neighbours."""
     keep = ~np.isin(track.frames, list(frames))
@@ -221,7 +223,7 @@ def without(track, frames):
 
 
 def load_driver(folder):
-    """(Driver, stride of the poses it was trained on) of a trained avatar's folder."""
+    """(Driver, stride of the poses it was trained on, what its training measured) of a trained avatar's folder."""
     path = Path(folder) / FILE
     if not path.exists():
         raise CaptureError(f"{path}: the file is missing: `toile train RUN {folder} --temporal` makes it")
@@ -233,4 +235,4 @@ def load_driver(folder):
     except (KeyError, TypeError) as error:
         raise CaptureError(f"{path}: not a temporal model's facts: {error}") from None
     load_model(driver, tensors, path)
-    return driver.eval(), int(facts["stride"])
+    return driver.eval(), int(facts["stride"]), facts.get("measured", {})

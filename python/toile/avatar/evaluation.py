@@ -1,7 +1,8 @@
 """An avatar measured on pictures that it was not trained on, beside its single-layer baseline (METHOD, Results).
 
 Reconstruction: each avatar encodes the frame itself, decodes the mean of its code, and is compared with the captured
-picture in the window that it was trained on. Both pictures are black outside the captured foreground.
+picture in the window that it was trained on. Driven: poses and facial keypoints alone, see `driven.py`. Both pictures are
+black outside the captured foreground.
 """
 
 from __future__ import annotations
@@ -69,27 +70,31 @@ def _measures(pictures):
     return {
         "mse": whole.mse, "ssim": whole.ssim, "psnr": whole.psnr,
         "band_mse": band.mse, "band_ssim": band.ssim, "band_psnr": band.psnr,
-        "garment_mse": total["garment"].mse, "body_mse": total["body"].mse,
+        "garment_mse": total["garment"].mse, "body_mse": total["body"].mse, "rim_mse": total["rim"].mse,
         "pixels": whole.pixels, "band_pixels": band.pixels,
     }  # fmt: skip
 
 
-def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, total: None, sheets=True):
+def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, total: None, sheets=True, driven=False):
     """{"all": {"layered": {...}, "baseline": {...} or None, ...}, "per_frame": [...], "warnings": [...]}.
 
     frames: numbers, by default those that the training held out. run: where the run is now, if it was moved. sheets:
-    draw AVATAR/sheets/*.png. CaptureError: one line that names what is missing.
+    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone. CaptureError: one line that names what is
+    missing.
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
     garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
-    band; cameras; geometry against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
+    band; rim_mse: within 5 px of the silhouette; cameras; geometry against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
-    of a frame, shown to this one (DESIGN 5), for layers and for the tracked surface.
+    of a frame, shown to this one (DESIGN 5), for layers and for the tracked surface. driven: None, or the temporal model's
+    errors of codes, motion (second differences of garments' vertices, decoded and true), intersections before and after
+    `untangle`, and the baseline's errors over draws of its code.
     """
+    from .driven import Driven
     from .heldout import HeldOut
 
-    held = HeldOut(Path(folder), frames, run)
+    held = (Driven if driven else HeldOut)(Path(folder), frames, run)
     tally, spacing, shown = Tally(held.garment_labels.values()), [], defaultdict(list)
     for i, picture in enumerate(held.pictures()):
         progress("evaluate", i, held.count)
@@ -100,8 +105,14 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
     progress("evaluate", held.count, held.count)
     if sheets:
         middle = held.spread(SHOWN)[len(shown) // 2]
-        write_sheets(Path(folder) / "sheets", shown.values(), tally.garments, (middle, held.unseen_views(middle)))
-    return _result(held, tally, float(np.mean(spacing)))
+        write_sheets(sheets_folder(folder, driven), shown.values(), tally.garments, (middle, held.unseen_views(middle)))
+    result = _result(held, tally, float(np.mean(spacing)))
+    result["all"]["driven"] = held.summary(tally) if driven else None
+    return result
+
+
+def sheets_folder(folder, driven):
+    return Path(folder) / ("driven" if driven else "sheets")
 
 
 def _result(held, tally, mm_per_pixel):

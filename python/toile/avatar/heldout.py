@@ -19,6 +19,7 @@ from .metrics import pose_distance
 from .photometric import photometric
 
 WINDOW = ("frame", "camera", "image", "mask", "labels", "K", "T_camera_world")  # of a sample: both avatars show the same
+VIEW = ("camera", "K", "T_camera_world")  # of a sample: what it is seen by
 PAPER = 248 / 255  # behind a view that no camera took
 
 
@@ -42,8 +43,9 @@ class HeldOut:
         for name, place in folders.items():
             self.avatars[name] = load_avatar(place).to(self.device)
             self.data[name] = self._data(place, name == "layered", path)
-        self.decoded = {name: {} for name in folders}  # by frame, {layer: vertices (n,3)}
-        self._occlusion = {}  # by avatar, a frame and its ambient occlusion
+        self.shown = {name: name for name in folders}  # what pictures show, and the avatar of each
+        self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}
+        self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
     def _data(self, folder, layered, run):
         facts = read_facts(folder)
@@ -66,13 +68,13 @@ class HeldOut:
         return float(distances.min()) if len(distances) else None
 
     def pictures(self):
-        """Every held-out picture as both avatars reconstruct it."""
+        """Every held-out picture as both avatars show it."""
         first = next(iter(self.data))
         for i in range(self.count):
             sample = self.data[first][i]
             samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
             frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
-            rendered = {name: _last(self._reconstruct(name, sample).image) for name, sample in samples.items()}
+            rendered = {name: _last(self._show(name, samples[of]).image) for name, of in self.shown.items()}
             K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
             mask = sample["mask"].numpy() > 0.5
             yield Picture(
@@ -83,17 +85,28 @@ class HeldOut:
             )  # fmt: skip
 
     @torch.no_grad()
-    def _reconstruct(self, name, sample):
-        """Rendered: the frame encoded, the mean of its code decoded and drawn."""
-        avatar, frame = self.avatars[name], int(sample["frame"])
-        batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
-        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
-        if frame not in self.decoded[name]:
-            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
+    def _show(self, name, sample):
+        """Rendered: what is shown of a sample's frame in its view."""
+        avatar, frame = self.avatars[self.shown[name]], int(sample["frame"])
+        decoded = self._decode(name, sample)
         if self._occlusion.get(name, (None,))[0] != frame:  # no camera changes the geometry
             self._occlusion[name] = frame, avatar.ambient_occlusion(decoded)
         shaded = avatar.shade(decoded, self._occlusion[name][1])
+        batch = {key: sample[key][None].to(self.device) for key in VIEW}
         return avatar.compose(shaded, batch, sample["image"].shape[-2:], shadow=False)[0]
+
+    def _decode(self, name, sample):
+        """{layer: Decoded}: the frame encoded, the mean of its code decoded."""
+        avatar, frame = self.avatars[name], int(sample["frame"])
+        batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
+        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
+        self._keep(name, frame, decoded)
+        return decoded
+
+    def _keep(self, name, frame, decoded):
+        """The geometry of a frame, as what is shown first had it."""
+        if frame not in self.decoded[name]:
+            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
 
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
@@ -103,7 +116,7 @@ class HeldOut:
         for i in np.unique(np.linspace(0, cameras - 1, count).round().astype(int)):
             sample = data[first + int(i)]
             moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
-            seen = self._reconstruct(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})
+            seen = self._show(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})
             views.append(_last(seen.image + PAPER * (1 - seen.mask)))
         return views
 
@@ -133,8 +146,8 @@ class RegisteredRun:
     """What evaluation reads of a run and of the truth behind it."""
 
     def __init__(self, path):
-        body = open_body(path)
-        self.store, self.outside = body.store, outside_of(body.model)
+        self.body = open_body(path)
+        self.store, self.outside = self.body.store, outside_of(self.body.model)
         self.capture = capture_of(path)
         self.row = {int(n): i for i, n in enumerate(self.store["frames"][:])}
         self.rotations = self.store["pose/rotations"][:]

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from ..page import document, figure, flatten, plot, table
-from .evaluation import NAMES, evaluate_avatar
+from .evaluation import NAMES, evaluate_avatar, sheets_folder
 
 MEASURES = {  # name in the JSON: what it says, in the order of the table
     "mse": "mean squared error (0\u2013255), foreground",
     "band_mse": "\u2026 within 10 px of the garment's border",
     "garment_mse": "\u2026 on garments",
     "body_mse": "\u2026 on the body, outside that band",
+    "rim_mse": "\u2026 within 5 px of the silhouette",
     "ssim": "SSIM, foreground",
     "band_ssim": "\u2026 within 10 px of the garment's border",
     "psnr": "PSNR [dB], foreground",
@@ -32,16 +33,17 @@ def write_avatar_report(folder, out=None, **options):
 
 
 def section(folder, result):
-    """HTML of an evaluation's result and of the sheets that it drew in AVATAR/sheets."""
+    """HTML of an evaluation's result and of the sheets that it drew."""
     everything = result["all"]
+    how = "driven by poses and face" if everything["driven"] else "reconstructed"
     distance = everything["pose_distance_deg"]
     apart = "" if distance is None else f"; distance of poses to the nearest trained one {distance:.1f}\u00b0 a joint"
     intro = f"Frames held out: {everything['frames']}{apart}; pixels of {everything['mm_per_pixel']:.1f} mm; borders from {everything['labels']} labels."
     warnings = "".join(f"<p class='why'>{html.escape(w)}</p>" for w in result["warnings"])
     return (
-        f"<h2>Avatar on pictures it was not trained on</h2><p class='soft'>{html.escape(intro)}</p>{warnings}"
-        f"{_errors(everything)}{_geometry(everything)}{_photometric(everything)}"
-        f"<div class='plots' style='margin-top:1rem'>{_plots(result)}</div>{_sheets(folder)}"
+        f"<h2>Avatar on pictures it was not trained on, {how}</h2><p class='soft'>{html.escape(intro)}</p>{warnings}"
+        f"{_errors(everything)}{_geometry(everything)}{_driven(everything)}{_photometric(everything)}"
+        f"<div class='plots' style='margin-top:1rem'>{_plots(result)}</div>{_sheets(sheets_folder(folder, everything['driven']))}"
     )
 
 
@@ -71,6 +73,12 @@ def _geometry(everything):
     return f"<h2>Decoded geometry against the truth [mm]</h2>{table(head, rows)}" if rows else ""
 
 
+def _driven(everything):
+    """How the garment moves, what was untangled, and how much the drawn code matters to the baseline."""
+    flat = flatten(everything["driven"] or {})
+    return f"<h2>Driven</h2>{table(['', ''], [[measure, value] for measure, value in flat.items()])}" if flat else ""
+
+
 def _photometric(everything):
     checks = {n: v for n, v in (everything["photometric"] or {}).items() if v}
     if not checks:
@@ -95,5 +103,5 @@ def _plots(result):
 def _sheets(folder):
     from PIL import Image
 
-    paths = sorted((folder / "sheets").glob("*.png"))
+    paths = sorted(folder.glob("*.png"))
     return "".join(f"<div class='sheet'>{figure(np.asarray(Image.open(p).convert('RGB')), p.stem)}</div>" for p in paths)

@@ -1,0 +1,135 @@
+"""Held-out frames driven by poses and facial keypoints alone: of a frame no code, no texture and no pixel is used.
+
+METHOD, Animation: garments by the temporal model's codes, then out of the body; the single-layer baseline by codes drawn from
+the unit Gaussian, one a sequence, as Bagautdinov et al. 2021 animate theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from ..truth import second_difference
+from .driving import load_driver, run_track
+from .heldout import VIEW, HeldOut
+from .untangling import Untangler
+
+SAMPLES = 4  # codes drawn for the baseline; the first is the one shown
+
+
+class Driven(HeldOut):
+    """HeldOut's avatars by what drives them; "baseline 1" ... are other draws of its code, "baseline 0" the code zero."""
+
+    def __init__(self, folder, frames=None, run=None):
+        super().__init__(folder, frames, run)
+        store = self.registered.store
+        rows = self.registered.body.rows()
+        numbers = store["frames"][:][rows].tolist()
+        self.span = {n: i for n, i in zip(numbers, rows.tolist()) if self.frames[0] <= n <= self.frames[-1]}
+        self.latents, self.driver, self.measured = {}, None, {}
+        self.intersections = {}  # by frame: pairs before and after untangling
+        if "layered" in self.avatars:
+            avatar = self.avatars["layered"]
+            self.untangled = Untangler(avatar.layers, self.registered.body.model.skin_faces)
+            self.latents["layered"] = self._garment_codes(folder, avatar)
+        if "baseline" in self.avatars:
+            self._draw_codes(self.avatars["baseline"])
+
+    def _garment_codes(self, folder, avatar):
+        """{frame: {garment: (1,Z)}} from the poses up to each frame, those between the pictured ones included."""
+        if not any(layer.kind == "garment" for layer in avatar.layers):
+            return {n: {} for n in self.span}
+        self.driver, stride, self.measured = load_driver(folder)
+        track = run_track(avatar, self.registered.body, stride)
+        with torch.no_grad():
+            codes = {name: z.to(self.device) for name, z in self.driver.latents(track).items()}
+        at = {n: i for i, n in enumerate(track.frames.tolist())}
+        return {n: {name: z[at[n]][None] for name, z in codes.items()} for n in self.span}
+
+    def _draw_codes(self, avatar):
+        size, surface = avatar.settings.network.latent, avatar.layers[0].name
+        drawn = [torch.randn(1, size, generator=torch.Generator().manual_seed(seed)) for seed in range(SAMPLES)]
+        names = ["baseline", *(f"baseline {seed}" for seed in range(1, SAMPLES)), "baseline 0"]
+        for name, z in zip(names, [*drawn, torch.zeros(1, size)]):
+            self.shown[name] = "baseline"
+            self.decoded.setdefault(name, {})
+            self.latents[name] = dict.fromkeys(self.span, {surface: z.to(self.device)})
+
+    def _decode(self, name, sample):
+        frame = int(sample["frame"])
+        batch = self._steered(frame) | {key: sample[key][None].to(self.device) for key in VIEW}
+        decoded = self.avatars[self.shown[name]].decode(batch, self.latents[name][frame])
+        placed = self._placed(name, frame)
+        return {
+            layer: replace(one, vertices=torch.as_tensor(placed[layer], dtype=torch.float32, device=self.device)[None])
+            for layer, one in decoded.items()
+        }
+
+    def _steered(self, frame):
+        """Pose and face of a registered frame as `Avatar.decode` takes them."""
+        store, row = self.registered.store, self.span[frame]
+        face = store["face"][row] if "face" in store else np.zeros((0, 3))
+        values = {
+            "rotations": store["pose/rotations"][row], "translation": store["pose/translation"][row],
+            "face": np.nan_to_num(face), "face_seen": np.isfinite(face).all(-1),
+        }  # fmt: skip
+        return {name: torch.as_tensor(value.astype(np.float32), device=self.device)[None] for name, value in values.items()}
+
+    @torch.no_grad()
+    def _placed(self, name, frame):
+        """{layer: vertices (n,3)}, garments out of the body."""
+        if frame not in self.decoded[name]:
+            avatar = self.avatars[self.shown[name]]
+            batch = self._steered(frame) | {"T_camera_world": torch.eye(4, device=self.device)[None]}
+            decoded = avatar.decode(batch, self.latents[name][frame], texture=False)
+            if name == "layered":
+                decoded, *self.intersections[frame] = self.untangled(decoded)
+            self._keep(name, frame, decoded)
+        return self.decoded[name][frame]
+
+    def summary(self, tally):
+        """What evaluation says beside its usual measures."""
+        draws = {name: tally.measures(name) for name, of in self.shown.items() if of == "baseline"}
+        return {
+            "temporal": self.driver and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
+            "motion": self._motion(),
+            "intersections": self._intersections(),
+            "baseline_draws": draws and _spread(draws),
+        }
+
+    def _motion(self):
+        """{garment: acceleration_mm decoded, true_acceleration_mm, jitter_mm of the error}: mean lengths of second differences
+        over consecutive registered frames of the span [mm a frame^2]; true ones None without truth."""
+        if "layered" not in self.avatars:
+            return {}
+        found, truth = {}, self.registered.truth
+        for garment in self.registered.garment_labels:
+            shown = {n: self._placed("layered", n)[garment] for n in self.span}
+            true = {n: truth.places(garment, n) for n in shown if n in truth} if truth else {}
+            found[garment] = {
+                "acceleration_mm": second_difference(shown),
+                "true_acceleration_mm": second_difference(true),
+                "jitter_mm": second_difference({n: shown[n] - true[n] for n in true}),
+            }
+        return found
+
+    def _intersections(self):
+        """Triangle pairs of garments and what lies under them, over the span."""
+        if not self.intersections:
+            return None
+        before, left = np.sum(list(self.intersections.values()), axis=0)
+        return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
+
+
+def _spread(draws):
+    """Errors of the baseline over draws of its code; "zero" is the Gaussian's mean, which no sample is."""
+    sampled = [found for name, found in draws.items() if name != "baseline 0"]
+    return {
+        "mse": [found["mse"] for found in sampled],
+        "mse_mean": float(np.mean([found["mse"] for found in sampled])),
+        "ssim_mean": float(np.mean([found["ssim"] for found in sampled])),
+        "zero_mse": draws["baseline 0"]["mse"],
+        "zero_ssim": draws["baseline 0"]["ssim"],
+    }
