@@ -17,6 +17,7 @@ from .layers import Skeleton, Skin, rotation_matrices
 from .networks import COLOUR_IN, LayerNetworks, Sizes, count, reparameterised, resize
 from .operators import Facing, joint_centroids, uniform_laplacian
 from .renderer import Surface, render
+from .settings import TemporalSettings
 from .uv import TexelValues, UvMap, UvSampler
 
 GEOMETRY_IN = 0.01  # displacement that the encoder reads as 1 [m]
@@ -97,7 +98,9 @@ class LayerModel(nn.Module):
         return decoded
 
     def quasi_shadow(self, occlusion):
-        """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean."""
+        """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean; None where settings ask for none."""
+        if self.networks.shadow is None:
+            return None
         maps = self.shadow_texels((occlusion - self.mean_ao)[..., None])
         return resize(self.networks.shadow(maps), self.sizes.texture)
 
@@ -194,13 +197,29 @@ class Avatar(nn.Module):
         with torch.autocast(view.device.type, enabled=False):
             transforms = self.skeleton(batch["rotations"], batch["translation"])
             centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
-        face = None
-        if hasattr(self, "face_mean"):
-            face = (batch["face"] - self.face_mean) / FACE_SCALE * batch["face_seen"][..., None]
+        face = self._face_features(batch["face"], batch["face_seen"]) if hasattr(self, "face_mean") else None
         return {
-            model.name: model.decode(pose, face, latents.get(model.name), transforms, centre, texture)
+            model.name: model.decode(pose, face, self._code(model, batch, latents), transforms, centre, texture)
             for model in self._chosen(names)
         }
+
+    def _face_features(self, face, seen):
+        return (face - self.face_mean) / FACE_SCALE * seen[..., None]
+
+    def _code(self, model, batch, latents):
+        """The code of a layer (B,Z): given, or regressed from the batch's window of poses; None of a body."""
+        if model.networks.regressor is None:
+            return latents.get(model.name)
+        return model.networks.regressor(self.window_features(batch))
+
+    def window_features(self, batch):
+        """Features (B,L,P) of a batch's windows of poses and faces."""
+        rotations = batch["window.rotations"]
+        features = pose_features(rotations.flatten(0, 1), self.up).reshape(*rotations.shape[:2], -1)
+        if hasattr(self, "face_mean"):
+            face = self._face_features(batch["window.face"], batch["window.face_seen"])
+            features = torch.cat([features, face.flatten(2)], -1)
+        return features
 
     @torch.no_grad()
     def ambient_occlusion(self, decoded):
@@ -216,6 +235,18 @@ class Avatar(nn.Module):
         return {name: open_sky[:, a:b] for name, a, b in zip(names, starts, starts[1:], strict=False)}
 
     @torch.no_grad()
+    def set_feature_scale(self, data):
+        """Keeps mean and spread of the windows' features over the frames of `data`, where garments are regressed from them."""
+        regressors = [model.networks.regressor for model in self.models if model.networks.regressor is not None]
+        if regressors:
+            windows = [data.pose_window(number) for number in data.frames]
+            stacked = {name: torch.stack([w[name] for w in windows]).to(self.up.device) for name in windows[0]}
+            features = self.window_features(stacked)[:, -1]
+            for one in regressors:
+                one.mean.copy_(features.mean(0))
+                one.spread.copy_(features.std(0, correction=0).clamp(min=TemporalSettings().pose_floor))
+
+    @torch.no_grad()
     def set_mean_ao(self, mean):
         """Keeps {layer: (n,)}, the mean over the training frames that shadows are relative to."""
         for name, value in mean.items():
@@ -223,6 +254,8 @@ class Avatar(nn.Module):
 
     def shade(self, decoded, occlusion=None):
         """The same layers with quasi-shadows, from the ambient occlusion of their decoded geometry, detached."""
+        if not self.settings.network.shadow:
+            return decoded
         occlusion = self.ambient_occlusion(decoded) if occlusion is None else occlusion
         return {
             name: replace(one, shadow=self.model(name).quasi_shadow(occlusion[name])) for name, one in decoded.items()
@@ -280,7 +313,7 @@ class Avatar(nn.Module):
 
 def layer_sizes(kind, settings, cameras, scene, joints, face_points):
     """Sizes of a layer's networks: only the parts that its kind and the scene ask for."""
-    driven = kind in ("body", "surface")
+    driven, window = kind in ("body", "surface"), settings.data.window if kind == "garment" else 0
     return Sizes(
         geometry=settings.data.geometry_size,
         texture=settings.data.texture_size,
@@ -291,8 +324,11 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points):
         occlusion=settings.network.ao_size,
         joints=joints if driven else 0,
         face_points=face_points if driven else 0,
-        code=kind in ("garment", "surface"),
-        view=len(cameras) > 1 and scene.view_dependent,
+        code=kind in ("garment", "surface") and not window,
+        view=settings.network.view and len(cameras) > 1 and scene.view_dependent,
+        shadow=settings.network.shadow,
+        window=window,
+        track=joints * Sizes.pose_features + 3 * face_points if window else 0,
     )
 
 

@@ -15,7 +15,7 @@ from torch.utils.data import Dataset
 
 from ..capture import open_capture
 from ..scene import CaptureError
-from ..store import replace_file, write_text
+from ..store import OK, replace_file, write_text
 from .layers import capture_folder, open_body, read_layers, surface_layer
 from .metrics import pose_distance
 from .textures import Unwrapper, filled, mean_texture, pinhole, take, undistorted, window_about
@@ -51,6 +51,7 @@ class AvatarData(Dataset):
       texture.LAYER (3,T,T) 0..1 from this view, texel_weight.LAYER (1,T,T)
       mean_texture.LAYER (3,T,T), mean_weight.LAYER (1,T,T) over this frame's views
       image (3,H,W) 0..1, mask (H,W), labels (H,W) int64, K (3,3), T_camera_world (4,4) of the undistorted window
+      window.rotations (L,K,3), window.face (L,q,3), window.face_seen (L,q) with settings.window
 
     CaptureError: no frame has pictures; a picture is missing; topologies and UVs that do not fit.
     """
@@ -81,6 +82,7 @@ class AvatarData(Dataset):
         out = {"frame": torch.tensor(number), "camera": torch.tensor(camera)}
         file = load_file(self._path(number))
         out |= {name: torch.from_numpy(file[name]) for name in file if name.split(".")[0] in REGISTERED}
+        out |= self.pose_window(number)
         for name in self.names:
             out[f"mean_texture.{name}"], out[f"mean_weight.{name}"] = self._maps(file, name, "mean_")
         file = load_file(self._path(number, camera))
@@ -98,7 +100,7 @@ class AvatarData(Dataset):
 
     def _key(self, layered):
         """The cache's folder: what its files depend on. Of the registration the poses and three whole frames."""
-        settings = self.settings.model_dump(mode="json", exclude={"geometry_size"})
+        settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window"})
         parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
         digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
         digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())
@@ -123,6 +125,27 @@ class AvatarData(Dataset):
             others = rotations[apart if apart.any() else frames != number]
             distances.append(pose_distance(pose, others).min() if len(others) else 0.0)
         return {"rotations": rotations, "translation": translation, "usual": float(np.quantile(distances, 0.95))}
+
+    def pose_window(self, number):
+        """Poses and faces of the last `settings.window` registered frames up to `number`, pictured or not; {} without."""
+        if not self.settings.window:
+            return {}
+        rotations, face, first = self._tracked
+        at = self.row[number]
+        rows = np.maximum(np.arange(at + 1 - self.settings.window, at + 1), first[at])
+        values = {"rotations": rotations[rows], "face": np.nan_to_num(face[rows]), "face_seen": np.isfinite(face[rows]).all(-1)}
+        return {f"window.{name}": torch.from_numpy(value.astype(np.float32)) for name, value in values.items()}
+
+    @cached_property
+    def _tracked(self):
+        """Rotations and faces of all rows of the run, and where each row's stretch of neighbouring frames begins."""
+        store = self.body.store
+        rotations = store["pose/rotations"][:]
+        face = store["face"][:] if "face" in store else np.zeros((len(rotations), 0, 3))
+        steps, good = np.diff(store["frames"][:]), store["done"][:] == OK
+        usual = np.bincount(steps).argmax() if len(steps) else 1
+        begins = np.r_[True, (steps != usual) | ~good[:-1]]
+        return rotations, face, np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
 
     # Preparation -----------------------------------------------------------------------------------------------------
 

@@ -39,7 +39,7 @@ class Driven(HeldOut):
 
     def _garment_codes(self, folder, avatar):
         """{frame: {garment: (1,Z)}} from the poses up to each frame, those between the pictured ones included."""
-        if not any(layer.kind == "garment" for layer in avatar.layers):
+        if not any(layer.kind == "garment" for layer in avatar.layers) or avatar.settings.data.window:
             return {n: {} for n in self.span}
         self.driver, stride, self.measured = load_driver(folder)
         track = run_track(avatar, self.registered.body, stride)
@@ -75,7 +75,9 @@ class Driven(HeldOut):
             "rotations": store["pose/rotations"][row], "translation": store["pose/translation"][row],
             "face": np.nan_to_num(face), "face_seen": np.isfinite(face).all(-1),
         }  # fmt: skip
-        return {name: torch.as_tensor(value.astype(np.float32), device=self.device)[None] for name, value in values.items()}
+        batch = {name: torch.as_tensor(value.astype(np.float32)) for name, value in values.items()}
+        batch |= next(iter(self.data.values())).pose_window(frame)
+        return {name: value[None].to(self.device) for name, value in batch.items()}
 
     @torch.no_grad()
     def _placed(self, name, frame):

@@ -152,8 +152,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     """
     folder, facts = Path(folder), read_facts(folder)
     avatar = load_avatar(folder)
-    if not any(layer.kind == "garment" for layer in avatar.layers):
-        raise CaptureError(f"{folder}: no garment: there is no code that a motion could drive")
+    if avatar.settings.data.window or not any(layer.kind == "garment" for layer in avatar.layers):
+        raise CaptureError(f"{folder}: no garment with a code: there is no code that a motion could drive")
     whole = run_track(avatar, open_body(facts["run"]))
     track = without(whole, held_out_span(facts["holdout"]))
     data = _data(folder, facts, "cache", facts["frames"])

@@ -14,6 +14,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from .temporal import TemporalModel
+
 SLOPE = 0.2  # of the LeakyReLU
 LOGVAR = 10.0  # bound of |logvar|: sigma stays within [0.0067, 148]
 START_LOGVAR = -4.0  # sigma = 0.135
@@ -221,6 +223,19 @@ def reparameterised(mean, logvar):
     return mean + torch.exp(0.5 * logvar) * torch.randn_like(mean)
 
 
+class Regressor(nn.Module):
+    """A window of poses and faces (B,L,P) -> code (B,Z), trained with the decoder: the ablation of encoder and noise."""
+
+    def __init__(self, sizes):
+        super().__init__()
+        self.model = TemporalModel(sizes.track, sizes.latent, sizes.window)
+        for name, fill in (("mean", torch.zeros), ("spread", torch.ones)):
+            self.register_buffer(name, fill(sizes.track))
+
+    def forward(self, poses):
+        return self.model((poses - self.mean) / self.spread).float()
+
+
 class Shadow(nn.Module):
     """AO - AO_mean (B,1,s,s) -> quasi-shadow (B,1,s,s), exactly 1 at the start, between 0 and 1 / sigmoid(2) = 1.135.
 
@@ -251,6 +266,9 @@ class Sizes:
     face_points: int = 0
     code: bool = False
     view: bool = False
+    shadow: bool = True
+    window: int = 0  # poses that the code is regressed from, in place of an encoder
+    track: int = 0  # features of each of them
     mask: torch.Tensor | None = field(default=None, repr=False, compare=False)  # (K,s,s), s = start
     head: torch.Tensor | None = field(default=None, repr=False, compare=False)  # (s,s)
 
@@ -274,15 +292,17 @@ class LayerNetworks(nn.Module):
         blank = torch.zeros(max(sizes.joints, 1), start, start)
         mask = sizes.mask if sizes.mask is not None else blank
         head_mask = sizes.head if sizes.head is not None else blank[0]
+        coded = sizes.code or sizes.window > 0
         self.pose = PoseMap(mask, sizes.pose_features) if sizes.joints else None
         self.face = FaceMap(sizes.face_points, head_mask) if sizes.face_points else None
         self.encoder = Encoder(sizes) if sizes.code else None
-        self.code = CodeMap(sizes.latent, start, w) if sizes.code else None
-        inputs = POSE_CHANNELS * bool(sizes.joints) + FACE_CHANNELS * bool(sizes.face_points) + w * sizes.code
+        self.regressor = Regressor(sizes) if sizes.window else None
+        self.code = CodeMap(sizes.latent, start, w) if coded else None
+        inputs = POSE_CHANNELS * bool(sizes.joints) + FACE_CHANNELS * bool(sizes.face_points) + w * coded
         self.geometry = Decoder(inputs, start, sizes.geometry, w, sizes.least_width)
         self.texture = Decoder(inputs, start, sizes.texture, w, sizes.least_width)
         self.view = UNet(4, 3, sizes.view_size, sizes.least_width, 2 * w) if sizes.view else None
-        self.shadow = Shadow(sizes.occlusion, sizes.shadow_width)
+        self.shadow = Shadow(sizes.occlusion, sizes.shadow_width) if sizes.shadow else None
 
     def features(self, pose, face, z):
         """What drives the decoders (B,C,start,start): of pose, face and code only those that the layer has."""

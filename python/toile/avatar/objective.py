@@ -22,13 +22,14 @@ class Objective(torch.nn.Module):
 
     @torch.no_grad()
     def prepare(self, data, to_device):
-        """Sets the mean ambient occlusion of registered frames, before the first step."""
+        """Sets what networks' inputs are relative to, before the first step: of ambient occlusion, and of windows of poses."""
         rows = torch.linspace(0, len(data) - 1, min(OCCLUSION_SAMPLES, len(data))).long().unique().tolist()
         found = []
         for row in rows:
             batch = to_device(default_collate([data[row]]))
             layers = {name: Decoded(vertices, vertices) for name in self.kinds for vertices in [batch[f"vertices.{name}"]]}
             found.append(self.avatar.ambient_occlusion(layers))
+        self.avatar.set_feature_scale(data)
         self.avatar.set_mean_ao({name: torch.cat([one[name] for one in found]).mean(0) for name in self.kinds})
 
     def forward(self, batch, phase, share):
@@ -66,7 +67,7 @@ class Objective(torch.nn.Module):
 
     def _together(self, batch, decoded, asked, share):
         """The terms of inverse rendering, means over the batch."""
-        several = len(decoded) > 1 and "visibility" in asked
+        several = len(decoded) > 1 and "visibility" in asked and self.settings.weights.visibility > 0
         rendered = self.avatar.compose(decoded, batch, batch["image"].shape[-2:], layer_depth=several)
         image, mask = (torch.stack([getattr(view, part) for view in rendered]) for part in ("image", "mask"))
         terms = {

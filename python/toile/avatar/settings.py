@@ -18,6 +18,7 @@ class DataSettings(Settings):
     image: tuple[int, int] = (512, 512)  # (height, width) of the window [px]
     pixel_scale: float = 1.0  # pixels of the capture along one of the window's, at least
     crop: Literal["person", "garment"] = "person"  # what the window is centred on
+    window: int = Field(0, ge=0)  # > 0: garments are regressed from so many poses, the frame's own the last; they have no code
 
 
 class NetworkSettings(Settings):
@@ -29,6 +30,8 @@ class NetworkSettings(Settings):
     shadow_width: int = 4
     ao_rays: int = 64  # of ambient occlusion, per vertex
     ao_size: int = 64  # texels along a side of the shadow network's maps
+    view: bool = True  # textures depend on where they are seen from, if the scene has several cameras
+    shadow: bool = True  # quasi-shadows from ambient occlusion
 
 
 class LossWeights(Settings):
@@ -40,7 +43,7 @@ class LossWeights(Settings):
     kl: float = 1e-5  # of 1 nat
     image: float = 10.0  # of an error of 1 in a colour of 0..1
     mask: float = 10.0
-    visibility: float = 1.0
+    visibility: float = 1.0  # 0: layers are not drawn apart either
     impute: float = 0.1  # of 1 cm^2; the baseline only: what the pose decides, decoded from another latent
 
 
