@@ -1,7 +1,7 @@
-# `make demo` and `make test`, and for measuring `make bench` and `make tradeoff`. Each sets everything up first and skips what is already there.
+# `make demo` and `make test`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup demo test test-slow sanitize fuzz bench tradeoff clean
+.PHONY: setup demo test test-slow sanitize fuzz bench tradeoff paper clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -65,6 +65,10 @@ bench: $(VENV)/.peers
 # time against error of all presets and peers: tradeoff/tradeoff.png. TRADEOFF=--quick takes minutes
 tradeoff: $(VENV)/.peers
 	$(BIN)/python -m bench.tradeoff tradeoff $(TRADEOFF)
+
+# the paper's comparisons: paper/index.html; what was stopped goes on. PAPER_FLAGS=--small takes minutes, without it days on a CPU
+paper: setup
+	$(BIN)/python -m apps.paper paper $(PAPER_FLAGS)
 
 clean:
 	rm -rf build $(SANITIZED) demo fuzz tradeoff

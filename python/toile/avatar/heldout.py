@@ -69,20 +69,22 @@ class HeldOut:
 
     def pictures(self):
         """Every held-out picture as both avatars show it."""
+        return (self.picture(i) for i in range(self.count))
+
+    def picture(self, i):
+        """The i-th of them, cameras running fastest."""
         first = next(iter(self.data))
-        for i in range(self.count):
-            sample = self.data[first][i]
-            samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
-            frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
-            rendered = {name: _last(self._show(name, samples[of]).image) for name, of in self.shown.items()}
-            K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
-            mask = sample["mask"].numpy() > 0.5
-            yield Picture(
-                frame, camera, _last(sample["image"]), mask,
-                self.registered.labels(frame, K, T, sample["labels"].numpy()),
-                rendered, self._loops(sample, K, T),
-                1e3 * float(np.median(_body(sample) @ T[2, :3] + T[2, 3])) / K[0, 0],
-            )  # fmt: skip
+        sample = self.data[first][i]
+        samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
+        frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
+        rendered = {name: _last(self._show(name, samples[of]).image) for name, of in self.shown.items()}
+        K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
+        return Picture(
+            frame, camera, _last(sample["image"]), sample["mask"].numpy() > 0.5,
+            self.registered.labels(frame, K, T, sample["labels"].numpy()),
+            rendered, self._loops(sample, K, T),
+            1e3 * float(np.median(_body(sample) @ T[2, :3] + T[2, 3])) / K[0, 0],
+        )  # fmt: skip
 
     @torch.no_grad()
     def _show(self, name, sample):

@@ -43,11 +43,11 @@ def _save(path, image):
     Image.fromarray(image).save(path, "PNG")
 
 
-def sheet(picture):
+def sheet(picture, names=("baseline", "layered")):
     """(H,W,3) uint8: a row with the whole window and one for each loop in it; columns captured, avatars, their errors."""
     mask = picture.mask[..., None]
     images = {"captured": picture.captured}
-    images |= {name: np.clip(picture.rendered[name], 0, 1) for name in ("baseline", "layered") if name in picture.rendered}
+    images |= {name: np.clip(picture.rendered[name], 0, 1) for name in names if name in picture.rendered}
     columns = {name: np.where(mask, (image * 255).round(), PAPER).astype(np.uint8) for name, image in images.items()}
     for name in list(images)[1:]:
         squared = squared_error(images[name], picture.captured)

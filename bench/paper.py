@@ -1,0 +1,291 @@
+"""The paper's comparisons: captures -> runs -> avatars -> driven avatars -> errors, ablations, pictures, one page.
+
+Everything lies in one folder, and what lies there is not made again: what was stopped goes on, and several processes may
+work on different captures in one folder.
+    OUT/captures/NAME         made by the studio where no capture is named
+    OUT/NAME/{run, aligned}   OUT/NAME/cache   samples that all avatars of the subject share
+    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, reconstruction.json, driven.json
+    OUT/NAME/ablations/ROW/   the same without one part, trained for as many steps
+    OUT/{index.html, paper.json, tables.md}
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Callable
+
+from toile.avatar.settings import AvatarSettings, TemporalSettings, preset
+
+REGRESSED, UNALIGNED, ALIGNED = "direct regression", "no texture alignment", "texture alignment"
+SWITCHES = {  # row: what of the settings differs
+    REGRESSED: lambda s, window: changed(s, data={"window": window}),
+    "no view conditioning": lambda s, _: changed(s, network={"view": False}),
+    "no shadow network": lambda s, _: changed(s, network={"shadow": False}),
+    "no soft visibility": lambda s, _: changed(s, weights={"visibility": 0.0}),
+}
+LINKED = ("avatar.json", "avatar.safetensors", "assets", "cache", "evaluation")  # of an avatar that another model drives
+FULL, DAMPED = "full", "damped"
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What is measured."""
+
+    out: Path
+    captures: tuple[Path, ...]
+    seeds: tuple[int, ...] = (0,)
+    settings: AvatarSettings = field(default_factory=AvatarSettings)  # whose seed is replaced
+    temporal: TemporalSettings = field(default_factory=TemporalSettings)
+    registration: str = "standard"
+    frames: str | None = None  # of each capture, as in `toile register --frames`
+    holdout: str | None = None  # "A-B"
+    minutes: float | None = None  # of each layered training; everything else takes as many steps
+    align: str = "none"  # which runs are aligned by their textures: "none", those of the "ablation", or "all"
+    ablated: str | None = None  # name of the capture that is ablated
+    ablation_steps: tuple[int, int, int] | None = None  # body, garment, joint; those of the full avatar by default
+    windows: tuple[int, ...] = (1, 3, 8, 15, 30)
+    qualities: tuple[str, ...] = ()
+    quality_minutes: float = 30.0
+    workers: int = 1
+    say: Callable = print
+    progress: Callable = lambda stage, done, total, note="": None
+
+    def run(self):
+        """All of it; the page is written anew after each avatar."""
+        from .paper_page import write
+
+        for capture in self.captures:
+            subject = Subject(self, capture)
+            run = subject.registered()
+            for seed in self.seeds:
+                subject.avatar(subject.folder / f"seed{seed}", run, changed(self.settings, seed=seed), baseline=True)
+                write(self.out)
+            if capture.name == self.ablated:
+                for _ in subject.ablations():
+                    write(self.out)
+        return write(self.out)
+
+
+class Subject:
+    """One capture's part of the study, in OUT/NAME."""
+
+    def __init__(self, paper, capture):
+        self.paper, self.capture, self.folder = paper, Path(capture), paper.out / Path(capture).name
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def registered(self):
+        """The run that avatars are trained on."""
+        run = self.folder / "run"
+        once(self.folder / "run.json", lambda: self._register(run), self.paper.say)
+        return self._aligned() if self.paper.align == "all" else run
+
+    def _register(self, run):
+        from toile.capture import open_capture
+        from toile.cli import frame_numbers
+        from toile.config import preset as config
+        from toile.evaluate import evaluate
+        from toile.pipeline import register
+
+        paper, opened = self.paper, open_capture(self.capture)
+        numbers = frame_numbers(paper.frames, opened.frames)
+        outcome = register(self.capture, run, config(paper.registration), numbers, paper.progress, paper.workers)
+        camera = next(iter(opened.cameras.values()))
+        return {
+            "capture": str(self.capture), "registered": len(outcome.ok), "failed": len(outcome.failed), "fps": opened.scene.fps,
+            "cameras": len(opened.cameras), "pixels": [camera.height, camera.width], "quality": paper.registration,
+            "studio": studio_options(self.capture), "errors": evaluate(run)["all"],
+        }  # fmt: skip
+
+    def _aligned(self):
+        from toile.evaluate import evaluate
+
+        run, aligned = self.folder / "run", self.folder / "aligned"
+
+        def make():
+            toile("align", run, aligned)
+            return {"errors": evaluate(aligned)["all"]}
+
+        once(self.folder / "aligned.json", make, self.paper.say)
+        return aligned
+
+    def avatar(self, folder, run, settings, baseline=False, steps=None, minutes=None):
+        """Trains and drives an avatar, and evaluates it on the held-out frames."""
+        from toile.avatar.driving import train_temporal
+        from toile.avatar.evaluation import evaluate_avatar
+        from toile.avatar.make import Request, make_avatar
+
+        paper = self.paper
+        for part in (folder, folder / "baseline") if baseline else (folder,):
+            self._share_cache(part)
+        if steps is not None:
+            settings = changed(settings, **dict(zip(("body_steps", "garment_steps", "joint_steps"), steps)))
+        minutes = paper.minutes if minutes is None and steps is None else minutes
+
+        def train():
+            make_avatar(Request(run, settings, minutes, paper.holdout, paper.progress, paper.say), folder, baseline)
+            facts = read(folder / "avatar.json")
+            return {"steps": facts["steps"], "frames": len(facts["frames"]), "held_out": facts["holdout"], "minutes": minutes}
+
+        def drive():
+            settings = paper.temporal.model_copy(update={"seed": facts_seed(folder)})
+            return train_temporal(folder, settings, lambda *at: paper.progress("temporal", *at))
+
+        once(folder / "trained.json", train, paper.say)
+        if not settings.data.window:
+            once(folder / "temporal.json", drive, paper.say)
+        if baseline:
+            once(folder / "reconstruction.json", lambda: evaluate_avatar(folder, progress=paper.progress), paper.say)
+        self._driven(folder)
+
+    def _driven(self, folder):
+        from toile.avatar.evaluation import evaluate_avatar
+
+        once(folder / "driven.json", lambda: evaluate_avatar(folder, progress=self.paper.progress, driven=True), self.paper.say)
+
+    def _share_cache(self, folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / "cache").mkdir(exist_ok=True)
+        for name in ("cache", "evaluation"):
+            link(folder / name, self.folder / "cache")
+
+    def ablations(self):
+        """Trains and evaluates one row after another; yields its name."""
+        paper, place = self.paper, self.folder / "ablations"
+        settings, run = changed(paper.settings, seed=paper.seeds[0]), self.registered()
+        full, steps = self.folder / f"seed{paper.seeds[0]}", paper.ablation_steps
+        if steps is None:
+            taken = read(full / "avatar.json")["steps"]
+            steps = [taken.get(phase, 0) for phase in ("body", "garment", "joint")]
+        else:
+            full = place / FULL
+            self.avatar(full, run, settings, steps=steps)
+            yield FULL
+        for row in self._window_rows(full, place):
+            yield row
+        for row, switch in SWITCHES.items():
+            self.avatar(place / slug(row), run, switch(settings, paper.temporal.window), steps=steps)
+            yield row
+        if paper.align != "none":
+            row, other = (UNALIGNED, self.folder / "run") if paper.align == "all" else (ALIGNED, self._aligned())
+            self.avatar(place / slug(row), other, settings, steps=steps)
+            yield row
+        self._zooms(full, place)
+        yield from self._qualities(place, run)
+
+    def _window_rows(self, full, place):
+        """The full avatar driven by other temporal models."""
+        from toile.avatar.driving import train_temporal
+
+        paper = self.paper
+        models = {f"L{length}": {"window": length} for length in paper.windows} | {DAMPED: {"model": DAMPED}}
+        for row, change in models.items():
+            folder = place / row
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in LINKED:
+                link(folder / name, full / name)
+            settings = changed(paper.temporal, seed=facts_seed(full), **change)
+            once(folder / "temporal.json", lambda: train_temporal(folder, settings), paper.say)  # noqa: B023
+            self._driven(folder)
+            yield row
+
+    def _zooms(self, full, place):
+        """PLACE/zooms/ROW.png: the full avatar and each that lacks a part, in one view, close up at the garment's loops."""
+        from .paper_pictures import zooms
+
+        rows = [slug(row) for row in (*SWITCHES, UNALIGNED, ALIGNED) if (place / slug(row) / "driven.json").exists()]
+        once(place / "zooms" / "zooms.json", lambda: zooms(full, {row: place / row for row in rows}, place / "zooms"), self.paper.say)
+
+    def _qualities(self, place, run):
+        """Quality presets, each trained for the same time."""
+        from .avatar_speed import measure
+
+        for quality in self.paper.qualities:
+            folder = place / f"quality {quality}"
+            settings = changed(preset(quality), seed=self.paper.seeds[0])
+            self.avatar(folder, run, settings, minutes=self.paper.quality_minutes)
+            size = settings.data.image[0]
+            once(folder / "speed.json", lambda: measure(folder, size, threads()), self.paper.say)  # noqa: B023
+            yield quality
+
+
+def once(path, make, say):
+    """The JSON at `path`, made once: what `make` gives, with the seconds that it took, of stopped attempts too."""
+    if path.exists():
+        return read(path)
+    begun, before = time.time(), path.with_suffix(".seconds")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    spent = float(before.read_text()) if before.exists() else 0.0
+    try:
+        made = make()
+    finally:
+        seconds = spent + time.time() - begun
+        before.write_text(str(seconds))
+    write_json(path, made | {"seconds": seconds, "machine": machine()})
+    before.unlink()
+    say(f"{path}: {seconds:.0f} s")
+    return read(path)
+
+
+def read(path):
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def write_json(path, values):
+    partial = path.with_suffix(".part")
+    partial.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    partial.rename(path)
+
+
+def link(path, target):
+    """A symbolic link to `target`, by the way from one to the other, so that OUT may be moved."""
+    if not path.is_symlink():
+        path.symlink_to(os.path.relpath(target, path.parent))
+
+
+def changed(settings, **updates):
+    """Settings with fields replaced; a dictionary replaces fields of the settings there."""
+    nested = {
+        name: getattr(settings, name).model_copy(update=value) if isinstance(value, dict) else value
+        for name, value in updates.items()
+    }
+    return settings.model_copy(update=nested)
+
+
+def slug(row):
+    return row.replace(" ", "_")
+
+
+def facts_seed(folder):
+    return read(folder / "avatar.json")["settings"]["seed"]
+
+
+def toile(*arguments):
+    """A command of `toile` in a process of its own."""
+    import subprocess
+    import sys
+
+    command = [sys.executable, "-c", "from toile.cli import main; main()", *map(str, arguments)]
+    subprocess.run(command, check=True)
+
+
+def threads():
+    import torch
+
+    return torch.get_num_threads()
+
+
+def machine():
+    import torch
+
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"CPU, {threads()} threads"
+    return {"device": device, "torch": torch.__version__, "architecture": platform.machine()}
+
+
+def studio_options(capture):
+    path = Path(capture) / "studio.json"
+    return read(path)["options"] if path.exists() else None

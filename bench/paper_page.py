@@ -1,0 +1,53 @@
+"""One self-contained page of a study's tables and pictures, its JSON, and its tables as Markdown."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from toile.page import document, figure
+from toile.page import table as html_table
+
+from .paper import write_json
+from .paper_tables import collected, tables, text
+
+SHEETS = {"driven": "driven by pose and face alone", "sheets": "reconstructed"}
+
+
+def write(out):
+    """OUT/index.html, OUT/paper.json and OUT/tables.md of what is there; returns the page's path."""
+    out, found = Path(out), collected(out)
+    made = tables(found)
+    write_json(out / "paper.json", {"subjects": found, "tables": [vars(table) for table in made]})
+    (out / "tables.md").write_text("\n".join(table.markdown() for table in made), encoding="utf-8")
+    body = "".join(_section(table) for table in made) + "".join(_pictures(out / name) for name in found)
+    (out / "index.html").write_text(document("The paper's comparisons", body), encoding="utf-8")
+    return out / "index.html"
+
+
+def _section(table):
+    rows = [[None if value is None else text(value) for value in row] for row in table.rows]
+    note = f"<p class='soft'>{html.escape(table.note)}</p>" if table.note else ""
+    return f"<h2>{html.escape(table.title)}</h2><div class='sheet'>{html_table(table.head, rows)}</div>{note}"
+
+
+def _pictures(folder):
+    """The sheets of a subject's first seed, and the close-ups of its ablations."""
+    parts = []
+    for seed in sorted(folder.glob("seed*"))[:1]:
+        for kind, words in SHEETS.items():
+            parts += _sheets(seed / kind, f"{folder.name}, {words}")
+    parts += _sheets(folder / "ablations" / "zooms", f"{folder.name}: ablations, driven")
+    return "".join(parts)
+
+
+def _sheets(folder, title):
+    from PIL import Image
+
+    paths = sorted(folder.glob("*.png"))
+    if paths:
+        yield f"<h2>{html.escape(title)}</h2>"
+    for path in paths:
+        yield f"<div class='sheet'>{figure(np.asarray(Image.open(path).convert('RGB')), path.stem.replace('_', ' '))}</div>"

@@ -1,0 +1,244 @@
+"""The tables of the paper's comparisons, from what lies in a study's folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .paper import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
+
+GOAL, PAPER = -0.22, {"fitted": -0.257, "logo": -0.291, "loose": -0.219}  # change of the squared error; the paper's subjects 1 to 3
+BAND_GAIN, PARITY = -0.20, 0.05  # reconstruction: in the band; on the body alone, or the baseline is a straw man
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of texts and numbers; None is a dash."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: list[list]
+    note: str = ""
+
+    def markdown(self):
+        lines = [f"## {self.title}", "", f"| {' | '.join(self.head)} |", "|---" * len(self.head) + "|"]
+        lines += [f"| {' | '.join(text(value) for value in row)} |" for row in self.rows]
+        return "\n".join([*lines, "", self.note]).rstrip() + "\n"
+
+
+def text(value):
+    """A cell: four digits of a similarity, one of an error, as many as it takes."""
+    if value is None:
+        return "-"
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.4f}" if abs(value) < 1 else f"{value:.2f}" if abs(value) < 20 else f"{value:.1f}"
+
+
+def percent(change):
+    return None if change is None else f"{100 * change:+.1f} %"
+
+
+def collected(out):
+    """{subject: {"run", "seeds": {seed: {file: JSON}}, "ablations": {row: {file: JSON}}}} of what is there."""
+    found = {}
+    for path in sorted(Path(out).glob("*/run.json")):
+        place = path.parent
+        found[place.name] = {
+            "run": read(path), "aligned": _jsons(place).get("aligned"),
+            "seeds": {int(p.name.removeprefix("seed")): _jsons(p) for p in sorted(place.glob("seed*"))},
+            "ablations": {p.name: _jsons(p) for p in sorted(place.glob("ablations/*")) if p.is_dir()},
+        }  # fmt: skip
+    return found
+
+
+def _jsons(folder):
+    """What is whole of a folder's results."""
+    names = ("trained", "temporal", "reconstruction", "driven", "speed", "aligned", "zooms")
+    return {name: read(folder / f"{name}.json") for name in names if (folder / f"{name}.json").exists()}
+
+
+def tables(found):
+    """All tables that have a row."""
+    made = [sizes(found), against(found, "driven"), against(found, "reconstruction"), draws(found), ablations(found), windows(found),
+            intersections(found), qualities(found)]  # fmt: skip
+    return [table for table in made if table.rows]
+
+
+def sizes(found):
+    """What was run, on what, for how long."""
+    rows = []
+    for name, subject in found.items():
+        run, studio = subject["run"], subject["run"]["studio"] or {}
+        height, width = run["pixels"]
+        for seed, one in subject["seeds"].items():
+            if "trained" not in one:
+                continue
+            trained = one["trained"]
+            driven = one.get("driven", {}).get("all", {})
+            rows.append([
+                name, seed, f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} fps, {run['quality']}",
+                f"{run['cameras']} of {width} x {height} px, {studio.get('renderer', '?')}, {studio.get('samples', '?')} samples",
+                trained["frames"], _span(trained["held_out"]), driven.get("mm_per_pixel"), driven.get("pose_distance_deg"),
+                " + ".join(str(n) for n in trained["steps"].values()), trained["seconds"] / 60, run["seconds"] / 60,
+                trained["machine"]["device"],
+            ])  # fmt: skip
+    head = ("subject", "seed", "registered frames", "cameras", "pictured frames trained on", "held out", "mm a pixel",
+            "degrees to the nearest trained pose", "steps", "minutes of training, baseline included", "minutes of registering", "device")  # fmt: skip
+    return Table("What was run", head, rows)
+
+
+def _span(frames):
+    return f"{len(frames)}: {frames[0]}-{frames[-1]}" if frames else "none"
+
+
+def against(found, how):
+    """Layered against single layer; a row a subject and seed, then what the goals say."""
+    rows, met = [], []
+    for name, subject in found.items():
+        changes = []
+        for seed, one in subject["seeds"].items():
+            everything = one.get(how, {}).get("all")
+            if not everything or not everything["baseline"]:
+                continue
+            layered, baseline = everything["layered"], everything["baseline"]
+            change = {m: relative(layered[m], baseline[m]) for m in ("mse", "band_mse", "garment_mse", "body_mse", "rim_mse")}
+            changes.append(change | {"ssim": layered["ssim"] - baseline["ssim"]})
+            rows.append([
+                name, seed, baseline["mse"], baseline["ssim"], layered["mse"], layered["ssim"], percent(change["mse"]),
+                baseline["band_mse"], layered["band_mse"], percent(change["band_mse"]), percent(change["garment_mse"]),
+                percent(change["body_mse"]), percent(change["rim_mse"]),
+            ])  # fmt: skip
+        if changes:
+            met.append(f"{name}, {len(changes)} seed{'s' * (len(changes) > 1)}: {goals(changes, how)}.")
+    head = ("subject", "seed", "single layer: MSE", "SSIM", "layered: MSE", "SSIM", "change of MSE", "band: single", "layered", "change",
+            "change on garments", "change on the body", "change near the silhouette")  # fmt: skip
+    title = {"driven": "Driven by pose and face alone", "reconstruction": "Reconstruction: the frame itself is encoded"}[how]
+    return Table(title, head, rows, " ".join(met))
+
+
+def goals(changes, how):
+    """In words whether every seed meets each goal."""
+    worst = lambda measure: max((c[measure] for c in changes if c[measure] is not None), default=None)  # noqa: E731
+    if how == "driven":
+        asked = {"MSE 22 % lower": _at_most(worst("mse"), GOAL), "SSIM higher": min(c["ssim"] for c in changes) > 0}
+    else:
+        straw = [1 / (1 + c["body_mse"]) - 1 for c in changes if c["body_mse"] is not None]
+        asked = {
+            "foreground no worse": _at_most(worst("mse"), 0), "band 20 % lower": _at_most(worst("band_mse"), BAND_GAIN),
+            "baseline within 5 % on the body": None if not straw else max(straw) <= PARITY,
+        }  # fmt: skip
+    return ", ".join(f"{goal}: {'yes' if ok else 'no'}" for goal, ok in asked.items() if ok is not None)
+
+
+def _at_most(value, bound):
+    return None if value is None else value <= bound
+
+
+def relative(value, reference):
+    return None if value is None or not reference else value / reference - 1
+
+
+def draws(found):
+    """How much it matters which code drives the baseline."""
+    rows = []
+    for name, seed, driven in _driven(found):
+        found_draws = driven["driven"]["baseline_draws"]
+        if found_draws:
+            mse = found_draws["mse"]
+            rows.append([name, seed, mse[0], found_draws["mse_mean"], min(mse), max(mse), found_draws["zero_mse"], driven["layered"]["mse"],
+                         percent(relative(driven["layered"]["mse"], found_draws["mse_mean"])),
+                         percent(relative(driven["layered"]["mse"], found_draws["zero_mse"]))])  # fmt: skip
+    head = ("subject", "seed", "shown draw: MSE", "mean of draws", "least", "largest", "code zero", "layered", "against the mean", "against zero")
+    return Table("The baseline's code, drawn from the unit Gaussian", head, rows)
+
+
+def _driven(found):
+    for name, subject in found.items():
+        for seed, one in subject["seeds"].items():
+            if "driven" in one:
+                yield name, seed, one["driven"]["all"]
+
+
+def ablations(found):
+    """The full avatar and each without one part."""
+    rows = []
+    for name, subject in found.items():
+        there = subject["ablations"]
+        named = {row: there[slug(row)] for row in (*SWITCHES, UNALIGNED, ALIGNED) if "driven" in there.get(slug(row), {})}
+        if not named:
+            continue
+        for row, one in {FULL: full_of(subject), **named}.items():
+            if "driven" in one:
+                rows.append([name, row, *_errors(one["driven"]["all"])])
+    head = ("subject", "avatar", "MSE", "SSIM", "garments", "band", "near the silhouette", "garment's surface [mm]", "correspondence [mm]", "jitter")
+    return Table("Ablations, driven", head, rows, "Jitter: mean second difference of the error of the garment's vertices [mm a frame²].")
+
+
+def full_of(subject):
+    """The avatar that ablations are compared with: one of their steps, or the first seed's."""
+    return subject["ablations"].get(FULL) or next(iter(subject["seeds"].values()), {})
+
+
+def _errors(everything):
+    layered = everything["layered"]
+    garments = list(((layered["geometry"] or {}).get("garment") or {}).values())
+    motion = list(everything["driven"]["motion"].values())
+    mean = lambda values: float(np.mean(values)) if values and None not in values else None  # noqa: E731
+    return [
+        *(layered[m] for m in ("mse", "ssim", "garment_mse", "band_mse", "rim_mse")),
+        mean([g["surface_mm"] for g in garments]), mean([g["correspondence_mm"] for g in garments]), mean([m["jitter_mm"] for m in motion]),
+    ]  # fmt: skip
+
+
+def windows(found):
+    """Lengths of the window, and the damped model."""
+    rows = []
+    for name, subject in found.items():
+        there = subject["ablations"]
+        lengths = sorted((int(row[1:]), row) for row in there if row[0] == "L" and row[1:].isdigit())
+        for row in [*(row for _, row in lengths), DAMPED]:
+            if "driven" not in there.get(row, {}):
+                continue
+            everything, temporal = there[row]["driven"]["all"], there[row]["temporal"]
+            for garment, motion in everything["driven"]["motion"].items():
+                rows.append([
+                    name, garment, row, everything["layered"]["mse"], everything["layered"]["ssim"], everything["layered"]["garment_mse"],
+                    temporal["code_error"], temporal.get("held_out"), motion["acceleration_mm"], motion["true_acceleration_mm"],
+                    motion["jitter_mm"],
+                ])  # fmt: skip
+    head = ("subject", "garment", "model", "MSE", "SSIM", "MSE on garments", "codes' error, trained", "held out", "acceleration", "true", "jitter")
+    note = (
+        "L: poses that the window model sees; damped: the second-order model. Codes' error over their variance in training. "
+        "Acceleration: mean second difference of the garment's vertices [mm a frame²]; jitter: the same of their error."
+    )
+    return Table("Temporal models", head, rows, note)
+
+
+def intersections(found):
+    """Triangle pairs of garments and what lies under them, as driven and after `untangle`."""
+    rows = []
+    for name, seed, driven in _driven(found):
+        pairs = driven["driven"]["intersections"]
+        if pairs:
+            rows.append([name, seed, pairs["frames"], pairs["before"], pairs["before"] / pairs["frames"], pairs["left"]])
+    return Table("Intersections", ("subject", "seed", "frames", "pairs before untangle", "a frame", "pairs left"), rows)
+
+
+def qualities(found):
+    """Quality presets after the same time of training."""
+    rows = []
+    for name, subject in found.items():
+        for row, one in subject["ablations"].items():
+            if row.startswith("quality ") and {"trained", "driven", "speed"} <= one.keys():
+                everything, speed = one["driven"]["all"], one["speed"]
+                rows.append([
+                    name, row.removeprefix("quality "), one["trained"]["minutes"], " + ".join(map(str, one["trained"]["steps"].values())),
+                    everything["mm_per_pixel"], everything["layered"]["mse"], everything["layered"]["ssim"], speed["size"],
+                    speed["frames_per_second"], speed["frames_per_second_with_occlusion"], speed["rays"],
+                ])  # fmt: skip
+    head = ("subject", "quality", "minutes of training", "steps", "mm a pixel", "MSE", "SSIM", "pixels", "frames a second", "with occlusion", "rays")
+    note = "Errors are of each preset's own window: compare them only where a pixel is as large."
+    return Table("Quality presets", head, rows, note if rows else "")
