@@ -68,7 +68,7 @@ tradeoff: $(VENV)/.peers
 
 # the paper's comparisons: paper/index.html; what was stopped goes on. PAPER_FLAGS=--small takes minutes, without it days on a CPU
 paper: setup
-	$(BIN)/python -m apps.paper paper $(PAPER_FLAGS)
+	$(BIN)/python -m bench.paper paper $(PAPER_FLAGS)
 
 clean:
 	rm -rf build $(SANITIZED) demo fuzz tradeoff

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from apps.paper import with_values
-from bench.paper import SWITCHES, changed, once, slug
-from bench.paper_page import write
-from bench.paper_tables import against, collected, goals, tables
+from bench.paper.__main__ import small, with_values
+from bench.paper.page import write
+from bench.paper.study import SWITCHES, Paper, Subject, changed, once, slug
+from bench.paper.tables import against, collected, goals, tables
 from toile.avatar.settings import AvatarSettings
 
 MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "rim_mse", "ssim")
@@ -113,8 +113,6 @@ def test_settings_are_changed_where_they_are_nested():
 
 @pytest.mark.slow
 def test_the_small_study_runs_goes_on_and_is_one_page(tmp_path, monkeypatch):
-    from apps.paper import small
-
     def stop(stage, *_):
         if stage == "joint":
             raise KeyboardInterrupt
@@ -133,3 +131,9 @@ def test_the_small_study_runs_goes_on_and_is_one_page(tmp_path, monkeypatch):
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.safetensors")}
     study(lambda stage, *_: pytest.fail(f"{stage} again"))
     assert before == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.safetensors")}
+
+
+def test_a_run_is_taken_as_it_is(sample_run, tmp_path):
+    subject = Subject(Paper(tmp_path, (sample_run,), say=lambda _: None), sample_run)
+    assert subject.registered() == sample_run and subject.capture.name == "tshirt-talk"
+    assert collected(tmp_path)["run"]["run"]["registered"] == 4

@@ -53,9 +53,11 @@ class Tally:
             sums = {pixels: over(*maps, where) for pixels, where in sets.items()}
             self.pictures[name][picture.frame, picture.camera] = sums
 
-    def measures(self, name, frame=None):
-        """Over all frames or one, and under "cameras" over each camera's pictures of them."""
-        chosen = {key: sums for key, sums in self.pictures[name].items() if frame in (None, key[0])}
+    def measures(self, name, frame=None, pictures=None):
+        """Over all frames or one, and under "cameras" over each camera's pictures of them; `pictures`: of these alone."""
+        chosen = {
+            key: sums for key, sums in self.pictures[name].items() if frame in (None, key[0]) and (pictures is None or key in pictures)
+        }
         by_camera = {c: _measures(s for (_, d), s in chosen.items() if d == c) for c in sorted({c for _, c in chosen})}
         return _measures(chosen.values()) | {"cameras": by_camera}
 

@@ -71,13 +71,17 @@ class HeldOut:
         """Every held-out picture as both avatars show it."""
         return (self.picture(i) for i in range(self.count))
 
+    def shown_in(self, i):
+        """Of `shown`, what the i-th picture shows."""
+        return self.shown
+
     def picture(self, i):
         """The i-th of them, cameras running fastest."""
         first = next(iter(self.data))
         sample = self.data[first][i]
         samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
         frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
-        rendered = {name: _last(self._show(name, samples[of]).image) for name, of in self.shown.items()}
+        rendered = {name: _last(self._show(name, samples[of]).image) for name, of in self.shown_in(i).items()}
         K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
         return Picture(
             frame, camera, _last(sample["image"]), sample["mask"].numpy() > 0.5,

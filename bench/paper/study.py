@@ -19,7 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Callable
 
+from toile.avatar.layers import capture_folder, open_body
 from toile.avatar.settings import AvatarSettings, TemporalSettings, preset
+from toile.store import OK, write_text
 
 REGRESSED, UNALIGNED, ALIGNED = "direct regression", "no texture alignment", "texture alignment"
 SWITCHES = {  # row: what of the settings differs
@@ -37,7 +39,7 @@ class Paper:
     """What is measured."""
 
     out: Path
-    captures: tuple[Path, ...]
+    captures: tuple[Path, ...]  # or runs of them
     seeds: tuple[int, ...] = (0,)
     settings: AvatarSettings = field(default_factory=AvatarSettings)  # whose seed is replaced
     temporal: TemporalSettings = field(default_factory=TemporalSettings)
@@ -57,7 +59,7 @@ class Paper:
 
     def run(self):
         """All of it; the page is written anew after each avatar."""
-        from .paper_page import write
+        from .page import write
 
         for capture in self.captures:
             subject = Subject(self, capture)
@@ -75,42 +77,40 @@ class Subject:
     """One capture's part of the study, in OUT/NAME."""
 
     def __init__(self, paper, capture):
-        self.paper, self.capture, self.folder = paper, Path(capture), paper.out / Path(capture).name
+        given = Path(capture)
+        self.paper, self.folder = paper, paper.out / given.name
         self.folder.mkdir(parents=True, exist_ok=True)
+        self.given_run = (given / "registered.zarr").exists()
+        self.run = given if self.given_run else self.folder / "run"
+        self.capture = capture_folder(given) if self.given_run else given
 
     def registered(self):
         """The run that avatars are trained on."""
-        run = self.folder / "run"
-        once(self.folder / "run.json", lambda: self._register(run), self.paper.say)
-        return self._aligned() if self.paper.align == "all" else run
+        once(self.folder / "run.json", self._register, self.paper.say)
+        return self._aligned() if self.paper.align == "all" else self.run
 
-    def _register(self, run):
+    def _register(self):
+        """Registers the capture unless a run was given; what both are."""
         from toile.capture import open_capture
         from toile.cli import frame_numbers
         from toile.config import preset as config
-        from toile.evaluate import evaluate
         from toile.pipeline import register
 
         paper, opened = self.paper, open_capture(self.capture)
-        numbers = frame_numbers(paper.frames, opened.frames)
-        outcome = register(self.capture, run, config(paper.registration), numbers, paper.progress, paper.workers)
-        camera = next(iter(opened.cameras.values()))
+        if not self.given_run:
+            numbers = frame_numbers(paper.frames, opened.frames)
+            register(self.capture, self.run, config(paper.registration), numbers, paper.progress, paper.workers)
+        store, camera = open_body(self.run).store, next(iter(opened.cameras.values()))
         return {
-            "capture": str(self.capture), "registered": len(outcome.ok), "failed": len(outcome.failed), "fps": opened.scene.fps,
-            "cameras": len(opened.cameras), "pixels": [camera.height, camera.width], "quality": paper.registration,
-            "studio": studio_options(self.capture), "errors": evaluate(run)["all"],
+            "capture": str(self.capture), "run": str(self.run), "registered": int((store["done"][:] == OK).sum()),
+            "failed": int((store["done"][:] != OK).sum()), "fps": opened.scene.fps, "cameras": len(opened.cameras),
+            "pixels": [camera.height, camera.width], "quality": None if self.given_run else paper.registration,
+            "studio": studio_options(self.capture),
         }  # fmt: skip
 
     def _aligned(self):
-        from toile.evaluate import evaluate
-
-        run, aligned = self.folder / "run", self.folder / "aligned"
-
-        def make():
-            toile("align", run, aligned)
-            return {"errors": evaluate(aligned)["all"]}
-
-        once(self.folder / "aligned.json", make, self.paper.say)
+        aligned = self.folder / "aligned"
+        once(self.folder / "aligned.json", lambda: toile("align", self.run, aligned), self.paper.say)
         return aligned
 
     def avatar(self, folder, run, settings, baseline=False, steps=None, minutes=None):
@@ -171,7 +171,7 @@ class Subject:
             self.avatar(place / slug(row), run, switch(settings, paper.temporal.window), steps=steps)
             yield row
         if paper.align != "none":
-            row, other = (UNALIGNED, self.folder / "run") if paper.align == "all" else (ALIGNED, self._aligned())
+            row, other = (UNALIGNED, self.run) if paper.align == "all" else (ALIGNED, self._aligned())
             self.avatar(place / slug(row), other, settings, steps=steps)
             yield row
         self._zooms(full, place)
@@ -195,14 +195,14 @@ class Subject:
 
     def _zooms(self, full, place):
         """PLACE/zooms/ROW.png: the full avatar and each that lacks a part, in one view, close up at the garment's loops."""
-        from .paper_pictures import zooms
+        from .pictures import zooms
 
         rows = [slug(row) for row in (*SWITCHES, UNALIGNED, ALIGNED) if (place / slug(row) / "driven.json").exists()]
         once(place / "zooms" / "zooms.json", lambda: zooms(full, {row: place / row for row in rows}, place / "zooms"), self.paper.say)
 
     def _qualities(self, place, run):
         """Quality presets, each trained for the same time."""
-        from .avatar_speed import measure
+        from ..avatar_speed import measure
 
         for quality in self.paper.qualities:
             folder = place / f"quality {quality}"
@@ -236,9 +236,7 @@ def read(path):
 
 
 def write_json(path, values):
-    partial = path.with_suffix(".part")
-    partial.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    partial.rename(path)
+    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
 
 
 def link(path, target):
@@ -265,12 +263,13 @@ def facts_seed(folder):
 
 
 def toile(*arguments):
-    """A command of `toile` in a process of its own."""
+    """A command of `toile` in a process of its own, and what it was."""
     import subprocess
     import sys
 
     command = [sys.executable, "-c", "from toile.cli import main; main()", *map(str, arguments)]
     subprocess.run(command, check=True)
+    return {"command": ["toile", *map(str, arguments)]}
 
 
 def threads():

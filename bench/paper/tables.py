@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .paper import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
+from .study import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
 
 GOAL, PAPER = -0.22, {"fitted": -0.257, "logo": -0.291, "loose": -0.219}  # change of the squared error; the paper's subjects 1 to 3
 BAND_GAIN, PARITY = -0.20, 0.05  # reconstruction: in the band; on the body alone, or the baseline is a straw man
@@ -79,7 +79,7 @@ def sizes(found):
             trained = one["trained"]
             driven = one.get("driven", {}).get("all", {})
             rows.append([
-                name, seed, f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} fps, {run['quality']}",
+                name, seed, f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} fps, {run['quality'] or 'as given'}",
                 f"{run['cameras']} of {width} x {height} px, {studio.get('renderer', '?')}, {studio.get('samples', '?')} samples",
                 trained["frames"], _span(trained["held_out"]), driven.get("mm_per_pixel"), driven.get("pose_distance_deg"),
                 " + ".join(str(n) for n in trained["steps"].values()), trained["seconds"] / 60, run["seconds"] / 60,

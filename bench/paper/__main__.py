@@ -1,18 +1,19 @@
 """The paper's comparisons by one command that goes on where it stood; the page is OUT/index.html.
 
-    python -m apps.paper OUT [CAPTURE...] --minutes 60 --holdout 1020-1199 --seeds 0,1,2 --ablate avatar_logo --set lr=1e-3
+    python -m bench.paper OUT [CAPTURE...] --minutes 60 --holdout 1020-1199 --seeds 0,1,2 --ablate avatar_logo --set lr=1e-3
 """
 
 import argparse
 import json
 from pathlib import Path
 
-from bench.paper import Paper, machine
 from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings, TemporalSettings, preset
 from toile.cli import progress_bars
 from toile.kernels import set_threads
 
-ROOT = Path(__file__).parents[1]
+from .study import Paper, machine
+
+ROOT = Path(__file__).parents[2]
 SUBJECTS = ("fitted", "logo", "loose")
 TINY = AvatarSettings(
     quality="small", data=DataSettings(geometry_size=64, texture_size=64, image=(96, 96)), lr=3e-3,
@@ -24,7 +25,7 @@ TINY = AvatarSettings(
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("captures", type=Path, nargs="*", help=f"default: {', '.join(SUBJECTS)}, made by the studio")
+    parser.add_argument("captures", type=Path, nargs="*", help=f"or runs; default: {', '.join(SUBJECTS)}, made by the studio")
     parser.add_argument("--small", action="store_true", help="the bundled capture and tiny networks: minutes, to see that it runs")
     parser.add_argument("--seeds", default="0", help="separated by commas")
     parser.add_argument("--registration", default="standard", help="quality of `toile register`")

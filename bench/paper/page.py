@@ -9,21 +9,28 @@ import numpy as np
 
 from toile.page import document, figure
 from toile.page import table as html_table
+from toile.store import write_text
+from toile.workers import locked
 
-from .paper import write_json
-from .paper_tables import collected, tables, text
+from .study import write_json
+from .tables import collected, tables, text
 
 SHEETS = {"driven": "driven by pose and face alone", "sheets": "reconstructed"}
 
 
 def write(out):
     """OUT/index.html, OUT/paper.json and OUT/tables.md of what is there; returns the page's path."""
-    out, found = Path(out), collected(out)
+    with locked(Path(out)):  # other processes may work on other subjects
+        return _write(Path(out))
+
+
+def _write(out):
+    found = collected(out)
     made = tables(found)
     write_json(out / "paper.json", {"subjects": found, "tables": [vars(table) for table in made]})
-    (out / "tables.md").write_text("\n".join(table.markdown() for table in made), encoding="utf-8")
+    write_text(out / "tables.md", "\n".join(table.markdown() for table in made))
     body = "".join(_section(table) for table in made) + "".join(_pictures(out / name) for name in found)
-    (out / "index.html").write_text(document("The paper's comparisons", body), encoding="utf-8")
+    write_text(out / "index.html", document("The paper's comparisons", body))
     return out / "index.html"
 
 

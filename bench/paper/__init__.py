@@ -1,0 +1,1 @@
+"""The paper's comparisons by one command: `python -m bench.paper`."""
