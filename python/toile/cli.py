@@ -139,6 +139,35 @@ def animate(
 
 
 @app.command()
+def edit(
+    avatar: Annotated[Path, typer.Argument(help="made by toile train, or by toile edit before")],
+    out: Annotated[Path, typer.Argument(help="a new folder: an avatar with its garment changed")],
+    garment: Annotated[str, typer.Option(help="whose texture is changed")],
+    scale: Annotated[Optional[str], typer.Option(help="R,G,B: factors of its colours")] = None,
+    checker: Annotated[Optional[int], typer.Option(help="a checkerboard of so many squares along the UV square")] = None,
+    image: Annotated[Optional[Path], typer.Option(help="a picture over the UV square, or laid --at a place; alpha composes")] = None,
+    text: Annotated[Optional[str], typer.Option(help="a text laid on the front, or --at a place")] = None,
+    at: Annotated[Optional[str], typer.Option(help="U,V: middle of the picture or text, v up; default the front")] = None,
+    size: Annotated[Optional[float], typer.Option(help="its width, a share of the UV square's side; default 0.2")] = None,
+    sheet: Annotated[bool, typer.Option(help="edit.png and edit.json: layered and baseline in frames of the run")] = True,
+    frames: Annotated[Optional[str], typer.Option(help="of the sheet: 1-50,60; default a spread of all with pictures")] = None,
+    run: Annotated[Optional[Path], typer.Option(help="the avatar's run, if that was moved")] = None,
+):
+    """Change a garment's texture, the body's untouched; its baseline gets the same where the garment lay in the first frame."""
+    from .avatar.editing import Change
+    from .avatar.editing import edit as run_edit
+
+    change = Change(garment, scale, checker, image, text, at, size)
+    with progress_bars() as progress:
+        done = run_edit(avatar, out, change, numbers_of(frames), run, sheet, progress)
+    typer.echo(f"{out}: {garment}: {done.words}{', and its baseline' if done.baseline else ''}")
+    for name in ("layered", "baseline") if done.measured else ():
+        found = done.measured[name]
+        if found and found["border_mm"] is not None:
+            typer.echo(f"{name}: border {found['border_mm']:.1f} mm off, area {100 * found['area_share']:.1f} % off")
+
+
+@app.command()
 def template(
     run: Path,
     out: Annotated[Path, typer.Argument(help="the template, an .obj in the body model's rest pose")],

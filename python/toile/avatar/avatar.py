@@ -34,14 +34,14 @@ class Decoded:
 
     unposed: torch.Tensor  # (B,n,3) [m]
     vertices: torch.Tensor  # (B,n,3) posed, in the world [m]
-    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view in particular
+    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view in particular; an edit's may be finer
     texture: torch.Tensor | None = None  # (B,3,T,T) as this sample's camera sees it, before shadow
     shadow: torch.Tensor | None = None  # (B,1,T,T) quasi-shadow
 
     @property
     def shaded(self):
         """The texture to draw (B,3,T,T)."""
-        return self.texture if self.shadow is None else self.texture * self.shadow
+        return self.texture if self.shadow is None else self.texture * resize(self.shadow, self.texture.shape[-1])
 
 
 class LayerModel(nn.Module):
@@ -72,6 +72,7 @@ class LayerModel(nn.Module):
         self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
         self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
+        self.edits = None  # edits.LayerEdits
 
     def encode(self, unposed, texture, weight):
         """Code (mean, logvar), each (B,Z): unposed vertices (B,n,3), texture (B,3,T,T) and its weights (B,1,T,T)."""
@@ -95,6 +96,8 @@ class LayerModel(nn.Module):
             cosine = self.view_texels(self.facing(decoded.vertices, centre))
             seen = self.networks.view_residual(decoded.mean_texture, cosine)
             decoded.texture = decoded.mean_texture + COLOUR_OUT * seen
+        if self.edits is not None:
+            decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
         return decoded
 
     def quasi_shadow(self, occlusion):

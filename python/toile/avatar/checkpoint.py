@@ -187,13 +187,15 @@ def read_json(path):
 
 
 def load_avatar(folder):
-    """The trained avatar of a folder, ready to decode, on the CPU."""
+    """The trained avatar of a folder, with its edits, ready to decode, on the CPU."""
     from .avatar import Avatar
+    from .edits import apply_edits, load_edits
 
     folder, facts = Path(folder), read_facts(folder)
     avatar = Avatar(facts["settings"], **read_assets(folder))
     tensors, _ = read_tensors(folder / "avatar.safetensors")
     load_model(avatar, {MODEL + name: value for name, value in tensors.items()}, folder / "avatar.safetensors")
+    apply_edits(avatar, load_edits(folder))
     return avatar.eval()
 
 

@@ -34,6 +34,7 @@ class HeldOut:
         self.registered = RegisteredRun(path)
         self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels
         self.frames, self.warnings = _chosen(folder, facts, frames, pictured_frames(path))
+        self.warnings += [f"edited: {words}" for words in facts.get("edits", ())]
         self.trained = [n for n in facts["frames"] if n in self.registered.row]
         folders = {"layered" if facts["layered"] else "baseline": folder}
         if (folder / "baseline" / "avatar.json").exists():

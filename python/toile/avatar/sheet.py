@@ -27,17 +27,17 @@ def write_sheets(folder, frames, garments, unseen=None):
         picture = max(pictures, key=lambda p: int(border_band(np.where(p.mask, p.labels, 0), garments).sum()))
         paths.append(folder / f"{picture.frame:06d}_{picture.camera}.png")
         image = sheet(picture)
-        replace_file(paths[-1], lambda part: _save(part, image))
+        replace_file(paths[-1], lambda part: save_picture(part, image))
     if unseen is not None:
         frame, views = unseen
         paths.append(folder / f"{frame:06d}_unseen.png")
-        replace_file(paths[-1], lambda part: _save(part, strip(views, f"frame {frame} from places where no camera stands")))
+        replace_file(paths[-1], lambda part: save_picture(part, strip(views, f"frame {frame} from places where no camera stands")))
     for old in set(folder.glob("*.png")) - set(paths):
         old.unlink()
     return paths
 
 
-def _save(path, image):
+def save_picture(path, image):
     from PIL import Image
 
     Image.fromarray(image).save(path, "PNG")
@@ -54,14 +54,14 @@ def sheet(picture, names=("baseline", "layered")):
         title = f"error of {name}: {squared[picture.mask].mean():.0f}" if picture.mask.any() else f"error of {name}"
         columns[title] = np.where(mask, heat(np.sqrt(squared) / ERROR_TOP), PAPER).astype(np.uint8)
     height, width = picture.mask.shape
-    rows = [np.concatenate([_text(title, TILE + GAP) for title in columns], axis=1)]
-    rows.append(_tiles(columns.values(), (0, 0, width, height), TILE * height // width))
+    rows = [np.concatenate([text_line(title, TILE + GAP) for title in columns], axis=1)]
+    rows.append(tiles(columns.values(), (0, 0, width, height), TILE * height // width))
     for name, points in sorted(picture.loops.items()):
         box = loop_box(points, (height, width))
         if box is not None:
-            rows += [_text(name, rows[0].shape[1]), _tiles(columns.values(), box, TILE * 3 // 4)]
+            rows += [text_line(name, rows[0].shape[1]), tiles(columns.values(), box, TILE * 3 // 4)]
     legend = f"frame {picture.frame}, {picture.camera}; errors: blue 0, dark red {ERROR_TOP:g} of 255 and more, mean square in the title"
-    rows.append(_text(legend, rows[0].shape[1]))
+    rows.append(text_line(legend, rows[0].shape[1]))
     return np.concatenate(rows)
 
 
@@ -69,8 +69,8 @@ def strip(views, words):
     """Pictures (H,W,3) with values 0..1 side by side under a line of text."""
     pictures = [(np.clip(view, 0, 1) * 255).round().astype(np.uint8) for view in views]
     height, width = pictures[0].shape[:2]
-    row = _tiles(pictures, (0, 0, width, height), TILE * height // width)
-    return np.concatenate([_text(words, row.shape[1]), row])
+    row = tiles(pictures, (0, 0, width, height), TILE * height // width)
+    return np.concatenate([text_line(words, row.shape[1]), row])
 
 
 def loop_box(points, size):
@@ -93,7 +93,7 @@ def loop_box(points, size):
     return tuple(int(round(v)) for v in box)
 
 
-def _tiles(images, box, height):
+def tiles(images, box, height):
     """One box of several pictures (H,W,3) uint8 side by side, each as large as TILE x `height` allows."""
     from PIL import Image
 
@@ -107,7 +107,7 @@ def _tiles(images, box, height):
     return row
 
 
-def _text(words, width):
+def text_line(words, width):
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.new("RGB", (width, LINE), (PAPER,) * 3)

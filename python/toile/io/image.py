@@ -7,6 +7,24 @@ from ..scene import CaptureError
 MAX_PIXELS = 100_000_000
 
 
+def read_rgba(path):
+    """A picture of any size as (H,W,4) uint8, upright as its camera's note says; opaque where it has no alpha."""
+    from PIL import Image, ImageOps
+
+    try:
+        with Image.open(path) as image:
+            width, height = image.size
+            if width * height > MAX_PIXELS:
+                raise CaptureError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
+            return np.array(ImageOps.exif_transpose(image).convert("RGBA"))
+    except CaptureError:
+        raise
+    except FileNotFoundError:
+        raise CaptureError(f"{path}: the file is missing") from None
+    except Exception as error:
+        raise CaptureError(f"{path}: cannot be read as an image: {error}") from None
+
+
 def read_image(path, size, mode):
     """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". CaptureError for another size than (height, width)."""
     from PIL import Image
