@@ -287,10 +287,12 @@ def progress_bars():
 
 def main():
     """Entry point with the exit codes of this page."""
+    from .align.command import align
     from .avatar.command import train
     from .kernels import InputError
     from .studio.command import studio
 
+    app.command()(align)
     app.command()(train)
     app.command()(studio)
     try:

@@ -150,6 +150,8 @@ class Unwrapper:
 
     def _layer(self, i, camera, image, drawn, clear):
         layer = self.maps[i].layer
+        if not len(self.texel[i]):
+            return Unwrapped.nothing()
         pick = np.flatnonzero(self._near(i, drawn.face[clear])[self.face[i]])
         corners, bary = layer.faces[self.face[i][pick]] + self.counts[i], self.bary[i][pick]
         points, normals = (np.einsum("tk,tkx->tx", bary, values[corners]) for values in (self.V, self.normals))

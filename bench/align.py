@@ -1,0 +1,110 @@
+"""Measures a run before and after `toile align` against a studio capture's truth: python -m bench.align RUN RUN2 [--json].
+
+interior: vertices 3 cm and more from the garment's loops. correspondence_mm: to their true places. slip_mm: the same without
+what each vertex errs by on average over the frames, in the tangent frames of the true garment, along its surface and off it;
+no picture can tell a mistake that all frames share. shared_mm: that mistake. jitter_mm: mean length of the second difference
+over time of the error, over consecutive frames of the run.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import zarr
+from scipy.spatial import cKDTree
+
+from toile import kernels
+from toile.capture import open_capture
+from toile.avatar.layers import capture_folder
+from toile.store import OK
+from toile.truth import mean_measures, open_truth
+
+INTERIOR = 0.03  # from the loops [m]
+
+
+def measure(run, truth, name):
+    group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
+    loops = {k: np.array(v) for g in group.attrs["scene"]["garments"] if g["name"] == name for k, v in g["loops"].items()}
+    rows = [i for i in np.flatnonzero(group["done"][:] == OK) if int(group["frames"][i]) in truth]
+    F, frames = group[f"garment/{name}/faces"][:], [int(n) for n in group["frames"][:][rows]]
+    inner = group["inner/vertices"], group["inner/faces"][:]
+    parts, errors, pairs = [], [], 0
+    for row, number in zip(rows, frames):
+        V = group[f"garment/{name}/vertices"][row]
+        measures, error = truth.garment_errors(name, loops, V, number)
+        place = truth.places(name, number)
+        parts.append(measures)
+        errors.append((error, np.einsum("gi,gai->ga", error, tangents(place, F))))
+        pairs += len(kernels.intersecting_pairs(V, F, inner[0][row], inner[1]))
+    interior = cKDTree(place[np.concatenate(list(loops.values()))]).query(place)[0] > INTERIOR
+    world, local = (1e3 * np.array(e)[:, interior] for e in zip(*errors))
+    steps = [np.linalg.norm(world[i - 1] - 2 * world[i] + world[i + 1], axis=1).mean() for i in consecutive(frames)]
+    shared = local.mean(0)
+    mean = mean_measures(parts)
+    return {
+        "interior": {
+            "correspondence_mm": float(np.linalg.norm(world, axis=2).mean()),
+            "slip_mm": float(np.linalg.norm(local - shared, axis=2).mean()),
+            "shared_mm": float(np.linalg.norm(shared, axis=1).mean()),
+            "jitter_mm": float(np.mean(steps)) if steps else None,
+        },
+        "correspondence_mm": mean["correspondence_mm"],
+        "boundary_mm": float(np.mean(list(mean["boundary_mm"].values()))),
+        "surface_mm": mean["surface_mm"],
+        "intersections": pairs / len(rows),
+        "frames": len(rows),
+    }
+
+
+def tangents(V, F):
+    """Frames (g,3,3) that go with the surface: along an edge, across it, normal."""
+    normal, edges = kernels.vertex_normals(V, F), kernels.unique_edges(F)
+    along = np.zeros_like(V)
+    a, b = edges.T
+    along[b], along[a] = V[a] - V[b], V[b] - V[a]
+    along -= normal * np.einsum("gi,gi->g", along, normal)[:, None]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return np.stack([along, np.cross(normal, along), normal], 1)
+
+
+def consecutive(frames):
+    step = min(np.diff(frames), default=1)
+    return [i for i in range(1, len(frames) - 1) if frames[i + 1] - frames[i] == frames[i] - frames[i - 1] == step]
+
+
+def compare(before, after):
+    capture = open_capture(capture_folder(before))
+    names = [g.name for g in capture.scene.garments]
+    truth = open_truth(capture, names)
+    if truth is None:
+        raise SystemExit(f"{capture.root}: no truth to measure against")
+    result = {name: {"before": measure(before, truth, name), "after": measure(after, truth, name)} for name in names}
+    for name, found in result.items():
+        path = Path(after) / "alignment.json"
+        if path.exists():
+            found["prints"] = json.loads(path.read_text())[name]
+    return result
+
+
+def lines(found):
+    flat = [{}, {}]
+    for out, side in zip(flat, ("before", "after")):
+        for key, value in found[side].items():
+            out |= {f"interior {k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
+    for key, value in flat[0].items():
+        after = flat[1][key]
+        change = f"{100 * (after / value - 1):+6.1f} %" if value and after is not None else ""
+        yield f"  {key:<28} {value if value is None else round(value, 3)!s:>10} {after if after is None else round(after, 3)!s:>10} {change:>10}"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("before"), parser.add_argument("after"), parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    result = compare(arguments.before, arguments.after)
+    if arguments.json:
+        print(json.dumps(result))
+    else:
+        for name, found in result.items():
+            print("\n".join([name, *lines(found)]))

@@ -1,0 +1,1 @@
+"""Texture alignment: garments slide along their registered surfaces until their prints lie still on them."""

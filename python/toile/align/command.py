@@ -1,0 +1,29 @@
+"""The command `toile align`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def align(
+    run: Annotated[Path, typer.Argument(help="a registered run with garments and pictures")],
+    out: Annotated[Path, typer.Argument(help="the aligned run; an alignment that was stopped there goes on")],
+    workers: Annotated[int, typer.Option(help="processes; each takes whole chunks of 50 frame numbers")] = 1,
+    shard: Annotated[str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")] = "1/1",
+):
+    """Slide garments along their surfaces until their prints lie still on them: a run with true interior correspondence."""
+    from ..cli import progress_bars, shard_of
+    from .run import align as run_alignment
+
+    part = shard_of(shard)
+    with progress_bars() as progress:
+        outcome = run_alignment(run, out, None, workers, part, progress)
+    waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
+    between = f", {len(outcome.between)} between them" if outcome.between else ""
+    typer.echo(f"{out}: {len(outcome.matched)} frames aligned{between}, {len(outcome.failed)} failed{waiting}")
+    for number, reason in outcome.failed.items():
+        typer.echo(f"  frame {number}: {reason}", err=True)
+    raise typer.Exit(2 if outcome.failed else 0)

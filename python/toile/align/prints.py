@@ -1,0 +1,105 @@
+"""Prints as the pictures show them: colours at a lattice's points, over all views, free of the cameras' own colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..avatar.textures import Unwrapper, pinhole, undistorted
+from ..scene import CaptureError
+
+DARK = 0.04  # added to colours 0..1 before their logarithm is taken
+CHANNELS = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])  # lightness and two chromas of logarithms of RGB
+SURE = 0.25  # total squared weight of a point's views from which it counts in full
+SHARED = 0.2  # weight of other views that a point needs to be compared with theirs
+
+
+@dataclass(frozen=True)
+class Places:
+    """Points on a layer, in the form that an Unwrapper reads."""
+
+    layer: object  # avatar.layers.Layer
+    face: np.ndarray  # (N,)
+    bary: np.ndarray  # (N,3)
+
+    @property
+    def valid(self):
+        return np.ones(len(self.face), bool)
+
+
+class Reader:
+    """Reads frames of a run: `layers` inner to outer, body first; `places` {layer name: Places or UvMap}, those to be read."""
+
+    def __init__(self, body, capture, layers, places):
+        self.store, self.capture, self.names = body.store, capture, list(places)
+        self.rows = {int(n): i for i, n in enumerate(body.store["frames"][:])}
+        self.layers = layers
+        nothing = np.zeros(0, np.int64), np.zeros((0, 3))
+        maps = [places.get(layer.name) or Places(layer, *nothing) for layer in layers]
+        self.unwrapper = Unwrapper(maps, [layer.label for layer in layers if layer.kind == "garment"])
+
+    def vertices(self, number, name):
+        """Registered vertices of a garment (g,3)."""
+        return self.store[f"garment/{name}/vertices"][self.rows[number]]
+
+    def views(self, number, moved=None):
+        """{name: [Unwrapped a camera]} of a frame; `moved` {garment: vertices} in the place of the run's."""
+        frame = self.capture.pictures(number)
+        if not frame.images:
+            raise CaptureError(f"{self.capture.root}/frames/{number:06d}: no images")
+        V, sure = zip(*(self._registered(layer, self.rows[number]) for layer in self.layers))
+        V = [(moved or {}).get(layer.name, v) for layer, v in zip(self.layers, V)]
+        self.unwrapper.frame(V, sure)
+        seen = [self._view(frame, name, camera) for name, camera in self.capture.cameras.items()]
+        return {layer.name: views for layer, views in zip(self.layers, zip(*seen)) if layer.name in self.names}
+
+    def _registered(self, layer, row):
+        name = layer.name if layer.kind == "garment" else "inner" if "inner/vertices" in self.store else "track"
+        place = f"garment/{name}" if layer.kind == "garment" else name
+        return self.store[f"{place}/vertices"][row], self.store[f"confidence/{name}"][row]
+
+    def _view(self, frame, name, camera):
+        labels = frame.labels.get(name)
+        mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+        flat = None if labels is None else undistorted(camera, labels, True)
+        mask = undistorted(camera, mask.astype(np.uint8), True) > 0
+        return self.unwrapper.view(pinhole(camera), undistorted(camera, frame.images[name]), mask, flat)
+
+
+def logarithms(colours):
+    """Of uint8 colours (k,3)."""
+    return np.log(colours / 255.0 + DARK)
+
+
+def blended(views, offsets, points):
+    """Channels (N,3) and weights (N,) 0..1 of a frame's views together; views more face-on count by the square."""
+    total, weight = np.zeros((points, 3)), np.zeros(points)
+    for view, offset in zip(views, offsets):
+        w = view.weights**2
+        total[view.texels] += w[:, None] * (logarithms(view.colours) - offset)
+        weight[view.texels] += w
+    return total / np.maximum(weight, 1e-9)[:, None] @ CHANNELS.T, np.minimum(weight / SURE, 1)
+
+
+def camera_offsets(frames, points, rounds=5):
+    """What each camera adds to the logarithm of colours (c,3), against the mean of the others at the same points;
+    frames: lists of Unwrapped a camera. Their mean over cameras is zero."""
+    offsets = np.zeros((len(frames[0]), 3))
+    for _ in range(rounds):
+        apart = [[] for _ in offsets]
+        for views in frames:
+            logs = [logarithms(v.colours) - o for v, o in zip(views, offsets)]
+            total, weight = np.zeros((points, 3)), np.zeros(points)
+            for view, y in zip(views, logs):
+                total[view.texels] += view.weights[:, None] * y
+                weight[view.texels] += view.weights
+            for view, y, own in zip(views, logs, apart):
+                others = weight[view.texels] - view.weights
+                k = others > SHARED
+                rest = total[view.texels][k] - view.weights[k, None] * y[k]
+                own.append(y[k] - rest / others[k, None])
+        step = np.array([np.median(np.concatenate(a), axis=0) if sum(map(len, a)) else np.zeros(3) for a in apart])
+        offsets += 0.7 * step  # all move at once: whole steps would overshoot
+        offsets -= offsets.mean(0)
+    return offsets

@@ -1,0 +1,56 @@
+"""The print that all frames are laid upon: the mean over the anchors, the run's first chunk, and over frames spread over it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SEEN = 0.3  # share of the reference's frames in which a point must have been seen to count in full
+RECENT = 8  # frames before it that an anchor is first laid upon
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the preparation keeps of a garment."""
+
+    rest: np.ndarray  # (g,3) the rest shape that slides are measured on [m]
+    values: np.ndarray  # (N,3) channels at the lattice's points
+    weights: np.ndarray  # (N,) 0..1
+    offsets: np.ndarray  # (c,3) the cameras' colours
+
+
+def chosen(frames, first, anchors, samples):
+    """(anchors, samples): frames spread evenly over the `first` chunk, and over all of `frames`, without those."""
+    spread = lambda of, count: [of[i] for i in np.unique(np.linspace(0, len(of) - 1, min(count, len(of))).round().astype(int))]  # noqa: E731
+    near = spread(first, anchors)
+    return near, [n for n in spread(frames, samples) if n not in near]
+
+
+def make_reference(matcher, anchors, samples, rounds):
+    """values, weights of the mean print, of pyramids of anchors (in their order) and samples.
+
+    Prints fix slides only up to one that all frames share; it is chosen so that over these frames slides have no mean: the
+    registration errs by as much to one side as to the other."""
+    pyramids = [*anchors, *samples]
+    slides = [np.zeros((len(matcher.surface.rest), 2)) for _ in pyramids]
+    for k in range(1, len(anchors)):
+        recent = range(max(0, k - RECENT), k)
+        onto = mean_print(matcher, [pyramids[i] for i in recent], [slides[i] for i in recent])
+        slides[k] = matcher.match(pyramids[k], matcher.pyramid(*onto), slides[k - 1]).d
+    known = len(anchors)
+    for _ in range(rounds):
+        onto = matcher.pyramid(*mean_print(matcher, pyramids[:known], slides[:known]))
+        slides = [matcher.match(p, onto, d).d for p, d in zip(pyramids, slides)]
+        shared, known = np.mean(slides, axis=0), len(pyramids)
+        slides = [d - shared for d in slides]
+    return mean_print(matcher, pyramids, slides)
+
+
+def mean_print(matcher, pyramids, slides):
+    """values (N,3), weights (N,): the mean of the sharpest levels, each drawn back by its slide."""
+    total = weight = 0.0
+    for pyramid, d in zip(pyramids, slides):
+        values, seen = matcher.pulled(pyramid[-1], d)
+        total, weight = total + values * seen[:, None], weight + seen
+    return total / np.maximum(weight, 1e-9)[:, None], np.minimum(weight / (SEEN * len(pyramids)), 1)
