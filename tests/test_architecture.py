@@ -33,8 +33,9 @@ ALLOWED = {
     "plan": set(), "layout": TYPES | {"io", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "layout", "plan", "request", "store", "workers"},
     "avatar": TYPES | {"capture", "config", "io", "page", "store", "truth", "views", "workers"},
+    "align": TYPES | {"avatar", "capture", "cli", "config", "page", "plan", "store", "workers", "__init__"},
     "animate": TYPES | {"avatar", "io", "store"},
-    "cli": TYPES | {"animate", "avatar", "budget", "capture", "config", "pipeline", "evaluate", "layout", "plan", "report", "template", "studio"},
+    "cli": TYPES | {"align", "animate", "avatar", "budget", "capture", "config", "pipeline", "evaluate", "layout", "plan", "report", "template", "studio"},
     "io": {"scene"},
     "__init__": {"kernels"},
 }  # fmt: skip

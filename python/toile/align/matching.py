@@ -9,6 +9,9 @@ from scipy import sparse
 
 from .. import kernels
 
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric 3 x 3 matrix
+WHICH = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+HOLD = 1e4  # against the rest of the matrix
 SEEN = 0.25  # share of a blurred point's neighbourhood that must have been seen
 
 
@@ -26,12 +29,11 @@ class Matcher:
     """Matches prints on a SlidingSurface; `settings` are AlignSettings."""
 
     def __init__(self, surface, settings):
-        self.surface, self.settings = surface, settings
-        lattice = surface.lattice
-        self.levels = settings.blur
-        self.K = surface.smoothness
+        self.surface, self.settings, self.levels = surface, settings, settings.blur
+        self.sigma = np.array([settings.light, settings.chroma, settings.chroma])
         self.factor = kernels.CholeskyFactor()
-        self._shades = {s: self._shade_factor(settings.shade * max(s, lattice.spacing)) for s in self.levels}
+        self._grids = [_Grid(surface, sigma > 1.5 * surface.lattice.spacing) for sigma in self.levels]
+        self._shades = [self._shade_factor(settings.shade * sigma) for sigma in self.levels]
         self._pattern()
 
     def pyramid(self, values, weights):
@@ -43,103 +45,112 @@ class Matcher:
             out.append((total / np.maximum(weights, 1e-6)[:, None], weights * (weights > SEEN)))
         return out[::-1]
 
-    def pulled(self, pictured, d):
-        """values (N,3), weights (N,) of a level as they lie under the lattice's points once it has slid by d."""
-        values, weights = pictured
-        lattice, surface = self.surface.lattice, self.surface
-        points = lattice.positions + lattice.to_points @ surface.vectors(d)
-        ids, w = lattice.look_up(*surface.places(points, lattice.face))
+    def pulled(self, pictured, d, grid=None):
+        """values (k,3), weights (k,) of a level as they lie under the lattice's points, or a grid's, once it has slid by d."""
+        (values, weights), grid = pictured, grid or self._grids[-1]
+        points = grid.positions + grid.to_points @ self.surface.vectors(d)
+        ids, w = self.surface.lattice.look_up(*self.surface.places(points, grid.face))
         return np.einsum("nk,nkc->nc", w, values[ids]), np.einsum("nk,nk->n", w, weights[ids])
 
-    def match(self, frame, reference, start=None):
-        """The Matched slide of a frame's pyramid upon the reference's, from the slide `start` (none by default)."""
-        g = len(self.surface.rest)
-        d = np.zeros((g, 2)) if start is None else start.copy()
-        for k, sigma in enumerate(self.levels):
-            gradient = [G @ reference[k][0] for G in self.surface.lattice.gradient]
-            for _ in range(self.settings.iterations[k]):
-                residual, weight = self._residual(frame[k], reference[k], d, sigma)
-                d = self._step(d, residual, weight, gradient, sigma)
-        before = self._misfit(frame[-1], reference[-1], np.zeros((g, 2)))
-        after = self._misfit(frame[-1], reference[-1], d)
-        return Matched(d, before[0], after[0], after[1])
+    def target(self, values, weights):
+        """What frames are matched to: a reference's pyramid and its gradients at each level's points, [(values, weights,
+        gradient (3,k,3))]."""
+        out = []
+        for (v, w), grid in zip(self.pyramid(values, weights), self._grids):
+            out.append((v[grid.points], w[grid.points], np.stack([(G @ v)[grid.points] for G in self.surface.lattice.gradient])))
+        return out
 
-    def _misfit(self, pictured, reference, d):
-        residual, weight = self._residual(pictured, reference, d, self.levels[-1])
-        scaled = (residual / self._sigma()) ** 2
-        total = weight.sum()
-        return float(np.sqrt((weight * scaled.mean(1)).sum() / max(total, 1e-12))), float(total / self.surface.lattice.areas.sum())
+    def match(self, frame, target, start=None):
+        """The Matched slide of a frame's pyramid upon a target, from the slide `start` (none by default)."""
+        nothing = np.zeros((len(self.surface.rest), 2))
+        d = nothing if start is None else start
+        for k, count in enumerate(self.settings.iterations):
+            for _ in range(count):
+                d = self._step(d, k, *self._residual(frame, target, d, k), target[k][2])
+        (before, seen), (after, _) = self._misfit(frame, target, nothing), self._misfit(frame, target, d)
+        return Matched(d, before, after, seen)
 
-    def _sigma(self):
-        return np.array([self.settings.light, self.settings.chroma, self.settings.chroma])
+    def _misfit(self, frame, target, d):
+        r, weight = self._residual(frame, target, d, len(self.levels) - 1)
+        total = max(weight.sum(), 1e-12)
+        rms = np.sqrt((weight * ((r / self.sigma) ** 2).mean(1)).sum() / total)
+        return float(rms), float(total / self.surface.lattice.areas.sum())
 
-    def _residual(self, pictured, reference, d, sigma):
-        """r (N,3) without what varies as slowly as light does, and weights (N,) [m^2]."""
-        values, seen = self.pulled(pictured, d)
-        weight = self.surface.lattice.areas * np.minimum(seen, 1) * np.minimum(reference[1], 1)
-        r = values - reference[0]
-        return r - self._shade(r, weight, sigma), weight
+    def _residual(self, frame, target, d, k):
+        """r (N,3) at a level's points without what varies as slowly as light does, and weights (N,) [m^2]."""
+        grid, (values, known, _) = self._grids[k], target[k]
+        pulled, seen = self.pulled(frame[k], d, grid)
+        weight = grid.areas * np.minimum(seen, 1) * np.minimum(known, 1)
+        r = pulled - values
+        return r - self._shade(r, weight, k), weight
 
-    def _shade(self, r, weight, sigma):
+    def _shade(self, r, weight, k):
         """The slowly varying part of r (N,3): its weighted mean over a neighbourhood."""
-        to, factor = self.surface.lattice.to_points, self._shades[sigma]
-        both = factor.solve(np.ascontiguousarray(to.T @ np.c_[r * weight[:, None], weight]))
-        return (to @ (both[:, :3] / np.maximum(both[:, 3:], 1e-9 * both[:, 3:].max(initial=1e-9)))) * (weight > 0)[:, None]
+        to = self._grids[k].to_points
+        both = self._shades[k].solve(np.ascontiguousarray(to.T @ np.c_[r * weight[:, None], weight]))
+        return (to @ (both[:, :3] / np.maximum(both[:, 3:], 1e-9 * both[:, 3:].max() + 1e-30))) * (weight > 0)[:, None]
 
     def _shade_factor(self, reach):
         surface = self.surface
         L = kernels.cotangent_laplacian(surface.rest, surface.faces)
-        A = sparse.diags(surface.mass) - reach**2 / 2 * L
-        return kernels.CholeskyFactor().factorize(sparse.csc_matrix(A))
+        return kernels.CholeskyFactor().factorize(sparse.csc_matrix(sparse.diags(surface.mass) - reach**2 / 2 * L))
 
-    def _step(self, d, residual, weight, gradient, sigma):
-        """d after one solve of the normal equations, robust weights of Welsch."""
-        s, lattice = self.settings, self.surface.lattice
-        scaled = residual / self._sigma()
-        robust = np.exp(-0.5 * (scaled / s.robust) ** 2) / self._sigma() ** 2
-        w = robust * (weight / max(sigma**2, lattice.spacing**2))[:, None]  # so many independent readings an area
-        blocks, right = self._normal(w, residual, gradient)
-        A = self._data_matrix(blocks) + self.regular
-        b = -(right + self.regular @ d.ravel())
-        delta = self.factor.factorize(A).solve(b[:, None])[:, 0].reshape(-1, 2)
+    def _step(self, d, k, residual, weight, gradient):
+        """d after one solve of the normal equations, with Welsch's robust weights."""
+        s = self.settings
+        robust = np.exp(-0.5 * (residual / (s.robust * self.sigma)) ** 2) / self.sigma**2
+        cell = max(self.levels[k], self.surface.lattice.spacing) ** 2  # one independent reading each
+        blocks, right = self._normal(self._grids[k], robust * (weight / cell)[:, None], residual, gradient)
+        A = np.bincount(self._at, blocks.ravel(), len(self._indices)) + self._regular.data
+        A = sparse.csc_matrix((A, self._indices, self._starts), shape=(len(right),) * 2)
+        right += self._regular @ d.ravel()
+        delta = -self.factor.factorize(A).solve(right[:, None])[:, 0].reshape(-1, 2)
         longest = np.linalg.norm(delta, axis=1, keepdims=True)
         return d + delta * np.minimum(1, s.stride / np.maximum(longest, 1e-12))
 
-    def _normal(self, w, residual, gradient):
-        """Per face and pair of corners the 2x2 blocks (m,3,3,2,2) of J'WJ, and J'Wr (2g,)."""
-        lattice, surface, m = self.surface.lattice, self.surface, len(self.surface.faces)
-        face, bary = lattice.face, lattice.bary
-        G = np.empty((len(face), 3, 3))
-        for a in range(3):
-            for b in range(a, 3):
-                G[:, a, b] = G[:, b, a] = np.einsum("nc,nc,nc->n", w, gradient[a], gradient[b])
-        h = np.stack([np.einsum("nc,nc,nc->n", w, gradient[a], residual) for a in range(3)], 1)
-        outer = np.einsum("ni,nj,nab->nijab", bary, bary, G).reshape(len(face), -1)
-        sums = self.to_faces @ np.c_[outer, np.einsum("ni,na->nia", bary, h).reshape(len(face), -1)]
-        T = surface.frames[surface.faces]  # (m,3,2,3)
-        blocks = np.einsum("mipa,mijab,mjqb->mijpq", T, sums[:, :81].reshape(m, 3, 3, 3, 3), T, optimize=True)
-        right = np.einsum("mipa,mia->mip", T, sums[:, 81:].reshape(m, 3, 3))
+    def _normal(self, grid, w, r, gradient):
+        """J'WJ as blocks (m,3,3,2,2) a face and pair of corners, and J'Wr (2g,)."""
+        surface, T = self.surface, self.surface.frames[self.surface.faces]  # (m,3,2,3)
+        weighted = gradient * w
+        G = np.stack([(weighted[a] * gradient[b]).sum(1) for a, b in PAIRS], 1)
+        h = np.stack([(g * r).sum(1) for g in weighted], 1)
+        products = [grid.both[:, p, None] * G for p in range(6)] + [grid.bary[:, i, None] * h for i in range(3)]
+        sums = grid.to_faces @ np.concatenate(products, 1)
+        pairs = sums[:, :36].reshape(-1, 6, 6)[:, WHICH][..., WHICH]  # (m,3,3,3,3): corners, then axes
+        blocks = T[:, :, None] @ pairs @ T.transpose(0, 1, 3, 2)[:, None]
+        right = np.einsum("mipa,mia->mip", T, sums[:, 36:].reshape(-1, 3, 3))
         b = np.zeros((len(surface.rest), 2))
         np.add.at(b, surface.faces, right)
         return blocks, b.ravel()
 
     def _pattern(self):
-        """Where the blocks of the faces go in the matrix, and what of the matrix never changes."""
+        """The pattern of the matrix, the same whatever was seen, where in it the faces' blocks go, and what never changes."""
         s, surface = self.settings, self.surface
-        F, g = surface.faces.astype(np.int64), len(surface.rest)
-        lattice = surface.lattice
-        self.to_faces = sparse.csr_matrix(
-            (np.ones(len(lattice)), (lattice.face, np.arange(len(lattice)))), shape=(len(F), len(lattice))
-        )
+        F, two, n = 2 * surface.faces.astype(np.int64), np.arange(2), 2 * len(surface.rest)
         shape = (len(F), 3, 3, 2, 2)
-        two = np.arange(2)
-        self._rows = np.broadcast_to(2 * F[:, :, None, None, None] + two[:, None], shape).ravel()
-        self._columns = np.broadcast_to(2 * F[:, None, :, None, None] + two, shape).ravel()
-        hold = np.zeros((g, 2))
-        hold[surface.on_loop, 1] = 1e4  # across a loop nothing slides
-        still = surface.mass / s.reach**2 / s.slip**2  # a slide without evidence returns
-        self.regular = (self.K / (s.strain * s.reach) ** 2 + sparse.diags((hold + 0).ravel() / s.reach**2 + np.repeat(still, 2))).tocsc()
+        rows = np.broadcast_to(F[:, :, None, None, None] + two[:, None], shape).ravel()
+        columns = np.broadcast_to(F[:, None, :, None, None] + two, shape).ravel()
+        entries, self._at = np.unique(columns * n + rows, return_inverse=True)
+        self._indices, self._starts = entries % n, np.searchsorted(entries, n * np.arange(n + 1))
+        hold = np.repeat(surface.mass / (s.reach * s.slip) ** 2, 2)
+        hold[1::2][surface.on_loop] += HOLD / s.reach**2  # across a loop nothing slides
+        fixed = (surface.smoothness / (s.strain * s.reach) ** 2 + sparse.diags(hold)).tocoo()
+        data = np.zeros(len(entries))
+        np.add.at(data, np.searchsorted(entries, fixed.col.astype(np.int64) * n + fixed.row), fixed.data)
+        self._regular = sparse.csc_matrix((data, self._indices, self._starts), shape=(n, n))
 
-    def _data_matrix(self, blocks):
-        n = 2 * len(self.surface.rest)
-        return sparse.coo_matrix((blocks.ravel(), (self._rows, self._columns)), shape=(n, n)).tocsc()
+
+class _Grid:
+    """The points of a lattice, or every other along each axis, and how they hang on the mesh."""
+
+    def __init__(self, surface, thin):
+        lattice = surface.lattice
+        even = (np.rint(lattice.bary * lattice.n).astype(np.int64) % 2 == 0).all(1)
+        self.points = np.flatnonzero(even) if thin and lattice.n % 2 == 0 else np.arange(len(lattice))
+        self.face, self.bary, self.positions = (x[self.points] for x in (lattice.face, lattice.bary, lattice.positions))
+        self.to_points = lattice.to_points[self.points]
+        self.areas = lattice.areas[self.points]
+        self.areas = self.areas * (lattice.areas.sum() / self.areas.sum())
+        ones = np.ones(len(self.points))
+        self.to_faces = sparse.csr_matrix((ones, (self.face, np.arange(len(ones)))), shape=(len(surface.faces), len(ones)))
+        self.both = np.stack([self.bary[:, i] * self.bary[:, j] for i, j in PAIRS], 1)

@@ -37,10 +37,10 @@ def make_reference(matcher, anchors, samples, rounds):
     for k in range(1, len(anchors)):
         recent = range(max(0, k - RECENT), k)
         onto = mean_print(matcher, [pyramids[i] for i in recent], [slides[i] for i in recent])
-        slides[k] = matcher.match(pyramids[k], matcher.pyramid(*onto), slides[k - 1]).d
+        slides[k] = matcher.match(pyramids[k], matcher.target(*onto), slides[k - 1]).d
     known = len(anchors)
     for _ in range(rounds):
-        onto = matcher.pyramid(*mean_print(matcher, pyramids[:known], slides[:known]))
+        onto = matcher.target(*mean_print(matcher, pyramids[:known], slides[:known]))
         slides = [matcher.match(p, onto, d).d for p, d in zip(pyramids, slides)]
         shared, known = np.mean(slides, axis=0), len(pyramids)
         slides = [d - shared for d in slides]

@@ -154,7 +154,7 @@ class _Align:
         if any(not p.exists() for p in paths.values()):
             self._make_references(paths, of)
         self.references = {n: load_record(p, Reference) for n, p in paths.items()}
-        self.onto = {n: self.matchers[n].pyramid(r.values, r.weights) for n, r in self.references.items()}
+        self.onto = {n: self.matchers[n].target(r.values, r.weights) for n, r in self.references.items()}
 
     def _make_references(self, paths, layers):
         anchors, samples = chosen(self.pictured, blocks(self.pictured)[0], self.settings.anchors, self.settings.samples)

@@ -21,4 +21,4 @@ class AlignSettings(Settings):
     samples: int = 10  # frames spread over the run that join it
     rounds: int = 2  # of laying them upon their mean
     steady: float = 0.05  # slides vary slower than this over time [s]...
-    still: float = 1.0  # ...and where nothing is known do not drift away [s]
+    still: float = 0.003  # ...and where nothing is known do not drift away [s]
