@@ -1,14 +1,19 @@
 """The temporal model of a trained avatar: its tracks, files and refusals."""
 
 import shutil
+import sys
 
 import numpy as np
 import pytest
 import torch
 import small_avatar
 
+from toile.animate import Puppet
+from toile.avatar.command import temporal_settings
 from toile.avatar.driving import Driver, Track, load_driver, make_track, relative_error, row_starts, train_temporal, without
 from toile.avatar.settings import TemporalSettings
+from toile.avatar.temporal import DampedModel
+from toile.cli import main
 from toile.scene import CaptureError
 
 
@@ -85,6 +90,37 @@ def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
     assert measured["held_out"] > 0
     driver, stride, known = load_driver(folder)
     assert known == driven[1] and stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
+
+
+def test_the_damped_model_is_asked_for_trained_saved_and_drives(sample_avatar, sample_run, tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "damped"
+    shutil.copytree(sample_avatar, folder)
+    monkeypatch.setattr("toile.avatar.make.make_avatar", lambda *_: None)  # trained already, by other settings
+
+    def shorter(folder, settings, progress):
+        return train_temporal(folder, settings.model_copy(update=dict(channels=8, steps=5, stretch=3)), progress)
+
+    monkeypatch.setattr("toile.avatar.driving.train_temporal", shorter)
+    monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal-model", "damped"])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 0 and "temporal model (damped): code error" in capsys.readouterr().out
+    driver, *_ = load_driver(folder)
+    assert isinstance(driver.model, DampedModel)
+    puppet = Puppet(folder, sample_run)
+    motion = puppet.motion
+    with torch.no_grad():
+        expected = driver.latents(make_track(puppet.avatar, motion.frames, motion.rotations, motion.translation, motion.face, 1))
+    assert torch.equal(puppet.latents["tshirt"], expected["tshirt"])
+
+
+def test_the_command_line_names_the_temporal_model():
+    assert temporal_settings(None, 7, 3) == TemporalSettings(model="window", window=7, seed=3)
+    assert temporal_settings("damped", 15, 0) == TemporalSettings(model="damped")
+    with pytest.raises(CaptureError, match="--temporal-model springs: expected window or damped"):
+        temporal_settings("springs", 15, 0)
+    with pytest.raises(CaptureError, match="--window 0: expected at least one pose"):
+        temporal_settings("window", 0, 0)
 
 
 def test_the_same_seed_gives_the_same_bits(driven, tmp_path):

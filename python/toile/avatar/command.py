@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Optional, get_args
 
 import typer
 
@@ -20,7 +20,8 @@ def train(
     holdout: Annotated[Optional[str], typer.Option(help="A-B, frames never trained on; default the last tenth; none")] = None,
     baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
     temporal: Annotated[bool, typer.Option("--temporal", help="also the model that drives the garments by poses")] = False,
-    window: Annotated[int, typer.Option(help="poses that the temporal model sees")] = 15,
+    temporal_model: Annotated[Optional[str], typer.Option(help="of --temporal: window (the default), or damped, a state of its own")] = None,
+    window: Annotated[int, typer.Option(help="poses that the window model sees")] = 15,
     lr: Annotated[Optional[float], typer.Option(help="learning rate of AdamW; default the quality's")] = None,
     seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU")] = 0,
 ):
@@ -31,6 +32,7 @@ def train(
     from .settings import preset
 
     settings = preset(quality).model_copy(update=changes(minutes, steps, lr, seed))
+    drive = temporal_settings(temporal_model, window, seed) if temporal or temporal_model else None
     from .make import Request, make_avatar
 
     first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
@@ -44,16 +46,27 @@ def train(
             bars.update(tasks[stage], completed=done, total=total, note=note)
 
         make_avatar(Request(run, settings, minutes, holdout, progress, bars.console.print), avatar, baseline)
-        if temporal and first:
+        if drive and first:
             from .driving import train_temporal
-            from .settings import TemporalSettings
 
-            measured = train_temporal(avatar, TemporalSettings(window=window, seed=seed), lambda *at: progress("temporal", *at))
+            measured = train_temporal(avatar, drive, lambda *at: progress("temporal", *at))
     if first:
-        if temporal:
+        if drive:
             errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
-            typer.echo(f"temporal model: {errors}, of the codes' variance")
+            typer.echo(f"temporal model ({drive.model}): {errors}, of the codes' variance")
         typer.echo(f"{avatar}: trained")
+
+
+def temporal_settings(model, window, seed):
+    """TemporalSettings that the command line asks for; CaptureError names the option."""
+    from .settings import TemporalSettings
+
+    models = get_args(TemporalSettings.model_fields["model"].annotation)
+    if model not in (None, *models):
+        raise CaptureError(f"--temporal-model {model}: expected {' or '.join(models)}")
+    if window < 1:
+        raise CaptureError(f"--window {window}: expected at least one pose")
+    return TemporalSettings(window=window, seed=seed, **({"model": model} if model else {}))
 
 
 def changes(minutes, steps, lr, seed):
