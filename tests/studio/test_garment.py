@@ -49,12 +49,12 @@ def test_checks_find_what_breaks_a_bound(body, cut):
 
     V, F = cut
     edges, hands = truth.unique_edges(F), np.arange(10)
-    fine = truth.check_frame(V, F, V, edges, body.rest, body.skin_faces, hands, 0)
+    fine = truth.check_frame("shirt", V, F, V, edges, body.rest, body.skin_faces, hands, 0)
     assert fine["strain_max"] == 0 and fine["self_pairs"] == 0
     with pytest.raises(truth.TruthRejected, match="frame 3: .* intersect"):
-        truth.check_frame(V - [0, 0.03, 0], F, V - [0, 0.03, 0], edges, body.rest, body.skin_faces, hands, 3)
+        truth.check_frame("shirt", V - [0, 0.03, 0], F, V - [0, 0.03, 0], edges, body.rest, body.skin_faces, hands, 3)
     with pytest.raises(truth.TruthRejected, match="strain"):
-        truth.check_frame(V, F, 0.7 * V, edges, body.rest, body.skin_faces, hands, 0)
+        truth.check_frame("shirt", V, F, 0.7 * V, edges, body.rest, body.skin_faces, hands, 0)
     jump = np.stack([body.rest, body.rest, body.rest + [0, 0, 0.3]])
     with pytest.raises(truth.TruthRejected, match="frame 2: the body jumps"):
         truth.check_motion(jump, None)

@@ -13,7 +13,7 @@ mitsuba = pytest.importorskip("mitsuba")
 def look(body, cut):
     from toile.studio.paint import Look
 
-    return Look("logo", body, cut[0], np.random.default_rng(0))
+    return Look("logo", body, [("tshirt", cut[0])], np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def tracer(body, cut, look):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pathtrace, "BODY_TEXTURE", 256)
-        yield pathtrace.PathTracer(look, body, load_body_model("anny"), cut[1], samples=4)
+        yield pathtrace.PathTracer(look, body, load_body_model("anny"), [cut[1]], samples=4)
 
 
 @pytest.fixture(scope="module")
@@ -106,17 +106,18 @@ def test_the_print_sticks_to_the_cloth(look, cut):
     from toile.studio.pathtrace import PrintedMesh
 
     V, F = cut
-    mesh = PrintedMesh(look.flat, F)
+    shirt = look.prints[0]
+    mesh = PrintedMesh(shirt, F)
     assert np.array_equal(mesh.vertex[mesh.faces], F)
-    side = look.flat[F, 1] >= 0
+    side = shirt.flat[F, 1] >= 0
     plain = np.nonzero(side.all(1) | ~side.any(1))[0]
     bary = np.random.default_rng(0).dirichlet(np.ones(3), len(plain))
     uv = np.einsum("fc,fcd->fd", bary, mesh.uv[mesh.faces[plain]])
-    flat = np.einsum("fc,fcd->fd", bary, look.flat[F[plain]])
-    print_only = np.concatenate(look.textures, 1)
+    flat = np.einsum("fc,fcd->fd", bary, shirt.flat[F[plain]])
+    print_only = np.concatenate(shirt.textures, 1)
     atlas = bilinear(print_only, uv[:, 0] * 2 * TEXTURE - 0.5, uv[:, 1] * TEXTURE - 0.5)
-    painted = look.shirt_colours(flat)
-    assert look.print_atlas().shape == print_only.shape == (TEXTURE, 2 * TEXTURE, 3)
+    painted = shirt.colours(flat)
+    assert shirt.atlas().shape == print_only.shape == (TEXTURE, 2 * TEXTURE, 3)
     assert np.quantile(np.abs(atlas - painted).max(1), 0.95) < 0.15
 
 

@@ -11,9 +11,11 @@ REACH = 3.0  # m: half the collision box of the body, which newton takes from th
 
 
 class ClothSimulation:
-    """One garment (V, F; V is also its rest shape) against one moving closed body [m, s], z up."""
+    """One garment (V, F; V is also its rest shape) over moving surfaces [m, s], z up: `body_F` is a list of triangles,
+    one array a surface, of vertices body_V. Surfaces are closed, or lie so that the cloth never sees their rims.
+    Vertices `held` (h,) go where each frame is told."""
 
-    def __init__(self, V, F, body_V, body_F, mu=0.3):
+    def __init__(self, V, F, body_V, body_F, mu=0.3, held=()):
         import newton
         import warp as wp
 
@@ -25,17 +27,22 @@ class ClothSimulation:
             vertices=[wp.vec3(*map(float, v)) for v in V], indices=np.asarray(F).ravel().tolist(), density=0.2,
             tri_ke=500.0, tri_ka=500.0, tri_kd=1e-3, edge_ke=1e-4, edge_kd=1e-5, particle_radius=RADIUS,
         )
-        faces = np.asarray(body_F, np.int32).ravel()
-        collider = newton.Mesh(np.asarray(body_V, np.float32), faces, compute_inertia=False)
+        self.held = np.asarray(held, np.int64)
+        for i in self.held:
+            builder.particle_mass[i] = 0.0
         cfg = newton.ModelBuilder.ShapeConfig(ke=5e3, kd=1e-2, mu=mu)
-        builder.add_shape_mesh(body=-1, mesh=collider, cfg=cfg)
+        colliders = []
+        for faces in body_F:
+            faces = np.asarray(faces, np.int32).ravel()
+            colliders.append(newton.Mesh(np.asarray(body_V, np.float32), faces, compute_inertia=False))
+            builder.add_shape_mesh(body=-1, mesh=colliders[-1], cfg=cfg)
         builder.color()
         with wp.ScopedDevice("cpu"):
             self.model = builder.finalize()
             self.model.soft_contact_ke, self.model.soft_contact_kd, self.model.soft_contact_mu = 5e3, 1e-2, mu
             self.model.shape_collision_aabb_lower.fill_(wp.vec3(-REACH, -REACH, -REACH))
             self.model.shape_collision_aabb_upper.fill_(wp.vec3(REACH, REACH, REACH))
-            self.mesh = collider.mesh
+            self.meshes = [collider.mesh for collider in colliders]
             self.pipeline = newton.CollisionPipeline(self.model, soft_contact_gap=GAP)
             self.contacts = self.pipeline.contacts()
             self.solver = newton.solvers.SolverVBD(
@@ -44,8 +51,7 @@ class ClothSimulation:
             self.state, self.next = self.model.state(), self.model.state()
             self.control = self.model.control()
         self.rest, self.faces = np.asarray(V, np.float64), np.asarray(F, np.int32)
-        self.first_body, self.body_faces = np.asarray(body_V, np.float64), np.asarray(body_F, np.int32)
-        self.body = self.first_body
+        self.body = self.first_body = np.asarray(body_V, np.float64)
 
     @property
     def vertices(self):
@@ -72,16 +78,26 @@ class ClothSimulation:
         self.model.soft_contact_mu = mu
         self.model.shape_material_mu.fill_(mu)
 
-    def frame(self, body_V, fps=30.0, damping=0.0):
-        """Advances one frame while the body goes linearly to body_V (n,3); gives the cloth's vertices."""
+    def frame(self, body_V, held_V=None, fps=30.0, damping=0.0):
+        """Advances one frame while the body goes linearly to body_V (n,3) and the held vertices to held_V (h,3) [where
+        they are]; gives the cloth's vertices."""
         dt = 1.0 / fps / SUBSTEPS
         start, end = self.body, np.asarray(body_V, np.float64)
         velocity = ((end - start) * fps).astype(np.float32)
+        from_V = self.vertices[self.held]
+        to_V = from_V if held_V is None else held_V
         with self.wp.ScopedDevice("cpu"):
-            self.mesh.velocities.assign(velocity)
+            for mesh in self.meshes:
+                mesh.velocities.assign(velocity)
             for k in range(SUBSTEPS):
-                self.mesh.points.assign((start + (end - start) * ((k + 1) / SUBSTEPS)).astype(np.float32))
-                self.mesh.refit()
+                points = (start + (end - start) * ((k + 1) / SUBSTEPS)).astype(np.float32)
+                for mesh in self.meshes:
+                    mesh.points.assign(points)
+                    mesh.refit()
+                if len(self.held):
+                    V = self.state.particle_q.numpy()
+                    V[self.held] = from_V + (to_V - from_V) * ((k + 1) / SUBSTEPS)
+                    self.state.particle_q.assign(V)
                 self.state.clear_forces()
                 self.pipeline.collide(self.state, self.contacts)
                 self.solver.step(self.state, self.next, self.control, self.contacts, dt)

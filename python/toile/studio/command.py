@@ -28,6 +28,7 @@ def studio(
     scan_faces: Annotated[int, typer.Option(help="triangles of a scan before holes")] = 60_000,
     garment: Annotated[str, typer.Option(help="newton, cut (from the body), or a shirt as .obj")] = "newton",
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
+    trousers: Annotated[bool, typer.Option("--trousers", help="a garment of their own, cut from the body")] = False,
     workers: Annotated[int, typer.Option(help="processes that share the frames; 0: as many as processors")] = 0,
 ):
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
@@ -40,6 +41,7 @@ def studio(
     options = StudioOptions(
         frames, cameras, size, seed, renderer, samples, subject, motion, image_step, span, noise, holes, keypoint_noise,
         keypoint_outliers, label_errors, scan_faces, None if no_garment else garment,
+        trousers,
     )  # fmt: skip
     with Progress(console=Console(stderr=True)) as bar:
         tasks = {}

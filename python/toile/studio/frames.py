@@ -13,6 +13,7 @@ from ..store import write_text
 from .cameras import make_cameras
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
+from .outfit import joined_faces
 from .paint import Look
 from .pictures import Outer, make_sensors, take
 from .scans import scan, write_ply
@@ -30,14 +31,14 @@ class Stage:
         self.sensors = make_sensors(len(self.rig), rng)
         self.body = self.sequence.body
         settled = self.sequence.settled
-        self.garment_faces = settled.faces if settled else None
-        self.look = Look(options.subject, self.body, settled.flat if settled else None, rng)
+        self.garment_faces = joined_faces(settled) if settled else None
+        self.look = Look(options.subject, self.body, [(s.name, s.flat) for s in settled], rng)
         self.table = KeypointTable(load_body_model("anny"))
         self.tracer = None
         if options.renderer == "mitsuba":
             from .pathtrace import PathTracer
 
-            self.tracer = PathTracer(self.look, self.body, self.table.model, self.garment_faces, options.samples)
+            self.tracer = PathTracer(self.look, self.body, self.table.model, [s.faces for s in settled], options.samples)
 
     def joints_and_keypoints(self, vertices, rotations, translation):
         """True joints (K,3) and keypoints (q,3) of one frame."""

@@ -1,4 +1,4 @@
-"""The truth garment: newton's T-shirt, placed on a body, dressed by growing the body into it."""
+"""The truth garments: newton's T-shirt, dressed by growing the body into it, or garments cut from the body."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import numpy as np
 
 from ..scene import CaptureError
 from .cloth import ClothSimulation
+from .cut import cut_shirt, cut_trousers
+from .outfit import Settled, Under, upper_rim
 from .surface import open_loops
 
 SIZES = {"fitted": 1.05, "logo": 1.08, "loose": 1.14}
 GROWTH, LOWERING, SETTLING = 20, 8, 12  # frames: body grows, arms go to the A-pose, cloth comes to rest
+BAND = 0.03  # m, height of the waistband, which the body holds
 SHRINK = 0.35  # distance from the bone line while the shirt is put on; 0.6 fails for a third of the bodies
 
 
@@ -96,13 +99,14 @@ def bone_line(body):
     return centre
 
 
-def dress(V, F, body, translation, progress):
+def dress(V, F, body, under, worn, translation, progress):
     """Dresses the placed shirt V (in the body's rest frame): gives the simulation, settled in the rest (A) pose."""
     rotations = arms_through_sleeves(V, F, body)
-    posed = body.pose(rotations, translation)
+    full = under.vertices(body.pose(rotations, translation), worn)
     line = body.model.skin(bone_line(body), body.J, rotations, translation)
-    grown = lambda t: line + (SHRINK + (1 - SHRINK) * t) * (posed - line)  # noqa: E731
-    sim = ClothSimulation(V + translation, F, grown(0.0), body.skin_faces)
+    line = np.concatenate([line, line[nearest(full[len(line) :], full[: len(line)])]])
+    grown = lambda t: line + (SHRINK + (1 - SHRINK) * t) * (full - line)  # noqa: E731
+    sim = ClothSimulation(V + translation, F, grown(0.0), under.faces)
     sim.set_world(gravity=0.0, mu=0.1)
     for k in range(GROWTH):
         sim.frame(grown((k + 1) / GROWTH), damping=0.03)
@@ -110,31 +114,43 @@ def dress(V, F, body, translation, progress):
     sim.set_world(gravity=9.81, mu=0.3)
     for k in range(LOWERING + SETTLING):
         s = max(0.0, 1 - (k + 1) / LOWERING)
-        sim.frame(body.pose(rotations * s, translation))
+        sim.frame(under.vertices(body.pose(rotations * s, translation), worn))
         progress(GROWTH + k + 1, GROWTH + LOWERING + SETTLING)
     return sim
 
 
-def settle(V, F, body, translation, progress):
-    """Lets a shirt that already lies around the rest pose come to rest: gives the simulation."""
-    sim = ClothSimulation(V + translation, F, body.pose(np.zeros((len(body.J), 3)), translation), body.skin_faces)
+def nearest(points, among):
+    from scipy.spatial import cKDTree
+
+    return cKDTree(among).query(points)[1]
+
+
+def settle(V, F, under_V, under_F, progress, held=()):
+    """Lets a garment that already lies around the rest pose come to rest: gives the simulation."""
+    sim = ClothSimulation(V, F, under_V, under_F, held=held)
     for k in range(SETTLING):
         sim.frame(sim.body)
         progress(k + 1, SETTLING)
     return sim
 
 
-def put_on(name, body, size, translation, progress):
-    """Puts a shirt on the truth body in its rest pose. Gives the flat garment, its rest shape, its faces, and the
-    settled simulation. `name`: newton, cut, or an .obj (a shirt of four open loops, metres, z up, facing -y)."""
-    if name == "cut":
-        from .cut import cut_shirt
-
-        V, F = cut_shirt(body)
-        return V, V, F, settle(V, F, body, translation, progress)
-    flat, F = newton_shirt() if name == "newton" else read_shirt(name)
+def put_on(name, source, body, worn, size, translation, progress):
+    """Puts a garment on the truth body in its rest pose, over what is `worn` (Settled, inner to outer): a Settled.
+    `name`: tshirt or trousers. `source`: newton, cut, or an .obj (a shirt of four open loops, metres, z up, facing
+    -y); trousers are cut."""
+    standing = body.pose(np.zeros((len(body.J), 3)), translation)
+    under, on = Under(standing, body.skin_faces, worn), [s.vertices.astype(np.float64) for s in worn]
+    under_V = under.vertices(standing, on)
+    if name == "trousers":
+        V, F = cut_trousers(body)
+        band = np.flatnonzero(V[:, 2] > V[upper_rim(V, F), 2].mean() - BAND)
+        return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress, band))
+    if source == "cut":
+        V, F = cut_shirt(body, (under_V - translation, np.concatenate(under.faces)))
+        return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress))
+    flat, F = newton_shirt() if source == "newton" else read_shirt(source)
     rest = place(flat, F, body, size)
-    return flat, rest, F, dress(rest, F, body, translation, progress)
+    return Settled.of(name, flat, rest, dress(rest, F, body, under, on, translation, progress))
 
 
 def read_shirt(path):

@@ -1,4 +1,4 @@
-"""Makes one synthetic capture: body, dressed shirt, motion, checked truth, pictures, labels, keypoints, scans.
+"""Makes one synthetic capture: body, garments, motion, checked truth, pictures, labels, keypoints, scans.
 
 The capture OUT grows in OUT.part, beside OUT.part/work, which holds the options it was begun with, the simulation in
 blocks, and what the last step needs of each frame. OUT.part becomes OUT by one rename when everything is there.
@@ -21,11 +21,11 @@ from .cameras import cameras_json
 from .frames import Stage, write_json
 from .motion import FPS
 from .options import StudioOptions
+from .outfit import split
 from .paint import LABELS
 from .sequence import Sequence
 from .template import make_template, write_obj
 
-GARMENT = "tshirt"
 ATTEMPTS = 5  # seeds tried before giving up
 PACKAGES = ("anny", "newton", "warp-lang", "open3d", "pymeshlab", "xatlas", "libigl", "mitsuba", "numpy")
 
@@ -100,12 +100,12 @@ def fill(part, options, progress, workers):
         return StudioReport(part, made["seed"], made["rejected"], figures=made["figures"])
     report, folder = accepted_sequence(part / "work", options, progress)
     stage = Stage(part, folder, options, report.seed)
-    template = write_scene(part, stage)
+    templates = write_scene(part, stage)
     take_frames(stage, folder, progress, workers)
     report.figures, report.per_frame = stage.sequence.measures()
     shares = [json.loads(stage.share_file(k).read_text()) for k in options.pictured]
     report.figures["label_error_share"] = float(np.mean(shares))
-    write_truth_store(part / "truth", stage, template, report)
+    write_truth_store(part / "truth", stage, templates, report)
     write_text(part / "studio.json", json.dumps(studio_json(options, report)) + "\n")
     return report
 
@@ -134,17 +134,15 @@ def derived_seed(seed, attempt):
 
 
 def write_scene(part, stage):
-    """scene.toml, cameras.json, and the garment's template, which it returns (None for a bare body)."""
-    template, sequence = None, stage.sequence
-    if sequence.clothed:
-        mean = stage.table.model.v_template
-        settled = sequence.settled
-        template = make_template(settled.flat, settled.faces, sequence.draped, stage.body.rest, mean)
+    """scene.toml, cameras.json, and the garments' templates, which it returns by name."""
+    templates, sequence, mean = {}, stage.sequence, stage.table.model.v_template
+    for s in sequence.settled:
+        template = templates[s.name] = make_template(s.flat, s.faces, sequence.draped(s), stage.body.rest, mean)
         (part / "templates").mkdir(exist_ok=True)
-        write_obj(part / "templates" / f"{GARMENT}.obj", template.mesh)
-    (part / "scene.toml").write_text(scene_toml(stage.options, template is not None))
+        write_obj(part / "templates" / f"{s.name}.obj", template.mesh)
+    (part / "scene.toml").write_text(scene_toml(stage.options))
     write_json(part / "cameras.json", cameras_json(stage.rig))
-    return template
+    return templates
 
 
 def take_frames(stage, folder, progress, workers):
@@ -163,8 +161,9 @@ def take_frames(stage, folder, progress, workers):
             pool.close()
 
 
-def scene_toml(options, garment):
-    labels = {k: v for k, v in LABELS.items() if garment or k != GARMENT}
+def scene_toml(options):
+    garments = [name for name, _ in options.garments]
+    labels = {k: v for k, v in LABELS.items() if k != "tshirt" or k in garments}
     name = f"{options.subject}-{Path(options.motion).stem}"
     lines = [
         f'[scene]\nname = "{name}"\nfps = {FPS:g}\nunits = "m"\nup = "z"\n',
@@ -172,13 +171,13 @@ def scene_toml(options, garment):
         "[face]\nkeypoints = true\n",
         "[labels]\n" + "".join(f"{k} = {v}\n" for k, v in labels.items()),
     ]
-    if garment:
-        lines.append(f'[[garment]]\nname = "{GARMENT}"\ntemplate = "templates/{GARMENT}.obj"\nlabel = "{GARMENT}"\n')
+    for name in garments:
+        lines.append(f'[[garment]]\nname = "{name}"\ntemplate = "templates/{name}.obj"\nlabel = "{name}"\n')
     lines.append(f'[cameras]\nfile = "cameras.json"\nview_dependent = {str(options.cameras > 1).lower()}\n')
     return "\n".join(lines)
 
 
-def write_truth_store(folder, stage, template, report):
+def write_truth_store(folder, stage, templates, report):
     """The truth of every simulated frame, pictured or not; `frames` holds the numbers."""
     sequence, body = stage.sequence, stage.body
     attrs = {
@@ -191,11 +190,14 @@ def write_truth_store(folder, stage, template, report):
         "body/faces": body.model.f,
         "labels": stage.look.vertex_labels(),
     }
-    if template is not None:
-        fixed |= {
-            f"garment/{GARMENT}/faces": sequence.settled.faces, f"garment/{GARMENT}/map_face": template.map_face,
-            f"garment/{GARMENT}/map_bary": template.map_bary,
-        }  # fmt: skip
+    for s in sequence.settled:
+        t = templates[s.name]
+        at = f"garment/{s.name}"
+        fixed |= {f"{at}/faces": s.faces, f"{at}/map_face": t.map_face, f"{at}/map_bary": t.map_bary}
+
+    def garments(b):
+        parts = split(b.garment, sequence.settled) if sequence.clothed else ()
+        return {f"garment/{s.name}/vertices": part for s, part in zip(sequence.settled, parts)}
 
     def per_frame():
         for b in sequence.blocks():
@@ -204,7 +206,7 @@ def write_truth_store(folder, stage, template, report):
             yield {
                 "body/vertices": b.vertices, "joints": joints, "keypoints": points,
                 "pose/rotations": b.rotations, "pose/translation": b.translation,
-            } | ({f"garment/{GARMENT}/vertices": b.garment} if sequence.clothed else {})  # fmt: skip
+            } | garments(b)  # fmt: skip
 
     folder.mkdir(exist_ok=True)
     checks.write_truth(folder / "truth.zarr", attrs, fixed, sequence.frames, per_frame())

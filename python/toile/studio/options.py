@@ -36,6 +36,7 @@ class StudioOptions:
     label_errors: float = 0.10  # share of foreground pixels
     scan_faces: int = 60_000
     garment: str | None = "newton"  # newton, cut, the path of a shirt as .obj, or None
+    trousers: bool = False  # a garment of their own, under the shirt
 
     def __post_init__(self):
         positive = ("frames", "cameras", "scan_faces", "samples", "image_step")
@@ -69,6 +70,12 @@ class StudioOptions:
             raise CaptureError(f"studio: motion is {self.motion!r}, must be {known}")
         if len(parts) > 1 and self.frames < len(parts) * JOIN:
             raise CaptureError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")
+
+    @property
+    def garments(self):
+        """Name and source of each garment, inner to outer."""
+        worn = (("trousers", "cut" if self.trousers else None), ("tshirt", self.garment))
+        return tuple((name, source) for name, source in worn if source)
 
     @property
     def pictured(self):

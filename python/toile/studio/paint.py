@@ -7,8 +7,11 @@ import numpy as np
 from .surface import smooth_noise
 
 LABELS = {"skin": 1, "hair": 2, "tshirt": 3, "trousers": 4, "shoes": 5}
-TEXTURE = 1024  # texels per side of the shirt's front and back
-BOX = (-0.40, 0.40, -0.42, 0.38)  # m: x and z range of the flat shirt about its centre that the texture spans
+TEXTURE = 1024  # texels per side of a garment's front and back
+BOXES = {  # m: x and z range of the flat garment about its centre that the texture spans, square
+    "tshirt": (-0.40, 0.40, -0.42, 0.38),
+    "trousers": (-0.55, 0.55, -0.55, 0.55),
+}
 
 LOOKS = {  # RGB 0..1
     "fitted": {
@@ -30,9 +33,9 @@ EYES = (0.55, 0.55, 0.54)
 
 
 class Look:
-    """Colours and parts of one person."""
+    """Colours and parts of one person. `garments`: name and flat vertices (G,3) of each, inner to outer."""
 
-    def __init__(self, subject, body, garment_flat, rng):
+    def __init__(self, subject, body, garments, rng):
         names = body.model.joint_names
         limb = np.array([n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in names])
         self.arm = body.dense_weights[:, limb].sum(1)
@@ -43,14 +46,20 @@ class Look:
         self.colours = LOOKS[subject]
         self.skin = np.array(SKIN_TONES[rng.integers(len(SKIN_TONES))])
         self.noise_seed = int(rng.integers(2**31))
-        self.flat = None if garment_flat is None else garment_flat - 0.5 * (garment_flat.min(0) + garment_flat.max(0))
-        self.textures = None if garment_flat is None else shirt_textures(subject, self.colours)
+        draw = {"tshirt": shirt_textures, "trousers": trousers_textures}
+        self.prints = [
+            Print(name, flat, draw[name](subject, self.colours), self.noise_seed + len(garments) - i)
+            for i, (name, flat) in enumerate(garments)
+        ]
+        self.owner = np.repeat(np.arange(len(garments)), [len(p.flat) for p in self.prints])
+        self.bare_legs = "trousers" in dict(garments)
 
     def body_labels(self, neutral, arm, head):
         """Part ids of body points: coordinates (n,3) on the neutral body, shares of arm and head weights (n,)."""
         x, y, z = neutral.T
         label = np.full(len(neutral), LABELS["skin"], np.uint8)
-        label[(z < 1.085) & (arm < 0.5)] = LABELS["trousers"]
+        if not self.bare_legs:
+            label[(z < 1.085) & (arm < 0.5)] = LABELS["trousers"]
         label[(z < 0.115) & (arm < 0.5)] = LABELS["shoes"]
         hairline = (z - 1.76) + 1.1 * (y + 0.07)
         label[(hairline > 0) & (head > 0.5) & (z > 1.67)] = LABELS["hair"]
@@ -76,27 +85,47 @@ class Look:
         colour[~is_skin] = EYES
         return colour
 
-    def shirt_colours(self, flat):
-        """Colours at flat shirt points (n,3): the front print where y < 0, the back's where y > 0."""
-        u, v = flat_to_texture(flat)
+    def cloth_labels(self, vertices):
+        """Part ids (p,) of vertices (p,) among those of all garments, one garment after the other."""
+        return np.array([LABELS[p.name] for p in self.prints], np.int64)[self.owner[vertices]]
+
+    def cloth_colours(self, corners, bary):
+        """Colours (p,3) of points on the garments: `corners` (p,3) as in `cloth_labels`, `bary` (p,3)."""
+        colour, start = np.zeros((len(corners), 3)), 0
+        for i, printed in enumerate(self.prints):
+            mine = self.owner[corners[:, 0]] == i
+            flat = printed.flat[corners[mine] - start]
+            colour[mine] = printed.colours(np.einsum("pc,pcd->pd", bary[mine], flat))
+            start += len(printed.flat)
+        return colour
+
+
+class Print:
+    """What is printed on a garment: pictures of its front, where y < 0, and its back over x and z of the flat garment."""
+
+    def __init__(self, name, flat, textures, seed):
+        self.name, self.box, self.textures, self.seed = name, BOXES[name], textures, seed
+        self.flat = flat - 0.5 * (flat.min(0) + flat.max(0))
+
+    def texels(self, flat):
+        """Texel coordinates (u to the right, v down) on the front's picture of flat points (n,3)."""
+        left, right, low, high = self.box
+        return (flat[:, 0] - left) / (right - left) * (TEXTURE - 1), (high - flat[:, 2]) / (high - low) * (TEXTURE - 1)
+
+    def colours(self, flat):
+        """Colours (n,3) at flat points (n,3), with the weave."""
+        u, v = self.texels(flat)
         front = bilinear(self.textures[0], u, v)
         back = bilinear(self.textures[1], TEXTURE - 1 - u, v)
-        weave = smooth_noise(flat, 0.004, np.random.default_rng(self.noise_seed + 1), 24)
+        weave = smooth_noise(flat, 0.004, np.random.default_rng(self.seed), 24)
         return np.where((flat[:, 1] < 0)[:, None], front, back) * (1 + 0.03 * weave)[:, None]
 
-    def print_atlas(self):
+    def atlas(self):
         """Front and back beside each other (TEXTURE, 2 TEXTURE, 3), with the weave."""
-        rng = np.random.default_rng(self.noise_seed + 1)
-        i, j = np.mgrid[:TEXTURE, : 2 * TEXTURE].reshape(2, -1) * (BOX[1] - BOX[0]) / TEXTURE
+        rng = np.random.default_rng(self.seed)
+        i, j = np.mgrid[:TEXTURE, : 2 * TEXTURE].reshape(2, -1) * (self.box[1] - self.box[0]) / TEXTURE
         weave = smooth_noise(np.stack([j, np.zeros(len(i)), i], 1), 0.004, rng, 24).reshape(TEXTURE, -1, 1)
         return np.concatenate(self.textures, 1) * (1 + 0.03 * weave)
-
-
-def flat_to_texture(flat):
-    """Texel coordinates (u to the right, v down) on the front's picture of flat shirt points (n,3)."""
-    u = (flat[:, 0] - BOX[0]) / (BOX[1] - BOX[0]) * (TEXTURE - 1)
-    v = (BOX[3] - flat[:, 2]) / (BOX[3] - BOX[2]) * (TEXTURE - 1)
-    return u, v
 
 
 def bilinear(image, u, v):
@@ -132,5 +161,24 @@ def shirt_textures(subject, colours):
             draw.text((512, top + 110), "cut once", font=ImageFont.load_default(64), fill=ink, anchor="mm")
         else:
             draw.text((512, 330), "07", font=ImageFont.load_default(220), fill=ink, anchor="mm")
+        sides.append(np.asarray(image, np.float64) / 255)
+    return sides
+
+
+def trousers_textures(subject, colours):
+    """As `shirt_textures`, for trousers: uneven checks, a number on each thigh."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    base = np.array(colours["trousers"])
+    light, dark = (tuple(int(255 * c) for c in np.clip(base * f + a, 0, 1)) for f, a in ((0.8, 0.22), (0.55, 0.0)))
+    sides = []
+    for side, numbers in (("front", ("4", "2")), ("back", ("9", "1"))):
+        image = Image.new("RGB", (TEXTURE, TEXTURE), tuple(int(255 * c) for c in base))
+        draw = ImageDraw.Draw(image)
+        for k, at in enumerate(range(12, TEXTURE, 38)):
+            draw.rectangle((at, 0, at + 2 + k % 3 * 2, TEXTURE), fill=dark)
+            draw.rectangle((0, at, TEXTURE, at + 2 + k % 4 * 2), fill=light)
+        for x, number in zip((400, 624), numbers):
+            draw.text((x, 380), number, font=ImageFont.load_default(110), fill=light, anchor="mm")
         sides.append(np.asarray(image, np.float64) / 255)
     return sides

@@ -1,4 +1,4 @@
-"""Pictures by path tracing (mitsuba, scalar_rgb): soft boxes over a grey stage, a printed shirt with a clear coat.
+"""Pictures by path tracing (mitsuba, scalar_rgb): soft boxes over a grey stage, printed garments with a clear coat.
 
 Cameras are ideal pinholes with square pixels, so nothing is warped. Pictures are traced in bands, each as wide as what
 stands on the stage there; beside it is the grey wall, whose radiance is known. A box filter and blocks
@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from .. import kernels
-from .paint import LABELS, TEXTURE, flat_to_texture
+from .paint import LABELS, TEXTURE
 from .surface import barycentric
 
 BODY_TEXTURE = 2048  # texels a side
@@ -29,7 +29,7 @@ BOXES = (  # soft boxes: centre [m], half a side [m], radiance; above what the c
 )
 AIM = (0.0, 0.0, 1.1)  # m, what the boxes face
 PLATE, PLATE_REFLECTANCE = 0.60, 0.35  # the round plate on which the person stands: radius [m]
-COAT = 0.22  # roughness (GGX alpha) of the shirt's clear coat
+COAT = 0.22  # roughness (GGX alpha) of the garments' clear coat
 GLOSS_ROUGHNESS = 0.30  # of the body's gloss
 GLOSS = {"skin": 0.4, "hair": 0.6, "trousers": 0.05, "shoes": 0.5}  # share of a part's coat; eyes have all of it
 IRIS, PUPIL = 0.47, 0.20  # rad, half angles about the direction of sight
@@ -39,8 +39,8 @@ IRIS_COLOUR = np.array([0.24, 0.17, 0.11])
 class PathTracer:
     """The look of one person as mitsuba's materials; textures are painted once."""
 
-    def __init__(self, look, body, charts, garment_faces, samples):
-        """`charts`: the packaged body model, whose UVs the truth body shares."""
+    def __init__(self, look, body, charts, garments, samples):
+        """`charts`: the packaged body model, whose UVs the truth body shares; `garments`: the faces of each."""
         import drjit
         import mitsuba
 
@@ -49,7 +49,7 @@ class PathTracer:
         mitsuba.set_log_level(mitsuba.LogLevel.Error)
         self.mi, self.look, self.body, self.samples = mitsuba, look, body, samples
         self.uv, self.f_uv = charts.uv, charts.f_uv
-        self.garment = None if garment_faces is None else PrintedMesh(look.flat, garment_faces)
+        self.garments = [PrintedMesh(printed, faces) for printed, faces in zip(look.prints, garments)]
 
     def scene(self, outer):
         """The stage with the outer surface of one frame on it."""
@@ -74,11 +74,12 @@ class PathTracer:
             "body", outer.body[corner[:, 0]], normals[:n][corner[:, 0]], self.uv[corner[:, 1]] * [1, -1] + [0, 1],
             faces, self.body_bsdf,
         )
-        if self.garment is not None:
-            of = self.garment.vertex
-            stage["garment"] = self.mesh(
-                "garment", outer.garment[of], normals[n:][of], self.garment.uv, self.garment.faces, self.cloth_bsdf
+        for i, garment in enumerate(self.garments):
+            of, name = garment.vertex + n, f"garment{i}"
+            stage[name] = self.mesh(
+                name, outer.vertices[of], normals[of], garment.uv, garment.faces, self.cloth_bsdf[i]
             )
+            n += garment.count
         return mi.load_dict(stage)
 
     def mesh(self, name, vertices, normals, uv, faces, bsdf):
@@ -126,8 +127,9 @@ class PathTracer:
 
     @cached_property
     def cloth_bsdf(self):
-        printed = self.bitmap(self.look.print_atlas(), raw=False)
-        return self.mi.load_dict({"type": "twosided", "bsdf": coat(printed, COAT)})
+        """A material a garment."""
+        printed = (self.bitmap(p.atlas(), raw=False) for p in self.look.prints)
+        return [self.mi.load_dict({"type": "twosided", "bsdf": coat(p, COAT)}) for p in printed]
 
     @cached_property
     def body_bsdf(self):
@@ -194,12 +196,14 @@ def coat(colour, alpha):
 class PrintedMesh:
     """The garment cut where the print passes from front to back: `vertex` (p,) of the garment, `uv` (p,2), `faces`."""
 
-    def __init__(self, flat, faces):
+    def __init__(self, printed, faces):
+        flat = printed.flat
+        self.count = len(flat)
         back = flat[faces, 1].mean(1) >= 0
         corner = np.stack([faces, np.broadcast_to(back[:, None], faces.shape)], 2).reshape(-1, 2)
         corner, index = np.unique(corner, axis=0, return_inverse=True)
         self.vertex, self.faces = corner[:, 0], index.reshape(-1, 3)
-        u, v = flat_to_texture(flat[self.vertex])
+        u, v = printed.texels(flat[self.vertex])
         side = corner[:, 1]
         u = np.where(side == 1, TEXTURE - 1 - u, u)
         self.uv = np.stack([(u + 0.5 + TEXTURE * side) / (2 * TEXTURE), (v + 0.5) / TEXTURE], 1)

@@ -20,11 +20,11 @@ TRACED_NOISE = 1.0 / 255  # beside the path tracer's own
 
 @dataclass(frozen=True)
 class Outer:
-    """The outer surface of one frame: body, then garment, in one list of triangles."""
+    """The outer surface of one frame: body, then garments, in one list of triangles."""
 
     body: np.ndarray  # (n,3)
     body_faces: np.ndarray
-    garment: np.ndarray | None  # (g,3)
+    garment: np.ndarray | None  # (g,3) all garments, one after the other
     garment_faces: np.ndarray | None
 
     @property
@@ -107,19 +107,17 @@ def distorted(camera, V):
 
 def surface_look(outer, look, face, bary, F, paint=True):
     """True label ids (p,) and, with `paint`, colours (p,3) of hit points."""
-    label = np.full(len(face), LABELS["tshirt"], np.int64)
-    colour = np.zeros((len(face), 3))
+    label, colour = np.zeros(len(face), np.int64), np.zeros((len(face), 3))
     on_body = face < len(outer.body_faces)
     f, b = F[face[on_body]], bary[on_body]
     at = lambda values: np.einsum("pc,pc...->p...", b, values[f])  # noqa: E731
     neutral = at(look.neutral)
     label[on_body] = look.body_labels(neutral, at(look.arm), at(look.head))
+    label[~on_body] = look.cloth_labels(F[face[~on_body], 0] - len(outer.body))
     if not paint:
         return label, None
     colour[on_body] = look.body_colours(neutral, label[on_body], look.skin_vertex[f[:, 0]])
-    if outer.garment is not None:
-        g = F[face[~on_body]] - len(outer.body)
-        colour[~on_body] = look.shirt_colours(np.einsum("pc,pcd->pd", bary[~on_body], look.flat[g]))
+    colour[~on_body] = look.cloth_colours(F[face[~on_body]] - len(outer.body), bary[~on_body])
     return label, colour
 
 

@@ -1,4 +1,4 @@
-"""The truth of one sequence: body and shirt moved and checked, before anything is seen by a camera.
+"""The truth of one sequence: body and garments moved and checked, before anything is seen by a camera.
 
 It lies on disk, in files that are each written whole: body, motion, the settled cloth, then blocks of BLOCK frames. A
 simulation that was killed goes on after the last block, to the same bits; nobody holds more than a block in memory.
@@ -16,26 +16,12 @@ from ..store import load_record, save_record
 from . import motion as motions
 from . import truth as checks
 from .body import TruthBody, make_body
-from .cloth import ClothSimulation
 from .garment import SIZES, put_on
+from .outfit import Outfit, Settled, split
 from .touch import HAND, vertices_of
 
 BLOCK = 50  # frames
 STEPS = ("body_step_mm", "body_bend_mm", "garment_step_mm")  # what `check_motion` measures of a block
-
-
-@dataclass(frozen=True)
-class Settled:
-    """The garment at rest on the body in its rest pose, and what the simulation was begun with."""
-
-    flat: np.ndarray  # (G,3) the garment's rest shape before placement
-    rest: np.ndarray  # (G,3) placed
-    faces: np.ndarray  # (m,3)
-    cloth_rest: np.ndarray  # (G,3) the simulation's rest shape
-    first_body: np.ndarray  # (n,3) the simulation's first body
-    body: np.ndarray  # (n,3) its last
-    vertices: np.ndarray  # (G,3) float32, in the world
-    velocities: np.ndarray  # (G,3) float32
 
 
 @dataclass(frozen=True)
@@ -45,7 +31,7 @@ class Block:
     vertices: np.ndarray  # (b,n,3)
     rotations: np.ndarray  # (b,K,3)
     translation: np.ndarray  # (b,3)
-    garment: np.ndarray | None  # (b,G,3)
+    garment: np.ndarray | None  # (b,G,3) the vertices of all garments, one after the other, inner to outer
     velocities: np.ndarray | None  # (G,3) float32: the cloth's after the last frame
     per_frame: tuple  # one dict of measures a frame
     steps: dict  # largest steps [mm], from the block before on
@@ -80,17 +66,19 @@ class Sequence:
 
     @property
     def clothed(self):
-        return self.options.garment is not None
+        return bool(self.options.garments)
 
     @cached_property
     def settled(self):
-        """The garment where `simulate` has dressed the body; None for a bare one."""
-        return load_record(self.folder / "settled.npz", Settled) if self.clothed else None
+        """The garments, inner to outer, where `simulate` has dressed the body; none for a bare one."""
+        return [load_record(self._settled(name), Settled) for name, _ in self.options.garments]
 
-    @property
-    def draped(self):
-        """(G,3) the garment settled on the truth body in its rest pose, without translation."""
-        return self.settled.vertices.astype(np.float64) - [0, 0, self.ground]
+    def _settled(self, name):
+        return self.folder / f"settled.{name}.npz"
+
+    def draped(self, settled):
+        """(G,3) a garment settled on the truth body in its rest pose, without translation."""
+        return settled.vertices.astype(np.float64) - [0, 0, self.ground]
 
     def block_of(self, number):
         """The block that holds a frame, and its place there."""
@@ -106,8 +94,10 @@ class Sequence:
 
     def simulate(self, progress):
         """Makes and checks what is missing; raises TruthRejected where a bound is broken."""
-        if self.clothed and not (self.folder / "settled.npz").exists():
-            save_record(self.folder / "settled.npz", self._dress(progress))
+        for i, (name, source) in enumerate(self.options.garments):
+            if not self._settled(name).exists():
+                worn = [load_record(self._settled(n), Settled) for n, _ in self.options.garments[:i]]
+                save_record(self._settled(name), self._put_on(name, source, worn, progress))
         cloth = None
         for number in range(-(-self.frames // BLOCK)):
             if not self._path(number).exists():
@@ -117,21 +107,15 @@ class Sequence:
                 save_record(self._path(number), self._make_block(number, before, cloth, progress))
             progress("simulate", min((number + 1) * BLOCK, self.frames), self.frames)
 
-    def _dress(self, progress):
-        lift = np.array([0, 0, self.ground])
-        size = SIZES[self.options.subject]
-        dressing = lambda i, n: progress("dress", i, n)  # noqa: E731
-        flat, rest, F, sim = put_on(self.options.garment, self.body, size, lift, dressing)
-        vertices = sim.vertices.astype(np.float32)
-        return Settled(flat, rest, F, sim.rest, sim.first_body, sim.body, vertices, sim.velocities)
+    def _put_on(self, name, source, worn, progress):
+        lift, size = np.array([0, 0, self.ground]), SIZES[self.options.subject]
+        return put_on(name, source, self.body, worn, size, lift, lambda i, n: progress(f"dress {name}", i, n))
 
     def _cloth(self, number, before):
-        """The simulation as it stands before a block."""
-        s = self.settled
-        cloth = ClothSimulation(s.cloth_rest, s.faces, s.first_body, self.body.skin_faces)
-        if before is None:
-            cloth.go_on_from(s.vertices, s.velocities, s.body)
-        else:
+        """The garments' simulations as they stand before a block."""
+        standing = self.body.pose(np.zeros((len(self.body.J), 3)), [0, 0, self.ground])
+        cloth = Outfit(self.settled, standing, self.body.skin_faces)
+        if before is not None:
             last = self._pose(motions.RAMP + number * BLOCK - 1)[0]
             cloth.go_on_from(before.garment[-1], before.velocities, last)
         return cloth
@@ -169,11 +153,15 @@ class Sequence:
 
     @cached_property
     def _edges(self):
-        return checks.unique_edges(self.settled.faces)
+        return [checks.unique_edges(s.faces) for s in self.settled]
 
     def _check(self, garment, vertices, number):
-        s, cloth, body = self.settled, garment.astype(np.float64), vertices.astype(np.float64)
-        return checks.check_frame(cloth, s.faces, s.rest, self._edges, body, self.body.skin_faces, self._hands, number)
+        """Each garment against the body and the garments under it; the worst of all."""
+        under, faces, found = vertices.astype(np.float64), self.body.skin_faces, []
+        for s, V, edges in zip(self.settled, split(garment.astype(np.float64), self.settled), self._edges):
+            found.append(checks.check_frame(s.name, V, s.faces, s.rest, edges, under, faces, self._hands, number))
+            under, faces = np.concatenate([under, V]), np.concatenate([faces, s.faces + len(under)])
+        return {name: worst(f[name] for f in found) for name, worst in checks.WORST.items()}
 
     def measures(self):
         """(figures of the whole sequence, measures of every frame)."""

@@ -44,19 +44,23 @@ def clearance(V, surface, faces):
     return float(np.sqrt(igl.point_mesh_squared_distance(V, surface, faces.astype(np.int64))[0].min()))
 
 
-def check_frame(garment, F, rest, edges, body, skin_faces, hands, number):
-    """Raises TruthRejected, or gives what was measured; `hands` are the body vertices of both hands."""
-    pairs = pairs_between(body, skin_faces, garment, F)
+WORST = {"strain_p99": max, "strain_max": max, "clearance_mm": min, "hand_cloth_mm": min, "self_pairs": sum}
+
+
+def check_frame(name, garment, F, rest, edges, under, under_faces, hands, number):
+    """Raises TruthRejected, or gives what was measured of garment `name`; `under`: the body's vertices, then those of
+    what is worn under the garment; `hands` are the body vertices of both hands."""
+    pairs = pairs_between(under, under_faces, garment, F)
     if pairs:
-        raise TruthRejected(f"frame {number}: {pairs} triangle pairs of garment and body intersect")
+        raise TruthRejected(f"frame {number}: {pairs} triangle pairs of {name} and what is under it intersect")
     s = np.abs(strain(garment, rest, edges))
     p99, top = float(np.quantile(s, 0.99)), float(s.max())
     if p99 > STRAIN_P99 or top > STRAIN_MAX:
         bounds = f"bounds {STRAIN_P99} and {STRAIN_MAX}"
-        raise TruthRejected(f"frame {number}: edge strain p99 {p99:.3f}, max {top:.3f} ({bounds})")
+        raise TruthRejected(f"frame {number}: {name}: edge strain p99 {p99:.3f}, max {top:.3f} ({bounds})")
     return {
-        "strain_p99": p99, "strain_max": top, "clearance_mm": 1e3 * clearance(garment, body, skin_faces),
-        "hand_cloth_mm": 1e3 * clearance(body[hands], garment, F), "self_pairs": pairs_within(garment, F),
+        "strain_p99": p99, "strain_max": top, "clearance_mm": 1e3 * clearance(garment, under, under_faces),
+        "hand_cloth_mm": 1e3 * clearance(under[hands], garment, F), "self_pairs": pairs_within(garment, F),
     }  # fmt: skip
 
 

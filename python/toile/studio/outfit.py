@@ -1,0 +1,139 @@
+"""Garments on one body, inner to outer: each is simulated over the body and what is worn under it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cloth import ClothSimulation
+from .surface import open_loops
+
+LIP_RISE, LIP_DEPTH = 0.02, 0.006  # m: how far above the rim, and below the skin, an upper rim is turned in
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A garment at rest on the body in its rest pose, and what the simulation was begun with."""
+
+    name: str
+    flat: np.ndarray  # (G,3) the garment's rest shape before placement
+    rest: np.ndarray  # (G,3) placed
+    faces: np.ndarray  # (m,3)
+    cloth_rest: np.ndarray  # (G,3) the simulation's rest shape
+    first_body: np.ndarray  # (n,3) what the simulation was first worn over
+    body: np.ndarray  # (n,3) and last
+    vertices: np.ndarray  # (G,3) float32, in the world
+    velocities: np.ndarray  # (G,3) float32
+    held: np.ndarray  # (h,) vertices that the body holds: a waistband's
+
+    @staticmethod
+    def of(name, flat, rest, sim):
+        vertices, body = sim.vertices.astype(np.float32), sim.body
+        return Settled(name, flat, rest, sim.faces, sim.rest, sim.first_body, body, vertices, sim.velocities, sim.held)
+
+
+class Bound:
+    """Points that follow the nearest triangles of a surface as if stuck to them."""
+
+    def __init__(self, points, V, F):
+        import igl
+
+        self.corners = F[igl.point_mesh_squared_distance(points, V, F.astype(np.int64))[1]]
+        origin, axes = self._frames(V)
+        self.local = np.einsum("pij,pj->pi", axes, points - origin)
+
+    def at(self, V):
+        """Where they are (p,3) when the surface's vertices are at V."""
+        origin, axes = self._frames(V)
+        return origin + np.einsum("pij,pi->pj", axes, self.local)
+
+    def _frames(self, V):
+        a, b, c = np.moveaxis(V[self.corners], 1, 0)
+        unit = lambda x: x / np.linalg.norm(x, axis=1, keepdims=True)  # noqa: E731
+        along, normal = unit(b - a), unit(np.cross(b - a, c - a))
+        return a, np.stack([along, np.cross(normal, along), normal], 1)
+
+
+class Lip:
+    """A garment as the next one meets it: its upper rim turned in under the skin, so that no open edge stands out."""
+
+    def __init__(self, V, F, body_V, skin_faces):
+        import igl
+
+        rim = upper_rim(V, F)
+        _, face, near = igl.point_mesh_squared_distance(V[rim] + [0, 0, LIP_RISE], body_V, skin_faces.astype(np.int64))[:3]
+        T = body_V[skin_faces[face]]
+        n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
+        self.edge = Bound(near - LIP_DEPTH * n / np.linalg.norm(n, axis=1, keepdims=True), body_V, skin_faces)
+        a, b, c = rim, np.roll(rim, -1), len(V) + np.arange(len(rim))
+        self.faces = np.concatenate([F, np.stack([b, a, c], 1), np.stack([b, c, np.roll(c, -1)], 1)]).astype(np.int32)
+        self.count = len(V) + len(rim)
+
+    def vertices(self, V, body_V):
+        """(count,3): the garment's vertices V, then the turned-in edge's."""
+        return np.concatenate([V, self.edge.at(body_V)])
+
+
+def upper_rim(V, F):
+    """The open loop that lies highest, as a vertex cycle."""
+    return max(open_loops(F), key=lambda loop: V[loop, 2].mean())
+
+
+class Under:
+    """What a garment is worn over: the body's skin, then the garments `worn` (Settled), inner to outer."""
+
+    def __init__(self, body_V, skin_faces, worn):
+        self.faces, self.lips, count = [skin_faces], [], len(body_V)
+        for s in worn:
+            lip = Lip(s.vertices.astype(np.float64), s.faces, body_V, skin_faces)
+            self.faces.append(lip.faces + count)
+            self.lips.append(lip)
+            count += lip.count
+
+    def vertices(self, body_V, garments):
+        """Vertices that `faces` index, for a body (n,3) and each garment (G,3)."""
+        return np.concatenate([body_V, *(lip.vertices(V, body_V) for lip, V in zip(self.lips, garments))])
+
+
+class Outfit:
+    """The simulations of all garments of a sequence, as they stand when everything has settled on the body."""
+
+    def __init__(self, settled, body_V, skin_faces):
+        self.settled = settled
+        self.under = [Under(body_V, skin_faces, settled[:i]) for i in range(len(settled))]
+        self.bands = [Bound(s.vertices[s.held].astype(np.float64), body_V, skin_faces) for s in settled]
+        self.sims = []
+        for s, under in zip(settled, self.under):
+            sim = ClothSimulation(s.cloth_rest, s.faces, s.first_body, under.faces, held=s.held)
+            sim.go_on_from(s.vertices, s.velocities, s.body)
+            self.sims.append(sim)
+
+    def go_on_from(self, vertices, velocities, body_V):
+        """Takes up the state, as `frame` and `velocities` gave it, in which another such outfit was left."""
+        worn = []
+        for sim, under, V, v in zip(self.sims, self.under, split(vertices, self.settled), split(velocities, self.settled)):
+            sim.go_on_from(V, v, under.vertices(body_V, worn))
+            worn.append(V.astype(np.float64))
+
+    @property
+    def velocities(self):
+        return np.concatenate([sim.velocities for sim in self.sims])
+
+    def frame(self, body_V):
+        """Advances one frame while the body goes to body_V (n,3); the garments' vertices, one after the other."""
+        worn = []
+        for sim, under, band in zip(self.sims, self.under, self.bands):
+            worn.append(sim.frame(under.vertices(body_V, worn), band.at(body_V)))
+        return np.concatenate(worn)
+
+
+def split(values, settled):
+    """The rows (..., G, 3) of all garments as one array a garment."""
+    return np.split(values, np.cumsum([len(s.rest) for s in settled])[:-1], axis=-2)
+
+
+def joined_faces(settled):
+    """All garments' triangles over their vertices, one garment after the other."""
+    start = np.cumsum([0, *(len(s.rest) for s in settled)])
+    return np.concatenate([s.faces + n for s, n in zip(settled, start)]).astype(np.int32)
