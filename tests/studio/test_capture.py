@@ -207,3 +207,28 @@ def test_a_clothed_capture_slides_and_never_intersects(tmp_path):
     assert g["map_face"].shape[0] == g["map_bary"].shape[0] == sum(
         line.startswith("v ") for line in (tmp_path / "c" / "templates" / "tshirt.obj").open()
     )
+
+
+@pytest.mark.slow
+def test_a_shirt_over_trousers_is_a_scene_of_two_garments_that_never_intersect(tmp_path):
+    pytest.importorskip("newton")
+    import zarr
+    from PIL import Image
+
+    from toile.capture import open_capture
+    from toile.studio.truth import pairs_between
+
+    make_capture(tmp_path / "c", StudioOptions(motion="talk", garment="cut", trousers=True, **TINY))
+    capture = open_capture(tmp_path / "c")
+    assert [g.name for g in capture.scene.garments] == ["trousers", "tshirt"]  # inner to outer
+    truth = zarr.open_group(str(tmp_path / "c" / "truth" / "truth.zarr"), mode="r")
+    legs, shirt = (truth[f"garment/{name}"] for name in ("trousers", "tshirt"))
+    for k in range(2):
+        T, V = legs["vertices"][k].astype(np.float64), shirt["vertices"][k].astype(np.float64)
+        assert pairs_between(T, legs["faces"][:], V, shirt["faces"][:]) == 0
+        assert V[:, 2].min() < T[:, 2].max() - 0.05  # the waist is covered
+    assert not (truth["labels"][:] == capture.scene.labels["trousers"]).any()  # the body under them is skin
+    for group in (legs, shirt):
+        assert group["map_face"].shape[0] == len(capture.templates[group.basename].vertices)
+    seen = np.unique(np.asarray(Image.open(tmp_path / "c" / "frames" / "000001" / "labels" / "cam01.png")))
+    assert {capture.scene.labels["trousers"], capture.scene.labels["tshirt"]} <= set(seen.tolist())

@@ -67,3 +67,65 @@ def test_garment_with_other_loops_is_refused(tmp_path):
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n")
     with pytest.raises(CaptureError, match="four open loops, this garment has 1"):
         read_shirt(str(path))
+
+
+@pytest.fixture(scope="module")
+def trousers(body):
+    from toile.studio.cut import cut_trousers
+
+    return cut_trousers(body)
+
+
+def test_cut_trousers_have_a_waist_and_two_ankles_and_touch_nothing(body, trousers):
+    from toile.studio.outfit import upper_rim
+    from toile.studio.surface import open_loops
+    from toile.studio.truth import clearance, pairs_between, pairs_within
+
+    V, F = trousers
+    loops = open_loops(F)
+    assert len(loops) == 3 and len(upper_rim(V, F)) == len(loops[0])
+    assert sorted(np.sign(V[c, 0].mean()) for c in loops[1:]) == [-1, 1]
+    assert pairs_between(body.rest, body.skin_faces, V, F) == pairs_within(V, F) == 0
+    assert clearance(V, body.rest, body.skin_faces) > 0.006
+
+
+def test_a_cut_shirt_stays_clear_of_the_trousers_it_is_cut_over(body, trousers):
+    from toile.studio.cut import cut_shirt
+    from toile.studio.truth import clearance, pairs_between
+
+    T, TF = trousers
+    over = np.concatenate([body.rest, T]), np.concatenate([body.skin_faces, TF + len(body.rest)])
+    V, F = cut_shirt(body, over)
+    assert V[:, 2].min() < T[:, 2].max() - 0.05  # it hangs over the waist
+    assert pairs_between(*over, V, F) == 0 and clearance(V, *over) > 0.006
+
+
+def test_bound_points_move_rigidly_with_the_surface_they_stick_to(body, trousers):
+    from scipy.spatial.transform import Rotation
+
+    from toile.studio.outfit import Bound
+
+    points = trousers[0][::50]
+    bound = Bound(points, body.rest, body.skin_faces)
+    R, t = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix(), np.array([0.1, 2.0, -0.4])
+    assert np.allclose(bound.at(body.rest), points, atol=1e-12)
+    assert np.allclose(bound.at(body.rest @ R.T + t), points @ R.T + t, atol=1e-12)
+
+
+def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, trousers):
+    import igl
+
+    from toile.studio.outfit import Lip, upper_rim
+    from toile.studio.surface import open_loops
+    from toile.studio.truth import pairs_between
+
+    V, F = trousers
+    lip = Lip(V, F, body.rest, body.skin_faces)
+    P = lip.vertices(V, body.rest)
+    assert len(P) == lip.count and np.array_equal(P[: len(V)], V)
+    edge = P[len(V) :]
+    assert (igl.fast_winding_number(body.rest, body.skin_faces.astype(np.int64), edge) > 0.5).all()
+    assert not np.isin(np.concatenate(open_loops(lip.faces)), upper_rim(V, F)).any()
+    half = np.concatenate([lip.faces[:, [0, 1]], lip.faces[:, [1, 2]], lip.faces[:, [2, 0]]])
+    assert len(np.unique(half, axis=0)) == len(half)  # oriented as the garment is
+    assert pairs_between(P, lip.faces, body.rest, body.skin_faces) > 0

@@ -6,7 +6,8 @@ import numpy as np
 
 SUBSTEPS = 40  # x 1 iteration: 8 x 8 does not converge (the cloth sags by a fifth)
 RADIUS = 0.005  # m: contact distance; 4 mm is the smallest that kept body features from poking through faces
-GAP = 0.012  # m: contacts are looked for up to RADIUS + GAP
+OVER_CLOTH = 0.008  # m: contact distance of what is worn over another garment, whose folds are sharper than the body
+GAP = 0.012  # m: contacts are looked for up to the contact distance + GAP
 REACH = 3.0  # m: half the collision box of the body, which newton takes from the first pose
 
 
@@ -25,7 +26,8 @@ class ClothSimulation:
         builder.add_cloth_mesh(
             pos=wp.vec3(0.0, 0.0, 0.0), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(0.0, 0.0, 0.0),
             vertices=[wp.vec3(*map(float, v)) for v in V], indices=np.asarray(F).ravel().tolist(), density=0.2,
-            tri_ke=500.0, tri_ka=500.0, tri_kd=1e-3, edge_ke=1e-4, edge_kd=1e-5, particle_radius=RADIUS,
+            tri_ke=500.0, tri_ka=500.0, tri_kd=1e-3, edge_ke=1e-4, edge_kd=1e-5,
+            particle_radius=RADIUS if len(body_F) == 1 else OVER_CLOTH,
         )
         self.held = np.asarray(held, np.int64)
         for i in self.held:
