@@ -5,17 +5,18 @@ import warnings
 import numpy as np
 
 from . import kernels
-from .curves import isolines
-from .garment import carry, transfer_skin, unwrap
+from .curves import isolines, pieces
+from .garment import carry, smooth_on, transfer_skin, unwrap
 from .loops import LoopMatch, loop_length, match_loops, name_loops
 from .rims import Rivals, trace_loop
 from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate, Mesh
 from .settle import Settler
 
 
-def prepare(model, person, garment, label_id, mesh, samples, settings):
+def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
-    [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged.
+    [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged. `over`: label ids of the
+    garments worn over this one.
 
     Warns where the template does not fit: size by loop lengths, a loop that no frame shows. Raises CaptureError for a
     template without open loops."""
@@ -25,10 +26,19 @@ def prepare(model, person, garment, label_id, mesh, samples, settings):
         raise CaptureError(f"{garment.template}: the template of garment {garment.name} has no open loop")
     uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
     skin = transfer_skin(model, V, F, settings.skin_smoothing)
-    rest = carry(V, model.v_template, person.rest, settings.fit_reach)
+    rest = carry(V, model.v_template, _surface_under(model, person, samples, over), settings.fit_reach)
     names = name_loops(V, loops)
     template = GarmentTemplate(garment.name, int(label_id), rest, F, uv, face_uv, skin, loops, names)
-    return _personalise(model, person, template, samples, settings) if samples else template
+    return _personalise(model, person, template, samples, settings, over) if samples else template
+
+
+def _surface_under(model, person, samples, over):
+    """The person's rest surface (n,3); where garments `over` lie on it, the body that the model has there."""
+    if not samples or not over:
+        return person.rest
+    share = np.mean([np.isin(segmented.vertices, over) for _, _, segmented, _ in samples], axis=0)
+    share = smooth_on(model.f, share, 2)[:, None]
+    return person.rest + share * (model.rest(person.shape)[0] - person.rest)
 
 
 def chosen(samples, settings):
@@ -52,9 +62,9 @@ class _Skinning:
         return np.linalg.solve(self.A, (posed - self.b)[..., None])[..., 0]
 
 
-def _personalise(model, person, template, samples, settings):
+def _personalise(model, person, template, samples, settings, over):
     """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed."""
-    dresser = Dresser(model, person, template, settings)
+    dresser = Dresser(model, person, template, settings, over)
     total, weight, lengths = 0, 0, []
     for frame, tracked, segmented, evidence in samples:
         dressed, matches = dresser.register(frame, tracked, segmented, evidence)
@@ -99,10 +109,11 @@ def _report_fit(template, lengths, settings):
 
 
 class Dresser:
-    """Registers one garment frame by frame; what depends on the template alone is computed once."""
+    """Registers one garment frame by frame; what depends on the template alone is computed once. `over`: label ids of
+    the garments worn over this one, whose rims hide it and are none of its own."""
 
-    def __init__(self, body_model, person, template, settings):
-        self.model, self.person, self.template, self.settings = body_model, person, template, settings
+    def __init__(self, body_model, person, template, settings, over=()):
+        self.model, self.person, self.template, self.settings, self.over = body_model, person, template, settings, over
         self.known = np.concatenate(template.loops).astype(np.int32)
         self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
         self.settler = Settler(template.rest, template.faces, settings.stiffness, settings.quick)
@@ -125,7 +136,8 @@ class Dresser:
         t, s = self.template, self.settings
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
-        matches, strange = match_loops([posed[l] for l in t.loops], _rims_of(segmented, t.label, V, F), s)
+        rivals = Rivals(V, F, segmented, t.label, self.over)
+        matches, strange = match_loops([posed[l] for l in t.loops], _rims_of(segmented, t.label, V, F, rivals), s)
         start = self._lay(posed, matches)
         inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < 100:
@@ -134,7 +146,6 @@ class Dresser:
         cloth = Mesh(V, F[inside])
         vertices = self.settler.solve(cloth, start, self._boundary(matches))
         if s.trace and evidence.views:
-            rivals = Rivals(V, F, segmented, t.label)
             garment = Mesh(vertices, t.faces)
             matches = [trace_loop(garment, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
             vertices = self.settler.solve(cloth, self._lay(vertices, matches), self._boundary(matches), steps=2)
@@ -192,9 +203,11 @@ def _scan_of(frame, tracked, model):
     return frame.scan.vertices, frame.scan.faces
 
 
-def _rims_of(segmented, label, V, F):
-    """The border that the pictures gave, or the 0.5 isoline of the garment's probability on the scan."""
-    if segmented.rims.get(label):
-        return segmented.rims[label]
-    column = int(np.searchsorted(segmented.ids, label))
-    return isolines(V, F, segmented.scan_probability[:, column].astype(np.float64))
+def _rims_of(segmented, label, V, F, rivals):
+    """The border that the pictures gave, or the 0.5 isoline of the garment's probability on the scan; without what
+    another garment over it hides."""
+    curves = segmented.rims.get(label)
+    if not curves:
+        column = int(np.searchsorted(segmented.ids, label))
+        curves = isolines(V, F, segmented.scan_probability[:, column].astype(np.float64))
+    return [piece for curve in curves for piece in pieces(curve, ~rivals.hide(curve.points))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections import defaultdict
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ def evaluate(run):
     vertices to the nearest true rim; surface_mm, vertices to the true garment's surface; correspondence_mm, vertices to
     their true places through the truth's map; jitter_mm, mean length of the second difference over time of that error
     (consecutive frames only). inner: vertices to the true body's surface, hidden where confidence is 0.
-    intersections_left: triangle pairs of garments and the inner skin, by exact predicates. seconds: mean a frame.
+    intersections_left: triangle pairs of garments with the inner skin and with one another, by exact predicates. seconds: mean a frame.
     """
     run = Path(run)
     return _Evaluation(run).result()
@@ -74,7 +75,8 @@ class _Evaluation:
         inner = self.store["inner/vertices"][row]
         cloth = {g["name"]: self.store[f"garment/{g['name']}/vertices"][row] for g in self.garments}
         faces = {g["name"]: self.store[f"garment/{g['name']}/faces"][:] for g in self.garments}
-        pairs = (kernels.intersecting_pairs(cloth[n], faces[n], inner, self.model.skin_faces) for n in cloth)
+        layers = [(inner, self.model.skin_faces), *((cloth[n], faces[n]) for n in cloth)]
+        pairs = (kernels.intersecting_pairs(*over, *under) for over, under in combinations(layers[::-1], 2))
         out["intersections_left"] = int(sum(len(p) for p in pairs))
         if not true:
             return out

@@ -3,6 +3,7 @@
 import numpy as np
 
 from . import kernels
+from .layering import Layering
 from .scene import HIDDEN, INTERPOLATED, OBSERVED, Inner, InnerShape
 
 
@@ -22,8 +23,8 @@ class InnerLayer:
     def __init__(self, model, person, inner_shape, templates, settings):
         self.model, self.shape, self.templates = model, inner_shape, templates
         self.solver = kernels.InnerSolver(model, person.shape, person.J, tolerance=settings.tolerance)
-        self.margin = settings.margin
-        self.untanglers = {}
+        garments = [(t.name, t.faces, len(t.rest)) for t in templates]
+        self.layering = Layering(model.skin_faces, len(model.v_template), garments, settings.margin)
 
     def solve(self, tracked, segmented, dressed):
         """The inner body of one frame, then every garment out of the body and of the garments under it."""
@@ -33,31 +34,13 @@ class InnerLayer:
             self.shape.rest, tracked.rotations, tracked.translation, tracked.vertices, visible, meshes
         )
         V = np.asarray(fit.V)
-        garments, diagnostics, left = self._untangle(V, dressed)
+        hidden = {name: d.confidence < OBSERVED for name, d in dressed.items()}
+        layers = self.layering.solve(V, self.layering.tuck({name: d.vertices for name, d in dressed.items()}, hidden))
         confidence = np.where(visible > 0, np.maximum(tracked.confidence, INTERPOLATED), HIDDEN).astype(np.uint8)
         confidence[(visible > 0) & (tracked.confidence == OBSERVED)] = OBSERVED
-        return Inner(V, confidence, garments, left, diagnostics | {"intersections_left": float(left)})
-
-    def _untangle(self, V, dressed):
-        obstacles, garments, diagnostics, left = [("", V, self.model.skin_faces)], {}, {}, 0
-        for template in self.templates:
-            cloth, pairs = dressed[template.name].vertices, 0
-            for under, body_V, body_F in obstacles:
-                moved = self._untangler(template, under, body_F, len(body_V)).solve(cloth, body_V)
-                cloth = np.asarray(moved.V)
-                pairs += int(moved.intersections_left)
-                diagnostics[f"{template.name}_depth_before_m"] = float(np.max(moved.depth_before, initial=0))
-            garments[template.name] = cloth
-            left += pairs
-            obstacles.append((template.name, cloth, template.faces))
-        return garments, diagnostics, left
-
-    def _untangler(self, template, under, body_F, body_n):
-        """Of a garment from what lies under it; "" is the skin."""
-        key = template.name, under
-        if key not in self.untanglers:
-            self.untanglers[key] = kernels.UntangleSolver(template.faces, len(template.rest), body_F, body_n, margin=self.margin)
-        return self.untanglers[key]
+        diagnostics = {f"{name}_depth_before_m": depth for name, depth in layers.depth_before.items()}
+        left = layers.intersections_left
+        return Inner(V, confidence, layers.vertices, left, diagnostics | {"intersections_left": float(left)})
 
 
 def _visible(tracked, segmented, templates):

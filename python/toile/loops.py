@@ -27,15 +27,18 @@ def loop_length(points):
 
 
 def name_loops(V, loops, up=2, left=0):
-    """Names by position: of four loops the highest is the neck, the lowest the hem, the others the sleeves."""
-    if len(loops) != 4:
+    """Names by position: of four loops the highest is the neck, the lowest the hem, the others the sleeves; of three the
+    highest is the waist, the others the ankles."""
+    if len(loops) not in (3, 4):
         return tuple(f"loop{i}" for i in range(len(loops)))
     centre = np.array([V[loop].mean(0) for loop in loops])
-    height = np.argsort(centre[:, up])
-    names = [""] * 4
-    names[height[3]], names[height[0]] = "neck", "hem"
-    a, b = sorted(height[1:3], key=lambda i: centre[i, left])
-    names[a], names[b] = "sleeve_right", "sleeve_left"
+    *low, top = np.argsort(centre[:, up])
+    names, kind = [""] * len(loops), "ankle"
+    names[top] = "waist"
+    if len(loops) == 4:
+        names[top], names[low.pop(0)], kind = "neck", "hem", "sleeve"
+    right, left_one = sorted(low, key=lambda i: centre[i, left])
+    names[right], names[left_one] = f"{kind}_right", f"{kind}_left"
     return tuple(names)
 
 

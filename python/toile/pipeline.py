@@ -210,16 +210,23 @@ class _Run:
             chosen = dress.chosen(samples, self.config.dress)
             labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in chosen]
             for garment, path in zip(self.scene.garments, paths[1:]):
-                mesh, label = self.capture.templates[garment.name], self.scene.labels[garment.label]
+                mesh, label, over = self.capture.templates[garment.name], self.scene.labels[garment.label], self._over(garment.name)
                 with warnings.catch_warnings(record=True) as caught:
                     warnings.simplefilter("always")
-                    template = dress.prepare(self.model, self.person, garment, label, mesh, labelled, self.config.dress)
+                    template = dress.prepare(self.model, self.person, garment, label, mesh, labelled, self.config.dress, over)
                 for warning in caught:
                     self.status.add(stage="dress", ok=False, warning=str(warning.message))
                 save_record(path, template)
         self.colours = load_record(paths[0], segment.SegmentModel, colours=ColourModel)
         self.templates = tuple(load_record(p, GarmentTemplate, ("loops",)) for p in paths[1:])
-        self.dressers = {t.name: dress.Dresser(self.model, self.person, t, self.config.dress) for t in self.templates}
+        self.dressers = {
+            t.name: dress.Dresser(self.model, self.person, t, self.config.dress, self._over(t.name)) for t in self.templates
+        }
+
+    def _over(self, name):
+        """Label ids of the garments that are worn over a garment."""
+        names = [g.name for g in self.scene.garments]
+        return [self.scene.labels[g.label] for g in self.scene.garments[names.index(name) + 1 :]]
 
     def _segment(self, colours, frame, tracked, previous):
         """(Segmented, Evidence) of a frame."""

@@ -1,5 +1,7 @@
 """A garment's loops laid on the rims that the pictures show beside them, on the scan or hanging free of it."""
 
+from functools import cached_property
+
 import numpy as np
 
 from .curves import Curve, resample, smooth, tangents
@@ -11,21 +13,29 @@ _STAY = 0.05  # weight of staying against a seen rim
 
 
 class Rivals:
-    """Which label a garment's rim parts it from: that of the nearest face of the scan that is not the garment's."""
+    """Which label a garment's rim parts it from: that of the nearest face of the scan that is not the garment's. `over`:
+    labels of what is worn over the garment."""
 
-    def __init__(self, V, F, segmented, label):
+    def __init__(self, V, F, segmented, label, over=()):
+        self.V, self.F, self.faces, self.own = V, F, segmented.scan_faces, segmented.scan_faces == label
+        self.ids, self.column = segmented.ids, int(np.searchsorted(segmented.ids, label))
+        self.over = np.searchsorted(segmented.ids, np.array(over, np.uint8))
+
+    @cached_property
+    def tree(self):
         from scipy.spatial import cKDTree
 
-        others = segmented.scan_faces != label
-        self.column = int(np.searchsorted(segmented.ids, label))
-        self.columns = np.searchsorted(segmented.ids, segmented.scan_faces[others])
-        self.tree = cKDTree(V[F[others]].mean(1)) if others.any() else None
+        return cKDTree(self.V[self.F[~self.own]].mean(1))
 
     def __call__(self, points):
         """Columns (k,) of the labels' table; any other label where the scan shows the garment alone."""
-        if self.tree is None:
+        if self.own.all():
             return np.full(len(points), int(self.column == 0))
-        return self.columns[self.tree.query(points)[1]]
+        return np.searchsorted(self.ids, self.faces[~self.own])[self.tree.query(points)[1]]
+
+    def hide(self, points):
+        """Where (k,) the garment goes on under another one."""
+        return np.isin(self(points), self.over) if len(self.over) else np.zeros(len(points), bool)
 
 
 def trace_loop(garment, loop, evidence, rivals, match, settings):
@@ -37,7 +47,7 @@ def trace_loop(garment, loop, evidence, rivals, match, settings):
     curve = resample(Curve(garment.vertices[loop], True), spacing)
     curve = Curve(smooth(curve.points, True, 0.008 / spacing), True)
     offset, rim, sides = Ribbon(curve, _strip(garment, curve), free=True).cut(evidence, rivals.column, rivals(curve.points))
-    seen = _sure(offset, sides) > settings.loop_sure
+    seen = (_sure(offset, sides) > settings.loop_sure) & ~rivals.hide(curve.points)
     if seen.mean() < settings.loop_observed:
         return match
     at = garment.vertices[loop]

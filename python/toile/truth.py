@@ -45,16 +45,13 @@ class Truth:
         return np.einsum("gk,gki->gi", group["map_bary"][:], V[F[group["map_face"][:]]])
 
     def outer(self, number, garments, bare=False):
-        """V, F, label per face of body and garments; garments {name: label}. `bare`: without the body under them."""
-        V, F = self.body(number)
-        parts = [(*self.garment(name, number), label) for name, label in garments.items()]
+        """V, F, label per face of body and garments; garments {name: label}, inner to outer. `bare`: without what lies
+        under them of the body and of other garments."""
+        surfaces = [self.body(number), *(self.garment(name, number) for name in garments)]
         if bare:
-            hidden = np.zeros(len(V), bool)
-            for GV, GF, _ in parts:
-                hidden |= kernels.winding_number(V, GV, GF) > 0.5
-            F = F[~hidden[F].any(1)]
-        labels = [self.group["labels"][:][F[:, 0]], *(np.full(len(GF), label) for _, GF, label in parts)]
-        surfaces = [(V, F), *((GV, GF) for GV, GF, _ in parts)]
+            surfaces = [(V, _uncovered(V, F, surfaces[i + 1 :])) for i, (V, F) in enumerate(surfaces)]
+        labels = [self.group["labels"][:][surfaces[0][1][:, 0]]]
+        labels += [np.full(len(F), label) for (_, F), label in zip(surfaces[1:], garments.values())]
         offset = np.cumsum([0, *(len(v) for v, _ in surfaces)])
         faces = np.concatenate([f + o for (_, f), o in zip(surfaces, offset)]).astype(np.int32)
         return np.concatenate([v for v, _ in surfaces]), faces, np.concatenate(labels)
@@ -85,6 +82,14 @@ class Truth:
             "hidden_mm": millimetres(distance[hidden & outside]),
             "visible_mm": millimetres(distance[~hidden & outside]),
         }
+
+
+def _uncovered(V, F, over):
+    """Faces none of whose corners lies inside one of the surfaces `over`."""
+    hidden = np.zeros(len(V), bool)
+    for surface in over:
+        hidden |= kernels.winding_number(V, *surface) > 0.5
+    return F[~hidden[F].any(1)]
 
 
 def open_truth(capture, garments=()):

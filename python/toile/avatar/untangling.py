@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from .. import kernels
+from ..layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
 
@@ -15,27 +15,20 @@ class Untangler:
     """Garments out of the layers under them, inner to outer. `skin_faces`: those of the body that cloth can meet."""
 
     def __init__(self, layers, skin_faces):
-        self.layers, self.skin_faces, self.solvers = list(layers), skin_faces, {}
+        self.body = next(layer for layer in layers if layer.kind != "garment")
+        self.garments = [layer for layer in layers if layer.kind == "garment"]
+        sizes = [(layer.name, layer.faces, len(layer.rest)) for layer in self.garments]
+        self.layering = Layering(skin_faces, len(self.body.rest), sizes, MARGIN)
 
     def __call__(self, decoded):
         """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left)."""
-        before = left = 0
-        under, moved = [], dict(decoded)
-        for layer in self.layers:
-            vertices = decoded[layer.name].vertices
-            V = vertices[0].double().cpu().numpy()
-            if layer.kind == "garment":
-                for other, lower in under:
-                    found = self._solver(layer, other).solve(V, lower)
-                    V, before, left = found.V, before + found.intersections_before, left + found.intersections_left
-                posed = torch.tensor(V, dtype=torch.float32, device=vertices.device)[None]
-                moved[layer.name] = replace(decoded[layer.name], vertices=posed)
-            under.append((layer, V))
-        return moved, before, left
+        found = self.layering.solve(_points(decoded[self.body.name]), {g.name: _points(decoded[g.name]) for g in self.garments})
+        moved = dict(decoded)
+        for name, V in found.vertices.items():
+            posed = torch.tensor(V, dtype=torch.float32, device=decoded[name].vertices.device)[None]
+            moved[name] = replace(decoded[name], vertices=posed)
+        return moved, found.intersections_before, found.intersections_left
 
-    def _solver(self, layer, under):
-        key = layer.name, under.name
-        if key not in self.solvers:
-            faces = under.faces if under.kind == "garment" else self.skin_faces
-            self.solvers[key] = kernels.UntangleSolver(layer.faces, len(layer.rest), faces, len(under.rest), margin=MARGIN)
-        return self.solvers[key]
+
+def _points(decoded):
+    return decoded.vertices[0].double().cpu().numpy()

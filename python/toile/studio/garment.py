@@ -146,7 +146,7 @@ def put_on(name, source, body, worn, size, translation, progress):
         band = np.flatnonzero(V[:, 2] > V[upper_rim(V, F), 2].mean() - BAND)
         return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress, band))
     if source == "cut":
-        V, F = cut_shirt(body, (under_V - translation, np.concatenate(under.faces)))
+        V, F = cut_shirt(body, (under_V - translation, np.concatenate(under.faces)) if worn else None)
         return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress))
     flat, F = newton_shirt() if source == "newton" else read_shirt(source)
     rest = place(flat, F, body, size)
