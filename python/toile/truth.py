@@ -115,12 +115,12 @@ def millimetres(distances):
     return float(np.mean(distances) * 1e3) if len(distances) else None
 
 
-def second_difference(positions):
-    """Mean length of x(t-1) - 2 x(t) + x(t+1) over consecutive frames {number: (n,3)} [mm for metres]; None of fewer than 3."""
+def second_difference(positions, step=1):
+    """Mean length of x(t-step) - 2 x(t) + x(t+step) over frames {number: (n,3)} [mm for metres]; None where no three are so."""
     lengths = [
-        np.linalg.norm(positions[n - 1] - 2 * x + positions[n + 1], axis=1).mean()
+        np.linalg.norm(positions[n - step] - 2 * x + positions[n + step], axis=1).mean()
         for n, x in positions.items()
-        if n - 1 in positions and n + 1 in positions
+        if n - step in positions and n + step in positions
     ]
     return float(np.mean(lengths) * 1e3) if lengths else None
 

@@ -9,8 +9,13 @@ import torch
 import small_avatar
 
 from toile.animate import Puppet
+from toile.avatar.checkpoint import load_avatar
 from toile.avatar.command import temporal_settings
-from toile.avatar.driving import Driver, Track, load_driver, make_track, relative_error, row_starts, train_temporal, without
+from toile.avatar.data import pictured_frames
+from toile.avatar.driving import (
+    Driver, Track, load_driver, make_track, relative_error, row_starts, run_track, train_temporal, without,
+)  # fmt: skip
+from toile.avatar.layers import capture_folder, open_body
 from toile.avatar.settings import TemporalSettings
 from toile.avatar.temporal import DampedModel
 from toile.cli import main
@@ -149,3 +154,17 @@ def test_what_cannot_be_driven_is_refused(sample_avatar, tmp_path):
     (tmp_path / "temporal.safetensors").write_bytes(b"rubbish")
     with pytest.raises(CaptureError, match="temporal.safetensors: not a file of toile's tensors"):
         load_driver(tmp_path)
+
+
+def test_windows_hold_the_poses_of_frames_without_pictures(sample_avatar, sample_run, tmp_path):
+    capture = shutil.copytree(capture_folder(sample_run), tmp_path / "capture")
+    run = shutil.copytree(sample_run, tmp_path / "run")
+    config = (run / "config.toml").read_text().replace(str(capture_folder(sample_run)), str(capture))
+    (run / "config.toml").write_text(config)
+    shutil.rmtree(capture / "frames" / "000001" / "images")
+    found = run_track(load_avatar(sample_avatar), open_body(run))
+    assert pictured_frames(run) == [0, 2, 3] and found.frames.tolist() == [0, 1, 2, 3] and found.step == 1
+    driver = Driver(TemporalSettings(window=2, channels=8), found.features.shape[1], {"tshirt": 4})
+    features, rows = found.features.clone().requires_grad_(), torch.tensor(found.rows({2}))
+    driver.loss(features, found.first, rows, torch.randn(1, 4), torch.Generator().manual_seed(0)).backward()
+    assert features.grad.abs().sum(1).nonzero().ravel().tolist() == [1, 2]

@@ -148,3 +148,4 @@ def test_second_differences_are_zero_for_uniform_motion_and_twice_a_square_s_fac
     assert second_difference({n: x + 0.01 * n for n in range(5)}) == pytest.approx(0, abs=1e-9)
     assert second_difference({n: x + 0.002 * n**2 * np.array([1, 0, 0]) for n in range(3, 8)}) == pytest.approx(4.0)
     assert second_difference({0: x, 6: x, 12: x}) is None
+    assert second_difference({n: x + 0.002 * n**2 * np.array([1, 0, 0]) for n in (0, 6, 12, 13)}, 6) == pytest.approx(144.0)

@@ -21,7 +21,7 @@ def evaluation(mse=1.0, band=1.0, body=1.0):
     drawn = {"mse": [100.0, 120.0], "mse_mean": 110.0, "ssim_mean": 0.8, "zero_mse": 95.0, "zero_ssim": 0.8}
     driven = {"motion": motion, "intersections": {"before": 30, "left": 0, "frames": 6}, "baseline_draws": drawn}
     everything = {"layered": layered | {"geometry": None}, "baseline": baseline, "driven": driven}
-    return {"all": everything | {"mm_per_pixel": 5.0, "pose_distance_deg": 3.0}}
+    return {"all": everything | {"mm_per_pixel": 5.0, "pose_distance_deg": 3.0}, "seconds": 60.0}
 
 
 def put(folder, **results):
@@ -71,7 +71,8 @@ def test_every_table_has_its_rows(study):
     assert [row[2] for row in rows["Temporal models"]] == ["L1", "L15", "damped"]
     assert rows["Intersections"][0] == ["logo", 0, 6, 30, 5.0, 0] and len(rows["Quality presets"]) == 1
     assert rows["The baseline's code, drawn from the unit Gaussian"][0][3] == 110.0
-    assert rows["What was run"][0][2] == "9 of 10 at 30 fps, draft" and rows["What was run"][0][-1] == "abacus"
+    assert made["What was run"].head == ("", "logo, seed 0", "logo, seed 1", "loose, seed 0")
+    assert rows["What was run"][0][1] == "9 of 10 at 30 a second, draft" and ["device", *["abacus"] * 3] in rows["What was run"]
 
 
 def test_page_json_and_markdown_are_written_of_what_is_there(study):

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ..truth import second_difference
-from .driving import load_driver, run_track
+from .driving import load_driver, run_track, stride_of
 from .heldout import VIEW, HeldOut
 from .untangling import Untangler
 
@@ -111,14 +111,14 @@ class Driven(HeldOut):
         over consecutive registered frames of the span [mm a frame^2]; true ones None without truth."""
         if "layered" not in self.avatars:
             return {}
-        found, truth = {}, self.registered.truth
+        found, truth, step = {}, self.registered.truth, stride_of(list(self.span)) or 1
         for garment in self.registered.garment_labels:
             shown = {n: self._placed("layered", n)[garment] for n in self.span}
             true = {n: truth.places(garment, n) for n in shown if n in truth} if truth else {}
             found[garment] = {
-                "acceleration_mm": second_difference(shown),
-                "true_acceleration_mm": second_difference(true),
-                "jitter_mm": second_difference({n: shown[n] - true[n] for n in true}),
+                "acceleration_mm": second_difference(shown, step),
+                "true_acceleration_mm": second_difference(true, step),
+                "jitter_mm": second_difference({n: shown[n] - true[n] for n in true}, step),
             }
         return found
 
