@@ -16,7 +16,8 @@ def smooth_noise(points, length, rng, waves=64):
     """A Gaussian random field at points (n,3): unit variance, correlation exp(-d^2 / (2 length^2))."""
     k = rng.standard_normal((waves, 3)) / length
     phase = rng.uniform(0, 2 * np.pi, waves)
-    return np.sqrt(2 / waves) * np.cos(points @ k.T + phase).sum(1)
+    turn = (points @ k.T + phase).astype(np.float32)  # whose cosine takes a fifth of the time
+    return np.sqrt(2 / waves) * np.cos(turn, out=turn).sum(1, dtype=np.float64)
 
 
 def barycentric(p, T):
