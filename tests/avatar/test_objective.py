@@ -75,7 +75,7 @@ def test_phases_ask_for_the_terms_of_the_method():
     assert asked_terms(True) == {
         "body": {"geometry", "laplacian", "texture"},
         "garment": {"geometry", "laplacian", "texture", "kl"},
-        "joint": {"image", "mask", "visibility", "laplacian", "kl"},
+        "joint": {"image", "mask", "visibility", "geometry", "laplacian", "kl"},
     }
     assert asked_terms(False)["surface"] == {"geometry", "laplacian", "texture", "kl", "impute"}
     assert all(weight > 0 for weight in LossWeights().model_dump().values())

@@ -66,6 +66,8 @@ class LayerModel(nn.Module):
         )
         for key, value in fixed.items():
             self.register_buffer(key, value.clone(), persistent=False)
+        modes = np.zeros((0, *layer.rest.shape)) if layer.modes is None else layer.modes
+        self.register_buffer("modes", torch.as_tensor(modes, dtype=torch.float32).flatten(1), persistent=False)
         self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
         self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
         self.geometry_texels = TexelValues(geometry_map, layer.faces)
@@ -75,11 +77,18 @@ class LayerModel(nn.Module):
         self.edits = None  # edits.LayerEdits
 
     def encode(self, unposed, texture, weight):
-        """Code (mean, logvar), each (B,Z): unposed vertices (B,n,3), texture (B,3,T,T) and its weights (B,1,T,T)."""
+        """Code (mean, logvar), each (B,Z), Z = modes + latent: of unposed vertices (B,n,3), texture (B,3,T,T) and its
+        weights (B,1,T,T)."""
         shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_IN)
         seen = (weight > 0) & (self.valid > 0)
         colour = torch.where(seen, texture - self.mean_texture, 0.0) / COLOUR_IN
-        return self.networks.encoder(shape, colour)
+        mean, logvar = self.networks.encoder(shape, colour)
+        return torch.cat([self.amplitudes(unposed), mean], 1), logvar
+
+    def amplitudes(self, unposed):
+        """Of the principal modes (B,M) in vertices (B,n,3): 1 = a standard deviation over the training frames."""
+        with torch.autocast(unposed.device.type, enabled=False):
+            return (unposed - self.rest).flatten(1) @ (self.modes / self.modes.square().sum(1, keepdim=True)).T
 
     def decode(self, pose, face, z, transforms, centre, texture=True):
         """Pose features (B,K,C), face (B,q,3) and code (B,Z), posed by `transforms` and seen from centre (B,3)."""
@@ -87,6 +96,8 @@ class LayerModel(nn.Module):
         displacement = self.networks.geometry(features)
         with torch.autocast(features.device.type, enabled=False):
             unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
+            if len(self.modes):
+                unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
             decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
         if not texture:
             return decoded
@@ -134,7 +145,10 @@ class Avatar(nn.Module):
         self.models = nn.ModuleList(
             LayerModel(
                 layer,
-                layer_sizes(layer.kind, settings, cameras, scene, len(J), 0 if face is None else len(face)),
+                replace(
+                    layer_sizes(layer.kind, settings, cameras, scene, len(J), 0 if face is None else len(face)),
+                    modes=0 if layer.modes is None else len(layer.modes),
+                ),
                 mean_texture[layer.name],
                 valid[layer.name],
                 np.asarray(parents),
@@ -307,6 +321,7 @@ class Avatar(nn.Module):
             "geometry_size": self.settings.data.geometry_size,
             "texture_size": self.settings.data.texture_size,
             "latent": self.settings.network.latent,
+            "modes": {model.name: len(model.modes) for model in self.models},
             "parameters": self.parameters_count(),
         }
 
@@ -328,6 +343,7 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points):
         joints=joints if driven else 0,
         face_points=face_points if driven else 0,
         code=kind in ("garment", "surface") and not window,
+        modes=settings.data.modes,
         view=settings.network.view and len(cameras) > 1 and scene.view_dependent,
         shadow=settings.network.shadow,
         window=window,

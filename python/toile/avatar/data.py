@@ -67,7 +67,8 @@ class AvatarData(Dataset):
         self.frames = pictured if frames is None else sorted(set(pictured) & set(frames))
         if not self.frames:
             raise CaptureError(f"{run}: none of the frames asked for is registered and has pictures in {self.capture.root}")
-        self.layers = read_layers(run, self.frames) if layered else [surface_layer(run, self.frames)]
+        shapes = run, self.frames, settings.modes
+        self.layers = read_layers(*shapes) if layered else [surface_layer(*shapes)]
         self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
         self.row = {int(n): i for i, n in enumerate(self.body.store["frames"][:])}
         self.folder = Path(folder) / self._key(layered)
@@ -100,7 +101,7 @@ class AvatarData(Dataset):
 
     def _key(self, layered):
         """The cache's folder: what its files depend on. Of the registration the poses and three whole frames."""
-        settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window"})
+        settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes"})
         parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
         digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
         digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())

@@ -15,6 +15,7 @@ from ..scene import CaptureError, blended_transforms
 from ..store import OK
 
 BLEND = 8  # joints that move one vertex of a garment, at most
+SHAPES = 512  # frames, evenly spread, that principal modes are taken of
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Layer:
     skin_val: np.ndarray  # (n,B) rows sum to 1
     label: int  # id in the scene's label table; -1 for body and surface
     loops: dict[str, np.ndarray] = field(default_factory=dict)  # a garment's open loops as vertex cycles
+    modes: np.ndarray | None = None  # (M,n,3) principal modes of the unposed shape, of one standard deviation each [m]
 
 
 @dataclass(frozen=True)
@@ -47,16 +49,25 @@ class RunBody:
         good = np.flatnonzero(self.store["done"][:] == OK)
         return good if frames is None else good[np.isin(self.store["frames"][:][good], list(frames))]
 
-    def mean_unposed(self, name, skin_idx, skin_val, frames):
-        """Mean over frames of the vertices `name`, unposed (n,3)."""
-        total, rows = 0.0, self.rows(frames)
+    def unposed(self, name, skin_idx, skin_val, row):
+        """The vertices `name` of a row of the store, unposed (n,3)."""
+        pose = self.store["pose/rotations"][row], self.store["pose/translation"][row]
+        A, b = blended_transforms(self.J, *self.model.joint_transforms(self.J, *pose), skin_idx, skin_val)
+        return np.linalg.solve(A, (self.store[name][row] - b)[..., None])[..., 0]
+
+    def shapes(self, name, skin_idx, skin_val, frames, modes):
+        """Over frames, of the vertices `name`, unposed: the mean (n,3) and at most `modes` principal modes (M,n,3)."""
+        total, kept, rows = 0.0, [], self.rows(frames)
         if len(rows) == 0:
             raise CaptureError(f"{self.path}: none of the frames asked for is registered")
-        for row in rows:
-            pose = self.store["pose/rotations"][row], self.store["pose/translation"][row]
-            A, b = blended_transforms(self.J, *self.model.joint_transforms(self.J, *pose), skin_idx, skin_val)
-            total = total + np.linalg.solve(A, (self.store[name][row] - b)[..., None])[..., 0]
-        return total / len(rows)
+        spread = set(np.linspace(0, len(rows) - 1, SHAPES).round().astype(int)) if modes else ()
+        for i, row in enumerate(rows):
+            shape = self.unposed(name, skin_idx, skin_val, row)
+            total = total + shape
+            if i in spread:
+                kept.append(shape.astype(np.float32))
+        mean = total / len(rows)
+        return mean, principal_modes(np.array(kept) - mean, modes) if modes else None
 
 
 def open_body(run):
@@ -98,31 +109,41 @@ def _need(run, store, name):
     return store[name]
 
 
-def read_layers(run, frames=None):
+def principal_modes(displacements, count):
+    """At most `count` modes (M,n,3) of displacements (F,n,3) from their mean: orthogonal, strongest first, each as long as its
+    standard deviation over the frames. Modes that a ten-thousandth of the first's variance exceeds are left out."""
+    flat = displacements.reshape(len(displacements), -1).astype(np.float64)
+    variance, U = np.linalg.eigh(flat @ flat.T / len(flat))  # of frames by frames: the vertices are many more
+    variance, U = variance[::-1][:count], U[:, ::-1][:, :count]
+    U = U[:, variance > max(1e-4 * variance[0], 1e-12)]
+    return (U.T @ flat / len(flat) ** 0.5).reshape(-1, *displacements.shape[1:]).astype(np.float32)
+
+
+def read_layers(run, frames=None, modes=0):
     """The layers of a run, inner to outer: the body, then each garment. `rest` is the mean over `frames` (all registered
-    ones by default). A run without garments has its tracked surface as the body."""
+    ones by default), and garments get `modes` principal modes. A run without garments has its tracked surface as the body."""
     body = open_body(run)
     inner = "inner/vertices" if "inner" in body.store else "track/vertices"
-    garments = [_garment_layer(body, g, frames) for g in body.store.attrs["scene"]["garments"]]
-    return [_body_layer(body, "body", "body", inner, frames), *garments]
+    garments = [_garment_layer(body, g, frames, modes) for g in body.store.attrs["scene"]["garments"]]
+    return [_body_layer(body, "body", "body", inner, frames, 0), *garments]
 
 
-def surface_layer(run, frames=None):
+def surface_layer(run, frames=None, modes=0):
     """The tracked, clothed surface as one layer: the baseline's."""
-    return _body_layer(open_body(run), "surface", "surface", "track/vertices", frames)
+    return _body_layer(open_body(run), "surface", "surface", "track/vertices", frames, modes)
 
 
-def _body_layer(body, name, kind, vertices, frames):
+def _body_layer(body, name, kind, vertices, frames, modes):
     model, place = body.model, vertices.split("/")[0]
     skin = model.weights_idx, model.weights_val
     _need(body.path, body.store, f"confidence/{place}")
     if not np.array_equal(_need(body.path, body.store, f"{place}/faces")[:], model.f):
         raise CaptureError(f"{body.path}/registered.zarr: {place}/faces: not those of the body model")
-    rest = body.mean_unposed(vertices, *skin, frames)
-    return Layer(name, kind, rest, model.f, model.uv, model.f_uv, *skin, label=-1)
+    rest, found = body.shapes(vertices, *skin, frames, modes)
+    return Layer(name, kind, rest, model.f, model.uv, model.f_uv, *skin, label=-1, modes=found)
 
 
-def _garment_layer(body, garment, frames):
+def _garment_layer(body, garment, frames, modes):
     at = f"garment/{garment['name']}"
     names = "skin", "faces", "uv", "face_uv", "vertices"
     weights, faces, uv, face_uv, vertices = (_need(body.path, body.store, f"{at}/{name}") for name in names)
@@ -136,9 +157,9 @@ def _garment_layer(body, garment, frames):
     idx = np.argsort(-weights, axis=1, kind="stable")[:, :BLEND].astype(np.int32)
     val = np.take_along_axis(weights, idx.astype(np.int64), 1).astype(np.float64)
     val /= val.sum(1, keepdims=True)
-    rest = body.mean_unposed(f"{at}/vertices", idx, val, frames)
+    rest, found = body.shapes(f"{at}/vertices", idx, val, frames, modes)
     loops = {name: np.array(loop, np.int64) for name, loop in garment["loops"].items()}
-    return Layer(garment["name"], "garment", rest, faces, uv, face_uv, idx, val, garment["label"], loops)
+    return Layer(garment["name"], "garment", rest, faces, uv, face_uv, idx, val, garment["label"], loops, found)
 
 
 class Skeleton(nn.Module):

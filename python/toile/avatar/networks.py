@@ -179,7 +179,8 @@ class CodeMap(nn.Module):
 
 
 class Encoder(nn.Module):
-    """Geometry map (B,3,G,G) and texture (B,3,T,T), both as normalised differences from the mean -> mean, logvar (B,Z).
+    """Geometry map (B,3,G,G) and texture (B,3,T,T), both as normalised differences from the mean -> mean (B,latent)
+    and logvar (B,modes + latent).
 
     |logvar| < LOGVAR by a tanh, smooth so that KL can always bring it back. The codes start apart from one another with
     little noise: from the prior, KL would win before the decoder, which starts at 0, has learned to read them.
@@ -201,7 +202,7 @@ class Encoder(nn.Module):
             inputs = width
         self.body = nn.Sequential(*blocks)
         self.mean = nn.Linear(width * COARSEST**2, sizes.latent)
-        self.logvar = nn.Linear(width * COARSEST**2, sizes.latent)
+        self.logvar = nn.Linear(width * COARSEST**2, sizes.modes + sizes.latent)
         for linear, spread in ((self.mean, 1.0), (self.logvar, 0.1)):
             nn.init.normal_(linear.weight, std=spread / linear.in_features**0.5)
         nn.init.zeros_(self.mean.bias)
@@ -256,7 +257,7 @@ class Sizes:
 
     geometry: int  # texels along a side
     texture: int
-    latent: int
+    latent: int  # numbers of the code that the networks give, besides those of the modes
     width: int  # channels at the decoders' start
     least_width: int
     shadow_width: int
@@ -265,6 +266,7 @@ class Sizes:
     pose_features: int = 9  # per joint
     face_points: int = 0
     code: bool = False
+    modes: int = 0  # numbers of the code that come before, given from outside
     view: bool = False
     shadow: bool = True
     window: int = 0  # poses that the code is regressed from, in place of an encoder
@@ -297,7 +299,7 @@ class LayerNetworks(nn.Module):
         self.face = FaceMap(sizes.face_points, head_mask) if sizes.face_points else None
         self.encoder = Encoder(sizes) if sizes.code else None
         self.regressor = Regressor(sizes) if sizes.window else None
-        self.code = CodeMap(sizes.latent, start, w) if coded else None
+        self.code = CodeMap(sizes.modes + sizes.latent, start, w) if coded else None
         inputs = POSE_CHANNELS * bool(sizes.joints) + FACE_CHANNELS * bool(sizes.face_points) + w * coded
         self.geometry = Decoder(inputs, start, sizes.geometry, w, sizes.least_width)
         self.texture = Decoder(inputs, start, sizes.texture, w, sizes.least_width)

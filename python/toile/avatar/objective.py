@@ -8,6 +8,7 @@ from torch.utils.data import default_collate
 from . import losses
 from .avatar import Decoded
 
+GUESSED = 0.1  # weight of a vertex of confidence 0: what nothing has seen is still held where the registration put it
 OCCLUSION_SAMPLES = 16  # spread over the training frames, whose mean ambient occlusion shadows are relative to
 
 
@@ -52,7 +53,8 @@ class Objective(torch.nn.Module):
         """The terms that need no picture, summed over the layers."""
         terms = {}
         for name, layer in decoded.items():
-            registered, weight = self.avatar.unposed(batch, name), batch[f"confidence.{name}"]
+            registered = self.avatar.unposed(batch, name)
+            weight = GUESSED + (1 - GUESSED) * batch[f"confidence.{name}"]
             values = {
                 "geometry": lambda: losses.geometry(layer.unposed, registered, weight),
                 "laplacian": lambda: losses.laplacian(self.avatar.laplacian[name], layer.unposed, registered, weight),

@@ -15,6 +15,7 @@ class DataSettings(Settings):
 
     geometry_size: int = 128  # texels along a side of the position maps
     texture_size: int = 512
+    modes: int = 64  # principal modes of a garment's unposed shape, the first numbers of its code
     image: tuple[int, int] = (512, 512)  # (height, width) of the window [px]
     pixel_scale: float = 1.0  # pixels of the capture along one of the window's, at least
     crop: Literal["person", "garment"] = "person"  # what the window is centred on
@@ -24,7 +25,7 @@ class DataSettings(Settings):
 class NetworkSettings(Settings):
     """Sizes of the networks."""
 
-    latent: int = 128  # of each garment's code
+    latent: int = 64  # of each garment's code, besides its modes
     width: int = 64  # channels of the widest decoder block; halved with each doubling of the resolution
     least_width: int = 8  # channels of the finest block
     shadow_width: int = 4
@@ -59,7 +60,7 @@ class Phase(Settings):
 
 
 APART = ("geometry", "laplacian", "texture", "kl")
-TOGETHER = ("image", "mask", "visibility", "laplacian", "kl")
+TOGETHER = ("image", "mask", "visibility", "geometry", "laplacian", "kl")  # geometry: codes of unseen frames stay true
 
 
 class AvatarSettings(Settings):
@@ -125,7 +126,7 @@ def preset(quality):
     if quality == "draft":
         return AvatarSettings(
             quality=quality,
-            data=DataSettings(geometry_size=64, texture_size=256, image=(256, 256)),
+            data=DataSettings(geometry_size=64, texture_size=256, modes=32, image=(256, 256)),
             network=NetworkSettings(latent=32, width=32, ao_rays=16),
             body_steps=150,
             garment_steps=150,
