@@ -3,6 +3,7 @@
 import copy
 import math
 
+import numpy as np
 import pytest
 import torch
 from small_avatar import BODY, JACKET, SHIRT, SIZE, SURFACE, avatar, awake, batch, settings
@@ -206,7 +207,7 @@ def test_baseline_has_as_many_parameters_as_the_layered_avatar(quality, layers):
     model = avatar(views=2)
     options = preset(quality)
     found = matched_settings(options, layers, model.cameras, model.scene, 104, 29)
-    counts = [layer_parameters([x.kind for x in xs], s, model.cameras, model.scene, 104, 29)
+    counts = [layer_parameters([x.kind for x in xs], s, model.cameras, model.scene, 104, 29, 0)
               for xs, s in ((layers, options), (BASELINE, found))]  # fmt: skip
     assert abs(counts[1] / counts[0] - 1) < PARITY
     assert found.data == options.data and found.network.latent == options.network.latent
@@ -217,6 +218,35 @@ def test_built_baseline_keeps_the_parity_that_was_planned():
     found = matched_settings(layered.settings, LAYERED, layered.cameras, layered.scene, 3, 2)
     baseline = avatar(BASELINE, options=found)
     assert abs(baseline.parameters_count() / layered.parameters_count() - 1) < PARITY
+
+
+def test_untrained_avatar_gives_back_what_its_modes_span():
+    from dataclasses import replace
+
+    from toile.avatar.layers import principal_modes
+
+    shapes = np.random.default_rng(4).normal(0, 0.01, (5, *SHIRT.rest.shape))
+    moded = replace(SHIRT, modes=principal_modes(shapes - shapes.mean(0), 8))
+    assert len(moded.modes) == 4
+    model = avatar((BODY, moded))
+    data = batch(model, 2)
+    tensors = torch.as_tensor(np.stack([moded.rest + shapes[i] - shapes.mean(0) for i in (1, 3)]), dtype=torch.float32)
+    shirt = model.model("shirt")
+    data["vertices.shirt"] = shirt.skin.pose(tensors, *model.skeleton(data["rotations"], data["translation"]))
+    codes = model.means(model.encode(data))
+    assert codes["shirt"].shape == (2, 4 + model.settings.network.latent)
+    assert torch.allclose(model.decode(data, codes)["shirt"].unposed, tensors, atol=1e-5)
+
+
+def test_drawing_with_more_samples_averages_them():
+    model = avatar()
+    data = batch(model, 1)
+    decoded = model.decode(data, model.means(model.encode(data)))
+    one, four = (model.compose(decoded, data, SIZE, shadow=False, samples=n)[0] for n in (1, 2))
+    fine = data | {"K": data["K"] * torch.tensor([[2.0], [2.0], [1.0]])}
+    large = model.compose(decoded, fine, (2 * SIZE[0], 2 * SIZE[1]), shadow=False)[0]
+    assert torch.allclose(four.mask, large.mask.reshape(SIZE[0], 2, SIZE[1], 2).mean((1, 3)), atol=1e-6)
+    assert four.image.shape == one.image.shape and ((four.mask > 0) & (four.mask < 1)).any()
 
 
 # --- drawing --------------------------------------------------------------------------------------------------------

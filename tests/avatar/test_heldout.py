@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from typer.testing import CliRunner
 
 from toile.avatar.evaluation import evaluate_avatar
@@ -71,7 +72,11 @@ def test_the_pose_is_some_way_from_the_nearest_trained_one(avatar, result):
 
 def test_an_avatar_that_shows_the_captured_picture_has_no_error(avatar, monkeypatch):
     show = HeldOut._show
-    monkeypatch.setattr(HeldOut, "_show", lambda self, name, sample: replace(show(self, name, sample), image=sample["image"]))
+
+    def captured(self, name, sample):
+        return replace(show(self, name, sample), image=sample["image"], mask=torch.ones(sample["mask"].shape))
+
+    monkeypatch.setattr(HeldOut, "_show", captured)
     found = evaluate_avatar(avatar, sheets=False)["all"]
     for name in ("layered", "baseline"):
         assert found[name]["mse"] == 0 and found[name]["ssim"] == pytest.approx(1)

@@ -102,3 +102,20 @@ def test_a_body_model_file_is_found_in_the_capture(sample_run, tmp_path):
     zarr.open_group(str(run / "registered.zarr"), mode="r+").attrs["body_model"] = "person.npz"
     (run / "config.toml").write_text(f"capture = {json.dumps(str(capture))}\n")
     assert len(read_layers(run)) == 2
+
+
+def test_principal_modes_are_orthogonal_and_one_standard_deviation_long():
+    from toile.avatar.layers import principal_modes
+
+    rng = np.random.default_rng(7)
+    truth = rng.normal(size=(3, 40, 3)) * np.array([3.0, 2.0, 1.0])[:, None, None] * 1e-3
+    amplitudes = rng.normal(size=(20, 3))
+    shapes = np.einsum("fk,knd->fnd", amplitudes - amplitudes.mean(0), truth)
+    modes = principal_modes(shapes, 16).reshape(-1, 120).astype(np.float64)
+    assert len(modes) == 3
+    product = modes @ modes.T
+    assert np.abs(product - np.diag(np.diag(product))).max() < 1e-5 * product.max()
+    found = shapes.reshape(20, -1) @ (modes / np.diag(product)[:, None]).T
+    np.testing.assert_allclose(found.std(0), 1, rtol=1e-5)
+    np.testing.assert_allclose(found @ modes, shapes.reshape(20, -1), atol=1e-7)
+    assert principal_modes(np.zeros((1, 40, 3)), 4).shape == (0, 40, 3)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from torch import nn
+from torch.nn.functional import avg_pool2d
 
 from .. import kernels
 from .layers import Skeleton, Skin, rotation_matrices
@@ -145,9 +146,8 @@ class Avatar(nn.Module):
         self.models = nn.ModuleList(
             LayerModel(
                 layer,
-                replace(
-                    layer_sizes(layer.kind, settings, cameras, scene, len(J), 0 if face is None else len(face)),
-                    modes=0 if layer.modes is None else len(layer.modes),
+                layer_sizes(
+                    layer.kind, settings, cameras, scene, len(J), 0 if face is None else len(face), modes_of(layer)
                 ),
                 mean_texture[layer.name],
                 valid[layer.name],
@@ -278,16 +278,22 @@ class Avatar(nn.Module):
             name: replace(one, shadow=self.model(name).quasi_shadow(occlusion[name])) for name, one in decoded.items()
         }
 
-    def compose(self, decoded, batch, size, layer_depth=False, shadow=True):
-        """[Rendered], one a sample: all layers drawn together at size (height, width), in the camera's colours."""
+    def compose(self, decoded, batch, size, layer_depth=False, shadow=True, samples=1):
+        """[Rendered], one a sample: all layers drawn together at size (height, width), in the camera's colours.
+
+        `samples` squared a pixel are averaged in image and mask; the other buffers stay as fine as they were drawn.
+        """
         if shadow:
             decoded = self.shade(decoded)
         pictures = []
         for b in range(len(batch["K"])):
             surfaces = [self.model(name).surface(one, b) for name, one in decoded.items()]
-            seen = render(surfaces, batch["K"][b], batch["T_camera_world"][b], size, layer_depth=layer_depth)
-            image = self.colour(seen.image[None], batch["camera"][b : b + 1], seen.mask)[0]
-            pictures.append(replace(seen, image=image))
+            K = batch["K"][b] * batch["K"].new_tensor([[samples], [samples], [1]])
+            fine = size[0] * samples, size[1] * samples
+            seen = render(surfaces, K, batch["T_camera_world"][b], fine, layer_depth=layer_depth)
+            image, mask = avg_pool2d(seen.image[None], samples)[0], avg_pool2d(seen.mask[None], samples)[0]
+            image = self.colour(image[None], batch["camera"][b : b + 1], mask)[0]
+            pictures.append(replace(seen, image=image, mask=mask))
         return pictures
 
     def colour(self, picture, camera, coverage=1.0):
@@ -329,7 +335,11 @@ class Avatar(nn.Module):
         return [model for model in self.models if names is None or model.name in names]
 
 
-def layer_sizes(kind, settings, cameras, scene, joints, face_points):
+def modes_of(layer):
+    return 0 if layer.modes is None else len(layer.modes)
+
+
+def layer_sizes(kind, settings, cameras, scene, joints, face_points, modes):
     """Sizes of a layer's networks: only the parts that its kind and the scene ask for."""
     driven, window = kind in ("body", "surface"), settings.data.window if kind == "garment" else 0
     return Sizes(
@@ -343,7 +353,7 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points):
         joints=joints if driven else 0,
         face_points=face_points if driven else 0,
         code=kind in ("garment", "surface") and not window,
-        modes=settings.data.modes,
+        modes=modes,
         view=settings.network.view and len(cameras) > 1 and scene.view_dependent,
         shadow=settings.network.shadow,
         window=window,
@@ -351,14 +361,15 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points):
     )
 
 
-def layer_parameters(kinds, settings, cameras, scene, joints, face_points):
+def layer_parameters(kinds, settings, *scene):
     """Number of parameters that layers of these kinds have together; nothing is allocated."""
     with torch.device("meta"):
-        return sum(count(LayerNetworks(layer_sizes(k, settings, cameras, scene, joints, face_points))) for k in kinds)
+        return sum(count(LayerNetworks(layer_sizes(kind, settings, *scene))) for kind in kinds)
 
 
 def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
-    """The baseline's settings: widths that give one surface as many parameters as `layers` together, within PARITY."""
+    """The baseline's settings: widths that give one surface, with as many modes as a garment has, as many parameters as
+    `layers` together, within PARITY."""
 
     def widened(least):
         factor = least / settings.network.least_width
@@ -368,7 +379,7 @@ def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
         )
 
     def parameters(kinds, settings):
-        return layer_parameters(kinds, settings, cameras, scene, joints, face_points)
+        return layer_parameters(kinds, settings, cameras, scene, joints, face_points, max(map(modes_of, layers)))
 
     wanted = parameters([layer.kind for layer in layers], settings)
     widest = settings.network.least_width * (len(layers) + 1)

@@ -1,8 +1,8 @@
 """An avatar measured on pictures that it was not trained on, beside its single-layer baseline (METHOD, Results).
 
 Reconstruction: each avatar encodes the frame itself, decodes the mean of its code, and is compared with the captured
-picture in the window that it was trained on. Driven: poses and facial keypoints alone, see `driven.py`. Both pictures are
-black outside the captured foreground.
+picture in the window that it was trained on, drawn over what is seen beside the person there. Driven: poses and facial
+keypoints alone, see `driven.py`. Errors are taken over the captured foreground; outside, both pictures are the captured one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Picture:
     captured: np.ndarray  # (H,W,3)
     mask: np.ndarray  # (H,W) bool
     labels: np.ndarray  # (H,W)
-    rendered: dict[str, np.ndarray]  # by avatar (H,W,3)
+    rendered: dict[str, np.ndarray]  # by avatar (H,W,3), over the picture's background
     loops: dict[str, np.ndarray]  # a garment's open loops in this picture (k,2) [px]
     mm_per_pixel: float  # at the person's distance
 
@@ -44,11 +44,11 @@ class Tally:
 
     def add(self, picture):
         mask = picture.mask[..., None]
-        captured, sets = picture.captured * mask, pixel_sets(picture.mask, picture.labels, self.garments)
+        captured, sets = picture.captured, pixel_sets(picture.mask, picture.labels, self.garments)
         for name, image in picture.rendered.items():
             if not np.isfinite(image).all():
                 raise CaptureError(f"frame {picture.frame}, camera {picture.camera}: the {name} avatar's picture is not finite")
-            image = np.clip(image, 0, 1) * mask
+            image = np.where(mask, np.clip(image, 0, 1), captured)
             maps = squared_error(image, captured), ssim_map(image, captured)
             sums = {pixels: over(*maps, where) for pixels, where in sets.items()}
             self.pictures[name][picture.frame, picture.camera] = sums

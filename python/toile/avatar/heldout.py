@@ -20,6 +20,8 @@ from .photometric import photometric
 
 WINDOW = ("frame", "camera", "image", "mask", "labels", "K", "T_camera_world")  # of a sample: both avatars show the same
 VIEW = ("camera", "K", "T_camera_world")  # of a sample: what it is seen by
+MIXED = 2  # pixels beside the mask that may still show something of the person
+SAMPLES = 2  # of a pixel, each way: captured silhouettes are no stairs either
 PAPER = 248 / 255  # behind a view that no camera took
 
 
@@ -82,10 +84,13 @@ class HeldOut:
         sample = self.data[first][i]
         samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
         frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
-        rendered = {name: _last(self._show(name, samples[of]).image) for name, of in self.shown_in(i).items()}
+        captured, mask = _last(sample["image"]), sample["mask"].numpy() > 0.5
+        plate = background(captured, mask)
+        seen = {name: self._show(name, samples[of]) for name, of in self.shown_in(i).items()}
+        rendered = {name: _last(s.image.cpu() + plate * (1 - s.mask.cpu())) for name, s in seen.items()}
         K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
         return Picture(
-            frame, camera, _last(sample["image"]), sample["mask"].numpy() > 0.5,
+            frame, camera, captured, mask,
             self.registered.labels(frame, K, T, sample["labels"].numpy()),
             rendered, self._loops(sample, K, T),
             1e3 * float(np.median(_body(sample) @ T[2, :3] + T[2, 3])) / K[0, 0],
@@ -100,7 +105,7 @@ class HeldOut:
             self._occlusion[name] = frame, avatar.ambient_occlusion(decoded)
         shaded = avatar.shade(decoded, self._occlusion[name][1])
         batch = {key: sample[key][None].to(self.device) for key in VIEW}
-        return avatar.compose(shaded, batch, sample["image"].shape[-2:], shadow=False)[0]
+        return avatar.compose(shaded, batch, sample["image"].shape[-2:], shadow=False, samples=SAMPLES)[0]
 
     def _decode(self, name, sample):
         """{layer: Decoded}: the frame encoded, the mean of its code decoded."""
@@ -238,6 +243,18 @@ def _turned(centre, angle, up):
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, centre - R @ centre
     return torch.as_tensor(T, dtype=torch.float32)
+
+
+def background(captured, mask):
+    """(3,H,W) what is behind the person in a picture (H,W,3): of each pixel the nearest that is surely none of the mask
+    (H,W), for what the avatar leaves open and for the mixed pixels of its silhouette. Black where all is foreground."""
+    from scipy.ndimage import binary_dilation, distance_transform_edt
+
+    beside = ~binary_dilation(mask, iterations=MIXED)
+    if not beside.any():
+        return torch.zeros(3, *mask.shape)
+    at = distance_transform_edt(~beside, return_distances=False, return_indices=True)
+    return torch.as_tensor(captured[tuple(at)].transpose(2, 0, 1))
 
 
 def _last(image):

@@ -229,7 +229,7 @@ class Regressor(nn.Module):
 
     def __init__(self, sizes):
         super().__init__()
-        self.model = TemporalModel(sizes.track, sizes.latent, sizes.window)
+        self.model = TemporalModel(sizes.track, sizes.modes + sizes.latent, sizes.window)
         for name, fill in (("mean", torch.zeros), ("spread", torch.ones)):
             self.register_buffer(name, fill(sizes.track))
 
