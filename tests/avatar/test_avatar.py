@@ -238,6 +238,19 @@ def test_untrained_avatar_gives_back_what_its_modes_span():
     assert torch.allclose(model.decode(data, codes)["shirt"].unposed, tensors, atol=1e-5)
 
 
+def test_coarser_networks_change_a_fine_mean_texture():
+    options = settings(texture_step=2)
+    model = avatar(options=options.model_copy(update={"data": options.data.model_copy(update={"texture_size": 64})}))
+    data = batch(model, 1)
+    decoded = model.decode(data, model.means(model.encode(data)))["shirt"]
+    assert decoded.texture.shape == (1, 3, 64, 64)
+    torch.testing.assert_close(decoded.texture[0], model.model("shirt").mean_texture)
+    awake(model)
+    residual = model.decode(data, model.means(model.encode(data)))["shirt"].mean_texture - model.model("shirt").mean_texture
+    assert residual.abs().max() > 0
+    assert model.model("shirt").networks.texture.head.bias.shape[:2] == (32, 32)
+
+
 def test_drawing_with_more_samples_averages_them():
     model = avatar()
     data = batch(model, 1)

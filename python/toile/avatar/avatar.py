@@ -83,8 +83,18 @@ class LayerModel(nn.Module):
         shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_IN)
         seen = (weight > 0) & (self.valid > 0)
         colour = torch.where(seen, texture - self.mean_texture, 0.0) / COLOUR_IN
-        mean, logvar = self.networks.encoder(shape, colour)
+        mean, logvar = self.networks.encoder(shape, resize(colour, self.sizes.texture))
         return torch.cat([self.amplitudes(unposed), mean], 1), logvar
+
+    @property
+    def texels(self):
+        """T, along a side of the texture."""
+        return self.mean_texture.shape[-1]
+
+    @property
+    def code_size(self):
+        """Z, numbers of the code."""
+        return len(self.modes) + self.sizes.latent
 
     def amplitudes(self, unposed):
         """Of the principal modes (B,M) in vertices (B,n,3): 1 = a standard deviation over the training frames."""
@@ -102,7 +112,7 @@ class LayerModel(nn.Module):
             decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
         if not texture:
             return decoded
-        residual = self.networks.texture(features)
+        residual = resize(self.networks.texture(features), self.texels)
         decoded.mean_texture = decoded.texture = self.mean_texture + COLOUR_OUT * residual
         if self.networks.view is not None:
             cosine = self.view_texels(self.facing(decoded.vertices, centre))
@@ -117,7 +127,7 @@ class LayerModel(nn.Module):
         if self.networks.shadow is None:
             return None
         maps = self.shadow_texels((occlusion - self.mean_ao)[..., None])
-        return resize(self.networks.shadow(maps), self.sizes.texture)
+        return resize(self.networks.shadow(maps), self.texels)
 
     def surface(self, decoded, b):
         """Sample b of a batch, as the renderer takes it."""
@@ -344,7 +354,7 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points, modes):
     driven, window = kind in ("body", "surface"), settings.data.window if kind == "garment" else 0
     return Sizes(
         geometry=settings.data.geometry_size,
-        texture=settings.data.texture_size,
+        texture=settings.data.texture_size // settings.network.texture_step,
         latent=settings.network.latent,
         width=settings.network.width,
         least_width=settings.network.least_width,

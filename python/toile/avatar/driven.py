@@ -50,7 +50,8 @@ class Driven(HeldOut):
         return {n: {name: z[at[n]][None] for name, z in codes.items()} for n in self.span}
 
     def _draw_codes(self, avatar):
-        size, surface = avatar.settings.network.latent, avatar.layers[0].name
+        surface = avatar.layers[0].name
+        size = avatar.model(surface).code_size
         drawn = [torch.randn(1, size, generator=torch.Generator().manual_seed(seed)) for seed in range(SAMPLES)]
         names = ["baseline", *(f"baseline {seed}" for seed in range(1, SAMPLES)), "baseline 0"]
         for name, z in zip(names, [*drawn, torch.zeros(1, size)]):

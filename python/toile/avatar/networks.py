@@ -256,7 +256,7 @@ class Sizes:
     """Sizes of one layer's networks, from the settings and the scene."""
 
     geometry: int  # texels along a side
-    texture: int
+    texture: int  # of the decoded differences from the mean texture, which may be finer
     latent: int  # numbers of the code that the networks give, besides those of the modes
     width: int  # channels at the decoders' start
     least_width: int
@@ -281,7 +281,7 @@ class Sizes:
 
     @property
     def view_size(self):
-        """Reflections are smooth: half the texture's resolution."""
+        """Reflections are smooth: half the decoded texture's resolution."""
         return self.texture // 2
 
 
@@ -312,9 +312,9 @@ class LayerNetworks(nn.Module):
         return channels_last(torch.cat([p.to(parts[0].dtype) for p in parts], dim=1))
 
     def view_residual(self, texture, cosine):
-        """View-dependent residual (B,3,T,T) of a texture (B,3,T,T) seen at n.v (B,1,T/2,T/2)."""
+        """View-dependent residual (B,3,T,T) of a texture (B,3,T,T) seen at n.v (B,1,v,v), v = view_size."""
         small = (resize(texture, self.sizes.view_size) - 0.5) / COLOUR_IN
-        return resize(self.view(channels_last(torch.cat([small, cosine], dim=1))), self.sizes.texture)
+        return resize(self.view(channels_last(torch.cat([small, cosine], dim=1))), texture.shape[-1])
 
 
 def count(module):

@@ -29,6 +29,7 @@ class NetworkSettings(Settings):
     width: int = 64  # channels of the widest decoder block; halved with each doubling of the resolution
     least_width: int = 8  # channels of the finest block
     shadow_width: int = 4
+    texture_step: int = 1  # texels of the mean texture along one of those that networks read and decode
     ao_rays: int = 64  # of ambient occlusion, per vertex
     ao_size: int = 64  # texels along a side of the shadow network's maps
     view: bool = True  # textures depend on where they are seen from, if the scene has several cameras
