@@ -58,8 +58,8 @@ class Puppet:
         count, kinds = len(self.motion), {layer.name: layer.kind for layer in self.avatar.layers}
         if "surface" in kinds.values():
             generator = torch.Generator().manual_seed(seed)
-            size = self.avatar.settings.network.latent
-            return {name: torch.randn(1, size, generator=generator).expand(count, size) for name in kinds}
+            sizes = {name: self.avatar.model(name).code_size for name in kinds}
+            return {name: torch.randn(1, n, generator=generator).expand(count, n) for name, n in sizes.items()}
         if "garment" not in kinds.values():
             return {}
         driver, stride, _ = load_driver(self.folder)
