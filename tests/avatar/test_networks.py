@@ -143,7 +143,8 @@ def test_maps_have_the_sizes_asked_for(geometry, texture, width, least):
     assert net.geometry(features).shape == (2, 3, geometry, geometry)
     colours = net.texture(features)
     assert colours.shape == (2, 3, texture, texture)
-    assert net.view_residual(colours, torch.randn(2, 1, sizes.view_size, sizes.view_size)).shape == colours.shape
+    v = sizes.view_size
+    assert net.view_residual(colours[..., :v, :v], torch.randn(2, 1, v, v)).shape == colours.shape
 
 
 def test_parameters_are_counted_without_allocating_them():
@@ -163,7 +164,7 @@ def test_every_parameter_has_a_finite_gradient_once_the_heads_have_moved(autocas
         mean, logvar = net.encoder(torch.randn(2, 3, 16, 16), torch.randn(2, 3, 32, 32))
         features = net.features(torch.randn(2, 3, 9), torch.randn(2, 2, 3), reparameterised(mean, logvar))
         colours = net.texture(features)
-        seen = net.view_residual(colours, torch.randn(2, 1, 16, 16))
+        seen = net.view_residual(colours[..., ::2, ::2], torch.randn(2, 1, 16, 16))
         outputs = [net.geometry(features), colours, seen, net.shadow(torch.randn(2, 1, 16, 16))]
     assert all(x.dtype == torch.float32 for x in (*outputs, mean, logvar))
     sum(x.square().sum() for x in outputs).backward()

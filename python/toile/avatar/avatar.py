@@ -112,15 +112,19 @@ class LayerModel(nn.Module):
             decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
         if not texture:
             return decoded
-        residual = resize(self.networks.texture(features), self.texels)
-        decoded.mean_texture = decoded.texture = self.mean_texture + COLOUR_OUT * residual
+        residual = self.networks.texture(features)
+        decoded.mean_texture = decoded.texture = self._coloured(residual, self.texels)
         if self.networks.view is not None:
             cosine = self.view_texels(self.facing(decoded.vertices, centre))
-            seen = self.networks.view_residual(decoded.mean_texture, cosine)
-            decoded.texture = decoded.mean_texture + COLOUR_OUT * seen
+            seen = self.networks.view_residual(self._coloured(residual, self.sizes.view_size), cosine)
+            decoded.texture = self._coloured(residual + seen, self.texels)
         if self.edits is not None:
             decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
         return decoded
+
+    def _coloured(self, residual, size):
+        """The mean texture with a residual (B,3,s,s) of it, at `size`."""
+        return resize(self.mean_texture[None], size) + COLOUR_OUT * resize(residual, size)
 
     def quasi_shadow(self, occlusion):
         """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean; None where settings ask for none."""

@@ -312,9 +312,9 @@ class LayerNetworks(nn.Module):
         return channels_last(torch.cat([p.to(parts[0].dtype) for p in parts], dim=1))
 
     def view_residual(self, texture, cosine):
-        """View-dependent residual (B,3,T,T) of a texture (B,3,T,T) seen at n.v (B,1,v,v), v = view_size."""
-        small = (resize(texture, self.sizes.view_size) - 0.5) / COLOUR_IN
-        return resize(self.view(channels_last(torch.cat([small, cosine], dim=1))), texture.shape[-1])
+        """View-dependent residual (B,3,s,s), s = texture, of a small texture (B,3,v,v) seen at n.v (B,1,v,v), v = view_size."""
+        seen = self.view(channels_last(torch.cat([(texture - 0.5) / COLOUR_IN, cosine], dim=1)))
+        return resize(seen, self.sizes.texture)
 
 
 def count(module):
