@@ -4,7 +4,8 @@ Everything lies in one folder, and what lies there is not made again: what was s
 work on different captures in one folder.
     OUT/captures/NAME         made by the studio where no capture is named
     OUT/NAME/{run, aligned}   OUT/NAME/cache   samples that all avatars of the subject share
-    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, reconstruction.json, driven.json
+    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, reconstruction.json, driven.json; a trained
+                              avatar that lies there, or that a link there leads to, is taken as it is
     OUT/NAME/ablations/ROW/   the same without one part, trained for as many steps
     OUT/{index.html, paper.json, tables.md}
 """
@@ -127,9 +128,13 @@ class Subject:
         minutes = paper.minutes if minutes is None and steps is None else minutes
 
         def train():
-            make_avatar(Request(run, settings, minutes, paper.holdout, paper.progress, paper.say), folder, baseline)
+            if not (finished(folder) and (finished(folder / "baseline") or not baseline)):
+                make_avatar(Request(run, settings, minutes, paper.holdout, paper.progress, paper.say), folder, baseline)
             facts = read(folder / "avatar.json")
-            return {"steps": facts["steps"], "frames": len(facts["frames"]), "held_out": facts["holdout"], "minutes": minutes}
+            return {
+                "steps": facts["steps"], "frames": len(facts["frames"]), "held_out": facts["holdout"], "minutes": minutes,
+                "settings": facts["settings"], "seconds": training_seconds(folder),
+            }  # fmt: skip
 
         def drive():
             settings = paper.temporal.model_copy(update={"seed": facts_seed(folder)})
@@ -225,7 +230,7 @@ def once(path, make, say):
     finally:
         seconds = spent + time.time() - begun
         before.write_text(str(seconds))
-    write_json(path, made | {"seconds": seconds, "machine": machine()})
+    write_json(path, {"seconds": seconds, "machine": machine()} | made)
     before.unlink()
     say(f"{path}: {seconds:.0f} s")
     return read(path)
@@ -240,9 +245,9 @@ def write_json(path, values):
 
 
 def link(path, target):
-    """A symbolic link to `target`, by the way from one to the other, so that OUT may be moved."""
-    if not path.is_symlink():
-        path.symlink_to(os.path.relpath(target, path.parent))
+    """A symbolic link to `target`, by the way from one to the other, so that OUT may be moved; what is there stays."""
+    if not path.exists():
+        path.symlink_to(os.path.relpath(target.resolve(), path.parent.resolve()))
 
 
 def changed(settings, **updates):
@@ -256,6 +261,22 @@ def changed(settings, **updates):
 
 def slug(row):
     return row.replace(" ", "_")
+
+
+def finished(folder):
+    """Whether a trained avatar is there; one that is, is taken as it is."""
+    return (folder / "avatar.json").exists() and read(folder / "avatar.json")["steps"] is not None
+
+
+def training_seconds(folder):
+    """What the trainings below a folder have taken until their last checkpoints, stopped attempts included."""
+    from safetensors import safe_open
+
+    spent = 0.0
+    for place in {path.parent for path in Path(folder).rglob("checkpoints/*.safetensors")}:
+        with safe_open(max(place.glob("*.safetensors")), framework="pt") as file:
+            spent += json.loads(file.metadata()["json"])["spent"]
+    return spent
 
 
 def facts_seed(folder):

@@ -6,7 +6,7 @@ import pytest
 
 from bench.paper.__main__ import small, with_values
 from bench.paper.page import write
-from bench.paper.study import SWITCHES, Paper, Subject, changed, once, slug
+from bench.paper.study import SWITCHES, Paper, Subject, changed, link, once, slug
 from bench.paper.tables import against, collected, goals, tables
 from toile.avatar.settings import AvatarSettings
 
@@ -106,9 +106,18 @@ def test_a_result_is_made_once_and_stopped_attempts_cost_time(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["b.json"]
 
 
+def test_links_lead_from_where_a_folder_really_is(tmp_path):
+    (tmp_path / "elsewhere" / "deep").mkdir(parents=True)
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "seed0").symlink_to(tmp_path / "elsewhere" / "deep")
+    for _ in range(2):
+        link(tmp_path / "seed0" / "cache", tmp_path / "cache")
+    assert (tmp_path / "seed0" / "cache").samefile(tmp_path / "cache")
+
+
 def test_settings_are_changed_where_they_are_nested():
     settings = changed(AvatarSettings(), seed=3, network={"view": False})
-    assert settings.seed == 3 and not settings.network.view and settings.network.latent == 128
+    assert settings.seed == 3 and not settings.network.view and settings.network.latent == AvatarSettings().network.latent
     assert with_values(settings, ["data.crop=garment", "lr=0.01"]).data.crop == "garment"
 
 
