@@ -2,13 +2,14 @@
 region's border lies from the garment's.
 
 The garment's border is that of its labels (the truth's where there is one) with the rest of the foreground; the edited
-region's is what an avatar shows as the garment, the baseline what was marked on it. Both avatars encode the frame itself.
+region's is what an avatar shows as the garment, the baseline what was marked on it. Both avatars encode the frame itself;
+garments are moved out of what lies under them, as an animation does.
 """
 
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -19,6 +20,7 @@ from .checkpoint import read_facts
 from .heldout import WINDOW, HeldOut
 from .renderer import Surface, render
 from .sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
+from .untangling import Untangler
 
 MEASURED, SHOWN = 8, 4  # frames
 FAR = 0.95  # share of the border that keeps within the larger of the distances stated
@@ -52,9 +54,9 @@ class Off:
 
 
 def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
-    """Measures and draws FOLDER/edit.png of an avatar just edited: {"frames", "labels", "layered", "baseline": measures or
-    None, "per_frame"}. `made`: the garment's Edit; `marked`: the baseline's; `frames`: numbers, by default a spread of all
-    that have pictures."""
+    """Measures and draws FOLDER/edit.png of an avatar just edited: {"frames", "labels", "mm_per_pixel", "layered",
+    "baseline": measures or None, "per_frame"}. `made`: the garment's Edit; `marked`: the baseline's; `frames`: numbers, by
+    default a spread of all that have pictures."""
     facts = read_facts(folder)
     known = sorted({*facts["frames"], *facts["holdout"]})
     asked = known if frames is None else list(frames)
@@ -76,7 +78,8 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     replace_file(folder / "edit.png", lambda part: save_picture(part, image))
     for cache in (folder / "evaluation", folder / "baseline" / "evaluation"):
         shutil.rmtree(cache, ignore_errors=True)
-    return {"frames": held.frames, "labels": "truth" if held.truth else "captured"} | everything | {"per_frame": per_frame}
+    labels = {"labels": "truth" if held.truth else "captured", "mm_per_pixel": float(np.mean(shows.spacing))}
+    return {"frames": held.frames} | labels | everything | {"per_frame": per_frame}
 
 
 def spread(values, count):
@@ -98,6 +101,10 @@ class Shows:
         self.held, self.label = held, layer.label
         self.first = next(iter(held.data))
         self.cameras = len(held.data[self.first].cameras)
+        self.spacing = []  # of the pixels at the person [mm]
+        skin = held.registered.body.model.skin_faces
+        self.untangled = {name: Untangler(avatar.layers, skin) for name, avatar in held.avatars.items()}
+        self.vertices = {}  # by avatar and frame, {layer: (1,n,3)}
         self.cover = {layer.name: torch.as_tensor(made.cover[None] / np.float32(255))}
         self.region = {"layered": {layer.name: torch.ones(1, 2, 2)}}
         if marked is not None:
@@ -114,30 +121,37 @@ class Shows:
 
     def off(self, i):
         """{avatar: Off} of picture i."""
-        sample, garment = self._garment(i)
-        mask, T = sample["mask"].numpy() > 0.5, sample["T_camera_world"].numpy().astype(np.float64)
-        person = next(v for key, v in sample.items() if key.startswith("vertices.")).numpy()
-        mm = 1e3 * float(np.median(person @ T[2, :3] + T[2, 3])) / float(sample["K"][0, 0])
+        sample, garment, person = self._labelled(i)
+        T = sample["T_camera_world"].numpy().astype(np.float64)
+        body = next(v for key, v in sample.items() if key.startswith("vertices.")).numpy()
+        mm = 1e3 * float(np.median(body @ T[2, :3] + T[2, 3])) / float(sample["K"][0, 0])
+        self.spacing.append(mm)
         out = {}
         for name in self.held.avatars:
-            shown, drawn = (x > 0.5 for x in self._drawn(name, i, self.region[name], mask.shape))
-            both = mask & drawn
+            shown, drawn = (x > 0.5 for x in self._drawn(name, i, self.region[name], person.shape))
+            both = person & drawn
             region, there = shown & both, garment & both
             out[name] = Off([mm * border_distances(region, there, both)], int((region ^ there).sum()), int(there.sum()))
         return out
 
-    def _garment(self, i):
-        """Sample i and the pixels (H,W) bool that are labelled as the garment."""
+    def _labelled(self, i):
+        """Sample i and the pixels (H,W) bool that are labelled as the garment, and as the person."""
         sample = self.held.data[self.first][i]
         K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
         labels = self.held.registered.labels(int(sample["frame"]), K, T, sample["labels"].numpy())
-        return sample, (labels == self.label) & (sample["mask"].numpy() > 0.5)
+        person = (labels > 0) & (sample["mask"].numpy() > 0.5)
+        return sample, (labels == self.label) & person, person
 
     def _decoded(self, name, i, texture):
+        """(avatar, batch, {layer: Decoded}) of picture i, garments out of what lies under them."""
         first, data, avatar = self.held.data[self.first][i], self.held.data[name], self.held.avatars[name]
         sample = data[i] | {key: first[key] for key in WINDOW}
         batch = {key: value.to(self.held.device) for key, value in default_collate([sample]).items()}
-        return avatar, batch, avatar.decode(batch, avatar.means(avatar.encode(batch)), texture=texture)
+        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)), texture=texture)
+        key = name, int(sample["frame"])
+        if key not in self.vertices:  # no camera changes the geometry
+            self.vertices[key] = {layer: one.vertices for layer, one in self.untangled[name](decoded)[0].items()}
+        return avatar, batch, {layer: replace(one, vertices=self.vertices[key][layer]) for layer, one in decoded.items()}
 
     @torch.no_grad()
     def _drawn(self, name, i, maps, size):
@@ -156,7 +170,7 @@ class Shows:
         right, bottom) of the garment."""
         from PIL import Image
 
-        sample, garment = self._garment(i)
+        sample, garment, _ = self._labelled(i)
         box = box_of(garment)
         zoom = max(1, round(TILE / max(box[2] - box[0], box[3] - box[1])))
         height, width = (zoom * side for side in garment.shape)

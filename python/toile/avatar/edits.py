@@ -21,7 +21,7 @@ from ..store import load_record, save_record
 from .networks import resize
 
 LUMA = (0.299, 0.587, 0.114)  # of red, green, blue in brightness (ITU-R BT.601)
-COARSE = 8  # texels of the decoded texture along one of the smoothed ones: prints and their slips are no shading
+CELLS = 64  # along a side of the smoothed textures, three of which each is a mean over: some 5 cm of a shirt
 SHADE = (0.25, 4.0)  # bounds of q
 
 
@@ -63,10 +63,11 @@ class LayerEdits(nn.Module):
         return F.interpolate(coarse, size=mean.shape[-2:], mode="bilinear", align_corners=False)
 
     def _smoothed(self, texture):
-        """Brightness (B,1,T/8,T/8), the mean over valid texels nearby; 1 where there is none."""
+        """Brightness (B,1,CELLS,CELLS), the mean over valid texels nearby: folds stay, prints that slip hardly do; 1 where no
+        texel is."""
         luma = (texture * texture.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
-        weight = F.avg_pool2d(self.known, COARSE)
-        total, weight = (F.avg_pool2d(x, 3, 1, 1) for x in (F.avg_pool2d(luma * self.known, COARSE), weight))
+        cell = max(texture.shape[-1] // CELLS, 1)
+        total, weight = (F.avg_pool2d(F.avg_pool2d(x, cell), 3, 1, 1) for x in (luma * self.known, self.known))
         return torch.where(weight > 0, total / weight.clamp(min=1e-9), 1.0)
 
 
