@@ -17,7 +17,7 @@ from torch.utils.data import default_collate
 
 from ..store import replace_file
 from .checkpoint import read_facts
-from .heldout import WINDOW, HeldOut
+from .heldout import SAMPLES, WINDOW, HeldOut
 from .renderer import Surface, render
 from .sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
 from .untangling import Untangler
@@ -181,7 +181,7 @@ class Shows:
         for name in self.held.avatars:
             avatar, batch, decoded = self._decoded(name, i, texture=True)
             closer = batch["K"].new_tensor([zoom, zoom, 1.0])[:, None]
-            seen = avatar.compose(decoded, batch | {"K": closer * batch["K"]}, (height, width))[0]
+            seen = avatar.compose(decoded, batch | {"K": closer * batch["K"]}, (height, width), samples=SAMPLES)[0]
             image = (seen.image + PAPER / 255 * (1 - seen.mask)).clamp(0, 1)
             out[TITLES[name]] = (image * 255).round().to(torch.uint8).cpu().numpy().transpose(1, 2, 0)
         return out, tuple(zoom * side for side in box)
