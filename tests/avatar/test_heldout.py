@@ -167,3 +167,17 @@ def test_unseen_views_show_a_person_and_are_no_camera_s(avatar):
     views = held.unseen_views(3, 2)
     assert len(views) == 2 and all(v.shape == (120, 120, 3) and np.isfinite(v).all() for v in views)
     assert all((v.max(-1) > 0.05).mean() > 0.05 for v in views)
+
+
+def test_background_is_the_nearest_colour_that_is_surely_beside_the_person():
+    from toile.avatar.heldout import MIXED, background
+
+    mask = np.zeros((20, 30), bool)
+    mask[5:15, 8:20] = True
+    wall = np.where(np.arange(30)[:, None] < 14, 0.2, 0.7)[None].repeat(20, 0).astype(np.float32).repeat(3, 2)
+    captured = np.where(mask[..., None], 1.0, wall).astype(np.float32)
+    edge = np.roll(mask, MIXED, 1) & ~mask  # silhouettes bleed
+    captured[edge] = 1.0
+    found = background(captured, mask).numpy().transpose(1, 2, 0)
+    assert found.max() == np.float32(0.7) and (found[8:12, 8] == np.float32(0.2)).all() and (found[8:12, 19] == np.float32(0.7)).all()
+    assert background(captured, np.ones_like(mask)).abs().max() == 0
