@@ -382,8 +382,7 @@ def layer_parameters(kinds, settings, *scene):
 
 
 def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
-    """The baseline's settings: widths that give one surface, with as many modes as a garment has, as many parameters as
-    `layers` together, within PARITY."""
+    """The baseline's settings: widths that give one surface as many parameters as `layers` together, within PARITY."""
 
     def widened(least):
         factor = least / settings.network.least_width
@@ -392,10 +391,10 @@ def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
             update=dict(network=settings.network.model_copy(update=dict(width=width, least_width=least)))
         )
 
-    def parameters(kinds, settings):
-        return layer_parameters(kinds, settings, cameras, scene, joints, face_points, max(map(modes_of, layers)))
+    def parameters(kinds, settings, modes=settings.baseline_modes):
+        return layer_parameters(kinds, settings, cameras, scene, joints, face_points, modes)
 
-    wanted = parameters([layer.kind for layer in layers], settings)
+    wanted = parameters([layer.kind for layer in layers], settings, max(map(modes_of, layers)))
     widest = settings.network.least_width * (len(layers) + 1)
     found = min((widened(w) for w in range(1, widest + 1)), key=lambda s: abs(parameters(["surface"], s) - wanted))
     off = parameters(["surface"], found) / wanted - 1

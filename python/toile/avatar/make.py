@@ -115,7 +115,8 @@ class Job:
         steps = {f"{name}_steps": layered["steps"].get(name, 0) for name in ("body", "garment", "joint")}
         assets = read_assets(folder)
         points = 0 if assets["face_mean"] is None else len(assets["face_mean"])
-        settings = layered["settings"].model_copy(update=steps)
+        data = layered["settings"].data.model_copy(update={"modes": layered["settings"].baseline_modes})
+        settings = layered["settings"].model_copy(update=steps | {"data": data})
         settings = matched_settings(settings, assets["layers"], assets["cameras"], assets["scene"], len(assets["J"]), points)
         short = {name: max(round(count * settings.baseline_search), 1) for name, count in steps.items()}
         scores = {}

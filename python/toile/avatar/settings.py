@@ -89,6 +89,7 @@ class AvatarSettings(Settings):
     recent: int = 32  # steps of that mean
     returns: int = 5  # to the last good checkpoint, each with half the learning rate, before giving up
     baseline_lr: tuple[float, ...] = (0.5, 1.0, 2.0)  # multiples of lr that the baseline's search tries
+    baseline_modes: int = 0  # of its surface; a code drawn at random, as it is driven by, would bend the body along them
     baseline_search: float = 0.05  # share of the steps that each of them gets
     seed: int = 0
 
