@@ -12,6 +12,9 @@ from .rims import Rivals, trace_loop
 from .scene import HIDDEN, INTERPOLATED, OBSERVED, CaptureError, Dressed, GarmentTemplate, Mesh
 from .settle import Settler
 
+_UNSEEN = 1e-6  # weight of staying where the body carried the template, against one sample's evidence
+_COVERED = 1e-2  # for a garment worn under another: what is hidden is no gap, but ends in the dark
+
 
 def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
@@ -72,21 +75,22 @@ def _personalise(model, person, template, samples, settings, over):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
         w = (dressed.confidence == OBSERVED)[:, None]
         total, weight = total + w * (rest - template.rest), weight + w
-    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness)
+    stay = _COVERED if over else _UNSEEN
+    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
     _report_fit(template, np.array(lengths), settings)
     fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
     return GarmentTemplate(**{**fields, "rest": template.rest + shift})
 
 
-def _filled(template, shift, weight, stiffness):
-    """argmin_s sum_i weight_i |s_i - shift_i|^2 + stiffness sum_i |(L s)_i|^2 with the umbrella Laplacian,
+def _filled(template, shift, weight, stiffness, stay):
+    """argmin_s sum_i weight_i |s_i - shift_i|^2 + stay |s_i|^2 + stiffness |(L s)_i|^2 with the umbrella Laplacian,
     so that what no sample showed follows its surroundings."""
     from scipy.sparse import coo_matrix, diags
 
     n, e = len(shift), kernels.unique_edges(template.faces)
     A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
     L = diags(np.asarray(A.sum(1)).ravel()) - A
-    factor = kernels.CholeskyFactor().factorize((diags(weight + 1e-6) + stiffness * (L.T @ L)).tocsc())
+    factor = kernels.CholeskyFactor().factorize((diags(weight + stay) + stiffness * (L.T @ L)).tocsc())
     return factor.solve(weight[:, None] * shift)
 
 
