@@ -165,8 +165,10 @@ class Dresser:
         return vertices + self.biharmonic.solve(move)
 
     def _boundary(self, matches):
-        pairs = zip(self.template.loops, matches)
-        return [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop_observed]
+        """What loops are drawn to: rims where they are seen; where another garment hides one, the place that the pose gives."""
+        pairs = list(zip(self.template.loops, matches))
+        seen = [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop_observed]
+        return seen + [(l, m.target) for l, m in pairs if self.over and not m.observed.any()]
 
     def _confidence(self, vertices, cloth):
         """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""
