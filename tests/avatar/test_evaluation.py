@@ -42,6 +42,18 @@ def test_the_mean_over_cameras_weighs_pixels(shown):
     assert found["ssim"] == pytest.approx(sum(c["ssim"] * c["pixels"] for c in cameras) / found["pixels"])
 
 
+def test_several_garments_are_measured_each_by_itself_too(shown):
+    both = Tally((SHIRT, SHIRT + 40), ("shirt", "trousers"))
+    split = [np.where((p.labels == SHIRT) & (np.arange(p.labels.shape[1]) % 2 > 0), SHIRT + 40, p.labels) for p in shown]
+    for picture, labels in zip(shown, split):
+        both.add(dataclasses.replace(picture, labels=labels))
+    found, pixels = both.measures("layered"), [sum((l == i).sum() for l in split) for i in (SHIRT, SHIRT + 40)]
+    assert min(pixels) > 0 and set(found["garments"]) == {"shirt", "trousers"}
+    each = found["garments"]["shirt"], found["garments"]["trousers"]
+    assert found["garment_mse"] == pytest.approx(np.average(each, weights=pixels))
+    assert "garments" not in tally(shown).measures("layered")
+
+
 def test_a_frame_by_itself_is_measured_like_its_pictures_alone(shown):
     other = [dataclasses.replace(p, frame=1, rendered={k: v * 0.5 for k, v in p.rendered.items()}) for p in shown]
     both = tally([*shown, *other])

@@ -37,14 +37,16 @@ class Picture:
 
 
 class Tally:
-    """Errors of pictures, by avatar, frame and camera."""
+    """Errors of pictures, by avatar, frame and camera. `garments`: label ids; of several with `names`, each by itself too."""
 
-    def __init__(self, garments):
+    def __init__(self, garments, names=()):
         self.garments, self.pictures = tuple(garments), defaultdict(dict)
+        self.each = dict(zip(names, self.garments)) if len(self.garments) > 1 else {}
 
     def add(self, picture):
         mask = picture.mask[..., None]
         captured, sets = picture.captured, pixel_sets(picture.mask, picture.labels, self.garments)
+        sets |= {("garment", name): picture.mask & (picture.labels == label) for name, label in self.each.items()}
         for name, image in picture.rendered.items():
             if not np.isfinite(image).all():
                 raise CaptureError(f"frame {picture.frame}, camera {picture.camera}: the {name} avatar's picture is not finite")
@@ -69,12 +71,13 @@ def _measures(pictures):
         for pixels, value in sums.items():
             total[pixels].add(value)
     whole, band = total["all"], total["band"]
+    each = {pixels[1]: value.mse for pixels, value in total.items() if isinstance(pixels, tuple)}
     return {
         "mse": whole.mse, "ssim": whole.ssim, "psnr": whole.psnr,
         "band_mse": band.mse, "band_ssim": band.ssim, "band_psnr": band.psnr,
         "garment_mse": total["garment"].mse, "body_mse": total["body"].mse, "rim_mse": total["rim"].mse,
         "pixels": whole.pixels, "band_pixels": band.pixels,
-    }  # fmt: skip
+    } | ({"garments": each} if each else {})  # fmt: skip
 
 
 def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, total: None, sheets=True, driven=False):
@@ -86,7 +89,7 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
     garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
-    band; rim_mse: within 5 px of the silhouette; cameras; geometry against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
+    band; garments: where there are several, the MSE of each; rim_mse: within 5 px of the silhouette; cameras; geometry against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
     of a frame, shown to this one (DESIGN 5), for layers and for the tracked surface. driven: None, or the temporal model's
@@ -97,7 +100,7 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
     from .heldout import HeldOut
 
     held = (Driven if driven else HeldOut)(Path(folder), frames, run)
-    tally, spacing, shown = Tally(held.garment_labels.values()), [], defaultdict(list)
+    tally, spacing, shown = Tally(held.garment_labels.values(), held.garment_labels), [], defaultdict(list)
     for i, picture in enumerate(held.pictures()):
         progress("evaluate", i, held.count)
         tally.add(picture)
