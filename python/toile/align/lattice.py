@@ -28,7 +28,7 @@ class Lattice:
         self.to_points = sparse.csr_matrix(
             (self.bary.ravel(), (np.repeat(np.arange(size), 3), self.corners[self.face].ravel())), shape=(size, len(V))
         )
-        self.gradient = _gradient(self.positions, self.triangles)
+        self.gradient = gradient(self.positions, self.triangles)
         self._walk = _walk(self.edges, size)
 
     def __len__(self):
@@ -93,7 +93,7 @@ def _triangles(ids, n):
     return np.concatenate([up.reshape(-1, 3), down.reshape(-1, 3)]).astype(np.int32)
 
 
-def _gradient(P, F):
+def gradient(P, F):
     """Three sparse (N,N): the gradient in space of point values, area-weighted over the faces about each point."""
     corner = P[F]
     opposite = np.roll(corner, -2, 1) - np.roll(corner, -1, 1)  # of each corner, along the face's turn

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from .. import kernels
+from .lengths import Lengths
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric 3 x 3 matrix
 WHICH = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -26,12 +27,13 @@ class Matched:
 
 
 class Matcher:
-    """Matches prints on a SlidingSurface; `settings` are AlignSettings."""
+    """Matches prints on a SlidingSurface whose edges are as long as those of `template` (g,3); `settings` are AlignSettings."""
 
-    def __init__(self, surface, settings):
+    def __init__(self, surface, template, settings):
         self.surface, self.settings, self.levels = surface, settings, settings.blur
         self.sigma = np.array([settings.light, settings.chroma, settings.chroma])
         self.factor = kernels.CholeskyFactor()
+        self.lengths = Lengths(surface, template, settings)
         self._grids = [_Grid(surface, sigma > 1.5 * surface.lattice.spacing) for sigma in self.levels]
         self._shades = [self._shade_factor(settings.shade * sigma) for sigma in self.levels]
         self._pattern()
@@ -60,15 +62,41 @@ class Matcher:
             out.append((v[grid.points], w[grid.points], np.stack([(G @ v)[grid.points] for G in self.surface.lattice.gradient])))
         return out
 
-    def match(self, frame, target, start=None):
-        """The Matched slide of a frame's pyramid upon a target, from the slide `start` (none by default)."""
+    def match(self, frame, target, posed, start=None):
+        """The Matched slide of a frame's pyramid upon a target; `posed` (g,3) is the frame's registered surface. It starts from
+        the slide `start`, without one from what the lengths of edges alone ask for."""
         nothing = np.zeros((len(self.surface.rest), 2))
-        d = nothing if start is None else start
+        d = self.unstretched([posed]) if start is None else start
         for k, count in enumerate(self.settings.iterations):
             for _ in range(count):
-                d = self._step(d, k, *self._residual(frame, target, d, k), target[k][2])
+                data = self._print_equations(k, *self._residual(frame, target, d, k), target[k][2])
+                d = self._step(d, [posed], data)
         (before, seen), (after, _) = self._misfit(frame, target, nothing), self._misfit(frame, target, d)
         return Matched(d, before, after, seen)
+
+    def unstretched(self, posed, slid=0.0):
+        """The slide, the same for all frames, that leaves the edges' lengths on their `posed` surfaces (f,g,3) least changed;
+        its smoothness counts together with that of `slid`, a slide that they have made already."""
+        d = np.zeros((len(self.surface.rest), 2))
+        for _ in range(self.settings.settling):
+            d = self._step(d, posed, slid=slid)
+        return d
+
+    def _step(self, d, posed, data=None, slid=0.0):
+        """d after one solve of the normal equations: of the lengths, the mean of those of all `posed` surfaces, of the slide's
+        smoothness, and of `data` (entries, right side) where there are any."""
+        places = self.surface.slid(d)
+        entries, right = self._regular.data.copy(), self._regular @ (d + slid).ravel()
+        for V in posed:
+            blocks, b = self.lengths.equations(V, places)
+            entries += np.bincount(self._edge_at, blocks.ravel(), len(entries)) / len(posed)
+            right += b.ravel() / len(posed)
+        if data is not None:
+            entries, right = entries + data[0], right + data[1]
+        A = sparse.csc_matrix((entries, self._indices, self._starts), shape=(len(right),) * 2)
+        delta = -self.factor.factorize(A).solve(right[:, None])[:, 0].reshape(-1, 2)
+        longest = np.linalg.norm(delta, axis=1, keepdims=True)
+        return d + delta * np.minimum(1, self.settings.stride / np.maximum(longest, 1e-12))
 
     def _misfit(self, frame, target, d):
         r, weight = self._residual(frame, target, d, len(self.levels) - 1)
@@ -95,18 +123,12 @@ class Matcher:
         L = kernels.cotangent_laplacian(surface.rest, surface.faces)
         return kernels.CholeskyFactor().factorize(sparse.csc_matrix(sparse.diags(surface.mass) - reach**2 / 2 * L))
 
-    def _step(self, d, k, residual, weight, gradient):
-        """d after one solve of the normal equations, with Welsch's robust weights."""
-        s = self.settings
-        robust = np.exp(-0.5 * (residual / (s.robust * self.sigma)) ** 2) / self.sigma**2
+    def _print_equations(self, k, residual, weight, gradient):
+        """Entries of J'WJ and J'Wr of a level's residuals, with Welsch's robust weights."""
+        robust = np.exp(-0.5 * (residual / (self.settings.robust * self.sigma)) ** 2) / self.sigma**2
         cell = max(self.levels[k], self.surface.lattice.spacing) ** 2  # one independent reading each
         blocks, right = self._normal(self._grids[k], robust * (weight / cell)[:, None], residual, gradient)
-        A = np.bincount(self._at, blocks.ravel(), len(self._indices)) + self._regular.data
-        A = sparse.csc_matrix((A, self._indices, self._starts), shape=(len(right),) * 2)
-        right += self._regular @ d.ravel()
-        delta = -self.factor.factorize(A).solve(right[:, None])[:, 0].reshape(-1, 2)
-        longest = np.linalg.norm(delta, axis=1, keepdims=True)
-        return d + delta * np.minimum(1, s.stride / np.maximum(longest, 1e-12))
+        return np.bincount(self._at, blocks.ravel(), len(self._indices)), right
 
     def _normal(self, grid, w, r, gradient):
         """J'WJ as blocks (m,3,3,2,2) a face and pair of corners, and J'Wr (2g,)."""
@@ -131,6 +153,9 @@ class Matcher:
         rows = np.broadcast_to(F[:, :, None, None, None] + two[:, None], shape).ravel()
         columns = np.broadcast_to(F[:, None, :, None, None] + two, shape).ravel()
         entries, self._at = np.unique(columns * n + rows, return_inverse=True)
+        ends = 2 * surface.edges.T.astype(np.int64)
+        rows, columns = ends[:, None, :, None, None] + two[:, None], ends[None, :, :, None, None] + two
+        self._edge_at = np.searchsorted(entries, (columns * n + rows).ravel())
         self._indices, self._starts = entries % n, np.searchsorted(entries, n * np.arange(n + 1))
         hold = np.repeat(surface.mass / (s.reach * s.slip) ** 2, 2)
         hold[1::2][surface.on_loop] += HOLD / s.reach**2  # across a loop nothing slides

@@ -27,24 +27,31 @@ def chosen(frames, first, anchors, samples):
     return near, [n for n in spread(frames, samples) if n not in near]
 
 
-def make_reference(matcher, anchors, samples, rounds):
-    """values, weights of the mean print, of pyramids of anchors (in their order) and samples.
+def make_reference(matcher, pyramids, posed, anchors, rounds):
+    """values, weights of the mean print, of pyramids of frames and their posed surfaces (f,g,3), the `anchors` first and in
+    their order.
 
-    Prints fix slides only up to one that all frames share; it is chosen so that over these frames slides have no mean: the
-    registration errs by as much to one side as to the other."""
-    pyramids = [*anchors, *samples]
-    slides = [np.zeros((len(matcher.surface.rest), 2)) for _ in pyramids]
-    for k in range(1, len(anchors)):
-        recent = range(max(0, k - RECENT), k)
-        onto = mean_print(matcher, [pyramids[i] for i in recent], [slides[i] for i in recent])
-        slides[k] = matcher.match(pyramids[k], matcher.target(*onto), slides[k - 1]).d
-    known = len(anchors)
+    Prints fix slides only up to one that all frames share: it is chosen so that edges keep the template's lengths."""
+    slides = [matcher.unstretched(posed[:1])]
+    for k in range(1, anchors):
+        recent = slice(max(0, k - RECENT), k)
+        onto = matcher.target(*mean_print(matcher, pyramids[recent], slides[recent]))
+        slides.append(matcher.match(pyramids[k], onto, posed[k], slides[-1]).d)
+    slides = shared_out(matcher, posed[:anchors], slides)
     for _ in range(rounds):
-        onto = matcher.target(*mean_print(matcher, pyramids[:known], slides[:known]))
-        slides = [matcher.match(p, onto, d).d for p, d in zip(pyramids, slides)]
-        shared, known = np.mean(slides, axis=0), len(pyramids)
-        slides = [d - shared for d in slides]
+        onto = matcher.target(*mean_print(matcher, pyramids[: len(slides)], slides))
+        starts = slides + [None] * (len(pyramids) - len(slides))
+        slides = [matcher.match(p, onto, V, d).d for p, V, d in zip(pyramids, posed, starts)]
+        slides = shared_out(matcher, posed, slides)
     return mean_print(matcher, pyramids, slides)
+
+
+def shared_out(matcher, posed, slides):
+    """The slides with what lengths ask of all of them alike."""
+    surface = matcher.surface
+    moved = [surface.carried(V, *surface.slid(d)) for V, d in zip(posed, slides)]
+    shared = matcher.unstretched(moved, np.mean(slides, axis=0))
+    return [d + shared for d in slides]
 
 
 def mean_print(matcher, pyramids, slides):

@@ -148,13 +148,21 @@ class _Align:
         layers = [_at_rest(layer, rests.get(layer.name)) for layer in layers]
         of = {layer.name: layer for layer in layers}
         surfaces = {n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), self.settings.spacing) for n in self.garments}
-        self.matchers = {n: Matcher(s, self.settings) for n, s in surfaces.items()}
+        templates = {n: self._template(of[n]) for n in self.garments}
+        self.matchers = {n: Matcher(s, templates[n], self.settings) for n, s in surfaces.items()}
         places = {n: Places(of[n], s.lattice.face, s.lattice.bary) for n, s in surfaces.items()}
         self.reader = Reader(self.body, self.capture, layers, places)
         if any(not p.exists() for p in paths.values()):
             self._make_references(paths, of)
         self.references = {n: load_record(p, Reference) for n, p in paths.items()}
         self.onto = {n: self.matchers[n].target(r.values, r.weights) for n, r in self.references.items()}
+
+    def _template(self, layer):
+        """Vertices of the capture's template, whose lengths the cloth keeps."""
+        mesh = self.capture.templates[layer.name]
+        if not np.array_equal(mesh.faces, layer.faces):
+            raise CaptureError(f"{self.capture.root}: the template of {layer.name} is not the one that {self.run} registered")
+        return mesh.vertices
 
     def _make_references(self, paths, layers):
         anchors, samples = chosen(self.pictured, blocks(self.pictured)[0], self.settings.anchors, self.settings.samples)
@@ -166,7 +174,8 @@ class _Align:
             mine, points = [v[name] for v in views], len(matcher.surface.lattice)
             offsets = camera_offsets(mine, points)
             pyramids = [matcher.pyramid(*blended(v, offsets, points)) for v in mine]
-            values, weights = make_reference(matcher, pyramids[: len(anchors)], pyramids[len(anchors) :], self.settings.rounds)
+            posed = [self.reader.vertices(number, name) for number in [*anchors, *samples]]
+            values, weights = make_reference(matcher, pyramids, posed, len(anchors), self.settings.rounds)
             save_record(paths[name], Reference(layers[name].rest, values, weights, offsets))
         self.progress("reference", len(views) + 1, len(views) + 1)
 
@@ -198,7 +207,8 @@ class _Align:
         for name, matcher in self.matchers.items():
             pyramid = matcher.pyramid(*blended(views[name], self.references[name].offsets, len(matcher.surface.lattice)))
             first = None if previous is None else self._matched(previous, name).d
-            save_record(self._folder(number) / f"{name}.npz", matcher.match(pyramid, self.onto[name], first))
+            matched = matcher.match(pyramid, self.onto[name], self.reader.vertices(number, name), first)
+            save_record(self._folder(number) / f"{name}.npz", matched)
         write_text(self._folder(number) / "whole", "")
         self.status.add(frame=number, stage="align", seconds=time.perf_counter() - start, ok=True)
 

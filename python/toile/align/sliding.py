@@ -50,11 +50,15 @@ class SlidingSurface:
         return mask
 
     @cached_property
+    def cotangents(self):
+        """Weights (e,) of the edges."""
+        L = kernels.cotangent_laplacian(self.rest, self.faces).tocsr()
+        return np.clip(np.asarray(L[self.edges[:, 0], self.edges[:, 1]]).ravel(), *COTANGENT)
+
+    @cached_property
     def smoothness(self):
         """Sparse (2g,2g): sum over edges of w |d_i - R_ij d_j|^2, R_ij carrying tangents from j to i, w cotangents."""
-        L = kernels.cotangent_laplacian(self.rest, self.faces).tocsr()
-        i, j = self.edges.T
-        w = np.clip(np.asarray(L[i, j]).ravel(), *COTANGENT)
+        w, (i, j) = self.cotangents, self.edges.T
         turned = _turn(self.normals[j], self.normals[i], self.frames[j])  # (e,2,3)
         R = np.einsum("eax,ebx->eab", self.frames[i], turned)  # d_j in the frame of i
         n = len(self.rest)
@@ -102,12 +106,18 @@ class SlidingSurface:
         corner = self.faces[face]
         return face, (corner == ends[:, :1]) * (1 - s)[:, None] + (corner == ends[:, 1:]) * s[:, None]
 
-    def _face_of_edge(self, ends):
+    @cached_property
+    def _half_edges(self):
+        """Codes of the faces' edges, rising, and the face of each."""
         edges = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
         code = edges[:, 0] * len(self.rest) + edges[:, 1]
         order = np.argsort(code, kind="stable")
+        return code[order], (order // 3).astype(np.int32)
+
+    def _face_of_edge(self, ends):
+        code, face = self._half_edges
         ends = np.sort(ends, axis=1).astype(np.int64)
-        return (order[np.searchsorted(code[order], ends[:, 0] * len(self.rest) + ends[:, 1])] // 3).astype(np.int32)
+        return face[np.searchsorted(code, ends[:, 0] * len(self.rest) + ends[:, 1])]
 
     def carried(self, V, face, bary):
         """The posed surface V (g,3) at places face, bary."""
