@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from toile import kernels
 from toile.capture import open_capture
 from toile.avatar.layers import capture_folder
+from toile.io.body import load_body_model
 from toile.store import OK
 from toile.truth import mean_measures, open_truth
 
@@ -28,7 +29,7 @@ def measure(run, truth, name):
     loops = {k: np.array(v) for g in group.attrs["scene"]["garments"] if g["name"] == name for k, v in g["loops"].items()}
     rows = [i for i in np.flatnonzero(group["done"][:] == OK) if int(group["frames"][i]) in truth]
     F, frames = group[f"garment/{name}/faces"][:], [int(n) for n in group["frames"][:][rows]]
-    inner = group["inner/vertices"], group["inner/faces"][:]
+    inner = group["inner/vertices"], load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"]).skin_faces
     parts, errors, pairs = [], [], 0
     for row, number in zip(rows, frames):
         V = group[f"garment/{name}/vertices"][row]

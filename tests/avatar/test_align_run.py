@@ -14,7 +14,7 @@ from toile.align.settings import AlignSettings
 from toile.align.smoothing import over_time
 from toile.scene import CaptureError
 
-QUICK = AlignSettings(spacing=0.008, blur=(0.016, 0.008), iterations=(2, 1), anchors=2, samples=1, rounds=1)
+QUICK = AlignSettings(spacing=0.012, blur=(0.024, 0.012), iterations=(2, 1), settling=2, anchors=2, samples=1, rounds=1)
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +40,12 @@ def undisturbed(two_chunks, tmp_path_factory):
     outcome = align(two_chunks, out, QUICK)
     assert outcome.whole and outcome.matched == (48, 50, 51) and outcome.between == (49,) and not outcome.failed
     return out
+
+
+@pytest.fixture
+def unreported(monkeypatch):
+    """Pictures of the textures cost more than the alignment of three frames."""
+    monkeypatch.setattr("toile.align.run.write_report", lambda *_: None)
 
 
 def arrays(run):
@@ -68,14 +74,23 @@ def test_an_aligned_run_differs_in_its_garments_alone(two_chunks, undisturbed):
     assert "track" in stages and stages["align tshirt"]["misfit"] <= stages["align tshirt"]["misfit_before"]
 
 
-def test_shards_give_the_same_bits(two_chunks, undisturbed, tmp_path):
+def test_textures_before_and_after_are_reported(undisturbed):
+    measures = json.loads((undisturbed / "alignment.json").read_text())["tshirt"]
+    assert measures["frames"] == 3 and measures["texels"] > 10_000
+    for side in ("before", "after"):
+        assert 0 < measures[side]["texture_std"] < 60 and 0 < measures[side]["anchor_error"] < 60
+    page = (undisturbed / "alignment.html").read_text()
+    assert "error after" in page and "<script" not in page and len(list((undisturbed / "alignment").glob("*.png"))) == 4
+
+
+def test_shards_give_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
     second = align(two_chunks, tmp_path / "run", QUICK, shard=(2, 2))
     assert not second.whole and second.pending == (48,)
     assert align(two_chunks, tmp_path / "run", QUICK, shard=(1, 2)).whole
     assert_same_bits(undisturbed, tmp_path / "run")
 
 
-def test_a_stopped_alignment_goes_on_with_the_same_bits(two_chunks, undisturbed, tmp_path):
+def test_a_stopped_alignment_goes_on_with_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
     def stop(stage, done, total):
         if stage == "match" and done == 2:
             raise KeyboardInterrupt

@@ -1,10 +1,10 @@
 """`toile align RUN RUN2`: a run whose garments have slid along their surfaces until their prints lie as in the anchors.
 
 prepare   the reference print of each garment            match   every pictured frame, in chunks of 50 frame numbers
-write     the new run, once all chunks are done
+write     the new run, once all chunks are done           report  the textures before and after
 
-Chunks share nothing but the reference, so that shards and workers may take any of them; results lie in RUN2/work until the
-run is whole, and a killed alignment goes on with the same bits.
+Chunks share nothing but the reference, so that shards and workers may take any of them; results lie in RUN2/slides, so that
+a killed alignment goes on with the same bits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from ..avatar.data import capture_of, pictured_frames
 from ..avatar.layers import open_body, read_layers
-from ..kernels import InputError, SolveError
+from ..kernels import InputError, SolveError, UntangleSolver
 from ..plan import blocks
 from ..scene import CaptureError
 from ..store import OK, PENDING, Status, load_record, replace_file, save_record, write_text
@@ -28,6 +28,7 @@ from ..workers import Workers, locked
 from .matching import Matched, Matcher
 from .prints import Places, Reader, blended, camera_offsets
 from .reference import Reference, chosen, make_reference
+from .report import write_report
 from .settings import AlignSettings
 from .sliding import SlidingSurface
 from .smoothing import over_time
@@ -106,6 +107,7 @@ class _Align:
         self.frames = [int(n) for n in self.body.store["frames"][:][self.body.rows()]]
         self.pictured = pictured_frames(run)
         self.garments = [g["name"] for g in self.body.store.attrs["scene"]["garments"]]
+        self.untanglers = {}
         self.workers = Workers(workers, _worker, run, out, settings) if workers > 1 else None
 
     def go(self):
@@ -120,6 +122,10 @@ class _Align:
                 with locked(self.out):
                     if not self._whole() and all(self._done(n) for n in self.pictured):
                         self._write()
+            with locked(self.out):
+                if self._whole() and not (self.out / "alignment.json").exists():
+                    matched = [n for n in self.pictured if (self._folder(n) / "whole").exists()]
+                    write_report(self.run, self.out, matched or self.pictured, self.progress)
             return self._outcome()
         finally:
             if self.workers:
@@ -182,7 +188,7 @@ class _Align:
     # Every pictured frame ----------------------------------------------------------------------------------------
 
     def _folder(self, number):
-        return self.out / "work" / f"{number:06d}"
+        return self.out / "slides" / f"{number:06d}"
 
     def _done(self, number):
         return any((self._folder(number) / name).exists() for name in ("whole", "failed.json"))
@@ -226,8 +232,11 @@ class _Align:
                 shutil.rmtree(path)
             shutil.copytree(self.run / "registered.zarr", path)
             group = zarr.open_group(str(path), mode="r+")
-            for name in self.garments:
-                self._write_garment(group, name)
+            for wanted in blocks(self.frames):
+                slides = {name: self._slides(name, wanted) for name in self.garments}
+                for k, number in enumerate(wanted):
+                    self._write_frame(group, self.reader.rows[number], {n: d[k] for n, d in slides.items() if d is not None})
+                    self.progress("write", self.frames.index(number) + 1, len(self.frames))
 
         if (self.run / "diagnostics").exists():
             shutil.copytree(self.run / "diagnostics", self.out / "diagnostics", dirs_exist_ok=True)
@@ -236,19 +245,34 @@ class _Align:
             shutil.rmtree(left)
         replace_file(self.out / "registered.zarr", write)
 
-    def _write_garment(self, group, name):
-        surface = self.matchers[name].surface
-        for wanted in blocks(self.frames):
-            known = [n for n in wanted if (self._folder(n) / "whole").exists()]
-            slides = over_time(known, [self._matched(n, name).d for n in known], wanted, self.capture.scene.fps, self.settings)
-            for number, d in zip(wanted, () if slides is None else slides):
-                row = self.reader.rows[number]
-                face, bary = surface.slid(d)
-                V, sure = group[f"garment/{name}/vertices"][row], group[f"confidence/{name}"][row]
-                group[f"garment/{name}/vertices"][row] = surface.carried(V, face, bary)
-                nearest = surface.faces[face, bary.argmax(1)]
-                group[f"confidence/{name}"][row] = sure[nearest]
-                self.progress("write", self.frames.index(number) + 1, len(self.frames))
+    def _slides(self, name, wanted):
+        """Of one chunk's frames, None where none of them was matched."""
+        known = [n for n in wanted if (self._folder(n) / "whole").exists()]
+        slides = [self._matched(n, name).d for n in known]
+        return over_time(known, slides, wanted, self.capture.scene.fps, self.settings)
+
+    def _write_frame(self, group, row, slides):
+        """Garments slid, and out of what lies under them where their triangles now meet it."""
+        inner = "inner" if "inner/vertices" in group else "track"
+        under = [("", group[f"{inner}/vertices"][row], self.body.model.skin_faces)]
+        for name in self.garments:
+            at, surface = f"garment/{name}/vertices", self.matchers[name].surface
+            V = group[at][row]
+            if name in slides:
+                face, bary = surface.slid(slides[name])
+                V = surface.carried(V, face, bary)
+                group[f"confidence/{name}"][row] = group[f"confidence/{name}"][row][surface.faces[face, bary.argmax(1)]]
+                for other, body_V, body_F in under:
+                    found = self._untangler(name, other, len(V), body_F, len(body_V)).solve(V, body_V)
+                    V = np.asarray(found.V) if found.intersections_before else V
+                group[at][row] = V
+            under.append((name, V, surface.faces))
+
+    def _untangler(self, name, under, count, body_F, body_n):
+        if (name, under) not in self.untanglers:
+            faces = self.matchers[name].surface.faces
+            self.untanglers[name, under] = UntangleSolver(faces, count, body_F, body_n, margin=self.settings.margin)
+        return self.untanglers[name, under]
 
     def _write_diagnostics(self):
         for number in self.pictured:

@@ -23,5 +23,6 @@ class AlignSettings(Settings):
     anchors: int = 10  # frames of the first chunk that make the reference, at most
     samples: int = 10  # frames spread over the run that join it
     rounds: int = 2  # of laying them upon their mean
+    margin: float = 0.002  # off what lies under, where cloth has come to meet it
     steady: float = 0.05  # slides vary slower than this over time [s]...
     still: float = 0.003  # ...and where nothing is known do not drift away [s]

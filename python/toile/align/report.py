@@ -1,0 +1,123 @@
+"""What an alignment did to the unwrapped textures: alignment.json, pictures and a page in the aligned run's folder."""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+
+import numpy as np
+
+from ..avatar.data import capture_of
+from ..avatar.layers import open_body, read_layers
+from ..avatar.textures import mean_texture
+from ..avatar.uv import UvMap
+from ..page import cards, document, figure, heat, table
+from ..plan import blocks
+from ..store import replace_file, write_text
+from .prints import Reader, logarithms
+
+SIZE = 512  # texels
+FRAMES = 24  # read, spread evenly over the aligned ones
+SHOWN = 4  # of them in the pictures
+HOT = 60.0  # deviation or error at the upper end of the colours (0..255)
+SIDES = ("before", "after")
+
+
+def write_report(run, out, frames, progress):
+    """Compares the textures of `frames` in both runs, which have pictures in both; returns {garment: measures}."""
+    frames = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, FRAMES).round().astype(int))]
+    anchors = [n in blocks(frames)[0] for n in frames]
+    textures, layers = {}, {}
+    for side, path in zip(SIDES, (run, out)):
+        layers = {layer.name: layer for layer in read_layers(run, frames[:1])}
+        maps = {name: UvMap(layer, SIZE) for name, layer in layers.items() if layer.kind == "garment"}
+        reader = Reader(open_body(path), capture_of(path), list(layers.values()), maps)
+        for k, number in enumerate(frames):
+            for name, views in reader.views(number).items():
+                colours, weights = mean_texture(views, SIZE).maps(SIZE)
+                textures.setdefault(name, {}).setdefault(side, []).append((colours, (weights > 0) & maps[name].inside))
+            progress("report", SIDES.index(side) * len(frames) + k + 1, 2 * len(frames))
+    measures, parts = {}, []
+    for name, sides in textures.items():
+        found = {side: _Textures(sides[side], anchors) for side in SIDES}
+        both = found["before"].often & found["after"].often
+        measures[name] = {side: found[side].measures(both) for side in SIDES} | {"frames": len(frames), "texels": int(both.sum())}
+        parts.append(_section(name, measures[name], found, frames, out))
+    write_text(out / "alignment.html", document(f"{Path(out).name}: textures before and after alignment", "".join(parts)))
+    write_text(out / "alignment.json", json.dumps(measures, indent=1))
+    return measures
+
+
+class _Textures:
+    """One garment's textures over frames [(colours (T,T,3) uint8, seen (T,T))]; anchors: which frames are in the first chunk."""
+
+    def __init__(self, textures, anchors):
+        self.colours, self.seen = (np.stack(x) for x in zip(*textures))
+        self.anchors = np.array(anchors)
+        self.often = self.seen.mean(0) >= 0.5
+        self.mean, self.deviation = _moments(self.colours.astype(np.float32), self.seen)
+        first = self.seen & self.anchors[:, None, None]
+        self.anchor, _ = _moments(self.colours.astype(np.float32), first)
+        self.anchored = first.any(0)
+
+    def error(self, k):
+        """Mean absolute difference (T,T) of frame k to the anchors' mean, NaN where one of them saw nothing."""
+        apart = np.abs(self.colours[k] - self.anchor).mean(-1)
+        return np.where(self.seen[k] & self.anchored, apart, np.nan)
+
+    def measures(self, texels):
+        """texture_std: standard deviation over frames, 0..255, mean over texels; chroma_std: of two differences of
+        logarithms of colours, which light hardly changes; anchor_error: to the anchors' mean, over the other frames."""
+        logs = logarithms(self.colours.astype(np.float32))
+        chroma = np.stack([logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., :2].mean(-1)], -1)
+        others = np.flatnonzero(~self.anchors) if not self.anchors.all() else np.arange(len(self.anchors))
+        errors = [np.nanmean(e) for e in (self.error(k)[texels] for k in others) if np.isfinite(e).any()]
+        return {
+            "texture_std": float(np.sqrt((self.deviation[texels] ** 2).mean(-1)).mean()),
+            "chroma_std": float(np.sqrt((_moments(chroma, self.seen)[1][texels] ** 2).mean(-1)).mean()),
+            "anchor_error": float(np.mean(errors)) if errors else None,
+        }
+
+
+def _moments(values, seen):
+    """Mean and standard deviation (T,T,C) over the frames (F,T,T,C) that saw a texel; 0 where none did."""
+    count = np.maximum(seen.sum(0), 1)[..., None]
+    mean = (values * seen[..., None]).sum(0) / count
+    return mean, np.sqrt((((values - mean) * seen[..., None]) ** 2).sum(0) / count)
+
+
+def _section(name, measures, found, frames, out):
+    """HTML of a garment; its pictures also as PNG beside it."""
+    pictures = {}
+    for side, textures in found.items():
+        pictures[f"mean {side}"] = textures.mean.astype(np.uint8) * textures.seen.any(0)[..., None]
+        spread = heat(np.sqrt((textures.deviation**2).mean(-1)) / HOT)
+        pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
+    for label, picture in pictures.items():
+        _save(Path(out) / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
+    rows = "".join(_row(found, k, frames[k]) for k in np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int))
+    change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
+    lines = [(key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()]
+    figures = "".join(figure(p, label) for label, p in pictures.items())
+    return (
+        f"<h2>{html.escape(name)}</h2>{cards({'frames': measures['frames'], 'texels': measures['texels']})}"
+        f"{table(('', 'before', 'after', 'change'), lines)}<section class='frame'><div class='row'>{figures}</div></section>"
+        f"<h2>Frames, and their errors to the anchors' mean</h2>{rows}"
+    )
+
+
+def _row(found, k, number):
+    figures = []
+    for side, textures in found.items():
+        error = textures.error(k)
+        coloured = np.where(np.isfinite(error)[..., None], heat(np.nan_to_num(error) / HOT), 0)
+        shown = textures.colours[k] * textures.seen[k][..., None]
+        figures += [figure(shown, side), figure(coloured.astype(np.uint8), f"error {side}")]
+    return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{''.join(figures)}</div></section>"
+
+
+def _save(path, picture):
+    from PIL import Image
+
+    replace_file(path, lambda p: Image.fromarray(picture).save(p, "PNG"))
