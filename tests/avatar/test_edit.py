@@ -20,6 +20,7 @@ from toile.avatar.editing import Change, edit
 from toile.avatar.edits import Edit, LayerEdits, apply_edits, load_edits, save_edits
 from toile.avatar.marking import carried, mark
 from toile.avatar.settings import TemporalSettings
+from toile.avatar.sheet import GAP, TILE
 from toile.avatar.uv import UvMap
 from toile.cli import main
 from toile.scene import CaptureError
@@ -321,7 +322,7 @@ def test_a_stopped_edit_leaves_no_folder_that_looks_whole(source, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         edit(source, tmp_path / "out", Change("tshirt", checker=8), frames=[0], progress=stop)
-    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.iterdir())
     edit(source, tmp_path / "out", Change("tshirt", checker=8), sheet=False)
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
@@ -366,7 +367,20 @@ def test_folders_that_do_not_fit_are_refused(source, edited, tmp_path):
         edit(source, tmp_path / "out", change, run=tmp_path)
     with pytest.raises(CaptureError, match="frames 77: none of them is registered and has pictures"):
         edit(source, tmp_path / "out", change, frames=[77])
-    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_avatar_without_a_baseline_is_shown_alone(source, tmp_path):
+    alone = tmp_path / "alone"
+    shutil.copytree(source, alone, ignore=shutil.ignore_patterns("baseline", "cache"))
+    done = edit(alone, tmp_path / "out", Change("tshirt", image=grey_picture(tmp_path), at="0.5,0.5"), frames=[0])
+    assert not done.baseline and done.measured["baseline"] is None and done.measured["layered"]["border_mm"] > 0
+    assert Image.open(tmp_path / "out" / "edit.png").width == 2 * (TILE + GAP)
+
+
+def grey_picture(folder):
+    Image.new("L", (30, 20), 128).save(folder / "grey.png")
+    return folder / "grey.png"
 
 
 def test_the_command_says_one_line_and_exits_with_1(source, tmp_path, monkeypatch, capsys):

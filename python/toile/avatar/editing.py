@@ -77,20 +77,23 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
     avatar, run = load_avatar(folder), Path(run or facts["run"])
     layer = garment_of(avatar, change.garment)
     made = garment_edit(avatar, layer, change, run)
-    shutil.rmtree(part, ignore_errors=True)  # of one that was stopped
-    add_edit(folder, part, made)
-    marked = None
+    marked = measured = None
     if (folder / "baseline" / "avatar.json").exists():
         (surface,) = load_avatar(folder / "baseline").layers
         marked = marked_baseline(surface, layer, run, facts["frames"][0])
-        add_edit(folder / "baseline", part / "baseline", carried(made, surface, marked))
-    measured = None
-    if sheet:
-        from .edit_sheet import compare
+    shutil.rmtree(part, ignore_errors=True)  # of one that was killed
+    try:
+        add_edit(folder, part, made)
+        if marked is not None:
+            add_edit(folder / "baseline", part / "baseline", carried(made, surface, marked))
+        if sheet:
+            from .edit_sheet import compare
 
-        measured = compare(part, layer, made, marked, frames, run, progress)
-        write_text(part / "edit.json", json.dumps({"edit": made.words, "garment": layer.name} | measured, indent=1))
-    part.replace(whole)
+            measured = compare(part, layer, made, marked, frames, run, progress)
+            write_text(part / "edit.json", json.dumps({"edit": made.words, "garment": layer.name} | measured, indent=1))
+        part.replace(whole)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
     return Edited(made.words, marked is not None, measured)
 
 
