@@ -78,6 +78,7 @@ class AvatarSettings(Settings):
     batch: int = 4
     joint_batch: int = 2
     lr: float = 1e-4  # AdamW
+    joint_rate: float = 0.5  # of lr, in inverse rendering, whose image and mask terms a larger step makes diverge
     colour_lr: float = 1e-3  # of gain and bias of the cameras
     decay: float = 0.1  # of the learning rate over a phase: a half cosine to this share
     warm_up: float = 0.1  # share of a phase with a rising learning rate
@@ -95,7 +96,7 @@ class AvatarSettings(Settings):
 
     def phases(self, layered=True):
         """METHOD's order. The baseline's one surface gets the steps of both layers apart, then the same together."""
-        apart, together = dict(batch=self.batch, lr=self.lr), dict(batch=self.joint_batch, lr=self.lr)
+        apart, together = dict(batch=self.batch, lr=self.lr), dict(batch=self.joint_batch, lr=self.lr * self.joint_rate)
         if layered:
             yield Phase(name="body", kinds=("body",), terms=APART[:-1], steps=self.body_steps, **apart)
             yield Phase(name="garment", kinds=("garment",), terms=APART, steps=self.garment_steps, **apart)
