@@ -206,7 +206,7 @@ def _excess(name, value, median):
 
 def _words(name, value, median):
     if name == "intersections_left" and value:
-        return f"{int(value)} triangle pairs of garment and body still intersect"
+        return f"{int(value)} triangle pairs of garments with the body or one another still intersect"
     worse = "below" if "iou" in name else "above"
     return f"{name.replace('_', ' ')} is {short_number(value)}, {worse} the run's median of {short_number(median)}"
 
