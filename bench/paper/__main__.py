@@ -69,7 +69,7 @@ def main():
 def small(out, say, progress):
     capture = ROOT / "data_samples" / "tshirt-talk"
     return Paper(
-        out, (capture,), (0,), TINY, TemporalSettings(window=3, channels=16, steps=50), "draft", holdout="3-5",
+        out, (capture,), (0,), TINY, TemporalSettings(window=3, channels=16, steps=50), "draft", holdout="3-5", align="ablation",
         ablated=capture.name, windows=(1, 2), say=say, progress=progress,
     )  # fmt: skip
 

@@ -111,7 +111,12 @@ class Subject:
 
     def _aligned(self):
         aligned = self.folder / "aligned"
-        once(self.folder / "aligned.json", lambda: toile("align", self.run, aligned, "--workers", self.paper.workers), self.paper.say)
+
+        def make():
+            toile("align", self.run, aligned, "--workers", self.paper.workers)
+            return {"garments": read(aligned / "alignment.json")}
+
+        once(self.folder / "aligned.json", make, self.paper.say)
         return aligned
 
     def avatar(self, folder, run, settings, baseline=False, steps=None, minutes=None):
@@ -284,7 +289,7 @@ def facts_seed(folder):
 
 
 def toile(*arguments):
-    """A command of `toile` in a process of its own, and what it was; single frames may fail."""
+    """A command of `toile` in a process of its own; single frames may fail."""
     import subprocess
     import sys
 
@@ -292,7 +297,6 @@ def toile(*arguments):
     done = subprocess.run(command)
     if done.returncode not in (0, 2):
         raise SystemExit(f"toile {arguments[0]}: exit code {done.returncode}")
-    return {"command": ["toile", *map(str, arguments)]}
 
 
 def threads():

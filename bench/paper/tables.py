@@ -64,7 +64,7 @@ def _jsons(folder):
 def tables(found):
     """All tables that have a row."""
     made = [sizes(found), against(found, "driven"), against(found, "reconstruction"), draws(found), ablations(found), windows(found),
-            intersections(found), qualities(found)]  # fmt: skip
+            alignment(found), intersections(found), qualities(found)]  # fmt: skip
     return [table for table in made if table.rows]
 
 
@@ -227,6 +227,17 @@ def windows(found):
         "Acceleration: mean second difference of the garment's vertices [mm a frame²]; jitter: the same of their error."
     )
     return Table("Temporal models", head, rows, note)
+
+
+def alignment(found):
+    """What aligning did to unwrapped textures."""
+    rows = []
+    for name, subject in found.items():
+        for garment, one in (subject["aligned"] or {}).get("garments", {}).items():
+            for measure, words in (("texture_std", "standard deviation"), ("anchor_error", "error to the anchors' mean")):
+                before, after = one["before"][measure], one["after"][measure]
+                rows.append([name, garment, words, before, after, percent(relative(after, before))])
+    return Table("Texture alignment", ("subject", "garment", "unwrapped texture", "before", "after", "change"), rows)
 
 
 def intersections(found):

@@ -45,6 +45,8 @@ def study(tmp_path):
         put(place / slug(row), driven=evaluation(0.9))
     for row in ("L15", "L1", "damped"):
         put(place / row, driven=evaluation(), temporal={"code_error": 0.1, "held_out": 0.5})
+    measured = [{"texture_std": 3.0, "anchor_error": 4.0}, {"texture_std": 2.0, "anchor_error": 2.0}]
+    put(tmp_path / "logo", aligned={"garments": {"tshirt": dict(zip(("before", "after"), measured))}})
     speed = {"size": 256, "rays": 16, "frames_per_second": 9.0, "frames_per_second_with_occlusion": 4.0}
     put(place / "quality draft", driven=evaluation(), trained=trained, speed=speed)
     return tmp_path
@@ -69,6 +71,7 @@ def test_every_table_has_its_rows(study):
     assert "logo, 2 seeds: MSE 22 % lower: yes" in made["Driven by pose and face alone"].note
     assert [row[1] for row in rows["Ablations, driven"]] == ["full", *SWITCHES]
     assert [row[2] for row in rows["Temporal models"]] == ["L1", "L15", "damped"]
+    assert rows["Texture alignment"][1] == ["logo", "tshirt", "error to the anchors' mean", 4.0, 2.0, "-50.0 %"]
     assert rows["Intersections"][0] == ["logo", 0, 6, 30, 5.0, 0] and len(rows["Quality presets"]) == 1
     assert rows["The baseline's code, drawn from the unit Gaussian"][0][3] == 110.0
     assert made["What was run"].head == ("", "logo, seed 0", "logo, seed 1", "loose, seed 0")
@@ -135,7 +138,8 @@ def test_the_small_study_runs_goes_on_and_is_one_page(tmp_path, monkeypatch):
     study(lambda *_: None)
     titles = [table.title for table in tables(collected(tmp_path))]
     assert titles == ["What was run", "Driven by pose and face alone", "Reconstruction: the frame itself is encoded",
-                      "The baseline's code, drawn from the unit Gaussian", "Ablations, driven", "Temporal models", "Intersections"]  # fmt: skip
+                      "The baseline's code, drawn from the unit Gaussian", "Ablations, driven", "Temporal models",
+                      "Texture alignment", "Intersections"]  # fmt: skip
     page = (tmp_path / "index.html").read_text()
     assert page.count("<img") >= 10 and "src='data:image/jpeg" in page
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.safetensors")}
