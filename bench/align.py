@@ -3,7 +3,8 @@
 interior: vertices 3 cm and more from the garment's loops. correspondence_mm: to their true places. slip_mm: the same without
 what each vertex errs by on average over the frames, in the tangent frames of the true garment, along its surface and off it;
 no picture can tell a mistake that all frames share. shared_mm: that mistake. jitter_mm: mean length of the second difference
-over time of the error, over consecutive frames of the run.
+over time of the error, over consecutive frames of the run. boundary_mm is a mean over the loops' vertices; boundary_curve_mm
+is one over their length, which does not change when vertices only spread along the same curve.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from toile.capture import open_capture
 from toile.avatar.layers import capture_folder
 from toile.io.body import load_body_model
 from toile.store import OK
-from toile.truth import mean_measures, open_truth
+from toile.truth import mean_measures, open_truth, to_polyline
 
 INTERIOR = 0.03  # from the loops [m]
 
@@ -35,7 +36,7 @@ def measure(run, truth, name):
         V = group[f"garment/{name}/vertices"][row]
         measures, error = truth.garment_errors(name, loops, V, number)
         place = truth.places(name, number)
-        parts.append(measures)
+        parts.append(measures | {"boundary_curve_mm": curves(truth, name, loops, V, number)})
         errors.append((error, np.einsum("gi,gai->ga", error, tangents(place, F))))
         pairs += len(kernels.intersecting_pairs(V, F, inner[0][row], inner[1]))
     interior = cKDTree(place[np.concatenate(list(loops.values()))]).query(place)[0] > INTERIOR
@@ -52,10 +53,23 @@ def measure(run, truth, name):
         },
         "correspondence_mm": mean["correspondence_mm"],
         "boundary_mm": float(np.mean(list(mean["boundary_mm"].values()))),
+        "boundary_curve_mm": float(np.mean(list(mean["boundary_curve_mm"].values()))),
         "surface_mm": mean["surface_mm"],
         "intersections": pairs / len(rows),
         "frames": len(rows),
     }
+
+
+def curves(truth, name, loops, V, number):
+    """Mean distance [mm] by loop of four points an edge, weighted by its length, to the true rim that is its own."""
+    T, F = truth.garment(name, number)
+    rims, place, found = [T[loop] for loop in kernels.boundary_loops(F)], truth.places(name, number), {}
+    for loop, at in loops.items():
+        own = min(rims, key=lambda rim: to_polyline(place[at], rim).mean())
+        step = np.roll(V[at], -1, 0) - V[at]
+        distance = np.mean([to_polyline(V[at] + s * step, own) for s in (0.125, 0.375, 0.625, 0.875)], axis=0)
+        found[loop] = float(1e3 * np.average(distance, weights=np.linalg.norm(step, axis=1)))
+    return found
 
 
 def tangents(V, F):

@@ -110,6 +110,15 @@ def test_vertices_slide_on_the_surface_and_loops_on_themselves(matcher):
     assert np.abs(surface.carried(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
 
 
+def test_slid_vertices_cut_no_corners(matcher):
+    surface, d = matcher.surface, np.random.default_rng(0).normal(0, 0.01, (len(matcher.surface.rest), 2))
+    places = surface.slid(d)
+    sag = [RADIUS - np.linalg.norm(f(surface.rest, *places)[:, :2], axis=1) for f in (surface.carried, surface.laid)]
+    for on in (surface.on_loop, ~surface.on_loop):
+        assert np.abs(sag[1][on]).mean() < 0.6 * np.abs(sag[0][on]).mean()
+    assert np.abs(surface.laid(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
+
+
 def test_a_slide_does_not_depend_on_threads(matcher):
     kept, found = kernels.threads(), []
     try:

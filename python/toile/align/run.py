@@ -260,7 +260,7 @@ class _Align:
             V = group[at][row]
             if name in slides:
                 face, bary = surface.slid(slides[name])
-                V = surface.carried(V, face, bary)
+                V = surface.laid(V, face, bary)
                 group[f"confidence/{name}"][row] = group[f"confidence/{name}"][row][surface.faces[face, bary.argmax(1)]]
                 for other, body_V, body_F in under:
                     found = self._untangler(name, other, len(V), body_F, len(body_V)).solve(V, body_V)

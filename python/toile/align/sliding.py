@@ -10,6 +10,7 @@ from scipy import sparse
 from .. import kernels
 from .lattice import Lattice
 
+PHONG = 0.75  # of the way from the flat face to the mean of its corners' tangent planes
 COTANGENT = (0.05, 5.0)  # bounds of an edge's weight, against needles
 
 
@@ -122,6 +123,29 @@ class SlidingSurface:
     def carried(self, V, face, bary):
         """The posed surface V (g,3) at places face, bary."""
         return np.einsum("gk,gki->gi", bary, V[self.faces[face]])
+
+    def laid(self, V, face, bary):
+        """The same on a curved surface through the vertices, so that none is lost by cutting corners: Phong tessellation
+        (Boubekeur and Alexa 2008), and along loops cubics with the slopes of Catmull and Rom."""
+        corner = self.faces[face]
+        x, normal = self.carried(V, face, bary), kernels.vertex_normals(V, self.faces)[corner]
+        off = np.einsum("gki,gki->gk", x[:, None] - V[corner], normal)  # above the tangent plane at each corner
+        x = x - PHONG * np.einsum("gk,gk,gki->gi", bary, off, normal)
+        for loop in self.loops:
+            x[loop] = self._on_cubic(V, loop, corner[loop], bary[loop])
+        return x
+
+    def _on_cubic(self, V, loop, corner, bary):
+        """Places (k,) with two corners on a loop's edge, each on the cubic over that edge."""
+        slope = np.zeros_like(V)
+        slope[loop] = (V[np.roll(loop, -1)] - V[np.roll(loop, 1)]) / 2
+        order, k = np.argsort(-bary, axis=1, kind="stable"), np.arange(len(loop))
+        a, b = corner[k, order[:, 0]], corner[k, order[:, 1]]
+        s, step = bary[k, order[:, 1]][:, None], V[b] - V[a]
+        sign = np.where(np.einsum("ki,ki->k", slope[a], step) < 0, -1.0, 1.0)[:, None]
+        size = np.linalg.norm(step, axis=1, keepdims=True)
+        A, B = (sign * size * slope[v] / np.maximum(np.linalg.norm(slope[v], axis=1, keepdims=True), 1e-12) for v in (a, b))
+        return V[a] + (3 - 2 * s) * s**2 * step + s * (1 - s) ** 2 * A - s**2 * (1 - s) * B
 
 
 def _turn(a, b, vectors):
