@@ -34,7 +34,7 @@ class Matcher:
         self.sigma = np.array([settings.light, settings.chroma, settings.chroma])
         self.factor = kernels.CholeskyFactor()
         self.lengths = Lengths(surface, template, settings)
-        self._grids = [_Grid(surface, sigma > 1.5 * surface.lattice.spacing) for sigma in self.levels]
+        self._grids = [_Grid(surface, sigma) for sigma in self.levels]
         self._shades = [self._shade_factor(settings.shade * sigma) for sigma in self.levels]
         self._pattern()
 
@@ -166,16 +166,14 @@ class Matcher:
 
 
 class _Grid:
-    """The points of a lattice, or every other along each axis, and how they hang on the mesh."""
+    """The points of a lattice that a print of this blur needs, and how they hang on the mesh."""
 
-    def __init__(self, surface, thin):
+    def __init__(self, surface, blur):
         lattice = surface.lattice
-        even = (np.rint(lattice.bary * lattice.n).astype(np.int64) % 2 == 0).all(1)
-        self.points = np.flatnonzero(even) if thin and lattice.n % 2 == 0 else np.arange(len(lattice))
+        self.points = np.arange(0, len(lattice), max(1, round(0.5 * (blur / lattice.spacing) ** 2)))
         self.face, self.bary, self.positions = (x[self.points] for x in (lattice.face, lattice.bary, lattice.positions))
-        self.to_points = lattice.to_points[self.points]
-        self.areas = lattice.areas[self.points]
-        self.areas = self.areas * (lattice.areas.sum() / self.areas.sum())
+        self.to_points, areas = lattice.to_points[self.points], lattice.areas[self.points]
+        self.areas = areas * (lattice.areas.sum() / areas.sum())
         ones = np.ones(len(self.points))
         self.to_faces = sparse.csr_matrix((ones, (self.face, np.arange(len(ones)))), shape=(len(surface.faces), len(ones)))
         self.both = np.stack([self.bary[:, i] * self.bary[:, j] for i, j in PAIRS], 1)
