@@ -91,6 +91,13 @@ def test_a_capture_that_was_begun_with_other_options_is_refused(tmp_path):
     make.begin(tmp_path / "x.part", StudioOptions(**TINY))
     with pytest.raises(CaptureError, match="x.part: was begun with frames 2, not 3"):
         make_capture(tmp_path / "x", StudioOptions(**TINY | {"frames": 3}))
+    kept = tmp_path / "x.part" / "work" / "options.json"
+    begun = json.loads(kept.read_text())
+    del begun["options"]["trousers"]  # begun before there was such an option
+    kept.write_text(json.dumps(begun))
+    assert not make.begin(tmp_path / "x.part", StudioOptions(**TINY))
+    with pytest.raises(CaptureError, match="begun with trousers False, not True"):
+        make.begin(tmp_path / "x.part", StudioOptions(**TINY, trousers=True))
     (tmp_path / "y.part" / "frames").mkdir(parents=True)
     with pytest.raises(CaptureError, match="y.part: is in the way"):
         make_capture(tmp_path / "y", StudioOptions(**TINY))

@@ -85,6 +85,7 @@ def begin(part, options):
         write_text(part / "work" / "options.json", json.dumps(asked))
         return True
     found = json.loads(kept.read_text())
+    found["options"] = asdict(StudioOptions()) | found["options"]  # one that came later had its default
     for table, values in asked.items():
         for name, value in values.items():
             if found[table].get(name) != value:
