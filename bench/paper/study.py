@@ -155,7 +155,8 @@ class Subject:
     def _driven(self, folder):
         from toile.avatar.evaluation import evaluate_avatar
 
-        once(folder / "driven.json", lambda: evaluate_avatar(folder, progress=self.paper.progress, driven=True), self.paper.say)
+        paper = self.paper
+        once(folder / "driven.json", lambda: evaluate_avatar(folder, progress=paper.progress, driven=True), paper.say)
 
     def _share_cache(self, folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -208,7 +209,8 @@ class Subject:
         from .pictures import zooms
 
         rows = [slug(row) for row in (*SWITCHES, UNALIGNED, ALIGNED) if (place / slug(row) / "driven.json").exists()]
-        once(place / "zooms" / "zooms.json", lambda: zooms(full, {row: place / row for row in rows}, place / "zooms"), self.paper.say)
+        out, folders = place / "zooms", {row: place / row for row in rows}
+        once(out / "zooms.json", lambda: zooms(full, folders, out), self.paper.say)
 
     def _qualities(self, place, run):
         """Quality presets, each trained for the same time."""

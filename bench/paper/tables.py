@@ -63,8 +63,8 @@ def _jsons(folder):
 
 def tables(found):
     """All tables that have a row."""
-    made = [sizes(found), against(found, "driven"), against(found, "reconstruction"), draws(found), ablations(found), windows(found),
-            alignment(found), intersections(found), qualities(found)]  # fmt: skip
+    made = [sizes(found), against(found, "driven"), against(found, "reconstruction"), draws(found), ablations(found)]
+    made += [windows(found), alignment(found), intersections(found), qualities(found)]
     return [table for table in made if table.rows]
 
 
@@ -84,8 +84,9 @@ def _size(run, one):
     trained, (height, width), studio = one["trained"], run["pixels"], run["studio"] or {}
     minutes = lambda *names: sum(one[n]["seconds"] for n in names if n in one) / 60  # noqa: E731
     shown = one.get("driven", {}).get("all", {})
+    frames = f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} a second"
     return {
-        "registered frames": f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} a second, {run['quality'] or 'as given'}",
+        "registered frames": f"{frames}, {run['quality'] or 'as given'}",
         "cameras": f"{run['cameras']} of {width} x {height} px",
         "pictures": f"{studio['renderer']}, {studio['samples']} samples a pixel" if "samples" in studio else None,
         "pictured frames trained on": trained["frames"],
@@ -125,8 +126,10 @@ def against(found, how):
             ])  # fmt: skip
         if changes:
             met.append(f"{name}, {len(changes)} seed{'s' * (len(changes) > 1)}: {goals(changes, how)}.")
-    head = ("subject", "seed", "single layer: MSE", "SSIM", "layered: MSE", "SSIM", "change of MSE", "band: single", "layered", "change",
-            "change on garments", "change on the body", "change near the silhouette")  # fmt: skip
+    head = (
+        "subject", "seed", "single layer: MSE", "SSIM", "layered: MSE", "SSIM", "change of MSE", "band: single", "layered",
+        "change", "change on garments", "change on the body", "change near the silhouette",
+    )  # fmt: skip
     title = {"driven": "Driven by pose and face alone", "reconstruction": "Reconstruction: the frame itself is encoded"}[how]
     return Table(title, head, rows, " ".join([*met, PAPER] if how == "driven" and rows else met))
 
@@ -159,12 +162,17 @@ def draws(found):
     for name, seed, driven in _driven(found):
         found_draws = driven["driven"]["baseline_draws"]
         if found_draws:
-            mse = found_draws["mse"]
-            rows.append([name, seed, mse[0], found_draws["mse_mean"], min(mse), max(mse), found_draws["zero_mse"], driven["layered"]["mse"],
-                         percent(relative(driven["layered"]["mse"], found_draws["mse_mean"])),
-                         percent(relative(driven["layered"]["mse"], found_draws["zero_mse"]))])  # fmt: skip
-    head = ("subject", "seed", "shown draw: MSE", "mean of draws", "least", "largest", "code zero", "layered", "against the mean", "against zero")
-    return Table("The baseline's code, drawn from the unit Gaussian", head, rows)
+            mse, mean, zero = found_draws["mse"], found_draws["mse_mean"], found_draws["zero_mse"]
+            layered = found_draws.get("layered_mse")
+            rows.append([
+                name, seed, mse[0], mean, min(mse), max(mse), zero, layered, percent(relative(layered, mean)),
+                percent(relative(layered, zero)),
+            ])  # fmt: skip
+    head = (
+        "subject", "seed", "shown draw: MSE", "mean of draws", "least", "largest", "code zero", "layered", "against the mean",
+        "against zero",
+    )  # fmt: skip
+    return Table("The baseline's code, drawn from the unit Gaussian", head, rows, "In every third picture." if rows else "")
 
 
 def _driven(found):
@@ -185,8 +193,12 @@ def ablations(found):
         for row, one in {FULL: full_of(subject), **named}.items():
             if "driven" in one:
                 rows.append([name, row, *_errors(one["driven"]["all"])])
-    head = ("subject", "avatar", "MSE", "SSIM", "garments", "band", "near the silhouette", "garment's surface [mm]", "correspondence [mm]", "jitter")
-    return Table("Ablations, driven", head, rows, "Jitter: mean second difference of the error of the garment's vertices [mm a frame²].")
+    head = (
+        "subject", "avatar", "MSE", "SSIM", "garments", "band", "near the silhouette", "garment's surface [mm]",
+        "correspondence [mm]", "jitter",
+    )  # fmt: skip
+    note = "Jitter: mean second difference of the error of the garment's vertices [mm a frame²]."
+    return Table("Ablations, driven", head, rows, note)
 
 
 def full_of(subject):
@@ -201,7 +213,8 @@ def _errors(everything):
     mean = lambda values: float(np.mean(values)) if values and None not in values else None  # noqa: E731
     return [
         *(layered[m] for m in ("mse", "ssim", "garment_mse", "band_mse", "rim_mse")),
-        mean([g["surface_mm"] for g in garments]), mean([g["correspondence_mm"] for g in garments]), mean([m["jitter_mm"] for m in motion]),
+        mean([g["surface_mm"] for g in garments]), mean([g["correspondence_mm"] for g in garments]),
+        mean([m["jitter_mm"] for m in motion]),
     ]  # fmt: skip
 
 
@@ -215,13 +228,16 @@ def windows(found):
             if "driven" not in there.get(row, {}):
                 continue
             everything, temporal = there[row]["driven"]["all"], there[row]["temporal"]
+            layered = everything["layered"]
             for garment, motion in everything["driven"]["motion"].items():
                 rows.append([
-                    name, garment, row, everything["layered"]["mse"], everything["layered"]["ssim"], everything["layered"]["garment_mse"],
-                    temporal["code_error"], temporal.get("held_out"), motion["acceleration_mm"], motion["true_acceleration_mm"],
-                    motion["jitter_mm"],
+                    name, garment, row, layered["mse"], layered["ssim"], layered["garment_mse"], temporal["code_error"],
+                    temporal.get("held_out"), motion["acceleration_mm"], motion["true_acceleration_mm"], motion["jitter_mm"],
                 ])  # fmt: skip
-    head = ("subject", "garment", "model", "MSE", "SSIM", "MSE on garments", "codes' error, trained", "held out", "acceleration", "true", "jitter")
+    head = (
+        "subject", "garment", "model", "MSE", "SSIM", "MSE on garments", "codes' error, trained", "held out", "acceleration",
+        "true", "jitter",
+    )  # fmt: skip
     note = (
         "L: poses that the window model sees; damped: the second-order model. Codes' error over their variance in training. "
         "Acceleration: mean second difference of the garment's vertices [mm a frame²]; jitter: the same of their error."
@@ -256,12 +272,16 @@ def qualities(found):
     for name, subject in found.items():
         for row, one in subject["ablations"].items():
             if row.startswith("quality ") and {"trained", "driven", "speed"} <= one.keys():
-                everything, speed = one["driven"]["all"], one["speed"]
+                everything, speed, trained = one["driven"]["all"], one["speed"], one["trained"]
+                layered, steps = everything["layered"], " + ".join(str(n) for n in trained["steps"].values())
                 rows.append([
-                    name, row.removeprefix("quality "), one["trained"]["minutes"], " + ".join(map(str, one["trained"]["steps"].values())),
-                    everything["mm_per_pixel"], everything["layered"]["mse"], everything["layered"]["ssim"], speed["size"],
-                    speed["frames_per_second"], speed["frames_per_second_with_occlusion"], speed["rays"],
+                    name, row.removeprefix("quality "), trained["minutes"], steps, everything["mm_per_pixel"], layered["mse"],
+                    layered["ssim"], speed["size"], speed["frames_per_second"], speed["frames_per_second_with_occlusion"],
+                    speed["rays"],
                 ])  # fmt: skip
-    head = ("subject", "quality", "minutes of training", "steps", "mm a pixel", "MSE", "SSIM", "pixels", "frames a second", "with occlusion", "rays")
+    head = (
+        "subject", "quality", "minutes of training", "steps", "mm a pixel", "MSE", "SSIM", "pixels", "frames a second",
+        "with occlusion", "rays",
+    )  # fmt: skip
     note = "Errors are of each preset's own window: compare them only where a pixel is as large."
     return Table("Quality presets", head, rows, note if rows else "")

@@ -104,7 +104,7 @@ class Driven(HeldOut):
             "temporal": self.driver and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
             "intersections": self._intersections(),
-            "baseline_draws": draws and _spread(draws),
+            "baseline_draws": draws and _spread(draws, tally.measures("layered", pictures=common)),
         }
 
     def _motion(self):
@@ -131,7 +131,7 @@ class Driven(HeldOut):
         return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
 
 
-def _spread(draws):
+def _spread(draws, layered):
     """Errors of the baseline over draws of its code, over the pictures that show all; "zero" is the Gaussian's mean, which no
     sample is."""
     sampled = [found for name, found in draws.items() if name != "baseline 0"]
@@ -141,4 +141,5 @@ def _spread(draws):
         "ssim_mean": float(np.mean([found["ssim"] for found in sampled])),
         "zero_mse": draws["baseline 0"]["mse"],
         "zero_ssim": draws["baseline 0"]["ssim"],
+        "layered_mse": layered["mse"],
     }

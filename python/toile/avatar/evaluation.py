@@ -89,7 +89,8 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
     garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
-    band; garments: where there are several, the MSE of each; rim_mse: within 5 px of the silhouette; cameras; geometry against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
+    band; garments: where there are several, the MSE of each; rim_mse: within 5 px of the silhouette; cameras; geometry
+    against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
     of a frame, shown to this one (DESIGN 5), for layers and for the tracked surface. driven: None, or the temporal model's
