@@ -133,13 +133,13 @@ class Subject:
         minutes = paper.minutes if minutes is None and steps is None else minutes
 
         def train():
-            if not (finished(folder) and (finished(folder / "baseline") or not baseline)):
+            there = finished(folder) and (finished(folder / "baseline") or not baseline)
+            if not there:
                 make_avatar(Request(run, settings, minutes, paper.holdout, paper.progress, paper.say), folder, baseline)
             facts = read(folder / "avatar.json")
-            return {
-                "steps": facts["steps"], "frames": len(facts["frames"]), "held_out": facts["holdout"], "minutes": minutes,
-                "settings": facts["settings"], "seconds": training_seconds(folder),
-            }  # fmt: skip
+            told = {"frames": len(facts["frames"]), "held_out": facts["holdout"], "minutes": minutes}
+            took = {"seconds": training_seconds(folder)} if there else {}
+            return {name: facts[name] for name in ("steps", "settings")} | told | took
 
         def drive():
             settings = paper.temporal.model_copy(update={"seed": facts_seed(folder)})

@@ -96,7 +96,7 @@ def _size(run, one):
         "parameters, layered and single": " and ".join(str(n) for n in shown.get("parameters", {}).values()) or None,
         "steps apart and together": " + ".join(str(n) for n in trained["steps"].values()),
         "device": trained["machine"]["device"],
-        "minutes: registering": run["seconds"] / 60,
+        "minutes: registering": run["seconds"] / 60 if run["quality"] else None,
         "minutes: training, baseline and its search included": minutes("trained"),
         "minutes: temporal model": minutes("temporal"),
         "minutes: evaluating": minutes("reconstruction", "driven"),
