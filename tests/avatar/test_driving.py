@@ -97,6 +97,14 @@ def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
     assert known == driven[1] and stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
 
 
+def test_noise_on_the_poses_keeps_few_of_them_from_being_learnt_by_heart(driven, tmp_path):
+    folder, measured = driven
+    again = tmp_path / "noisy"
+    shutil.copytree(folder, again)
+    noisy = train_temporal(again, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3, pose_noise=4.0))
+    assert noisy["code_error"] > 2 * measured["code_error"]
+
+
 def test_the_damped_model_is_asked_for_trained_saved_and_drives(sample_avatar, sample_run, tmp_path, monkeypatch, capsys):
     folder = tmp_path / "damped"
     shutil.copytree(sample_avatar, folder)

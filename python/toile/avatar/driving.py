@@ -190,7 +190,8 @@ def _fit(driver, track, rows, targets, generator, progress):
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps, eta_min=0.05 * settings.lr)
     driver.train()
     for step in range(settings.steps):
-        loss = driver.loss(features, track.first, rows, targets, generator)
+        noise = torch.randn(features.shape, generator=generator)
+        loss = driver.loss(features + settings.pose_noise * noise, track.first, rows, targets, generator)
         if not torch.isfinite(loss):
             raise CaptureError(f"temporal model: step {step}: the loss is not finite")
         optimiser.zero_grad()

@@ -118,6 +118,7 @@ class TemporalSettings(Settings):
     stretch: int = 60  # frames that the damped model is unrolled over
     lr: float = 5e-4
     weight_decay: float = 0.01
+    pose_noise: float = 0.5  # added to standardised features in training, so that few poses are not learnt by heart
     pose_floor: float = 0.05  # least spread that a pose's feature is divided by: joints that rest carry only noise
     seed: int = 0
 
