@@ -8,7 +8,8 @@ import pytest
 import torch
 from small_avatar import BODY, JACKET, SHIRT, SIZE, SURFACE, avatar, awake, batch, settings
 from toile.avatar import losses
-from toile.avatar.avatar import PARITY, matched_settings, pose_features, up_vector
+from toile.avatar.avatar import pose_features, up_vector
+from toile.avatar.sizes import PARITY, layer_parameters, matched_settings
 
 LAYERED, BASELINE = (BODY, SHIRT), (SURFACE,)
 
@@ -202,7 +203,6 @@ def test_parts_of_a_layer_follow_its_kind():
 @pytest.mark.parametrize("quality", ["draft", "standard", "fine"])
 def test_baseline_has_as_many_parameters_as_the_layered_avatar(quality, layers):
     from toile.avatar.settings import preset
-    from toile.avatar.avatar import layer_parameters
 
     model = avatar(views=2)
     options = preset(quality)

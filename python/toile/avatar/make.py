@@ -18,11 +18,12 @@ from lightning_fabric.strategies import DDPStrategy
 
 from ..scene import CaptureError
 from ..workers import locked
-from .avatar import Avatar, matched_settings
+from .avatar import Avatar
 from .checkpoint import begin, read_assets, read_facts, save_assets, save_avatar, topology
 from .data import AvatarData, capture_of, pictured_frames
 from .layers import open_body
 from .settings import AvatarSettings
+from .sizes import matched_settings
 from .textures import pinhole
 from .train import Training, draw
 
