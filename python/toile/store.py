@@ -9,7 +9,6 @@ import json
 import os
 import shutil
 from dataclasses import fields, is_dataclass
-from pathlib import Path
 
 import numpy as np
 

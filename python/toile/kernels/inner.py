@@ -1,7 +1,5 @@
 """The body under the garments: one fused rest shape for a sequence, then the body of each frame."""
 
-import numpy as np
-
 from .. import _core
 from .._core import InnerFused, InnerResult, InputError
 from .arrays import as_faces, as_floats, as_vertices
