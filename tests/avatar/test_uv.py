@@ -37,7 +37,7 @@ def registered(sample_run):
     layers = read_layers(sample_run)
     body = open_body(sample_run)
     names = ["inner/vertices", "garment/tshirt/vertices"]
-    return layers, [body.mean_unposed(n, l.skin_idx, l.skin_val, [2]) for n, l in zip(names, layers)]
+    return layers, [body.shapes(n, l.skin_idx, l.skin_val, [2], 0)[0] for n, l in zip(names, layers)]
 
 
 def test_a_texel_lies_where_its_row_and_column_say():
