@@ -117,5 +117,6 @@ def test_principal_modes_are_orthogonal_and_one_standard_deviation_long():
     assert np.abs(product - np.diag(np.diag(product))).max() < 1e-5 * product.max()
     found = shapes.reshape(20, -1) @ (modes / np.diag(product)[:, None]).T
     np.testing.assert_allclose(found.std(0), 1, rtol=1e-5)
+    assert (found[np.abs(found).argmax(0), np.arange(3)] > 0).all()
     np.testing.assert_allclose(found @ modes, shapes.reshape(20, -1), atol=1e-7)
     assert principal_modes(np.zeros((1, 40, 3)), 4).shape == (0, 40, 3)

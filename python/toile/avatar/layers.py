@@ -111,11 +111,13 @@ def _need(run, store, name):
 
 def principal_modes(displacements, count):
     """At most `count` modes (M,n,3) of displacements (F,n,3) from their mean: orthogonal, strongest first, each as long as its
-    standard deviation over the frames. Modes that a ten-thousandth of the first's variance exceeds are left out."""
+    standard deviation over the frames, positive in the frame that shows most of it. Modes of less than a ten-thousandth of
+    the first's variance are left out."""
     flat = displacements.reshape(len(displacements), -1).astype(np.float64)
     variance, U = np.linalg.eigh(flat @ flat.T / len(flat))  # of frames by frames: the vertices are many more
     variance, U = variance[::-1][:count], U[:, ::-1][:, :count]
     U = U[:, variance > max(1e-4 * variance[0], 1e-12)]
+    U = U * np.sign(U[np.abs(U).argmax(0), np.arange(U.shape[1])])  # an eigenvector's sign is nobody's choice
     return (U.T @ flat / len(flat) ** 0.5).reshape(-1, *displacements.shape[1:]).astype(np.float32)
 
 
