@@ -34,7 +34,7 @@ ALLOWED = {
     "plan": set(), "layout": TYPES | {"io", "store"},
     "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "layout", "plan", "request", "store", "workers"},
     "avatar": TYPES | {"capture", "config", "io", "layering", "page", "store", "truth", "views", "workers"},
-    "align": TYPES | {"avatar", "capture", "cli", "config", "page", "plan", "store", "workers", "__init__"},
+    "align": TYPES | {"avatar", "capture", "cli", "config", "layering", "page", "plan", "store", "workers", "__init__"},
     "animate": TYPES | {"avatar", "io", "store"},
     "cli": TYPES | {"align", "animate", "avatar", "budget", "capture", "config", "pipeline", "evaluate", "layout", "plan", "report", "template", "studio"},
     "io": {"scene"},

@@ -20,7 +20,8 @@ import numpy as np
 
 from ..avatar.data import capture_of, pictured_frames
 from ..avatar.layers import open_body, read_layers
-from ..kernels import InputError, SolveError, UntangleSolver
+from ..kernels import InputError, SolveError
+from ..layering import Layering
 from ..plan import blocks
 from ..scene import CaptureError
 from ..store import OK, PENDING, Status, load_record, replace_file, save_record, write_text
@@ -107,7 +108,6 @@ class _Align:
         self.frames = [int(n) for n in self.body.store["frames"][:][self.body.rows()]]
         self.pictured = pictured_frames(run)
         self.garments = [g["name"] for g in self.body.store.attrs["scene"]["garments"]]
-        self.untanglers = {}
         self.workers = Workers(workers, _worker, run, out, settings) if workers > 1 else None
 
     def go(self):
@@ -155,6 +155,8 @@ class _Align:
         of = {layer.name: layer for layer in layers}
         surfaces = {n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), self.settings.spacing) for n in self.garments}
         templates = {n: self._template(of[n]) for n in self.garments}
+        sizes = [(n, s.faces, len(s.rest)) for n, s in surfaces.items()]
+        self.layering = Layering(self.body.model.skin_faces, len(self.body.model.v_template), sizes, self.settings.margin)
         self.matchers = {n: Matcher(s, templates[n], self.settings) for n, s in surfaces.items()}
         places = {n: Places(of[n], s.lattice.face, s.lattice.bary) for n, s in surfaces.items()}
         self.reader = Reader(self.body, self.capture, layers, places)
@@ -253,26 +255,17 @@ class _Align:
 
     def _write_frame(self, group, row, slides):
         """Garments slid, and out of what lies under them where their triangles now meet it."""
-        inner = "inner" if "inner/vertices" in group else "track"
-        under = [("", group[f"{inner}/vertices"][row], self.body.model.skin_faces)]
-        for name in self.garments:
-            at, surface = f"garment/{name}/vertices", self.matchers[name].surface
-            V = group[at][row]
+        body = group["inner/vertices" if "inner/vertices" in group else "track/vertices"][row]
+        cloth = {name: group[f"garment/{name}/vertices"][row] for name in self.garments}
+        for name, d in slides.items():
+            surface = self.matchers[name].surface
+            face, bary = surface.slid(d)
+            cloth[name] = surface.laid(cloth[name], face, bary)
+            group[f"confidence/{name}"][row] = group[f"confidence/{name}"][row][surface.faces[face, bary.argmax(1)]]
+        placed = self.layering.solve(body, cloth)
+        for name, V in (placed.vertices if placed.intersections_before else cloth).items():
             if name in slides:
-                face, bary = surface.slid(slides[name])
-                V = surface.laid(V, face, bary)
-                group[f"confidence/{name}"][row] = group[f"confidence/{name}"][row][surface.faces[face, bary.argmax(1)]]
-                for other, body_V, body_F in under:
-                    found = self._untangler(name, other, len(V), body_F, len(body_V)).solve(V, body_V)
-                    V = np.asarray(found.V) if found.intersections_before else V
-                group[at][row] = V
-            under.append((name, V, surface.faces))
-
-    def _untangler(self, name, under, count, body_F, body_n):
-        if (name, under) not in self.untanglers:
-            faces = self.matchers[name].surface.faces
-            self.untanglers[name, under] = UntangleSolver(faces, count, body_F, body_n, margin=self.settings.margin)
-        return self.untanglers[name, under]
+                group[f"garment/{name}/vertices"][row] = V
 
     def _write_diagnostics(self):
         for number in self.pictured:
