@@ -136,3 +136,9 @@ def batch(model, samples=2, seed=0):
             made[f"{kind}.{name}"] = uniform(samples, 3, size, size)
             made[f"{weight}.{name}"] = (uniform(samples, 1, size, size) < 0.8).float()
     return made
+
+
+def decoded(model, b, **changes):
+    """{layer: Decoded} of a batch with some of it changed, by the means of its codes."""
+    b = b | changes
+    return model.decode(b, model.means(model.encode(b)))
