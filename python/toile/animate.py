@@ -65,7 +65,7 @@ class Puppet:
         driver, stride, _ = load_driver(self.folder)
         motion = self.motion
         with torch.no_grad():
-            track = make_track(self.avatar, motion.frames, motion.rotations, motion.translation, motion.face, stride)
+            track = make_track(self.avatar, motion.frames, motion.rotations, motion.face, stride)
             return driver.latents(track)
 
     def _warnings(self, poses):

@@ -14,11 +14,11 @@ from torch import nn
 from torch.nn.functional import avg_pool2d
 
 from .. import kernels
+from .carried import Carried, Projection
 from .layers import Skeleton, Skin, rotation_matrices
 from .networks import COLOUR_IN, LayerNetworks, count, reparameterised, resize
 from .operators import Facing, joint_centroids, uniform_laplacian
 from .renderer import Surface, render
-from .settings import TemporalSettings
 from .sizes import layer_sizes, modes_of
 from .uv import TexelValues, UvMap, UvSampler
 
@@ -104,11 +104,8 @@ class LayerModel(nn.Module):
     def decode(self, pose, face, z, transforms, centre, texture=True):
         """Pose features (B,K,C), face (B,q,3) and code (B,Z), posed by `transforms` and seen from centre (B,3)."""
         features = self.networks.features(pose, face, z)
-        displacement = self.networks.geometry(features)
+        unposed = self.decode_shape(features, z)
         with torch.autocast(features.device.type, enabled=False):
-            unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
-            if len(self.modes):
-                unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
             decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
         if not texture:
             return decoded
@@ -121,6 +118,15 @@ class LayerModel(nn.Module):
         if self.edits is not None:
             decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
         return decoded
+
+    def decode_shape(self, features, z):
+        """Unposed vertices (B,n,3), float32, of what the networks decode of their features, and of the code's amplitudes."""
+        displacement = self.networks.geometry(features)
+        with torch.autocast(features.device.type, enabled=False):
+            unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
+            if len(self.modes):
+                unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
+        return unposed
 
     def _coloured(self, residual, size):
         """The mean texture with a residual (B,3,s,s) of it, at `size`."""
@@ -171,6 +177,9 @@ class Avatar(nn.Module):
             for layer in self.layers
         )
         self.register_buffer("up", up_vector(scene.up), persistent=False)
+        garments = [layer for layer in self.layers if layer.kind == "garment"]
+        self.carried = Carried(garments, self.skeleton, self.up, getattr(self, "face_mean", None)) if garments else None
+        self.projection = Projection(self.carried.size) if garments and settings.data.window else None
         others = max(len(self.cameras) - 1, 0)
         self.colour_gain = nn.Parameter(torch.zeros(others, 3))  # less 1
         self.colour_bias = nn.Parameter(torch.zeros(others, 3))
@@ -234,6 +243,11 @@ class Avatar(nn.Module):
             for model in self._chosen(names)
         }
 
+    def unposed_garment(self, name, codes):
+        """Vertices (B,n,3) of a garment that its codes (B,Z) alone decide [m]."""
+        model = self.model(name)
+        return model.decode_shape(model.networks.features(None, None, codes), codes)
+
     def _face_features(self, face, seen):
         return (face - self.face_mean) / FACE_SCALE * seen[..., None]
 
@@ -241,16 +255,13 @@ class Avatar(nn.Module):
         """The code of a layer (B,Z): given, or regressed from the batch's window of poses; None of a body."""
         if model.networks.regressor is None:
             return latents.get(model.name)
-        return model.networks.regressor(self.window_features(batch))
+        return model.networks.regressor(self.projection(self.window_features(batch))).float()
 
     def window_features(self, batch):
-        """Features (B,L,P) of a batch's windows of poses and faces."""
-        rotations = batch["window.rotations"]
-        features = pose_features(rotations.flatten(0, 1), self.up).reshape(*rotations.shape[:2], -1)
-        if hasattr(self, "face_mean"):
-            face = self._face_features(batch["window.face"], batch["window.face_seen"])
-            features = torch.cat([features, face.flatten(2)], -1)
-        return features
+        """What moves the garments, of a batch's windows of poses and faces (B,L,P)."""
+        rotations, face, seen = (batch[f"window.{name}"] for name in ("rotations", "face", "face_seen"))
+        face = torch.where(seen[..., None] > 0, face, torch.nan).flatten(0, 1) if hasattr(self, "face_mean") else None
+        return self.carried(rotations.flatten(0, 1), face).reshape(*rotations.shape[:2], -1)
 
     @torch.no_grad()
     def ambient_occlusion(self, decoded):
@@ -267,15 +278,11 @@ class Avatar(nn.Module):
 
     @torch.no_grad()
     def set_feature_scale(self, data):
-        """Keeps mean and spread of the windows' features over the frames of `data`, where garments are regressed from them."""
-        regressors = [model.networks.regressor for model in self.models if model.networks.regressor is not None]
-        if regressors:
+        """Fits the windows' projection to the frames of `data`, where garments are regressed from them."""
+        if self.projection is not None:
             windows = [data.pose_window(number) for number in data.frames]
             stacked = {name: torch.stack([w[name] for w in windows]).to(self.up.device) for name in windows[0]}
-            features = self.window_features(stacked)[:, -1]
-            for one in regressors:
-                one.mean.copy_(features.mean(0))
-                one.spread.copy_(features.std(0, correction=0).clamp(min=TemporalSettings().pose_floor))
+            self.projection.fit(self.window_features(stacked)[:, -1])
 
     @torch.no_grad()
     def set_mean_ao(self, mean):

@@ -52,8 +52,9 @@ def train(
             measured = train_temporal(avatar, drive, lambda *at: progress("temporal", *at))
     if first:
         if drive:
+            steps = measured.pop("steps")
             errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
-            typer.echo(f"temporal model ({drive.model}): {errors}, of the codes' variance")
+            typer.echo(f"temporal model ({drive.model}): {steps} steps, {errors}, of the codes' variance")
         typer.echo(f"{avatar}: trained")
 
 

@@ -5,7 +5,9 @@ METHOD, Animation: E_TCN = |z - z_c|^2, z_c the mean code of the trained VAE.
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from torch.utils.data import default_collate
 
 from ..io.camera import first_error
 from ..scene import CaptureError
-from .avatar import FACE_SCALE, pose_features
+from .carried import COMPONENTS, Projection
 from .checkpoint import check_same, load_avatar, load_model, read_facts, read_tensors, topology, write_tensors
 from .data import AvatarData
 from .layers import open_body
@@ -27,13 +29,20 @@ FILE = "temporal.safetensors"
 PREFIX = "model."
 
 
+FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
+CHECK = 20  # steps between looks at those left out
+PATIENCE = 100  # steps
+LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
+DECODED = 32  # codes decoded at a time
+
+
 @dataclass(frozen=True)
 class Track:
     """The poses of a motion in order. `first` (T,): where the row of neighbouring frames that each belongs to begins; the
     poses of a window lie `step` rows apart."""
 
     frames: np.ndarray  # (T,)
-    features: torch.Tensor  # (T,P)
+    features: torch.Tensor  # (T,P) of Avatar.carried
     first: torch.Tensor  # (T,) int64
     step: int = 1
 
@@ -42,21 +51,16 @@ class Track:
         return [i for i, n in enumerate(self.frames.tolist()) if n in frames]
 
 
-def make_track(avatar, frames, rotations, translation, face, stride):
-    """Features of poses (T,K,3) and faces (T,q,3) or None, as `avatar` reads them. `stride`: frame numbers between the
-    poses of a window; the motion's own step must divide it. Frames farther apart than that step are no neighbours."""
-    features = pose_features(torch.as_tensor(rotations, dtype=torch.float32), avatar.up.cpu()).flatten(1)
-    if hasattr(avatar, "face_mean"):
-        points = avatar.face_mean.cpu()
-        offset = torch.zeros(len(frames), *points.shape)
-        if face is not None:
-            offset = torch.nan_to_num(torch.as_tensor(face, dtype=torch.float32) - points) / FACE_SCALE
-        features = torch.cat([features, offset.flatten(1)], 1)
+def make_track(avatar, frames, rotations, face, stride):
+    """Poses (T,K,3) and faces (T,q,3) or None, as `avatar` reads them. `stride`: frame numbers between the poses of a
+    window; the motion's own step must divide it. Frames farther apart than that step are no neighbours."""
+    like = dict(dtype=torch.float32, device=avatar.up.device)
+    features = avatar.carried(torch.as_tensor(rotations, **like), None if face is None else torch.as_tensor(face, **like))
     frames = np.asarray(frames)
     own = stride_of(frames) or stride
     if stride % own:
         raise CaptureError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
-    return Track(frames, features, row_starts(np.diff(frames) != own), stride // own)
+    return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own)
 
 
 def row_starts(breaks):
@@ -72,7 +76,7 @@ def stride_of(frames):
 
 
 class Driver(nn.Module):
-    """Poses to the codes of every garment: a temporal model over standardised features and codes."""
+    """Poses to the codes of every garment: a temporal model over projected features and scaled codes."""
 
     def __init__(self, settings, features, sizes):
         """`features`: P of a pose; `sizes` {garment: Z}."""
@@ -80,48 +84,59 @@ class Driver(nn.Module):
         self.settings, self.sizes = settings, dict(sizes)
         total = sum(self.sizes.values())
         if settings.model == "window":
-            self.model = TemporalModel(features, total, settings.window, settings.channels)
+            self.model = TemporalModel(COMPONENTS, total, settings.window, settings.channels)
         else:
-            self.model = DampedModel(features, total, settings.channels)
-        for name, size in (("feature", features), ("code", total)):
-            self.register_buffer(f"{name}_mean", torch.zeros(size))
-            self.register_buffer(f"{name}_spread", torch.ones(size))
-        self.register_buffer("code_range", torch.tensor([[-1.0], [1.0]]).repeat(1, total))  # of training, standardised
+            self.model = DampedModel(COMPONENTS, total, settings.channels)
+        last = [part for part in self.model.modules() if isinstance(part, nn.Linear)][-1]
+        for parameter in last.parameters():  # untaught, it answers the mean code
+            nn.init.zeros_(parameter)
+        self.projection = Projection(features)
+        self.register_buffer("code_mean", torch.zeros(total))
+        self.register_buffer("code_spread", torch.ones(total))
+        self.register_buffer("code_weight", torch.ones(total) / total**0.5)  # their squares sum to 1
+        self.register_buffer("code_range", torch.tensor([[-1.0], [1.0]]).repeat(1, total))  # of training, scaled
 
-    def standardise(self, features, codes):
-        """Sets means and spreads from training features (T,P) and codes (F,Z)."""
-        self.feature_mean.copy_(features.mean(0))
-        self.feature_spread.copy_(features.std(0, correction=0).clamp(min=self.settings.pose_floor))
+    @torch.no_grad()
+    def scale(self, features, codes, reach=None):
+        """Sets projection, means and spreads from training features (T,P) and codes (F,Z). `reach(mean, spread)` (Z,): how far
+        each number's spread moves the cloth; all alike by default."""
+        self.projection.fit(features)
         self.code_mean.copy_(codes.mean(0))
         self.code_spread.copy_(codes.std(0, correction=0).clamp(min=1e-3))
-        known = (codes - self.code_mean) / self.code_spread
+        weight = torch.ones_like(self.code_mean) if reach is None else reach(self.code_mean, self.code_spread)
+        weight = (weight / weight.norm()).clamp(min=LEAST_WEIGHT)
+        self.code_weight.copy_(weight / weight.norm())
+        known = self.scaled(codes)
         self.code_range.copy_(torch.stack([known.amin(0), known.amax(0)]))
+
+    def scaled(self, codes):
+        """Codes (F,Z) as the model gives them: their variances sum to 1, each number has a share as it moves the cloth."""
+        return (codes - self.code_mean) / self.code_spread * self.code_weight
 
     def latents(self, track):
         """{garment: (T,Z)} for every frame of a Track, kept within the range of the training's codes: beyond it the decoder
         was never taught, and a pose far from the training's must not tear the cloth."""
-        codes = self._codes(track, (track.features - self.feature_mean) / self.feature_spread)
+        read = self._read(track).clamp(*self.code_range)
+        codes = self.code_mean + self.code_spread * read / self.code_weight
         return dict(zip(self.sizes, codes.split(list(self.sizes.values()), dim=1)))
 
-    def _codes(self, track, features):
+    def _read(self, track):
+        features = self.projection(track.features)
         if self.settings.model == "window":
-            read = self.model(windows(features, self.settings.window, track.first, track.step))
-        else:
-            rows = torch.unique(track.first).tolist() + [len(features)]
-            read = features.new_zeros(len(features), len(self.code_mean))
-            for a, b in zip(rows, rows[1:]):
-                for row in range(a, min(a + track.step, b)):
-                    read[row : b : track.step] = self.model(features[None, row : b : track.step])[0]
-        return self.code_mean + self.code_spread * read.clamp(*self.code_range)
+            return self.model(windows(features, self.settings.window, track.first, track.step))
+        rows = torch.unique(track.first).tolist() + [len(features)]
+        read = features.new_zeros(len(features), len(self.code_mean))
+        for a, b in zip(rows, rows[1:]):
+            for row in range(a, min(a + track.step, b)):
+                read[row : b : track.step] = self.model(features[None, row : b : track.step])[0]
+        return read
 
-    def loss(self, features, first, rows, targets, generator):
-        """Mean squared error of standardised codes over a batch drawn from the pictured frames `rows` with codes `targets`."""
-        pick = torch.randint(len(rows), (self.settings.batch,), generator=generator)
-        wanted = (targets[pick] - self.code_mean) / self.code_spread
+    def errors(self, track, rows, targets):
+        """(F,) squared errors of the scaled codes of pictured frames `rows`, whose own are `targets` (F,Z)."""
         length = self.settings.window if self.settings.model == "window" else self.settings.stretch
-        index = (rows[pick][:, None] + torch.arange(1 - length, 1)).maximum(first[rows[pick]][:, None])
-        read = self.model(features[index])
-        return (read if read.dim() == 2 else read[:, -1]).sub(wanted).square().mean()
+        index = (rows[:, None] + track.step * torch.arange(1 - length, 1)).maximum(track.first[rows][:, None])
+        read = self.model(self.projection(track.features[index]))
+        return (read if read.dim() == 2 else read[:, -1]).sub(self.scaled(targets)).square().sum(1)
 
 
 def codes_of(avatar, data):
@@ -139,15 +154,15 @@ def run_track(avatar, body, stride=None):
     rows = body.rows()
     frames = body.store["frames"][:][rows]
     face = body.store["face"][:][rows] if "face" in body.store else None
-    pose = body.store["pose/rotations"][:][rows], body.store["pose/translation"][:][rows]
-    return make_track(avatar, frames, *pose, face, stride or stride_of(frames) or 1)
+    return make_track(avatar, frames, body.store["pose/rotations"][:][rows], face, stride or stride_of(frames) or 1)
 
 
 def train_temporal(folder, settings, progress=lambda done, total: None):
     """Adds a temporal model to a trained avatar: AVATAR/temporal.safetensors. Returns what it measured.
 
-    Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. code_error, and
-    held_out where frames were held out: mean squared error of the codes over their variance in training.
+    Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
+    counts as far as it moves the cloth. `steps`: as many as left the least error on the FOLDS stretches left out in turn.
+    code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     CaptureError: the avatar has no garment, or its run is gone or another.
     """
     folder, facts = Path(folder), read_facts(folder)
@@ -159,12 +174,11 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     data = _data(folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
-    generator = torch.Generator().manual_seed(settings.seed)
-    torch.manual_seed(settings.seed)
     driver = Driver(settings, track.features.shape[1], sizes)
-    driver.standardise(track.features, targets)
-    _fit(driver, track, rows, targets, generator, progress)
-    measured = {"code_error": relative_error(driver, track, data.frames, targets)}
+    driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))
+    steps = stop_at(driver, track, rows, targets, progress)
+    list(fit(driver, track, rows, targets, steps))
+    measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
         held = _data(folder, facts, "evaluation", facts["holdout"])
         measured["held_out"] = relative_error(driver, whole, held.frames, codes_of(avatar, held)[0])
@@ -183,31 +197,72 @@ def _data(folder, facts, cache, frames):
     return data
 
 
-def _fit(driver, track, rows, targets, generator, progress):
+@torch.no_grad()
+def code_reach(avatar, sizes, mean, spread):
+    """(Z,) root mean square motion of its garment's vertices when one number of the code leaves the mean by its spread [m]."""
+    found = []
+    for name, z, one in zip(sizes, mean.split(list(sizes.values())), spread.split(list(sizes.values()))):
+        codes = torch.cat([z[None], z + torch.diag(one)])
+        shapes = torch.cat([avatar.unposed_garment(name, part) for part in codes.split(DECODED)])
+        found.append((shapes[1:] - shapes[0]).square().sum(2).mean(1).sqrt())
+    return torch.cat(found)
+
+
+def stop_at(driver, track, rows, targets, progress):
+    """The number of steps that leaves the least error on frames not trained on: FOLDS models, each without a stretch of the
+    frames, are trained side by side until twice the best number of steps and PATIENCE more have brought nothing."""
+    steps = driver.settings.steps
+    if len(rows) < 2 * FOLDS:
+        return steps
+    folds = []
+    for left_out in torch.arange(len(rows)).chunk(FOLDS):
+        kept = torch.ones(len(rows), dtype=torch.bool)
+        kept[left_out] = False
+        model = deepcopy(driver)
+        folds.append((model, left_out, fit(model, track, rows[kept], targets[kept], steps)))
+    best, least = steps, np.inf
+    for done in range(CHECK, steps + 1, CHECK):
+        error = 0.0
+        for model, left_out, training in folds:
+            for _ in islice(training, CHECK):
+                pass
+            with torch.no_grad():
+                error += model.errors(track, rows[left_out], targets[left_out]).sum().item()
+        if error < least:
+            best, least = done, error
+        progress(done, steps)
+        if done > 2 * best + PATIENCE:
+            break
+    progress(steps, steps)
+    return best
+
+
+def fit(driver, track, rows, targets, steps):
+    """Trains the driver's model from its beginning on the pictured frames `rows`; yields the number of steps done."""
     settings = driver.settings
-    features = (track.features - driver.feature_mean) / driver.feature_spread
-    optimiser = torch.optim.AdamW(driver.parameters(), settings.lr, weight_decay=settings.weight_decay)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps, eta_min=0.05 * settings.lr)
-    driver.train()
-    for step in range(settings.steps):
-        noise = torch.randn(features.shape, generator=generator)
-        loss = driver.loss(features + settings.pose_noise * noise, track.first, rows, targets, generator)
+    generator = torch.Generator().manual_seed(settings.seed)
+    torch.manual_seed(settings.seed)
+    fresh = Driver(settings, len(driver.projection.mean), driver.sizes)
+    driver.model.load_state_dict(fresh.model.state_dict())
+    optimiser = torch.optim.AdamW(driver.model.parameters(), settings.lr, weight_decay=settings.weight_decay)
+    for step in range(steps):
+        pick = torch.randint(len(rows), (settings.batch,), generator=generator)
+        loss = driver.errors(track, rows[pick], targets[pick]).mean()
         if not torch.isfinite(loss):
             raise CaptureError(f"temporal model: step {step}: the loss is not finite")
         optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(driver.parameters(), 1.0)
+        nn.utils.clip_grad_norm_(driver.model.parameters(), 1.0)
         optimiser.step()
-        schedule.step()
-        progress(step + 1, settings.steps)
-    driver.eval()
+        yield step + 1
 
 
 @torch.no_grad()
 def relative_error(driver, track, frames, targets):
-    """Mean squared error of the codes of `frames`, whose own are `targets` (F,Z), over their variance in training."""
+    """Mean squared error of the codes of `frames`, whose own are `targets` (F,Z), as they move the cloth, over their variance
+    in training."""
     read = torch.cat(list(driver.latents(track).values()), dim=1)[track.rows(set(frames))]
-    return float(((read - targets) / driver.code_spread).square().mean())
+    return float((driver.scaled(read) - driver.scaled(targets)).square().sum(1).mean())
 
 
 def held_out_span(frames):

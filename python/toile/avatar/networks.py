@@ -14,6 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from .carried import COMPONENTS
 from .temporal import TemporalModel
 
 SLOPE = 0.2  # of the LeakyReLU
@@ -224,19 +225,6 @@ def reparameterised(mean, logvar):
     return mean + torch.exp(0.5 * logvar) * torch.randn_like(mean)
 
 
-class Regressor(nn.Module):
-    """A window of poses and faces (B,L,P) -> code (B,Z), trained with the decoder: the ablation of encoder and noise."""
-
-    def __init__(self, sizes):
-        super().__init__()
-        self.model = TemporalModel(sizes.track, sizes.modes + sizes.latent, sizes.window)
-        for name, fill in (("mean", torch.zeros), ("spread", torch.ones)):
-            self.register_buffer(name, fill(sizes.track))
-
-    def forward(self, poses):
-        return self.model((poses - self.mean) / self.spread).float()
-
-
 class Shadow(nn.Module):
     """AO - AO_mean (B,1,s,s) -> quasi-shadow (B,1,s,s), exactly 1 at the start, between 0 and 1 / sigmoid(2) = 1.135.
 
@@ -270,7 +258,6 @@ class Sizes:
     view: bool = False
     shadow: bool = True
     window: int = 0  # poses that the code is regressed from, in place of an encoder
-    track: int = 0  # features of each of them
     mask: torch.Tensor | None = field(default=None, repr=False, compare=False)  # (K,s,s), s = start
     head: torch.Tensor | None = field(default=None, repr=False, compare=False)  # (s,s)
 
@@ -298,7 +285,7 @@ class LayerNetworks(nn.Module):
         self.pose = PoseMap(mask, sizes.pose_features) if sizes.joints else None
         self.face = FaceMap(sizes.face_points, head_mask) if sizes.face_points else None
         self.encoder = Encoder(sizes) if sizes.code else None
-        self.regressor = Regressor(sizes) if sizes.window else None
+        self.regressor = TemporalModel(COMPONENTS, sizes.modes + sizes.latent, sizes.window) if sizes.window else None
         self.code = CodeMap(sizes.modes + sizes.latent, start, w) if coded else None
         inputs = POSE_CHANNELS * bool(sizes.joints) + FACE_CHANNELS * bool(sizes.face_points) + w * coded
         self.geometry = Decoder(inputs, start, sizes.geometry, w, sizes.least_width)

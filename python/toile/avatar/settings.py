@@ -113,13 +113,11 @@ class TemporalSettings(Settings):
     model: Literal["window", "damped"] = "window"
     window: int = Field(15, ge=1)  # poses that the window model sees, the current one included
     channels: int = 256
-    steps: int = Field(2000, ge=1)
+    steps: int = Field(1000, ge=1)  # at most: frames left out say when to stop
     batch: int = 64  # windows, or stretches of the damped model
     stretch: int = 60  # frames that the damped model is unrolled over
     lr: float = 5e-4
     weight_decay: float = 0.01
-    pose_noise: float = 0.5  # added to standardised features in training, so that few poses are not learnt by heart
-    pose_floor: float = 0.05  # least spread that a pose's feature is divided by: joints that rest carry only noise
     seed: int = 0
 
 

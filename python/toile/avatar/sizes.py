@@ -31,7 +31,6 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points, modes):
         view=settings.network.view and len(cameras) > 1 and scene.view_dependent,
         shadow=settings.network.shadow,
         window=window,
-        track=joints * Sizes.pose_features + 3 * face_points if window else 0,
     )
 
 
