@@ -7,9 +7,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from toile.avatar.evaluation import evaluate_avatar
+from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.make import Request, make_avatar
-from toile.avatar.report import section
+from toile.avatar.measure.report import section
 from toile.avatar.settings import preset as avatar_preset
 from toile.cli import progress_bars
 from toile.config import preset

@@ -31,7 +31,7 @@ def measure(folder, size, threads, run=None):
 
     from toile import kernels
     from toile.avatar.checkpoint import read_facts
-    from toile.avatar.heldout import HeldOut
+    from toile.avatar.measure.heldout import HeldOut
 
     kernels.set_threads(threads)
     held = HeldOut(folder, read_facts(folder)["frames"][:1], run)

@@ -14,8 +14,8 @@ def zooms(full, others, out):
     from PIL import Image
 
     from toile.avatar.checkpoint import read_facts
-    from toile.avatar.driven import Driven
-    from toile.avatar.sheet import sheet
+    from toile.avatar.measure.driven import Driven
+    from toile.avatar.measure.sheet import sheet
 
     held = read_facts(full)["holdout"]
     frame = held[len(held) // 2]

@@ -121,8 +121,8 @@ class Subject:
 
     def avatar(self, folder, run, settings, baseline=False, steps=None, minutes=None):
         """Trains and drives an avatar, and evaluates it on the held-out frames."""
-        from toile.avatar.driving import train_temporal
-        from toile.avatar.evaluation import evaluate_avatar
+        from toile.avatar.drive.driving import train_temporal
+        from toile.avatar.measure.evaluation import evaluate_avatar
         from toile.avatar.make import Request, make_avatar
 
         paper = self.paper
@@ -153,7 +153,7 @@ class Subject:
         self._driven(folder)
 
     def _driven(self, folder):
-        from toile.avatar.evaluation import evaluate_avatar
+        from toile.avatar.measure.evaluation import evaluate_avatar
 
         paper = self.paper
         once(folder / "driven.json", lambda: evaluate_avatar(folder, progress=paper.progress, driven=True), paper.say)
@@ -190,7 +190,7 @@ class Subject:
 
     def _window_rows(self, full, place):
         """The full avatar driven by other temporal models."""
-        from toile.avatar.driving import train_temporal
+        from toile.avatar.drive.driving import train_temporal
 
         paper = self.paper
         models = {f"L{length}": {"window": length} for length in paper.windows} | {DAMPED: {"model": DAMPED}}

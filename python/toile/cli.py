@@ -104,7 +104,7 @@ def report(
 ):
     """Write one self-contained HTML page about a run or an avatar."""
     if is_avatar(path):
-        from .avatar.report import write_avatar_report
+        from .avatar.measure.report import write_avatar_report
 
         with progress_bars() as progress:
             options = dict(frames=numbers_of(frames), run=run, progress=progress, driven=driven)
@@ -154,8 +154,8 @@ def edit(
     run: Annotated[Optional[Path], typer.Option(help="the avatar's run, if that was moved")] = None,
 ):
     """Change a garment's texture, the body's untouched; its baseline gets the same where the garment lay in the first frame."""
-    from .avatar.editing import Change
-    from .avatar.editing import edit as run_edit
+    from .avatar.edit.editing import Change
+    from .avatar.edit.editing import edit as run_edit
 
     change = Change(garment, scale, checker, image, text, at, size)
     with progress_bars() as progress:
@@ -203,7 +203,7 @@ def is_avatar(path):
 def measure(path, frames, run, driven):
     """The evaluation of a run or of an avatar."""
     if is_avatar(path):
-        from .avatar.evaluation import evaluate_avatar
+        from .avatar.measure.evaluation import evaluate_avatar
 
         with progress_bars() as progress:
             return evaluate_avatar(path, numbers_of(frames), run, progress, driven=driven)

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from toile.avatar.renderer import Surface
+from toile.avatar.render.renderer import Surface
 from toile.io.body import load_body_model
 
 FRONT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # z up, facing -y -> OpenCV camera in front of the person

@@ -5,7 +5,7 @@ import pytest
 import torch
 import small_avatar as small
 from scipy.spatial.transform import Rotation
-from toile.avatar.carried import SPREAD, Carried, Projection, nearest_rotation, spread_points
+from toile.avatar.drive.carried import SPREAD, Carried, Projection, nearest_rotation, spread_points
 from toile.avatar.layers import Skeleton
 
 UP = torch.tensor([0.0, 0, 1])

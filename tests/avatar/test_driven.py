@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from toile.animate import Puppet
 from toile.avatar.avatar import Avatar
-from toile.avatar.driven import Driven
-from toile.avatar.driving import held_out_span, train_temporal
-from toile.avatar.evaluation import evaluate_avatar
-from toile.avatar.report import write_avatar_report
+from toile.avatar.measure.driven import Driven
+from toile.avatar.drive.driving import held_out_span, train_temporal
+from toile.avatar.measure.evaluation import evaluate_avatar
+from toile.avatar.measure.report import write_avatar_report
 from toile.avatar.settings import TemporalSettings
 from toile.cli import app
 from toile.scene import CaptureError

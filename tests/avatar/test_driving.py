@@ -12,13 +12,13 @@ from toile.animate import Puppet
 from toile.avatar.checkpoint import load_avatar
 from toile.avatar.command import temporal_settings
 from toile.avatar.data import pictured_frames
-from toile.avatar.driving import (
+from toile.avatar.drive.driving import (
     Driver, Track, code_reach, load_driver, make_track, relative_error, row_starts, run_track, stop_at, train_temporal,
     without,
 )  # fmt: skip
 from toile.avatar.layers import capture_folder, open_body
 from toile.avatar.settings import TemporalSettings
-from toile.avatar.temporal import DampedModel
+from toile.avatar.drive.temporal import DampedModel
 from toile.cli import main
 from toile.scene import CaptureError
 
@@ -147,7 +147,7 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(sample_avatar, s
     def shorter(folder, settings, progress):
         return train_temporal(folder, settings.model_copy(update=dict(channels=8, steps=5, stretch=3)), progress)
 
-    monkeypatch.setattr("toile.avatar.driving.train_temporal", shorter)
+    monkeypatch.setattr("toile.avatar.drive.driving.train_temporal", shorter)
     monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal-model", "damped"])
     with pytest.raises(SystemExit) as stopped:
         main()

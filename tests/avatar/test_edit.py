@@ -12,15 +12,15 @@ import torch
 from PIL import Image
 
 from toile.animate import animate
-from toile.avatar import paint
+from toile.avatar.edit import paint
 from toile.avatar.checkpoint import load_avatar
-from toile.avatar.driving import train_temporal
-from toile.avatar.edit_sheet import border_distances
-from toile.avatar.editing import Change, edit
-from toile.avatar.edits import Edit, LayerEdits, apply_edits, load_edits, save_edits
-from toile.avatar.marking import carried, mark
+from toile.avatar.drive.driving import train_temporal
+from toile.avatar.edit.sheet import border_distances
+from toile.avatar.edit.editing import Change, edit
+from toile.avatar.edit.edits import Edit, LayerEdits, apply_edits, load_edits, save_edits
+from toile.avatar.edit.marking import carried, mark
 from toile.avatar.settings import TemporalSettings
-from toile.avatar.sheet import GAP, TILE
+from toile.avatar.measure.sheet import GAP, TILE
 from toile.avatar.uv import UvMap
 from toile.cli import main
 from toile.scene import CaptureError
@@ -309,7 +309,7 @@ def test_an_edited_avatar_animates_and_its_body_does_not_change(source, edited, 
 
 
 def test_evaluation_says_that_an_avatar_is_edited(edited):
-    from toile.avatar.evaluation import evaluate_avatar
+    from toile.avatar.measure.evaluation import evaluate_avatar
 
     assert "edited: tshirt: scale 0.25,1.5,0.25" in evaluate_avatar(edited[0], frames=[3], sheets=False)["warnings"]
     shutil.rmtree(edited[0] / "evaluation")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pictures import SHIRT, pictures
-from toile.avatar.evaluation import Tally
+from toile.avatar.measure.evaluation import Tally
 from toile.scene import CaptureError
 from toile.truth import mean_measures
 

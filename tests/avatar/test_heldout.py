@@ -9,9 +9,9 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from toile.avatar.evaluation import evaluate_avatar
-from toile.avatar.heldout import HeldOut, _chosen, _ranges
-from toile.avatar.report import write_avatar_report
+from toile.avatar.measure.evaluation import evaluate_avatar
+from toile.avatar.measure.heldout import HeldOut, _chosen, _ranges
+from toile.avatar.measure.report import write_avatar_report
 from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings
 from toile.cli import app
 from toile.scene import CaptureError
@@ -170,7 +170,7 @@ def test_unseen_views_show_a_person_and_are_no_camera_s(avatar):
 
 
 def test_background_is_the_nearest_colour_that_is_surely_beside_the_person():
-    from toile.avatar.heldout import MIXED, background
+    from toile.avatar.measure.heldout import MIXED, background
 
     mask = np.zeros((20, 30), bool)
     mask[5:15, 8:20] = True

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from toile.avatar.metrics import BAND, Sums, border_band, over, pixel_sets, pose_distance, silhouette_ring, squared_error, ssim_map
+from toile.avatar.measure.metrics import BAND, Sums, border_band, over, pixel_sets, pose_distance, silhouette_ring, squared_error, ssim_map
 from toile.truth import second_difference
 
 SHIRT, SKIN = 3, 1

@@ -8,10 +8,10 @@ torch = pytest.importorskip("torch")
 import surfaces as shapes  # noqa: E402
 
 from toile import kernels  # noqa: E402
-from toile.avatar import renderer  # noqa: E402
+from toile.avatar.render import renderer  # noqa: E402
 from toile.avatar.losses import soft_visibility  # noqa: E402
-from toile.avatar.rasterise import NEAR, rasterise, rasterise_by_scatter  # noqa: E402
-from toile.avatar.renderer import Surface, render  # noqa: E402
+from toile.avatar.render.rasterise import NEAR, rasterise, rasterise_by_scatter  # noqa: E402
+from toile.avatar.render.renderer import Surface, render  # noqa: E402
 
 SUPERSAMPLING = 8
 IDENTITY = torch.eye(4)

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from pictures import SHIRT, pictures
-from toile.avatar.sheet import GAP, LINE, TILE, loop_box, sheet, write_sheets
+from toile.avatar.measure.sheet import GAP, LINE, TILE, loop_box, sheet, write_sheets
 from toile.page import HEAT
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from toile.avatar.temporal import DampedModel, TemporalModel, dilations, windows
+from toile.avatar.drive.temporal import DampedModel, TemporalModel, dilations, windows
 
 LENGTHS = (1, 3, 8, 15, 30)
 

@@ -14,7 +14,7 @@ def chain(tmp_path_factory):
     pytest.importorskip("newton")
     pytest.importorskip("anny")
     from toile.animate import animate
-    from toile.avatar.driving import train_temporal
+    from toile.avatar.drive.driving import train_temporal
     from toile.avatar.make import Request, make_avatar
     from toile.avatar.settings import DataSettings, NetworkSettings, TemporalSettings
     from toile.avatar.settings import preset as avatar_preset
@@ -61,7 +61,7 @@ def test_both_garments_are_registered_and_measured(chain):
 
 def test_both_garments_are_trained_and_measured(chain):
     from toile.avatar.checkpoint import load_avatar
-    from toile.avatar.evaluation import evaluate_avatar
+    from toile.avatar.measure.evaluation import evaluate_avatar
 
     assert [layer.name for layer in load_avatar(chain[2]).layers] == ["body", "trousers", "tshirt"]
     found = json.dumps(evaluate_avatar(chain[2]))

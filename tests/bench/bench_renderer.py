@@ -34,7 +34,7 @@ def problem(size, scene):
     import surfaces as shapes
     import torch
 
-    from toile.avatar.renderer import render
+    from toile.avatar.render.renderer import render
 
     meshes = [shapes.body()] + [shapes.sheet(60, turn=0.3)] * ("cloth" in scene)
     drawn = [shapes.surface(V, F, seed, size=512) for seed, (V, F) in enumerate(meshes)]

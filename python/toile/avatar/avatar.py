@@ -14,11 +14,11 @@ from torch import nn
 from torch.nn.functional import avg_pool2d
 
 from .. import kernels
-from .carried import Carried, Projection
+from .drive.carried import Carried, Projection
 from .layers import Skeleton, Skin, rotation_matrices
 from .networks import COLOUR_IN, LayerNetworks, count, reparameterised, resize
 from .operators import Facing, joint_centroids, uniform_laplacian
-from .renderer import Surface, render
+from .render.renderer import Surface, render
 from .sizes import layer_sizes, modes_of
 from .uv import TexelValues, UvMap, UvSampler
 

@@ -189,7 +189,7 @@ def read_json(path):
 def load_avatar(folder):
     """The trained avatar of a folder, with its edits, ready to decode, on the CPU."""
     from .avatar import Avatar
-    from .edits import apply_edits, load_edits
+    from .edit.edits import apply_edits, load_edits
 
     folder, facts = Path(folder), read_facts(folder)
     avatar = Avatar(facts["settings"], **read_assets(folder))

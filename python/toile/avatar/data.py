@@ -17,7 +17,7 @@ from ..capture import open_capture
 from ..scene import CaptureError
 from ..store import OK, replace_file, write_text
 from .layers import capture_folder, open_body, read_layers, surface_layer
-from .metrics import pose_distance
+from .measure.metrics import pose_distance
 from .textures import Unwrapper, filled, mean_texture, pinhole, take, undistorted, window_about
 from .uv import UvMap
 

@@ -14,8 +14,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from .carried import COMPONENTS
-from .temporal import TemporalModel
+from .drive.carried import COMPONENTS
+from .drive.temporal import TemporalModel
 
 SLOPE = 0.2  # of the LeakyReLU
 LOGVAR = 10.0  # bound of |logvar|: sigma stays within [0.0067, 148]

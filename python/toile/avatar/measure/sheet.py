@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..page import heat
-from ..store import replace_file
+from ...page import heat
+from ...store import replace_file
 from .metrics import border_band, squared_error
 
 ERROR_TOP = 64.0  # root mean square over the channels (0..255) at the upper end of the colours

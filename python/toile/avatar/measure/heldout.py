@@ -8,13 +8,13 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
-from .. import kernels
-from ..scene import HIDDEN, CaptureError
-from ..truth import millimetres, open_truth, outside_of
-from .checkpoint import check_same, load_avatar, read_facts, topology
-from .data import AvatarData, capture_of, pictured_frames
+from ... import kernels
+from ...scene import HIDDEN, CaptureError
+from ...truth import millimetres, open_truth, outside_of
+from ..checkpoint import check_same, load_avatar, read_facts, topology
+from ..data import AvatarData, capture_of, pictured_frames
 from .evaluation import Picture
-from .layers import open_body
+from ..layers import open_body
 from .metrics import pose_distance
 from .photometric import photometric
 

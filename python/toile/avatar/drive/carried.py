@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from .layers import Skin
+from ..layers import Skin
 
 POINTS = 256  # of each garment
 COMPONENTS = 32  # principal components that models read

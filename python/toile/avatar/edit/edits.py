@@ -16,9 +16,9 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from ..scene import CaptureError
-from ..store import load_record, save_record
-from .networks import resize
+from ...scene import CaptureError
+from ...store import load_record, save_record
+from ..networks import resize
 
 LUMA = (0.299, 0.587, 0.114)  # of red, green, blue in brightness (ITU-R BT.601)
 CELLS = 64  # along a side of the smoothed textures, three of which each is a mean over: some 5 cm of a shirt

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import kernels
-from ..scene import CaptureError
+from ... import kernels
+from ...scene import CaptureError
 from .edits import Edit
-from .uv import UvMap
+from ..uv import UvMap
 
 FINE = 512  # texels along a side of a painted map, at least
 TONES = (235, 30)  # of a checkerboard

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import CaptureError
-from ..truth import mean_measures
+from ...scene import CaptureError
+from ...truth import mean_measures
 from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
 from .sheet import write_sheets
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ..truth import second_difference
-from .driving import load_driver, run_track, stride_of
+from ...truth import second_difference
+from ..drive.driving import load_driver, run_track, stride_of
 from .heldout import VIEW, HeldOut
-from .untangling import Untangler
+from ..drive.untangling import Untangler
 
 SAMPLES = 4  # codes drawn for the baseline; the first is the one shown
 COMPARED = 3  # every which picture is drawn with the others too

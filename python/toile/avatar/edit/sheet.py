@@ -15,12 +15,12 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
-from ..store import replace_file
-from .checkpoint import read_facts
-from .heldout import SAMPLES, WINDOW, HeldOut
-from .renderer import Surface, render
-from .sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
-from .untangling import Untangler
+from ...store import replace_file
+from ..checkpoint import read_facts
+from ..measure.heldout import SAMPLES, WINDOW, HeldOut
+from ..render.renderer import Surface, render
+from ..measure.sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
+from ..drive.untangling import Untangler
 
 MEASURED, SHOWN = 8, 4  # frames
 FAR = 0.95  # share of the border that keeps within the larger of the distances stated

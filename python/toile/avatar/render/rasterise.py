@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from ..kernels import InputError, raster
+from ...kernels import InputError, raster
 
 NEAR = 0.01  # what lies nearer to the camera's plane is cut away [m]
 SUBPIXEL = 4096  # corners are snapped to 1/4096 px, so that shared edges neither crack nor double

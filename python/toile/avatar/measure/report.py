@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..page import document, figure, flatten, plot, table
+from ...page import document, figure, flatten, plot, table
 from .evaluation import NAMES, evaluate_avatar, sheets_folder
 
 MEASURES = {  # name in the JSON: what it says, in the order of the table

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from ..layering import Layering
+from ...layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
 

@@ -16,13 +16,13 @@ from pydantic import ValidationError
 from torch import nn
 from torch.utils.data import default_collate
 
-from ..io.camera import first_error
-from ..scene import CaptureError
+from ...io.camera import first_error
+from ...scene import CaptureError
 from .carried import COMPONENTS, Projection
-from .checkpoint import check_same, load_avatar, load_model, read_facts, read_tensors, topology, write_tensors
-from .data import AvatarData
-from .layers import open_body
-from .settings import TemporalSettings
+from ..checkpoint import check_same, load_avatar, load_model, read_facts, read_tensors, topology, write_tensors
+from ..data import AvatarData
+from ..layers import open_body
+from ..settings import TemporalSettings
 from .temporal import DampedModel, TemporalModel, windows
 
 FILE = "temporal.safetensors"

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..io.image import read_rgba
-from ..scene import CaptureError
-from ..store import write_text
+from ...io.image import read_rgba
+from ...scene import CaptureError
+from ...store import write_text
 from . import paint
-from .checkpoint import load_avatar, read_facts, read_json
+from ..checkpoint import load_avatar, read_facts, read_json
 from .edits import LUMA, load_edits, save_edits
-from .layers import body_model_of, open_body
+from ..layers import body_model_of, open_body
 from .marking import carried, mark
-from .networks import resize
+from ..networks import resize
 
 BRIGHTEST = 16.0  # factor of a colour
 KEPT = ("avatar.json", "avatar.safetensors", "temporal.safetensors")  # of an avatar's folder, with assets/
@@ -56,7 +56,7 @@ class Edited:
 
     words: str
     baseline: bool
-    measured: dict | None  # `edit_sheet.compare`'s; None where no sheet was asked for
+    measured: dict | None  # `sheet.compare`'s; None where no sheet was asked for
 
 
 def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda *_: None):
@@ -87,7 +87,7 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
         if marked is not None:
             add_edit(folder / "baseline", part / "baseline", carried(made, surface, marked))
         if sheet:
-            from .edit_sheet import compare
+            from .sheet import compare
 
             measured = compare(part, layer, made, marked, frames, run, progress)
             write_text(part / "edit.json", json.dumps({"edit": made.words, "garment": layer.name} | measured, indent=1))

@@ -13,7 +13,7 @@ import torch
 from torch.autograd.function import Function, once_differentiable
 from torch.nn.functional import grid_sample
 
-from ..kernels import InputError
+from ...kernels import InputError
 from .contours import contours, neighbours_of
 from .rasterise import NEAR, rasterise
 

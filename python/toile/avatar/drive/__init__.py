@@ -1,0 +1,1 @@
+"""Poses to codes: what moves the garments of a trained avatar."""

@@ -1,0 +1,1 @@
+"""Drawing meshes with gradients: rasterised texels, contours, pictures."""
