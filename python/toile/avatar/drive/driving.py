@@ -30,6 +30,7 @@ PREFIX = "model."
 
 
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
+FEWEST = 40  # frames of which stretches can be left out; fewer are neighbours, and learnt by heart
 CHECK = 20  # steps between looks at those left out
 PATIENCE = 100  # steps
 LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
@@ -212,7 +213,7 @@ def stop_at(driver, track, rows, targets, progress):
     """The number of steps that leaves the least error on frames not trained on: FOLDS models, each without a stretch of the
     frames, are trained side by side until twice the best number of steps and PATIENCE more have brought nothing."""
     steps = driver.settings.steps
-    if len(rows) < 2 * FOLDS:
+    if len(rows) < FEWEST:
         return steps
     folds = []
     for left_out in torch.arange(len(rows)).chunk(FOLDS):
