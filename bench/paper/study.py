@@ -121,7 +121,7 @@ class Subject:
 
     def avatar(self, folder, run, settings, baseline=False, steps=None, minutes=None):
         """Trains and drives an avatar, and evaluates it on the held-out frames."""
-        from toile.avatar.drive.driving import train_temporal
+        from toile.avatar.drive.teaching import train_temporal
         from toile.avatar.measure.evaluation import evaluate_avatar
         from toile.avatar.make import Request, make_avatar
 
@@ -190,7 +190,7 @@ class Subject:
 
     def _window_rows(self, full, place):
         """The full avatar driven by other temporal models."""
-        from toile.avatar.drive.driving import train_temporal
+        from toile.avatar.drive.teaching import train_temporal
 
         paper = self.paper
         models = {f"L{length}": {"window": length} for length in paper.windows} | {DAMPED: {"model": DAMPED}}

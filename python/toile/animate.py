@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from .avatar.checkpoint import load_avatar, read_facts, training_poses
-from .avatar.drive.driving import load_driver, make_track
+from .avatar.drive.driver import load_driver, make_track
 from .avatar.layers import body_model_of
 from .avatar.measure.metrics import pose_distance
 from .avatar.drive.untangling import Untangler

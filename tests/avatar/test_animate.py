@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from toile.animate import Puppet, animate, resized, turned
-from toile.avatar.drive.driving import train_temporal
+from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
 from toile.io.mesh import read_mesh
 from toile.kernels import intersecting_pairs

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 from toile.animate import Puppet
 from toile.avatar.avatar import Avatar
 from toile.avatar.measure.driven import Driven
-from toile.avatar.drive.driving import held_out_span, train_temporal
+from toile.avatar.drive.driver import held_out_span
+from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.measure.report import write_avatar_report
 from toile.avatar.settings import TemporalSettings

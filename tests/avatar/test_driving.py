@@ -12,10 +12,8 @@ from toile.animate import Puppet
 from toile.avatar.checkpoint import load_avatar
 from toile.avatar.command import temporal_settings
 from toile.avatar.data import pictured_frames
-from toile.avatar.drive.driving import (
-    Driver, Track, code_reach, load_driver, make_track, relative_error, row_starts, run_track, stop_at, train_temporal,
-    without,
-)  # fmt: skip
+from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, without
+from toile.avatar.drive.teaching import code_reach, relative_error, stop_at, train_temporal
 from toile.avatar.layers import capture_folder, open_body
 from toile.avatar.settings import TemporalSettings
 from toile.avatar.drive.temporal import DampedModel
@@ -147,7 +145,7 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(sample_avatar, s
     def shorter(folder, settings, progress):
         return train_temporal(folder, settings.model_copy(update=dict(channels=8, steps=5, stretch=3)), progress)
 
-    monkeypatch.setattr("toile.avatar.drive.driving.train_temporal", shorter)
+    monkeypatch.setattr("toile.avatar.drive.teaching.train_temporal", shorter)
     monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal-model", "damped"])
     with pytest.raises(SystemExit) as stopped:
         main()

@@ -14,7 +14,7 @@ from PIL import Image
 from toile.animate import animate
 from toile.avatar.edit import paint
 from toile.avatar.checkpoint import load_avatar
-from toile.avatar.drive.driving import train_temporal
+from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.edit.sheet import border_distances
 from toile.avatar.edit.editing import Change, edit
 from toile.avatar.edit.edits import Edit, LayerEdits, apply_edits, load_edits, save_edits

@@ -14,7 +14,7 @@ def chain(tmp_path_factory):
     pytest.importorskip("newton")
     pytest.importorskip("anny")
     from toile.animate import animate
-    from toile.avatar.drive.driving import train_temporal
+    from toile.avatar.drive.teaching import train_temporal
     from toile.avatar.make import Request, make_avatar
     from toile.avatar.settings import DataSettings, NetworkSettings, TemporalSettings
     from toile.avatar.settings import preset as avatar_preset

@@ -47,7 +47,7 @@ def train(
 
         make_avatar(Request(run, settings, minutes, holdout, progress, bars.console.print), avatar, baseline)
         if drive and first:
-            from .drive.driving import train_temporal
+            from .drive.teaching import train_temporal
 
             measured = train_temporal(avatar, drive, lambda *at: progress("temporal", *at))
     if first:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ...truth import second_difference
-from ..drive.driving import load_driver, run_track, stride_of
+from ..drive.driver import load_driver, run_track, stride_of
 from .heldout import VIEW, HeldOut
 from ..drive.untangling import Untangler
 

@@ -1,0 +1,165 @@
+"""Poses to the codes of a trained avatar's garments: what a motion says, the model that reads it, and its file.
+
+METHOD, Animation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+from torch import nn
+
+from ...io.camera import first_error
+from ...scene import CaptureError
+from ..checkpoint import load_model, read_tensors
+from ..settings import TemporalSettings
+from .carried import COMPONENTS, Projection
+from .temporal import DampedModel, TemporalModel, windows
+
+FILE = "temporal.safetensors"
+PREFIX = "model."
+LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
+
+
+@dataclass(frozen=True)
+class Track:
+    """The poses of a motion in order. `first` (T,): where the row of neighbouring frames that each belongs to begins; the
+    poses of a window lie `step` rows apart."""
+
+    frames: np.ndarray  # (T,)
+    features: torch.Tensor  # (T,P) of Avatar.carried
+    first: torch.Tensor  # (T,) int64
+    step: int = 1
+
+    def rows(self, frames):
+        """Rows of these frames, of those that the track has."""
+        return [i for i, n in enumerate(self.frames.tolist()) if n in frames]
+
+
+def make_track(avatar, frames, rotations, face, stride):
+    """Poses (T,K,3) and faces (T,q,3) or None, as `avatar` reads them. `stride`: frame numbers between the poses of a
+    window; the motion's own step must divide it. Frames farther apart than that step are no neighbours."""
+    like = dict(dtype=torch.float32, device=avatar.up.device)
+    features = avatar.carried(torch.as_tensor(rotations, **like), None if face is None else torch.as_tensor(face, **like))
+    frames = np.asarray(frames)
+    own = stride_of(frames) or stride
+    if stride % own:
+        raise CaptureError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
+    return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own)
+
+
+def run_track(avatar, body, stride=None):
+    """The Track of all registered frames of a RunBody, with pictures or without; `stride`: their own step by default."""
+    rows = body.rows()
+    frames = body.store["frames"][:][rows]
+    face = body.store["face"][:][rows] if "face" in body.store else None
+    return make_track(avatar, frames, body.store["pose/rotations"][:][rows], face, stride or stride_of(frames) or 1)
+
+
+def row_starts(breaks):
+    """(T,) where each row of neighbours begins, from whether frame i + 1 is no neighbour of frame i (T-1,)."""
+    begins = np.r_[True, breaks]
+    return torch.as_tensor(np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0)))
+
+
+def stride_of(frames):
+    """The commonest step from one frame to the next; 0 for a single frame."""
+    steps, counts = np.unique(np.diff(frames), return_counts=True)
+    return int(steps[counts.argmax()]) if len(steps) else 0
+
+
+def without(track, frames):
+    """The track less these frames; those on either side are no neighbours."""
+    keep = ~np.isin(track.frames, list(frames))
+    kept = np.flatnonzero(keep)
+    breaks = (np.diff(kept) > 1) | (track.first.numpy()[kept[1:]] == kept[1:])
+    return Track(track.frames[keep], track.features[torch.as_tensor(keep)], row_starts(breaks), track.step)
+
+
+def held_out_span(frames):
+    """Of the held-out pictured frames, contiguous among the pictured ones, all numbers from the first to the last."""
+    return range(min(frames), max(frames) + 1) if frames else ()
+
+
+class Driver(nn.Module):
+    """Poses to the codes of every garment: a temporal model over projected features and scaled codes."""
+
+    def __init__(self, settings, features, sizes):
+        """`features`: P of a pose; `sizes` {garment: Z}."""
+        super().__init__()
+        self.settings, self.sizes = settings, dict(sizes)
+        total = sum(self.sizes.values())
+        if settings.model == "window":
+            self.model = TemporalModel(COMPONENTS, total, settings.window, settings.channels)
+        else:
+            self.model = DampedModel(COMPONENTS, total, settings.channels)
+        last = [part for part in self.model.modules() if isinstance(part, nn.Linear)][-1]
+        for parameter in last.parameters():  # untaught, it answers the mean code
+            nn.init.zeros_(parameter)
+        self.projection = Projection(features)
+        self.register_buffer("code_mean", torch.zeros(total))
+        self.register_buffer("code_spread", torch.ones(total))
+        self.register_buffer("code_weight", torch.ones(total) / total**0.5)  # their squares sum to 1
+        self.register_buffer("code_range", torch.tensor([[-1.0], [1.0]]).repeat(1, total))  # of training, scaled
+
+    @torch.no_grad()
+    def scale(self, features, codes, reach=None):
+        """Sets projection, means and spreads from training features (T,P) and codes (F,Z). `reach(mean, spread)` (Z,): how far
+        each number's spread moves the cloth; all alike by default."""
+        self.projection.fit(features)
+        self.code_mean.copy_(codes.mean(0))
+        self.code_spread.copy_(codes.std(0, correction=0).clamp(min=1e-3))
+        weight = torch.ones_like(self.code_mean) if reach is None else reach(self.code_mean, self.code_spread)
+        weight = (weight / weight.norm()).clamp(min=LEAST_WEIGHT)
+        self.code_weight.copy_(weight / weight.norm())
+        known = self.scaled(codes)
+        self.code_range.copy_(torch.stack([known.amin(0), known.amax(0)]))
+
+    def scaled(self, codes):
+        """Codes (F,Z) as the model gives them: their variances sum to 1, each number has a share as it moves the cloth."""
+        return (codes - self.code_mean) / self.code_spread * self.code_weight
+
+    def latents(self, track):
+        """{garment: (T,Z)} for every frame of a Track, kept within the range of the training's codes: beyond it the decoder
+        was never taught, and a pose far from the training's must not tear the cloth."""
+        read = self._read(track).clamp(*self.code_range)
+        codes = self.code_mean + self.code_spread * read / self.code_weight
+        return dict(zip(self.sizes, codes.split(list(self.sizes.values()), dim=1)))
+
+    def _read(self, track):
+        features = self.projection(track.features)
+        if self.settings.model == "window":
+            return self.model(windows(features, self.settings.window, track.first, track.step))
+        rows = torch.unique(track.first).tolist() + [len(features)]
+        read = features.new_zeros(len(features), len(self.code_mean))
+        for a, b in zip(rows, rows[1:]):
+            for row in range(a, min(a + track.step, b)):
+                read[row : b : track.step] = self.model(features[None, row : b : track.step])[0]
+        return read
+
+    def errors(self, track, rows, targets):
+        """(F,) squared errors of the scaled codes of pictured frames `rows`, whose own are `targets` (F,Z)."""
+        length = self.settings.window if self.settings.model == "window" else self.settings.stretch
+        index = (rows[:, None] + track.step * torch.arange(1 - length, 1)).maximum(track.first[rows][:, None])
+        read = self.model(self.projection(track.features[index]))
+        return (read if read.dim() == 2 else read[:, -1]).sub(self.scaled(targets)).square().sum(1)
+
+
+def load_driver(folder):
+    """(Driver, stride of the poses it was trained on, what its training measured) of a trained avatar's folder."""
+    path = Path(folder) / FILE
+    if not path.exists():
+        raise CaptureError(f"{path}: the file is missing: `toile train RUN {folder} --temporal` makes it")
+    tensors, facts = read_tensors(path)
+    try:
+        driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"])
+    except ValidationError as error:
+        raise first_error(path, error) from None
+    except (KeyError, TypeError) as error:
+        raise CaptureError(f"{path}: not a temporal model's facts: {error}") from None
+    load_model(driver, tensors, path)
+    return driver.eval(), int(facts["stride"]), facts.get("measured", {})

@@ -1,0 +1,145 @@
+"""Teaching the temporal model of a trained avatar: its targets, when to stop, what it measured.
+
+METHOD, Animation: E_TCN = |z - z_c|^2, z_c the mean code of the trained VAE.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+from torch.utils.data import default_collate
+
+from ...scene import CaptureError
+from ..checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
+from ..data import AvatarData
+from ..layers import open_body
+from .driver import FILE, PREFIX, Driver, held_out_span, run_track, stride_of, without
+
+FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
+FEWEST = 40  # frames of which stretches can be left out; fewer are neighbours, and learnt by heart
+CHECK = 20  # steps between looks at those left out
+PATIENCE = 100  # steps
+DECODED = 32  # codes decoded at a time
+
+
+def train_temporal(folder, settings, progress=lambda done, total: None):
+    """Adds a temporal model to a trained avatar: AVATAR/temporal.safetensors. Returns what it measured.
+
+    Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
+    counts as far as it moves the cloth. `steps`: as many as left the least error on the FOLDS stretches left out in turn.
+    code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
+    CaptureError: the avatar has no garment, or its run is gone or another.
+    """
+    folder, facts = Path(folder), read_facts(folder)
+    avatar = load_avatar(folder)
+    if avatar.settings.data.window or not any(layer.kind == "garment" for layer in avatar.layers):
+        raise CaptureError(f"{folder}: no garment with a code: there is no code that a motion could drive")
+    whole = run_track(avatar, open_body(facts["run"]))
+    track = without(whole, held_out_span(facts["holdout"]))
+    data = _data(folder, facts, "cache", facts["frames"])
+    targets, sizes = codes_of(avatar, data)
+    rows = torch.tensor(track.rows(set(data.frames)))
+    driver = Driver(settings, track.features.shape[1], sizes)
+    driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))
+    steps = stop_at(driver, track, rows, targets, progress)
+    list(fit(driver, track, rows, targets, steps))
+    measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
+    if facts["holdout"]:
+        held = _data(folder, facts, "evaluation", facts["holdout"])
+        measured["held_out"] = relative_error(driver, whole, held.frames, codes_of(avatar, held)[0])
+    write_tensors(
+        folder / FILE,
+        {PREFIX + name: value for name, value in driver.state_dict().items()},
+        {"settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
+         "stride": stride_of(whole.frames) or 1, "measured": measured},
+    )  # fmt: skip
+    return measured
+
+
+def _data(folder, facts, cache, frames):
+    data = AvatarData(facts["run"], facts["settings"].data, folder=folder / cache, frames=frames)
+    check_same(folder / "avatar.json", facts["topology"], topology(data.layers, data.scene, data.cameras))
+    return data
+
+
+def codes_of(avatar, data):
+    """Mean codes (F,Z) of the frames of `data`, garments side by side, and {garment: Z}."""
+    codes = []
+    with torch.no_grad():
+        for i in range(0, len(data), len(data.cameras)):  # a code sees all of a frame's views: one sample a frame
+            found = avatar.encode(default_collate([data[i]]))
+            codes.append(torch.cat([mean[0] for mean, _ in found.values()]))
+    return torch.stack(codes), {name: mean.shape[1] for name, (mean, _) in found.items()}
+
+
+@torch.no_grad()
+def code_reach(avatar, sizes, mean, spread):
+    """(Z,) root mean square motion of its garment's vertices when one number of the code leaves the mean by its spread [m]."""
+    found = []
+    for name, z, one in zip(sizes, mean.split(list(sizes.values())), spread.split(list(sizes.values()))):
+        codes = torch.cat([z[None], z + torch.diag(one)])
+        shapes = torch.cat([avatar.unposed_garment(name, part) for part in codes.split(DECODED)])
+        found.append((shapes[1:] - shapes[0]).square().sum(2).mean(1).sqrt())
+    return torch.cat(found)
+
+
+def stop_at(driver, track, rows, targets, progress):
+    """The number of steps that leaves the least error on frames not trained on: FOLDS models, each without a stretch of the
+    frames, are trained side by side until twice the best number of steps and PATIENCE more have brought nothing."""
+    steps = driver.settings.steps
+    if len(rows) < FEWEST:
+        return steps
+    folds = []
+    for left_out in torch.arange(len(rows)).chunk(FOLDS):
+        kept = torch.ones(len(rows), dtype=torch.bool)
+        kept[left_out] = False
+        model = deepcopy(driver)
+        folds.append((model, left_out, fit(model, track, rows[kept], targets[kept], steps)))
+    best, least = steps, np.inf
+    for done in range(CHECK, steps + 1, CHECK):
+        error = 0.0
+        for model, left_out, training in folds:
+            for _ in islice(training, CHECK):
+                pass
+            with torch.no_grad():
+                error += model.errors(track, rows[left_out], targets[left_out]).sum().item()
+        if error < least:
+            best, least = done, error
+        progress(done, steps)
+        if done > 2 * best + PATIENCE:
+            break
+    progress(steps, steps)
+    return best
+
+
+def fit(driver, track, rows, targets, steps):
+    """Trains the driver's model from its beginning on the pictured frames `rows`; yields the number of steps done."""
+    settings = driver.settings
+    generator = torch.Generator().manual_seed(settings.seed)
+    torch.manual_seed(settings.seed)
+    fresh = Driver(settings, len(driver.projection.mean), driver.sizes)
+    driver.model.load_state_dict(fresh.model.state_dict())
+    optimiser = torch.optim.AdamW(driver.model.parameters(), settings.lr, weight_decay=settings.weight_decay)
+    for step in range(steps):
+        pick = torch.randint(len(rows), (settings.batch,), generator=generator)
+        loss = driver.errors(track, rows[pick], targets[pick]).mean()
+        if not torch.isfinite(loss):
+            raise CaptureError(f"temporal model: step {step}: the loss is not finite")
+        optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(driver.model.parameters(), 1.0)
+        optimiser.step()
+        yield step + 1
+
+
+@torch.no_grad()
+def relative_error(driver, track, frames, targets):
+    """Mean squared error of the codes of `frames`, whose own are `targets` (F,Z), as they move the cloth, over their variance
+    in training."""
+    read = torch.cat(list(driver.latents(track).values()), dim=1)[track.rows(set(frames))]
+    return float((driver.scaled(read) - driver.scaled(targets)).square().sum(1).mean())
