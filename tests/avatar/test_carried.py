@@ -108,3 +108,13 @@ def test_a_projection_keeps_distances_up_to_one_scale():
     ratio = torch.pdist(seen) / torch.pdist(x)
     assert torch.allclose(ratio, ratio[:1].expand_as(ratio), rtol=1e-3)
     assert (seen.square().mean(0)[:3].diff() < 0).all() and seen[:, 3:].abs().max() < 1e-2
+
+
+def test_directions_that_training_never_took_are_not_read():
+    torch.manual_seed(0)
+    projection, line = Projection(20), torch.randn(20)
+    projection.fit(torch.randn(9, 1) * line + 1.0)
+    off = torch.randn(20)
+    off -= line * (off @ line) / (line @ line)
+    moved = projection(torch.stack([off, line])) - projection(torch.zeros(20))
+    assert moved[0].abs().max() < 1e-3 and moved[1].abs().max() > 0.5

@@ -168,11 +168,17 @@ def test_the_command_line_names_the_temporal_model():
         temporal_settings("window", 0, 0)
 
 
-def test_the_same_seed_gives_the_same_bits(driven, tmp_path):
+def test_the_same_seed_gives_the_same_bits_for_any_number_of_threads(driven, tmp_path):
     folder, _ = driven
     again = tmp_path / "again"
     shutil.copytree(folder, again)
-    train_temporal(again, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3))
+    before = torch.get_num_threads()
+    torch.set_num_threads(before + 2)
+    try:
+        train_temporal(again, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3))
+        assert torch.get_num_threads() == before + 2
+    finally:
+        torch.set_num_threads(before)
     assert (again / "temporal.safetensors").read_bytes() == (folder / "temporal.safetensors").read_bytes()
 
 

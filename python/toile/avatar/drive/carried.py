@@ -17,6 +17,7 @@ from ..layers import Skin
 POINTS = 256  # of each garment
 COMPONENTS = 32  # principal components that models read
 SPREAD = 3.0  # standard deviation of all components together: what AdamW's usual steps are made for
+LEAST = 1e-6  # of the first component's variance: those with less are left out
 CHUNK = 256  # poses at a time
 
 
@@ -101,11 +102,12 @@ class Projection(nn.Module):
         x = features.double()
         mean = x.mean(0)
         variance, basis = torch.linalg.eigh((x - mean).T @ (x - mean) / len(x))
-        basis = basis.flip(1)[:, :COMPONENTS]
+        kept = min(COMPONENTS, int((variance > LEAST * variance[-1]).sum()))  # what hardly varies points anywhere
+        basis = basis.flip(1)[:, :kept]
         basis = basis * basis.gather(0, basis.abs().argmax(0, keepdim=True)).sign()  # an eigenvector's sign is nobody's choice
         self.mean.copy_(mean)
         self.basis.zero_()
-        self.basis[:, : basis.shape[1]] = basis * SPREAD / variance.sum().clamp(min=1e-12).sqrt()
+        self.basis[:, :kept] = basis * SPREAD / variance.sum().clamp(min=1e-12).sqrt()
 
     def forward(self, features):
         return (features - self.mean) @ self.basis

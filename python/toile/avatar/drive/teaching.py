@@ -5,6 +5,7 @@ METHOD, Animation: E_TCN = |z - z_c|^2, z_c the mean code of the trained VAE.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from copy import deepcopy
 from itertools import islice
 from pathlib import Path
@@ -27,12 +28,25 @@ PATIENCE = 100  # steps
 DECODED = 32  # codes decoded at a time
 
 
+@contextmanager
+def one_thread():
+    """Sums of several threads depend on how many there are; models as small as these need no more than one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@one_thread()
 def train_temporal(folder, settings, progress=lambda done, total: None):
     """Adds a temporal model to a trained avatar: AVATAR/temporal.safetensors. Returns what it measured.
 
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
     counts as far as it moves the cloth. `steps`: as many as left the least error on the FOLDS stretches left out in turn.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
+    The same bits for any number of threads.
     CaptureError: the avatar has no garment, or its run is gone or another.
     """
     folder, facts = Path(folder), read_facts(folder)
