@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from toile import kernels
-from toile.cli import progress_bars
+from toile.console import progress_bars
 from toile.config import preset
 from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh, write_ply

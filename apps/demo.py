@@ -11,7 +11,7 @@ from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.make import Request, make_avatar
 from toile.avatar.measure.report import section
 from toile.avatar.settings import preset as avatar_preset
-from toile.cli import progress_bars
+from toile.console import progress_bars
 from toile.config import preset
 from toile.evaluate import evaluate
 from toile.page import flatten

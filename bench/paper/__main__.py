@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 
 from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings, TemporalSettings, preset
-from toile.cli import progress_bars
+from toile.console import progress_bars
 from toile.kernels import set_threads
 
 from .study import Paper, machine

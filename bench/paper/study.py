@@ -93,7 +93,7 @@ class Subject:
     def _register(self):
         """Registers the capture unless a run was given; what both are."""
         from toile.capture import open_capture
-        from toile.cli import frame_numbers
+        from toile.console import frame_numbers
         from toile.config import preset as config
         from toile.pipeline import register
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from toile.avatar.measure.evaluation import Picture
+from toile.avatar.measure.heldout import Picture
 from toile.capture import open_capture
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toile import cli
+from toile import cli, console
 from toile.io.mesh import read_mesh, write_ply
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -112,6 +112,6 @@ def test_bad_input_is_refused_in_one_line(capture, tmp_path, monkeypatch, capsys
 
 
 def test_frame_lists_are_inclusive_ranges():
-    assert cli.frame_numbers("1-3,7", range(10)) == (1, 2, 3, 7)
-    assert cli.frame_numbers("0-9", range(10), step=4) == (0, 4, 8)
-    assert cli.frame_numbers(None, range(3)) == (0, 1, 2)
+    assert console.frame_numbers("1-3,7", range(10)) == (1, 2, 3, 7)
+    assert console.frame_numbers("0-9", range(10), step=4) == (0, 4, 8)
+    assert console.frame_numbers(None, range(3)) == (0, 1, 2)

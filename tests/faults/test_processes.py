@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import zarr
 
-from toile import cli, pipeline
+from toile import console, pipeline
 from toile.config import preset
 from toile.plan import blocks
 from toile.scene import CaptureError
@@ -110,4 +110,4 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "-1/2", "1/0"])
 def test_a_shard_that_is_none_is_refused(text):
     with pytest.raises(CaptureError, match="--shard"):
-        cli.shard_of(text)
+        console.shard_of(text)

@@ -15,7 +15,7 @@ def align(
     shard: Annotated[str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")] = "1/1",
 ):
     """Slide garments along their surfaces until their prints lie still on them: a run with true interior correspondence."""
-    from ..cli import progress_bars, shard_of
+    from ..console import progress_bars, shard_of
     from .run import align as run_alignment
 
     part = shard_of(shard)

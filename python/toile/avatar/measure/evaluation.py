@@ -8,7 +8,6 @@ keypoints alone, see `driven.py`. Errors are taken over the captured foreground;
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +19,6 @@ from .sheet import write_sheets
 
 SHOWN = 3  # frames whose pictures are drawn
 NAMES = ("layered", "baseline")
-
-
-@dataclass(frozen=True)
-class Picture:
-    """One camera's picture of a held-out frame; `rendered` and what was captured have values 0..1."""
-
-    frame: int
-    camera: str
-    captured: np.ndarray  # (H,W,3)
-    mask: np.ndarray  # (H,W) bool
-    labels: np.ndarray  # (H,W)
-    rendered: dict[str, np.ndarray]  # by avatar (H,W,3), over the picture's background
-    loops: dict[str, np.ndarray]  # a garment's open loops in this picture (k,2) [px]
-    mm_per_pixel: float  # at the person's distance
 
 
 class Tally:

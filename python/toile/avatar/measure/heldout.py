@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from ...scene import HIDDEN, CaptureError
 from ...truth import millimetres, open_truth, outside_of
 from ..checkpoint import check_same, load_avatar, read_facts, topology
 from ..data import AvatarData, capture_of, pictured_frames
-from .evaluation import Picture
 from ..layers import open_body
 from .metrics import pose_distance
 from .photometric import photometric
@@ -23,6 +23,20 @@ VIEW = ("camera", "K", "T_camera_world")  # of a sample: what it is seen by
 MIXED = 2  # pixels beside the mask that may still show something of the person
 SAMPLES = 2  # of a pixel, each way: captured silhouettes are no stairs either
 PAPER = 248 / 255  # behind a view that no camera took
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One camera's picture of a held-out frame; `rendered` and what was captured have values 0..1."""
+
+    frame: int
+    camera: str
+    captured: np.ndarray  # (H,W,3)
+    mask: np.ndarray  # (H,W) bool
+    labels: np.ndarray  # (H,W)
+    rendered: dict[str, np.ndarray]  # by avatar (H,W,3), over the picture's background
+    loops: dict[str, np.ndarray]  # a garment's open loops in this picture (k,2) [px]
+    mm_per_pixel: float  # at the person's distance
 
 
 class HeldOut:
