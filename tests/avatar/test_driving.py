@@ -9,7 +9,7 @@ import torch
 import small_avatar
 
 from toile.animate import Puppet
-from toile.avatar.checkpoint import load_avatar
+from toile.avatar.checkpoint import load_avatar, read_tensors, write_tensors
 from toile.avatar.command import temporal_settings
 from toile.avatar.data import pictured_frames
 from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, without
@@ -197,6 +197,15 @@ def test_what_cannot_be_driven_is_refused(sample_avatar, tmp_path):
         train_temporal(sample_avatar / "baseline", TemporalSettings(steps=1))
     (tmp_path / "temporal.safetensors").write_bytes(b"rubbish")
     with pytest.raises(CaptureError, match="temporal.safetensors: not a file of toile's tensors"):
+        load_driver(tmp_path)
+
+
+def test_a_model_of_other_settings_is_refused_and_said_how_to_make_anew(driven, tmp_path):
+    folder, _ = driven
+    tensors, facts = read_tensors(folder / "temporal.safetensors")
+    facts["settings"]["pose_noise"] = 0.5
+    write_tensors(tmp_path / "temporal.safetensors", tensors, facts)
+    with pytest.raises(CaptureError, match=r"temporal.safetensors: pose_noise: .*; `toile train RUN .* --temporal` makes the model anew"):
         load_driver(tmp_path)
 
 

@@ -158,7 +158,7 @@ def load_driver(folder):
     try:
         driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"])
     except ValidationError as error:
-        raise first_error(path, error) from None
+        raise CaptureError(f"{first_error(path, error)}; `toile train RUN {folder} --temporal` makes the model anew") from None
     except (KeyError, TypeError) as error:
         raise CaptureError(f"{path}: not a temporal model's facts: {error}") from None
     load_model(driver, tensors, path)
