@@ -9,6 +9,7 @@ from toile.io.body import load_body_model
 FRONT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # z up, facing -y -> OpenCV camera in front of the person
 
 
+IDENTITY = torch.eye(4)
 FIELD = 1.9  # what the camera sees at the origin's depth [m]
 
 
@@ -83,3 +84,32 @@ def wall(depth=0.5, half=2.0):
     """Two triangles behind everything, so that every pixel has a finite depth."""
     V = [[-half, -half, depth], [half, -half, depth], [half, half, depth], [-half, half, depth]]
     return np.array(V), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def f32(values):
+    if torch.is_tensor(values):
+        return values.float()
+    return torch.tensor(np.asarray(values), dtype=torch.float32)
+
+
+def scene(*meshes):
+    return [surface(V, F, seed) for seed, (V, F) in enumerate(meshes)]
+
+
+def spheres():
+    return scene(sphere(bumps=0.2), sphere(0.2, (0.2, 0.1, -0.4), bumps=0.2, seed=1))
+
+
+def body_and_cloth():
+    return scene(body(), sheet(turn=0.3))
+
+
+def of_vertices(surfaces):
+    return [s.vertices.requires_grad_() for s in surfaces]
+
+
+def pictures(seed, size):
+    """Two smooth random pictures (3,size,size) between 0 and 1: weights and target of a loss."""
+    i, j = np.mgrid[:size, :size] / size
+    fields = (smooth_field(s, 0.3)(np.stack([j, i, 0 * i], -1)) for s in (seed, seed + 1))
+    return [f32(0.5 + 0.4 * f).permute(2, 0, 1) for f in fields]
