@@ -61,24 +61,16 @@ def probreg_cpd(frame):
 def by_samples(frame, fit):
     """Fits samples of template and target in units of their spread; the displacement goes to all by the nearest 4."""
     from scipy.spatial import cKDTree
+    from toile.sampling import spread_points
 
     rng = np.random.default_rng(0)
     V, T = frame["src_v"], frame["tgt_v"]
-    Y, X = V[farthest(V, SAMPLE)], T[rng.permutation(len(T))[: 2 * SAMPLE]]
+    Y, X = V[spread_points(V, SAMPLE)], T[rng.permutation(len(T))[: 2 * SAMPLE]]
     centre, scale = X.mean(0), X.std()
     moved = scale * fit((Y - centre) / scale, (X - centre) / scale) + centre
     distance, near = cKDTree(Y).query(V, k=4)
     w = 1 / np.maximum(distance, 1e-9) ** 2
     return V + np.einsum("nk,nki->ni", w / w.sum(1, keepdims=True), (moved - Y)[near])
-
-
-def farthest(V, count):
-    """Indices of `count` points spread evenly, from point 0 on."""
-    chosen, distance = [0], np.linalg.norm(V - V[0], axis=1)
-    for _ in range(min(count, len(V)) - 1):
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(V - V[chosen[-1]], axis=1))
-    return np.array(chosen)
 
 
 def igl_harmonic(frame):

@@ -12,9 +12,9 @@ import torch
 
 from .avatar.checkpoint import load_avatar, read_facts, training_poses
 from .avatar.drive.driver import load_driver, make_track
+from .avatar.drive.untangling import Untangler
 from .avatar.layers import body_model_of
 from .avatar.measure.metrics import pose_distance
-from .avatar.drive.untangling import Untangler
 from .io.camera import read_cameras
 from .io.mesh import write_ply
 from .io.motion import read_motion

@@ -5,8 +5,9 @@ import pytest
 import torch
 import small_avatar as small
 from scipy.spatial.transform import Rotation
-from toile.avatar.drive.carried import SPREAD, Carried, Projection, nearest_rotation, spread_points
+from toile.avatar.drive.carried import SPREAD, Carried, Projection, nearest_rotation
 from toile.avatar.layers import Skeleton
+from toile.sampling import spread_points
 
 UP = torch.tensor([0.0, 0, 1])
 FACE = torch.as_tensor(small.FACE, dtype=torch.float32)

@@ -109,14 +109,14 @@ def test_training_stops_where_frames_left_out_are_met_best():
     torch.manual_seed(0)
     motion = track(range(80), features=6)
     driver = Driver(TemporalSettings(window=1, channels=16, steps=400, lr=2e-3), 6, {"shirt": 3})
-    rows, noise = torch.arange(80), torch.randn(80, 3)
-    told, stops = [], {}
+    noise, told, stops = torch.randn(80, 3), [], {}
     for name, codes in (("pose", motion.features @ torch.randn(6, 3)), ("noise", noise)):
         driver.scale(motion.features, codes)
-        stops[name] = stop_at(driver, motion, rows, codes, lambda done, total: told.append((done, total)))
+        poses = driver.windows_of(motion, torch.arange(80))
+        stops[name] = stop_at(driver, poses, driver.scaled(codes), lambda done, total: told.append((done, total)))
     assert stops["pose"] > 300 and stops["noise"] < 100
     assert told[-1] == (400, 400) and all(done <= total for done, total in told)
-    assert stop_at(driver, motion, rows[:39], noise[:39], None) == 400  # too few to leave any out
+    assert stop_at(driver, poses[:39], noise[:39], None) == 400  # too few to leave any out
 
 
 def test_numbers_of_a_code_count_as_far_as_they_move_the_cloth(sample_avatar):
@@ -220,5 +220,5 @@ def test_windows_hold_the_poses_of_frames_without_pictures(sample_avatar, sample
     driver = Driver(TemporalSettings(window=2, channels=8), found.features.shape[1], {"tshirt": 4})
     wake(driver, found)
     found.features.requires_grad_()
-    driver.errors(found, torch.tensor(found.rows({2})), torch.randn(1, 4)).sum().backward()
+    driver.errors(driver.windows_of(found, torch.tensor(found.rows({2}))), torch.randn(1, 4)).sum().backward()
     assert found.features.grad.abs().sum(1).nonzero().ravel().tolist() == [1, 2]

@@ -105,7 +105,7 @@ def test_features_of_windows_are_projected_as_the_training_frames_spread(sample_
     options = small.settings().model_copy(update={"data": settings})
     names = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head")
     model = Avatar(options, **{name: getattr(data, name) for name in names})
-    model.set_feature_scale(data)
+    model.fit_projection(data)
     windows = [data.pose_window(n) for n in data.frames]
     features = model.window_features({name: torch.stack([w[name] for w in windows]) for name in windows[0]})[:, -1]
     projected = model.projection(features)

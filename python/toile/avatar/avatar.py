@@ -277,7 +277,7 @@ class Avatar(nn.Module):
         return {name: open_sky[:, a:b] for name, a, b in zip(names, starts, starts[1:], strict=False)}
 
     @torch.no_grad()
-    def set_feature_scale(self, data):
+    def fit_projection(self, data):
         """Fits the windows' projection to the frames of `data`, where garments are regressed from them."""
         if self.projection is not None:
             windows = [data.pose_window(number) for number in data.frames]

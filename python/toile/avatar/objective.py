@@ -30,7 +30,7 @@ class Objective(torch.nn.Module):
             batch = to_device(default_collate([data[row]]))
             layers = {name: Decoded(vertices, vertices) for name in self.kinds for vertices in [batch[f"vertices.{name}"]]}
             found.append(self.avatar.ambient_occlusion(layers))
-        self.avatar.set_feature_scale(data)
+        self.avatar.fit_projection(data)
         self.avatar.set_mean_ao({name: torch.cat([one[name] for one in found]).mean(0) for name in self.kinds})
 
     def forward(self, batch, phase, share):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 from torch import nn
 
+from ...sampling import spread_points
 from ..layers import Skin
 
 POINTS = 256  # of each garment
@@ -77,15 +77,6 @@ def nearest_rotation(H):
     flip = torch.ones_like(H[:, 0])
     flip[:, 2] = torch.det(U @ V).sign()
     return (U * flip[:, None]) @ V
-
-
-def spread_points(V, count):
-    """Indices of at most `count` of the vertices (n,3), each the farthest from those before it; the first is number 0."""
-    chosen, distance = [0], np.linalg.norm(V - V[0], axis=1)
-    while len(chosen) < min(count, len(V)):
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(V - V[chosen[-1]], axis=1))
-    return np.sort(chosen)
 
 
 class Projection(nn.Module):

@@ -141,12 +141,16 @@ class Driver(nn.Module):
                 read[row : b : track.step] = self.model(features[None, row : b : track.step])[0]
         return read
 
-    def errors(self, track, rows, targets):
-        """(F,) squared errors of the scaled codes of pictured frames `rows`, whose own are `targets` (F,Z)."""
+    def windows_of(self, track, rows):
+        """Projected features (F,L,COMPONENTS) of what the model reads for these rows of a Track (F,), to be taught with."""
         length = self.settings.window if self.settings.model == "window" else self.settings.stretch
         index = (rows[:, None] + track.step * torch.arange(1 - length, 1)).maximum(track.first[rows][:, None])
-        read = self.model(self.projection(track.features[index]))
-        return (read if read.dim() == 2 else read[:, -1]).sub(self.scaled(targets)).square().sum(1)
+        return self.projection(track.features)[index]
+
+    def errors(self, poses, targets):
+        """(F,) squared errors of the scaled codes that windows (F,L,COMPONENTS) give, of scaled `targets` (F,Z)."""
+        read = self.model(poses)
+        return (read if read.dim() == 2 else read[:, -1]).sub(targets).square().sum(1)
 
 
 def load_driver(folder):

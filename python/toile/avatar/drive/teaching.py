@@ -58,10 +58,12 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     data = _data(folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
+    torch.manual_seed(settings.seed)
     driver = Driver(settings, track.features.shape[1], sizes)
     driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))
-    steps = stop_at(driver, track, rows, targets, progress)
-    list(fit(driver, track, rows, targets, steps))
+    poses, scaled = driver.windows_of(track, rows), driver.scaled(targets)
+    steps = stop_at(driver, poses, scaled, progress)
+    list(fit(driver, poses, scaled, steps))
     measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
         held = _data(folder, facts, "evaluation", facts["holdout"])
@@ -102,18 +104,19 @@ def code_reach(avatar, sizes, mean, spread):
     return torch.cat(found)
 
 
-def stop_at(driver, track, rows, targets, progress):
-    """The number of steps that leaves the least error on frames not trained on: FOLDS models, each without a stretch of the
-    frames, are trained side by side until twice the best number of steps and PATIENCE more have brought nothing."""
+def stop_at(driver, poses, targets, progress):
+    """The number of steps that leaves the least error on frames not trained on, of windows (F,L,COMPONENTS) in their order and
+    scaled codes (F,Z): copies of the untaught driver, each without a stretch of the frames, are trained side by side until
+    twice the best number of steps and PATIENCE more have brought nothing."""
     steps = driver.settings.steps
-    if len(rows) < FEWEST:
+    if len(poses) < FEWEST:
         return steps
     folds = []
-    for left_out in torch.arange(len(rows)).chunk(FOLDS):
-        kept = torch.ones(len(rows), dtype=torch.bool)
+    for left_out in torch.arange(len(poses)).chunk(FOLDS):
+        kept = torch.ones(len(poses), dtype=torch.bool)
         kept[left_out] = False
         model = deepcopy(driver)
-        folds.append((model, left_out, fit(model, track, rows[kept], targets[kept], steps)))
+        folds.append((model, left_out, fit(model, poses[kept], targets[kept], steps)))
     best, least = steps, np.inf
     for done in range(CHECK, steps + 1, CHECK):
         error = 0.0
@@ -121,7 +124,7 @@ def stop_at(driver, track, rows, targets, progress):
             for _ in islice(training, CHECK):
                 pass
             with torch.no_grad():
-                error += model.errors(track, rows[left_out], targets[left_out]).sum().item()
+                error += model.errors(poses[left_out], targets[left_out]).sum().item()
         if error < least:
             best, least = done, error
         progress(done, steps)
@@ -131,17 +134,14 @@ def stop_at(driver, track, rows, targets, progress):
     return best
 
 
-def fit(driver, track, rows, targets, steps):
-    """Trains the driver's model from its beginning on the pictured frames `rows`; yields the number of steps done."""
+def fit(driver, poses, targets, steps):
+    """Trains an untaught driver on windows (F,L,COMPONENTS) and scaled codes (F,Z); yields the number of steps done."""
     settings = driver.settings
     generator = torch.Generator().manual_seed(settings.seed)
-    torch.manual_seed(settings.seed)
-    fresh = Driver(settings, len(driver.projection.mean), driver.sizes)
-    driver.model.load_state_dict(fresh.model.state_dict())
     optimiser = torch.optim.AdamW(driver.model.parameters(), settings.lr, weight_decay=settings.weight_decay)
     for step in range(steps):
-        pick = torch.randint(len(rows), (settings.batch,), generator=generator)
-        loss = driver.errors(track, rows[pick], targets[pick]).mean()
+        pick = torch.randint(len(poses), (settings.batch,), generator=generator)
+        loss = driver.errors(poses[pick], targets[pick]).mean()
         if not torch.isfinite(loss):
             raise CaptureError(f"temporal model: step {step}: the loss is not finite")
         optimiser.zero_grad()

@@ -13,12 +13,12 @@ import numpy as np
 from ...io.image import read_rgba
 from ...scene import CaptureError
 from ...store import write_text
-from . import paint
 from ..checkpoint import load_avatar, read_facts, read_json
-from .edits import LUMA, load_edits, save_edits
 from ..layers import body_model_of, open_body
-from .marking import carried, mark
 from ..networks import resize
+from . import paint
+from .edits import LUMA, load_edits, save_edits
+from .marking import carried, mark
 
 BRIGHTEST = 16.0  # factor of a colour
 KEPT = ("avatar.json", "avatar.safetensors", "temporal.safetensors")  # of an avatar's folder, with assets/

@@ -12,8 +12,8 @@ import numpy as np
 
 from ... import kernels
 from ...scene import CaptureError
-from .edits import Edit
 from ..uv import UvMap
+from .edits import Edit
 
 FINE = 512  # texels along a side of a painted map, at least
 TONES = (235, 30)  # of a checkerboard

@@ -17,10 +17,10 @@ from torch.utils.data import default_collate
 
 from ...store import replace_file
 from ..checkpoint import read_facts
-from ..measure.heldout import SAMPLES, WINDOW, HeldOut
-from ..render.renderer import Surface, render
-from ..measure.sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
 from ..drive.untangling import Untangler
+from ..measure.heldout import SAMPLES, WINDOW, HeldOut
+from ..measure.sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
+from ..render.renderer import Surface, render
 
 MEASURED, SHOWN = 8, 4  # frames
 FAR = 0.95  # share of the border that keeps within the larger of the distances stated

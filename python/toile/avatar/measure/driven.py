@@ -13,8 +13,8 @@ import torch
 
 from ...truth import second_difference
 from ..drive.driver import load_driver, run_track, stride_of
-from .heldout import VIEW, HeldOut
 from ..drive.untangling import Untangler
+from .heldout import VIEW, HeldOut
 
 SAMPLES = 4  # codes drawn for the baseline; the first is the one shown
 COMPARED = 3  # every which picture is drawn with the others too

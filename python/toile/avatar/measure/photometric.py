@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import torch
 
-from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
 from ..render.renderer import Surface, render
+from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
 
 SEEN = 0.5  # share of a pixel's texture that other cameras saw, from which on it counts
 
