@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from toile import kernels
-from toile.console import progress_bars
 from toile.config import preset
+from toile.console import progress_bars
 from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh, write_ply
-from toile.pipeline import register
+from toile.pipeline.run import register
 from toile.scene import Frame
-from toile.track import Tracker, prepare
+from toile.stages.track import Tracker, prepare
 
 UP, FPS, SCAN_FACES, HOLES = "y", 15, 16000, 0.05
 HOLE_RADIUS = (0.015, 0.05)  # m
@@ -42,7 +42,8 @@ def write_capture(folder, truth, rng):
     """scene.toml, the body model made of frame 0, and one scan a later frame."""
     folder.mkdir(parents=True)
     (folder / "scene.toml").write_text(
-        f'[scene]\nname = "crane"\nfps = {FPS}\nunits = "m"\nup = "{UP}"\n\n[body]\nmodel = "body.npz"\n', encoding="utf-8"
+        f'[scene]\nname = "crane"\nfps = {FPS}\nunits = "m"\nup = "{UP}"\n\n[body]\nmodel = "body.npz"\n',
+        encoding="utf-8",
     )
     write_body_model(folder / "body.npz", truth[0])
     for number, mesh in enumerate(truth[1:], 1):

@@ -8,15 +8,15 @@ from rich.console import Console
 from rich.table import Table
 
 from toile.avatar.measure.evaluation import evaluate_avatar
-from toile.avatar.make import Request, make_avatar
 from toile.avatar.measure.report import section
 from toile.avatar.settings import preset as avatar_preset
-from toile.console import progress_bars
+from toile.avatar.train.make import Request, make_avatar
 from toile.config import preset
-from toile.evaluate import evaluate
-from toile.page import flatten
-from toile.pipeline import register
-from toile.report import write_report
+from toile.console import progress_bars
+from toile.measure.evaluate import evaluate
+from toile.measure.page import flatten
+from toile.measure.report import write_report
+from toile.pipeline.run import register
 
 ROOT = Path(__file__).parents[1]
 MINUTES = 1.0  # of training
@@ -47,11 +47,13 @@ def main():
 def avatar(run, folder):
     """Trains a draft avatar on all frames but the last and returns the report's section about it."""
     with progress_bars() as progress:
-        stages = lambda stage, done, total, note="": progress(stage, done, total)  # noqa: E731
+        stages = lambda stage, done, total, note="": progress(stage, done, total)
         make_avatar(Request(run, avatar_preset("draft"), MINUTES, progress=stages), folder)
     result = evaluate_avatar(folder)
     found = result["all"]["layered"]
-    print(f"avatar, frame {result['per_frame'][0]['frame']} held out: SSIM {found['ssim']:.3f}, PSNR {found['psnr']:.1f} dB")
+    print(
+        f"avatar, frame {result['per_frame'][0]['frame']} held out: SSIM {found['ssim']:.3f}, PSNR {found['psnr']:.1f} dB"
+    )
     return section(folder, result)
 
 

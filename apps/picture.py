@@ -7,8 +7,8 @@ import numpy as np
 import zarr
 from PIL import Image
 
-from toile.capture import open_capture
-from toile.report import BODY, CLOTH, render
+from toile.io.capture import open_capture
+from toile.measure.report import BODY, CLOTH, render
 
 ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)

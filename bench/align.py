@@ -16,21 +16,26 @@ import zarr
 from scipy.spatial import cKDTree
 
 from toile import kernels
-from toile.capture import open_capture
-from toile.avatar.layers import capture_folder
 from toile.io.body import load_body_model
-from toile.store import OK
-from toile.truth import mean_measures, open_truth, to_polyline
+from toile.io.capture import open_capture
+from toile.io.run import OK
+from toile.measure.truth import mean_measures, open_truth, to_polyline
+from toile.surface.layers import capture_folder
 
 INTERIOR = 0.03  # from the loops [m]
 
 
 def measure(run, truth, name):
     group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
-    loops = {k: np.array(v) for g in group.attrs["scene"]["garments"] if g["name"] == name for k, v in g["loops"].items()}
+    loops = {
+        k: np.array(v) for g in group.attrs["scene"]["garments"] if g["name"] == name for k, v in g["loops"].items()
+    }
     rows = [i for i in np.flatnonzero(group["done"][:] == OK) if int(group["frames"][i]) in truth]
     F, frames = group[f"garment/{name}/faces"][:], [int(n) for n in group["frames"][:][rows]]
-    inner = group["inner/vertices"], load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"]).skin_faces
+    inner = (
+        group["inner/vertices"],
+        load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"]).skin_faces,
+    )
     parts, errors, pairs = [], [], 0
     for row, number in zip(rows, frames):
         V = group[f"garment/{name}/vertices"][row]
@@ -61,11 +66,11 @@ def measure(run, truth, name):
 
 
 def curves(truth, name, loops, V, number):
-    """Mean distance [mm] by loop of four points an edge, weighted by its length, to the true rim that is its own."""
+    """Mean distance [mm] by loop of four points an edge, weighted by its length, to the true border that is its own."""
     T, F = truth.garment(name, number)
-    rims, place, found = [T[loop] for loop in kernels.boundary_loops(F)], truth.places(name, number), {}
+    borders, place, found = [T[loop] for loop in kernels.boundary_loops(F)], truth.places(name, number), {}
     for loop, at in loops.items():
-        own = min(rims, key=lambda rim: to_polyline(place[at], rim).mean())
+        own = min(borders, key=lambda rim: to_polyline(place[at], rim).mean())
         step = np.roll(V[at], -1, 0) - V[at]
         distance = np.mean([to_polyline(V[at] + s * step, own) for s in (0.125, 0.375, 0.625, 0.875)], axis=0)
         found[loop] = float(1e3 * np.average(distance, weights=np.linalg.norm(step, axis=1)))

@@ -30,8 +30,8 @@ def measure(folder, size, threads, run=None):
     from torch.utils.data import default_collate
 
     from toile import kernels
-    from toile.avatar.checkpoint import read_facts
     from toile.avatar.measure.heldout import HeldOut
+    from toile.avatar.model.checkpoint import read_facts
 
     kernels.set_threads(threads)
     held = HeldOut(folder, read_facts(folder)["frames"][:1], run)

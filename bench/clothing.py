@@ -24,9 +24,10 @@ def make(capture, number):
     """One frame of an opened capture that has truth, as a dict of arrays."""
     import igl
     import zarr
-    from toile.garment import carry
+
     from toile.io.body import load_body_model
     from toile.scene import blend_skinning
+    from toile.surface.transfer import carry
 
     truth = zarr.open_group(str(capture.root / "truth" / "truth.zarr"), mode="r")
     row = int(np.flatnonzero(truth["frames"][:] == number)[0])
@@ -53,6 +54,7 @@ def make(capture, number):
 def pushed(folder, depth, number=0):
     """An untangling problem: a frame's true shirt pushed `depth` [m] along its normals into the true body."""
     import zarr
+
     from toile.kernels import vertex_normals
 
     truth = zarr.open_group(str(Path(folder) / "truth" / "truth.zarr"), mode="r")
@@ -63,7 +65,7 @@ def pushed(folder, depth, number=0):
 
 
 def main():
-    from toile.capture import open_capture
+    from toile.io.capture import open_capture
 
     parse = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parse.add_argument("out", type=Path)

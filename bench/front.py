@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from toile import kernels, pipeline
-from toile.budget import calibration, workload
-from toile.capture import open_capture
+from toile import kernels
 from toile.config import QUALITIES, preset
-from toile.evaluate import evaluate
+from toile.io.capture import open_capture
+from toile.measure.evaluate import evaluate
+from toile.pipeline import run as pipeline
+from toile.pipeline.budget import calibration, workload
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "data_samples" / "tshirt-talk"

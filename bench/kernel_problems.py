@@ -18,7 +18,7 @@ def patch(vertices, seed=0):
     r = 0.18 + 0.02 * np.sin(3 * angle + 9 * z) + 0.03 * np.cos(5 * z)
     V = np.stack([r * np.cos(angle), 0.7 * r * np.sin(angle), z], -1).reshape(-1, 3)
     V += rng.normal(size=V.shape) * 0.1 * 0.6 / along
-    at = lambda di, dj: (j[:-1] + dj) * around + (i[:-1] + di) % around  # noqa: E731
+    at = lambda di, dj: (j[:-1] + dj) * around + (i[:-1] + di) % around
     odd = (j[:-1] % 2).astype(bool)
     low, high = np.where(odd, at(1, 1), at(0, 1)), at(0, 0)
     below = np.stack([high, at(1, 0), low], -1)

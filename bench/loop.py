@@ -14,13 +14,13 @@ def edges_of(F):
 def neighbours(F, n):
     """Vertex adjacency (n,n) that a vertex takes its mean over: along the border only, for border vertices."""
     E, _, count = edges_of(F)
-    rim = count != 2
-    on_rim = np.zeros(n, bool)
-    on_rim[E[rim]] = True
+    border = count != 2
+    on_border = np.zeros(n, bool)
+    on_border[E[border]] = True
     A = sp.coo_matrix((np.ones(len(E)), E.T), shape=(n, n))
-    B = sp.coo_matrix((np.ones(rim.sum()), E[rim].T), shape=(n, n))
-    inner = sp.diags((~on_rim).astype(float))
-    return (inner @ (A + A.T) + B + B.T).tocsr(), on_rim
+    B = sp.coo_matrix((np.ones(border.sum()), E[border].T), shape=(n, n))
+    inner = sp.diags((~on_border).astype(float))
+    return (inner @ (A + A.T) + B + B.T).tocsr(), on_border
 
 
 def beta(valence):
@@ -31,9 +31,9 @@ def beta(valence):
 def subdivide(F, n):
     """S (n+e, n) sparse with rows that sum to 1, and the faces (4m,3); the first n rows are the old vertices."""
     E, edge, count = edges_of(F)
-    A, on_rim = neighbours(F, n)
+    A, on_border = neighbours(F, n)
     valence = np.asarray(A.sum(1)).ravel()
-    b = np.where(on_rim, 1 / 8, beta(valence))
+    b = np.where(on_border, 1 / 8, beta(valence))
     old = sp.diags(1 - valence * b) + sp.diags(b) @ A
     inner = (count == 2).astype(float)
     ends = sp.coo_matrix((np.ones(2 * len(E)), (np.repeat(np.arange(len(E)), 2), E.ravel())), shape=(len(E), n))
@@ -47,9 +47,9 @@ def subdivide(F, n):
 
 def limit(F, n):
     """(n,n) sparse: where the vertices lie on the limit surface."""
-    A, on_rim = neighbours(F, n)
+    A, on_border = neighbours(F, n)
     valence = np.asarray(A.sum(1)).ravel()
-    chi = np.where(on_rim, 1 / 6, 1 / (3 / (8 * beta(valence)) + valence))
+    chi = np.where(on_border, 1 / 6, 1 / (3 / (8 * beta(valence)) + valence))
     return (sp.diags(1 - valence * chi) + sp.diags(chi) @ A).tocsr()
 
 

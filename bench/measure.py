@@ -116,7 +116,7 @@ def load(path):
 
 
 def main():
-    from .tradeoff import methods
+    from .contenders import methods
 
     kernel, name, problem, out = sys.argv[1:5]
     method = next(m for m in methods() if (m.kernel, m.name) == (kernel, name))

@@ -61,7 +61,8 @@ def probreg_cpd(frame):
 def by_samples(frame, fit):
     """Fits samples of template and target in units of their spread; the displacement goes to all by the nearest 4."""
     from scipy.spatial import cKDTree
-    from toile.sampling import spread_points
+
+    from toile.surface.sampling import spread_points
 
     rng = np.random.default_rng(0)
     V, T = frame["src_v"], frame["tgt_v"]

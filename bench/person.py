@@ -20,7 +20,7 @@ HAND = ("wrist", "finger", "metacarpal")
 
 
 @dataclass(frozen=True)
-class Template:
+class SyntheticTemplate:
     """A template mesh on the person's surface: vertices are `points @ cage`."""
 
     points: sp.csr_matrix  # (n, cage)
@@ -29,7 +29,7 @@ class Template:
     hand: np.ndarray  # (n,) bool
 
 
-class Person:
+class SyntheticPerson:
     """anny's body, skin component. A cage is (n,3) posed vertices [m], z up, facing -y."""
 
     def __init__(self):
@@ -110,12 +110,12 @@ class Person:
         used = np.unique(self.faces)
         points = limit_surface(self.faces, len(self.rest), 0)[0][used]
         seen = np.isin(used, self.faces[self.exterior_faces])
-        return Template(points, np.searchsorted(used, self.faces), seen, self.hand_weight[used] > 0.5)
+        return SyntheticTemplate(points, np.searchsorted(used, self.faces), seen, self.hand_weight[used] > 0.5)
 
     def _full(self):
         points = limit_surface(self.all_faces, len(self.rest), 0)[0]
         seen = np.isin(np.arange(len(self.rest)), self.faces[self.exterior_faces])
-        return Template(points, self.all_faces, seen, self.hand_weight > 0.5)
+        return SyntheticTemplate(points, self.all_faces, seen, self.hand_weight > 0.5)
 
     def _subdivided(self):
         points, F, cage_face = limit_surface(self.faces, len(self.rest), 1)
@@ -123,7 +123,7 @@ class Person:
         inside = np.unique(F[~self.exterior_faces[cage_face]])
         seen = ~np.isin(used, inside)
         points = points[used]
-        return Template(points, np.searchsorted(used, F), seen, points @ self.hand_weight > 0.5)
+        return SyntheticTemplate(points, np.searchsorted(used, F), seen, points @ self.hand_weight > 0.5)
 
     def _decimated(self, vertices=3000):
         import igl
@@ -143,7 +143,9 @@ class Person:
         rows = np.repeat(np.arange(len(face)), 3)
         points = sp.coo_matrix((bary.ravel(), (rows, F[face].ravel())), shape=(len(face), len(V))) @ N
         seen = self.exterior_faces[cage_face[face]]
-        return Template(points.tocsr(), coarse.face_matrix().astype(np.int64), seen, points @ self.hand_weight > 0.5)
+        return SyntheticTemplate(
+            points.tocsr(), coarse.face_matrix().astype(np.int64), seen, points @ self.hand_weight > 0.5
+        )
 
 
 def largest_part(F, n):

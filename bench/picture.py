@@ -3,10 +3,10 @@
 import matplotlib
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.ticker import NullFormatter  # noqa: E402
-from PIL import Image  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import NullFormatter
+from PIL import Image
 
 OURS, PEER, FRONT = "#c0392b", "#34495e", "#d5d5d5"
 COLUMNS, LINE = 4, 11  # panels a row, pixels a line of text

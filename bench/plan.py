@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from . import clothing, kernel_problems, problems, sequences
-from .person import Person
+from .person import SyntheticPerson
 
 CAPTURE = Path(__file__).parents[1] / "data_samples" / "tshirt-talk"
 HELD_OUT = (101, 102, 103)
@@ -51,7 +51,7 @@ class Plan:
 
     @cached_property
     def person(self):
-        return Person()
+        return SyntheticPerson()
 
     def write(self, say):
         self._kernels(say)
@@ -85,7 +85,7 @@ class Plan:
         self.problems += [Problem("sequence", n, seed, folder / n, n) for n in ("seq_L1", "seq_L3")]
 
     def _shirts(self):
-        from toile.capture import open_capture
+        from toile.io.capture import open_capture
 
         for number in (0, 3)[: 1 if self.quick else 2]:
             path = self.folder / "shirts" / f"shirt_{number:03d}.npz"

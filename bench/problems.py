@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .person import JOINTS, LANDMARKS, Person
+from .person import JOINTS, LANDMARKS, SyntheticPerson
 
 CORRUPTIONS = {  # noise [m], share of area in holes, number of holes, floating blobs
     "clean": (0.0, 0.0, 0, 0),
@@ -33,7 +33,7 @@ SHIFT = {1: 0.005, 2: 0.01, 3: 0.02, 4: 0.01, 5: 0.02}  # standard deviation of 
 SET = {  # rotation vectors that a level sets [degree]
     4: {"upperarm01.L": (0, -45, 0)},
     5: {"upperarm01.L": (0, -70, 0), "lowerarm01.L": (-60, 0, 0),
-        "upperarm01.R": (-50, 30, 0), "lowerarm01.R": (-70, 0, 0), 
+        "upperarm01.R": (-50, 30, 0), "lowerarm01.R": (-70, 0, 0),
         "upperleg01.L": (-60, 0, 0), "lowerleg01.L": (70, 0, 0), "spine03": (0, 0, 15)},
 }  # fmt: skip
 FIT_ERROR = 3 / np.sqrt(3)  # degree about each axis
@@ -187,7 +187,7 @@ def main():
     parse.add_argument("--only", default="", help="beginnings of names, separated by commas")
     arguments = parse.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    person, rows = Person(), []
+    person, rows = SyntheticPerson(), []
     starts = tuple(arguments.only.split(","))
     for name, level, corruption, size, vertices in family():
         if name.startswith(starts):

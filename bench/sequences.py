@@ -11,7 +11,7 @@ from pathlib import Path
 import igl
 import numpy as np
 
-from .person import JOINTS, Person, barycentric
+from .person import JOINTS, SyntheticPerson, barycentric
 from .problems import POSE, SHAPE, SHIFT, TARGET, corrupt, remesh
 
 FRAMES = 50
@@ -63,7 +63,7 @@ def main():
     parse.add_argument("--seed", type=int, default=1)
     parse.add_argument("--frames", type=int, default=FRAMES)
     arguments = parse.parse_args()
-    write(arguments.out, Person(), arguments.seed, arguments.frames)
+    write(arguments.out, SyntheticPerson(), arguments.seed, arguments.frames)
 
 
 def write(out, person, seed, count=FRAMES):

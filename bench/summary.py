@@ -53,7 +53,7 @@ def points_of(kernel, method, group):
     if not timed:
         return [base | dict(seconds=None, error=None, why=group[0].get("error"))]
     errors = [max(error_of(kernel, r), LEAST.get(kernel, 0)) for r in good]
-    mean = lambda values: float(np.mean(values)) if len(values) else None  # noqa: E731
+    mean = lambda values: float(np.mean(values)) if len(values) else None
     hands = [r.get("worst_hand_max", r.get("hand_max")) for r in good if "hand_max" in r]
     base |= dict(error=mean(errors), worst=max(errors, default=None), hand_max=max(hands, default=None),
                  peak_mb=max(r["peak_mb"] for r in timed), process_s=mean([r["process_s"] for r in timed]))  # fmt: skip

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import ours, peers
+from .contenders import methods
 from .kernel_problems import score_biharmonic, score_mrf, score_untangle
 from .measure import THREADS, frame_files, run
 from .metrics import score
@@ -26,10 +26,6 @@ from .summary import summarise
 
 PACKAGES = ("toile", "trimesh", "open3d", "libigl", "PyMaxflow", "gco-wrapper", "pycpd", "probreg", "numpy", "scipy")
 SCORES = {"biharmonic": score_biharmonic, "mrf": score_mrf, "untangle": score_untangle}
-
-
-def methods():
-    return [*ours.methods(), *peers.methods()]
 
 
 def installed(say):
@@ -123,7 +119,7 @@ def main():
     parse.add_argument("--timeout", type=float, default=400.0, help="of one method on one problem [s]")
     a = parse.parse_args()
     start = time.time()
-    say = lambda text: print(f"{time.time() - start:6.0f} s  {text}", flush=True)  # noqa: E731
+    say = lambda text: print(f"{time.time() - start:6.0f} s  {text}", flush=True)
     seeds = tuple(int(s) for s in a.seeds.split(",")) if a.seeds else HELD_OUT[: 1 if a.quick else 3]
     a.out.mkdir(parents=True, exist_ok=True)
     plan = Plan(a.problems or a.out / "problems", a.quick, seeds)

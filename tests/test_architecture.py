@@ -1,4 +1,4 @@
-"""The table is the architecture: what each part may import. Stages never import each other."""
+"""The tables are the architecture: what each room may import. No circles; stages never import each other."""
 
 import ast
 import re
@@ -7,73 +7,131 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PYTHON, CPP = ROOT / "python" / "toile", ROOT / "cpp"
-STAGES = {"reconstruct", "track", "segment", "dress", "inner"}
-TYPES = {"scene", "kernels"}
-ALLOWED = {
-    "scene": {"kernels"},
-    "colours": set(), "curves": set(), "views": TYPES, "loops": TYPES | {"curves"}, "garment": TYPES, "settle": TYPES,
-    "threads": {"kernels"}, "evidence": TYPES | {"threads", "views"}, "ribbon": {"curves"}, "rims": TYPES | {"curves", "loops", "ribbon"},
-    "reconstruct": TYPES,
-    "track": TYPES | {"settle"},
-    "segment": TYPES | {"colours", "curves", "evidence", "ribbon", "views"},
-    "dress": TYPES | {"curves", "garment", "loops", "rims", "settle"},
-    "layering": {"kernels"},
-    "inner": TYPES | {"layering"},
-    "template": TYPES | {"garment", "loops"},
-    "config": set(),
-    "sampling": set(),
-    "console": {"scene"},
-    "store": set(),
-    "workers": TYPES,
-    "request": TYPES | {"store", "workers", "__init__"},
-    "capture": TYPES | {"io"},
-    "budget": TYPES | {"config", "io"},
-    "truth": TYPES,
-    "page": set(),
-    "evaluate": TYPES | {"capture", "io", "store", "truth"},
-    "report": TYPES | {"capture", "evaluate", "page", "store"},
-    "plan": set(), "layout": TYPES | {"io", "store"},
-    "pipeline": TYPES | STAGES | {"capture", "colours", "config", "curves", "io", "layout", "plan", "request", "store", "workers"},
-    "avatar": TYPES | {"capture", "config", "io", "layering", "page", "sampling", "store", "truth", "views", "workers"},
-    "align": TYPES | {"avatar", "capture", "config", "console", "layering", "page", "plan", "store", "workers", "__init__"},
-    "animate": TYPES | {"avatar", "io", "store"},
-    "cli": TYPES | {"align", "animate", "avatar", "budget", "capture", "config", "console", "pipeline", "evaluate", "layout", "plan", "report", "template", "studio"},
-    "io": {"scene"},
-    "__init__": {"kernels"},
-}  # fmt: skip
-HEAVY = {"torch", "anny", "newton", "warp"}
-LAYERS = {"base": {"base"}, "geometry": {"base", "geometry"}, "kernels": {"base", "geometry"}, "bind": {"base", "geometry", "kernels", "bind"}}
+PYTHON, BENCH, CPP = ROOT / "python" / "toile", ROOT / "bench", ROOT / "cpp"
+BASE = {"errors", "scene", "kernels"}
+ROOMS = {  # a room: those that it imports; none of them comes back to it
+    "kernels": set(),
+    "errors": set(),
+    "config": {"errors"},
+    "scene": {"errors", "kernels"},
+    "io": BASE,
+    "surface": BASE | {"io"},
+    "vision": BASE | {"surface"},
+    "stages": BASE | {"config", "surface", "vision"},
+    "pipeline": BASE | {"config", "io", "stages", "surface", "vision"},
+    "measure": BASE | {"io"},
+    "align": BASE | {"config", "console", "io", "measure", "pipeline", "surface", "vision"},
+    "avatar": {"config", "errors"},
+    "avatar/render": BASE,
+    "avatar/model": BASE | {"avatar", "avatar/render", "io", "surface"},
+    "avatar/train": BASE | {"avatar", "avatar/model", "io", "pipeline", "surface", "vision"},
+    "avatar/drive": BASE | {"avatar", "avatar/model", "avatar/train", "io", "surface"},
+    "avatar/measure": BASE
+    | {"avatar", "avatar/drive", "avatar/model", "avatar/render", "avatar/train", "io", "measure", "surface"},
+    "avatar/edit": BASE
+    | {"avatar", "avatar/drive", "avatar/measure", "avatar/model", "avatar/render", "io", "surface"},
+    "studio": BASE | {"io", "pipeline"},
+    "console": {"errors"},
+}
+# files that only parse and call, and the old places of public names: they may import any room
+DOORS = {"cli", "__init__", "__main__", "capture", "avatar/command", "studio/command", "align/command"}
+TORCH = {"avatar", "studio"}
+HEAVY = {"torch", "anny", "newton", "warp", "mitsuba"}
+LAYERS = {
+    "base": {"base"},
+    "geometry": {"base", "geometry"},
+    "kernels": {"base", "geometry"},
+    "bind": {"base", "geometry", "kernels", "bind"},
+}
+
+
+def room_of(parts):
+    """The room of a module's path: avatar's inner folders are rooms of their own."""
+    parts = [p.removesuffix(".py") for p in parts]
+    inner = parts[0] == "avatar" and len(parts) > 1 and f"avatar/{parts[1]}" in ROOMS
+    return f"avatar/{parts[1]}" if inner else parts[0]
 
 
 def imports(path):
-    """(modules of toile, other top-level modules) that a file imports, at any depth of its functions."""
-    own, other = set(), set()
-    depth = len(path.relative_to(PYTHON).parts)
+    """(rooms of toile, other top-level modules) that a file imports, at any depth of its functions."""
+    own, other, here = set(), set(), path.relative_to(PYTHON).parts
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.level == depth:
-            own |= {node.module.split(".")[0]} if node.module else {a.name for a in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = list(here[: len(here) - node.level]) + (node.module.split(".") if node.module else [])
+            names = [] if node.module else [a.name for a in node.names]
+            targets = [[*base, name] for name in names] or [base]
+            own |= {room_of(t) for t in targets if (PYTHON / t[0]).exists() or (PYTHON / f"{t[0]}.py").exists()}
+        elif isinstance(node, ast.ImportFrom):
             other.add(node.module.split(".")[0])
         elif isinstance(node, ast.Import):
             other |= {a.name.split(".")[0] for a in node.names}
-    return {"__init__" if name == "__version__" else name for name in own}, other
+    return own, other
 
 
 def python_files():
-    return [p for p in sorted(PYTHON.rglob("*.py")) if p.relative_to(PYTHON).parts[0] not in ("studio", "kernels")]
+    return sorted(PYTHON.rglob("*.py"))
 
 
-def loads_torch(path):
-    return path.relative_to(PYTHON).parts[0] in ("avatar", "animate.py")
+def name_of(path):
+    return str(path.relative_to(PYTHON).with_suffix(""))
 
 
-@pytest.mark.parametrize("path", python_files(), ids=lambda p: str(p.relative_to(PYTHON)))
+@pytest.mark.parametrize("path", python_files(), ids=name_of)
 def test_python_imports_follow_the_table(path):
     own, other = imports(path)
-    room = path.relative_to(PYTHON).parts[0].removesuffix(".py")
-    assert own <= ALLOWED[room] | {room}, f"{room} imports {own - ALLOWED[room]}"
-    assert not other & (HEAVY - {"torch"} if loads_torch(path) else HEAVY)
+    room = room_of(path.relative_to(PYTHON).parts)
+    if name_of(path) not in DOORS and path.name != "__init__.py":
+        assert own <= ROOMS[room] | {room}, f"{room} imports {own - ROOMS[room] - {room}}"
+    assert not other & (HEAVY if room.split("/")[0] not in TORCH else set())
+
+
+def test_every_room_is_in_the_table_and_the_table_has_no_circle():
+    assert {room_of(p.relative_to(PYTHON).parts) for p in python_files()} - DOORS == set(ROOMS)
+    left = {room: set(imported) for room, imported in ROOMS.items()}
+    while left:
+        ground = {room for room, imported in left.items() if not imported & set(left)}
+        assert ground, f"a circle among {sorted(left)}"
+        left = {room: imported for room, imported in left.items() if room not in ground}
+
+
+def test_stages_never_import_each_other():
+    stages = {p.stem for p in (PYTHON / "stages").glob("[a-z]*.py")}
+    for path in (PYTHON / "stages").glob("[a-z]*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level == 1:
+                named = {node.module.split(".")[0]} if node.module else {a.name for a in node.names}
+                assert not named & stages, f"{path.name} imports {named & stages}"
+
+
+@pytest.mark.parametrize("folder", [PYTHON, BENCH], ids=["toile", "bench"])
+def test_no_files_import_one_another_in_a_circle(folder):
+    top = "toile" if folder == PYTHON else "bench"
+    files = {".".join(p.relative_to(folder).with_suffix("").parts): p for p in folder.rglob("*.py")}
+    arrows = {name: modules_of(name, path, files, top) for name, path in files.items()}
+    left = dict(arrows)
+    while left:
+        ground = {name for name, imported in left.items() if not imported & set(left)}
+        assert ground, f"a circle among {sorted(left)}"
+        left = {name: imported for name, imported in left.items() if name not in ground}
+
+
+def modules_of(name, path, files, top):
+    """The files of a folder that one of them imports, at any depth of its functions."""
+    found, parts = set(), name.split(".")
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.level:
+            base = parts[: len(parts) - node.level]
+        elif node.module.split(".")[0] == top:
+            base = []
+        else:
+            continue
+        module = (node.module or "").split(".") if node.level else node.module.split(".")[1:]
+        whole = ".".join([*base, *[m for m in module if m]])
+        named = {f"{whole}.{a.name}".lstrip(".") for a in node.names}
+        found |= (named | {whole}) & set(files)
+    return found - {name}
 
 
 def test_only_kernels_import_the_compiled_module():
@@ -83,7 +141,7 @@ def test_only_kernels_import_the_compiled_module():
 
 def test_kernels_never_include_kernels_and_layers_look_down():
     for path in sorted(CPP.rglob("*.[hc]*")):
-        layer = path.relative_to(CPP).parts[0]
-        for included in re.findall(r'#include "(\w+)/(\w+)', path.read_text()):
-            own_header = layer == "kernels" and included[0] == "kernels" and path.stem.split("_")[0] == included[1].split("_")[0]
-            assert included[0] in LAYERS[layer] or own_header, f"{path.name} includes {'/'.join(included)}"
+        layer, own = path.relative_to(CPP).parts[0], path.relative_to(CPP).parts[1].split(".")[0].split("_")[0]
+        for room, file in re.findall(r'#include "(\w+)/(\w+)', path.read_text()):
+            own_header = layer == room == "kernels" and own == file.split("_")[0]
+            assert room in LAYERS[layer] or own_header, f"{path.name} includes {room}/{file}"

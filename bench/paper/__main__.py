@@ -1,6 +1,6 @@
 """The paper's comparisons by one command that goes on where it stood; the page is OUT/index.html.
 
-    python -m bench.paper OUT [CAPTURE...] --minutes 60 --holdout 1020-1199 --seeds 0,1,2 --ablate avatar_logo --set lr=1e-3
+python -m bench.paper OUT [CAPTURE...] --minutes 60 --holdout 1020-1199 --seeds 0,1,2 --ablate avatar_logo --set lr=1e-3
 """
 
 import argparse
@@ -25,8 +25,12 @@ TINY = AvatarSettings(
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("captures", type=Path, nargs="*", help=f"or runs; default: {', '.join(SUBJECTS)}, made by the studio")
-    parser.add_argument("--small", action="store_true", help="the bundled capture and tiny networks: minutes, to see that it runs")
+    parser.add_argument(
+        "captures", type=Path, nargs="*", help=f"or runs; default: {', '.join(SUBJECTS)}, made by the studio"
+    )
+    parser.add_argument(
+        "--small", action="store_true", help="the bundled capture and tiny networks: minutes, to see that it runs"
+    )
     parser.add_argument("--seeds", default="0", help="separated by commas")
     parser.add_argument("--registration", default="standard", help="quality of `toile register`")
     parser.add_argument("--frames", help="of each capture: 1-50,60")
@@ -36,8 +40,12 @@ def arguments():
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting: network.latent=64")
     parser.add_argument("--temporal-steps", type=int, default=TemporalSettings().steps)
     parser.add_argument("--window", type=int, default=TemporalSettings().window, help="poses that drive the garments")
-    parser.add_argument("--align", default="none", choices=("none", "ablation", "all"), help="runs that `toile align` aligns")
-    parser.add_argument("--ablate", help="the capture that is ablated, by name; none: no ablations; default the second of several")
+    parser.add_argument(
+        "--align", default="none", choices=("none", "ablation", "all"), help="runs that `toile align` aligns"
+    )
+    parser.add_argument(
+        "--ablate", help="the capture that is ablated, by name; none: no ablations; default the second of several"
+    )
     parser.add_argument("--ablation-steps", help="BODY,GARMENT,JOINT; default as many as the full avatar took")
     parser.add_argument("--windows", default="1,3,8,15,30", help="lengths L of the ablation")
     parser.add_argument("--qualities", default="", help="presets that are compared: draft,standard,fine")
@@ -60,8 +68,8 @@ def main():
         set_threads(a.threads)
     a.out.mkdir(parents=True, exist_ok=True)
     with progress_bars() as progress:
-        stages = lambda stage, done, total, note="": progress(stage, done, total)  # noqa: E731
-        say = lambda text: print(text, flush=True)  # noqa: E731
+        stages = lambda stage, done, total, note="": progress(stage, done, total)
+        say = lambda text: print(text, flush=True)
         study = small(a.out, say, stages) if a.small else asked(a, say, stages)
         print(study.run(), machine())
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from toile.page import document, figure
-from toile.page import table as html_table
-from toile.store import write_text
-from toile.workers import locked
+from toile.io.files import write_text
+from toile.measure.page import document, figure
+from toile.measure.page import table as html_table
+from toile.pipeline.blocks import locked
 
-from .study import write_json
+from .results import write_json
 from .tables import collected, tables, text
 
 SHEETS = {"driven": "driven by pose and face alone", "sheets": "reconstructed"}

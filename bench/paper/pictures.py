@@ -13,9 +13,9 @@ def zooms(full, others, out):
     different colours, which is where a print shows."""
     from PIL import Image
 
-    from toile.avatar.checkpoint import read_facts
     from toile.avatar.measure.driven import Driven
     from toile.avatar.measure.sheet import sheet
+    from toile.avatar.model.checkpoint import read_facts
 
     held = read_facts(full)["holdout"]
     frame = held[len(held) // 2]

@@ -16,23 +16,24 @@ import json
 import os
 import platform
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Callable
 
-from toile.avatar.layers import capture_folder, open_body
 from toile.avatar.settings import AvatarSettings, TemporalSettings, preset
-from toile.store import OK, write_text
+from toile.io.run import OK
+from toile.surface.layers import capture_folder, open_body
 
-REGRESSED, UNALIGNED, ALIGNED = "direct regression", "no texture alignment", "texture alignment"
-SWITCHES = {  # row: what of the settings differs
-    REGRESSED: lambda s, window: changed(s, data={"window": window}),
-    "no view conditioning": lambda s, _: changed(s, network={"view": False}),
-    "no shadow network": lambda s, _: changed(s, network={"shadow": False}),
-    "no soft visibility": lambda s, _: changed(s, weights={"visibility": 0.0}),
-}
-LINKED = ("avatar.json", "avatar.safetensors", "assets", "cache", "evaluation")  # of an avatar that another model drives
-FULL, DAMPED = "full", "damped"
+from .page import write
+from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, changed, read, slug, write_json
+
+LINKED = (
+    "avatar.json",
+    "avatar.safetensors",
+    "assets",
+    "cache",
+    "evaluation",
+)  # of an avatar that another model drives
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,6 @@ class Paper:
 
     def run(self):
         """All of it; the page is written anew after each avatar."""
-        from .page import write
-
         for seed in self.seeds:
             for capture in self.captures:
                 subject = Subject(self, capture)
@@ -92,10 +91,10 @@ class Subject:
 
     def _register(self):
         """Registers the capture unless a run was given; what both are."""
-        from toile.capture import open_capture
-        from toile.console import frame_numbers
         from toile.config import preset as config
-        from toile.pipeline import register
+        from toile.console import frame_numbers
+        from toile.io.capture import open_capture
+        from toile.pipeline.run import register
 
         paper, opened = self.paper, open_capture(self.capture)
         if not self.given_run:
@@ -123,7 +122,7 @@ class Subject:
         """Trains and drives an avatar, and evaluates it on the held-out frames."""
         from toile.avatar.drive.teaching import train_temporal
         from toile.avatar.measure.evaluation import evaluate_avatar
-        from toile.avatar.make import Request, make_avatar
+        from toile.avatar.train.make import Request, make_avatar
 
         paper = self.paper
         for part in (folder, folder / "baseline") if baseline else (folder,):
@@ -200,7 +199,7 @@ class Subject:
             for name in LINKED:
                 link(folder / name, full / name)
             settings = changed(paper.temporal, seed=facts_seed(full), **change)
-            once(folder / "temporal.json", lambda: train_temporal(folder, settings), paper.say)  # noqa: B023
+            once(folder / "temporal.json", lambda: train_temporal(folder, settings), paper.say)
             self._driven(folder)
             yield row
 
@@ -221,7 +220,7 @@ class Subject:
             settings = changed(preset(quality), seed=self.paper.seeds[0])
             self.avatar(folder, run, settings, minutes=self.paper.quality_minutes)
             size = settings.data.image[0]
-            once(folder / "speed.json", lambda: measure(folder, size, threads()), self.paper.say)  # noqa: B023
+            once(folder / "speed.json", lambda: measure(folder, size, threads()), self.paper.say)
             yield quality
 
 
@@ -243,31 +242,10 @@ def once(path, make, say):
     return read(path)
 
 
-def read(path):
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
-def write_json(path, values):
-    write_text(path, json.dumps(values, indent=1, allow_nan=False) + "\n")
-
-
 def link(path, target):
     """A symbolic link to `target`, by the way from one to the other, so that OUT may be moved; what is there stays."""
     if not path.exists():
         path.symlink_to(os.path.relpath(target.resolve(), path.parent.resolve()))
-
-
-def changed(settings, **updates):
-    """Settings with fields replaced; a dictionary replaces fields of the settings there."""
-    nested = {
-        name: getattr(settings, name).model_copy(update=value) if isinstance(value, dict) else value
-        for name, value in updates.items()
-    }
-    return settings.model_copy(update=nested)
-
-
-def slug(row):
-    return row.replace(" ", "_")
 
 
 def finished(folder):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .study import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
+from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
 
 GOAL = -0.22  # change of the driven squared error, each subject and seed
 PAPER = "The paper's three subjects: -25.7 %, -29.1 %, -21.9 %; SSIM +0.0096, +0.0113, +0.0071."
@@ -82,7 +82,7 @@ def sizes(found):
 
 def _size(run, one):
     trained, (height, width), studio = one["trained"], run["pixels"], run["studio"] or {}
-    minutes = lambda *names: sum(one[n]["seconds"] for n in names if n in one) / 60  # noqa: E731
+    minutes = lambda *names: sum(one[n]["seconds"] for n in names if n in one) / 60
     shown = one.get("driven", {}).get("all", {})
     frames = f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} a second"
     return {
@@ -117,12 +117,15 @@ def against(found, how):
             if not everything or not everything["baseline"]:
                 continue
             layered, baseline = everything["layered"], everything["baseline"]
-            change = {m: relative(layered[m], baseline[m]) for m in ("mse", "band_mse", "garment_mse", "body_mse", "rim_mse")}
+            change = {
+                m: relative(layered[m], baseline[m])
+                for m in ("mse", "band_mse", "garment_mse", "body_mse", "silhouette_mse")
+            }
             changes.append(change | {"ssim": layered["ssim"] - baseline["ssim"]})
             rows.append([
                 name, seed, baseline["mse"], baseline["ssim"], layered["mse"], layered["ssim"], percent(change["mse"]),
                 baseline["band_mse"], layered["band_mse"], percent(change["band_mse"]), percent(change["garment_mse"]),
-                percent(change["body_mse"]), percent(change["rim_mse"]),
+                percent(change["body_mse"]), percent(change["silhouette_mse"]),
             ])  # fmt: skip
         if changes:
             met.append(f"{name}, {len(changes)} seed{'s' * (len(changes) > 1)}: {goals(changes, how)}.")
@@ -130,13 +133,16 @@ def against(found, how):
         "subject", "seed", "single layer: MSE", "SSIM", "layered: MSE", "SSIM", "change of MSE", "band: single", "layered",
         "change", "change on garments", "change on the body", "change near the silhouette",
     )  # fmt: skip
-    title = {"driven": "Driven by pose and face alone", "reconstruction": "Reconstruction: the frame itself is encoded"}[how]
+    title = {
+        "driven": "Driven by pose and face alone",
+        "reconstruction": "Reconstruction: the frame itself is encoded",
+    }[how]
     return Table(title, head, rows, " ".join([*met, PAPER] if how == "driven" and rows else met))
 
 
 def goals(changes, how):
     """In words whether every seed meets each goal."""
-    worst = lambda measure: max((c[measure] for c in changes if c[measure] is not None), default=None)  # noqa: E731
+    worst = lambda measure: max((c[measure] for c in changes if c[measure] is not None), default=None)
     if how == "driven":
         asked = {"MSE 22 % lower": _at_most(worst("mse"), GOAL), "SSIM higher": min(c["ssim"] for c in changes) > 0}
     else:
@@ -172,7 +178,9 @@ def draws(found):
         "subject", "seed", "shown draw: MSE", "mean of draws", "least", "largest", "code zero", "layered", "against the mean",
         "against zero",
     )  # fmt: skip
-    return Table("The baseline's code, drawn from the unit Gaussian", head, rows, "In every third picture." if rows else "")
+    return Table(
+        "The baseline's code, drawn from the unit Gaussian", head, rows, "In every third picture." if rows else ""
+    )
 
 
 def _driven(found):
@@ -187,7 +195,9 @@ def ablations(found):
     rows = []
     for name, subject in found.items():
         there = subject["ablations"]
-        named = {row: there[slug(row)] for row in (*SWITCHES, UNALIGNED, ALIGNED) if "driven" in there.get(slug(row), {})}
+        named = {
+            row: there[slug(row)] for row in (*SWITCHES, UNALIGNED, ALIGNED) if "driven" in there.get(slug(row), {})
+        }
         if not named:
             continue
         for row, one in {FULL: full_of(subject), **named}.items():
@@ -210,9 +220,9 @@ def _errors(everything):
     layered = everything["layered"]
     garments = list(((layered["geometry"] or {}).get("garment") or {}).values())
     motion = list(everything["driven"]["motion"].values())
-    mean = lambda values: float(np.mean(values)) if values and None not in values else None  # noqa: E731
+    mean = lambda values: float(np.mean(values)) if values and None not in values else None
     return [
-        *(layered[m] for m in ("mse", "ssim", "garment_mse", "band_mse", "rim_mse")),
+        *(layered[m] for m in ("mse", "ssim", "garment_mse", "band_mse", "silhouette_mse")),
         mean([g["surface_mm"] for g in garments]), mean([g["correspondence_mm"] for g in garments]),
         mean([m["jitter_mm"] for m in motion]),
     ]  # fmt: skip
@@ -250,7 +260,10 @@ def alignment(found):
     rows = []
     for name, subject in found.items():
         for garment, one in (subject["aligned"] or {}).get("garments", {}).items():
-            for measure, words in (("texture_std", "standard deviation"), ("anchor_error", "error to the anchors' mean")):
+            for measure, words in (
+                ("texture_std", "standard deviation"),
+                ("anchor_error", "error to the anchors' mean"),
+            ):
                 before, after = one["before"][measure], one["after"][measure]
                 rows.append([name, garment, words, before, after, percent(relative(after, before))])
     return Table("Texture alignment", ("subject", "garment", "unwrapped texture", "before", "after", "change"), rows)
@@ -262,7 +275,9 @@ def intersections(found):
     for name, seed, driven in _driven(found):
         pairs = driven["driven"]["intersections"]
         if pairs:
-            rows.append([name, seed, pairs["frames"], pairs["before"], pairs["before"] / pairs["frames"], pairs["left"]])
+            rows.append(
+                [name, seed, pairs["frames"], pairs["before"], pairs["before"] / pairs["frames"], pairs["left"]]
+            )
     return Table("Intersections", ("subject", "seed", "frames", "pairs before untangle", "a frame", "pairs left"), rows)
 
 

@@ -21,25 +21,25 @@ void distort(double& x, double& y, const Vector& k) {
 }
 
 void check_camera(const Camera& camera) {
-    check_finite("see", "K", camera.K);
-    check_finite("see", "T_camera_world", camera.T_camera_world);
+    check_finite("visibility", "K", camera.K);
+    check_finite("visibility", "T_camera_world", camera.T_camera_world);
     require(camera.distortion.size() == 5,
-            "see: distortion has " + std::to_string(camera.distortion.size()) + " entries, expected 5");
-    check_finite("see", "distortion", camera.distortion);
+            "visibility: distortion has " + std::to_string(camera.distortion.size()) + " entries, expected 5");
+    check_finite("visibility", "distortion", camera.distortion);
 }
 
 }  // namespace
 
-Sight see(const Vertices& points, const Vertices& normals, const Camera& camera, const Eigen::Ref<const Matrix>& depth,
+Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera, const Eigen::Ref<const Matrix>& depth,
           double tolerance, double min_cosine) {
-    require(points.rows() == normals.rows(), "see: normals has " + std::to_string(normals.rows()) + " rows, points " +
+    require(points.rows() == normals.rows(), "visibility: normals has " + std::to_string(normals.rows()) + " rows, points " +
                                                  std::to_string(points.rows()));
-    check_points("see", "points", points);
-    check_finite("see", "normals", normals);
+    check_points("visibility", "points", points);
+    check_finite("visibility", "normals", normals);
     check_camera(camera);
     require(tolerance >= 0 && std::isfinite(tolerance),
-            "see: tolerance is " + std::to_string(tolerance) + ", expected a length >= 0");
-    require(min_cosine > 0 && min_cosine <= 1, "see: min_cosine is " + std::to_string(min_cosine) + ", expected 0 to 1");
+            "visibility: tolerance is " + std::to_string(tolerance) + ", expected a length >= 0");
+    require(min_cosine > 0 && min_cosine <= 1, "visibility: min_cosine is " + std::to_string(min_cosine) + ", expected 0 to 1");
     const Mat3 &K = camera.K, R = camera.T_camera_world.topLeftCorner<3, 3>();
     const Vec3 t = camera.T_camera_world.topRightCorner<3, 1>(), centre = -R.transpose() * t;
     Sight out{Matrix(points.rows(), 2), Vector(points.rows()), Vector(points.rows())};
@@ -64,11 +64,11 @@ Sight see(const Vertices& points, const Vertices& normals, const Camera& camera,
     return out;
 }
 
-Readings read(const Picture& picture, const Eigen::Ref<const Matrix>& uv) {
+Readings bilinear(const Picture& picture, const Eigen::Ref<const Matrix>& uv) {
     const auto [values, height, width, channels] = picture;
-    require(height >= 2 && width >= 2, "read: the picture is " + std::to_string(height) + " x " + std::to_string(width) +
+    require(height >= 2 && width >= 2, "bilinear: the picture is " + std::to_string(height) + " x " + std::to_string(width) +
                                            " pixels, expected at least 2 x 2");
-    require(uv.cols() == 2, "read: uv has " + std::to_string(uv.cols()) + " columns, expected 2");
+    require(uv.cols() == 2, "bilinear: uv has " + std::to_string(uv.cols()) + " columns, expected 2");
     Readings out(uv.rows(), channels);
     const auto place = [](double at, std::int64_t size) {
         return at > 0.5 ? std::min(at - 0.5, static_cast<double>(size) - 1.001) : 0;  // 0 for what is no number

@@ -22,7 +22,7 @@ struct Sight {
 
 /// `depth` (H,W) [m], +inf where empty. Visible is what lies at most `tolerance` / cosine [m] behind the surface, and
 /// faces the camera by more than `min_cosine`.
-Sight see(const Vertices& points, const Vertices& normals, const Camera& camera, const Eigen::Ref<const Matrix>& depth,
+Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera, const Eigen::Ref<const Matrix>& depth,
           double tolerance, double min_cosine);
 
 /// A picture (H,W,C), channels side by side.
@@ -34,6 +34,6 @@ struct Picture {
 using Readings = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Bilinear values (n,C) at pixels `uv` (n,2); beyond the picture's rim the rim's.
-Readings read(const Picture& picture, const Eigen::Ref<const Matrix>& uv);
+Readings bilinear(const Picture& picture, const Eigen::Ref<const Matrix>& uv);
 
 }  // namespace toile

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
 from .console import frame_numbers, numbers_of, progress_bars, shard_of, table
-from .scene import CaptureError
+from .errors import UserError
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
 
@@ -18,9 +18,9 @@ app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_
 @app.command()
 def plan(capture: Path):
     """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
-    from .capture import open_capture
-    from .plan import blocks
-    from .plan import plan as make_plan
+    from .io.capture import open_capture
+    from .pipeline.plan import blocks
+    from .pipeline.plan import plan as make_plan
 
     opened = open_capture(capture)
     typer.echo(f"{opened.scene.name}: {len(opened.frames)} frames, {len(opened.cameras)} cameras")
@@ -34,21 +34,23 @@ def plan(capture: Path):
 def register(
     capture: Path,
     run: Path,
-    quality: Annotated[Optional[str], typer.Option(help="draft, standard (the default) or fine")] = None,
-    budget: Annotated[Optional[float], typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
-    frames: Annotated[Optional[str], typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
+    budget: Annotated[float | None, typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
+    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames")] = 1,
     workers: Annotated[int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers")] = 1,
-    shard: Annotated[str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")] = "1/1",
-    retry: Annotated[Optional[str], typer.Option(help="failed: give the failed frames of a run again")] = None,
+    shard: Annotated[
+        str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
+    ] = "1/1",
+    retry: Annotated[str | None, typer.Option(help="failed: give the failed frames of a run again")] = None,
 ):
     """Register a capture: the body and each garment, every frame, in fixed topologies."""
-    from .capture import open_capture
     from .config import preset
-    from .pipeline import register as run_pipeline
+    from .io.capture import open_capture
+    from .pipeline.run import register as run_pipeline
 
     if retry not in (None, "failed"):
-        raise CaptureError(f"--retry {retry}: expected failed")
+        raise UserError(f"--retry {retry}: expected failed")
     part = shard_of(shard)
     opened = open_capture(capture)
     numbers = frame_numbers(frames, opened.frames, step)
@@ -57,7 +59,7 @@ def register(
     try:
         config = preset(quality or "standard")
     except ValueError as error:
-        raise CaptureError(str(error)) from None
+        raise UserError(str(error)) from None
     with progress_bars() as progress:
         outcome = run_pipeline(capture, run, config, numbers, progress, workers, part, retry == "failed")
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
@@ -75,9 +77,13 @@ def register(
 @app.command()
 def evaluate(
     path: Annotated[Path, typer.Argument(help="a run or an avatar")],
-    frames: Annotated[Optional[str], typer.Option(help="of an avatar: 1-50,60; default: what its training held out")] = None,
-    run: Annotated[Optional[Path], typer.Option(help="of an avatar: its run, if that was moved")] = None,
-    driven: Annotated[bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")] = False,
+    frames: Annotated[
+        str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    driven: Annotated[
+        bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ):
     """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
@@ -94,10 +100,14 @@ def evaluate(
 @app.command()
 def report(
     path: Annotated[Path, typer.Argument(help="a run or an avatar")],
-    out: Annotated[Optional[Path], typer.Option(help="default: report.html in that folder")] = None,
-    frames: Annotated[Optional[str], typer.Option(help="of an avatar: 1-50,60; default: what its training held out")] = None,
-    run: Annotated[Optional[Path], typer.Option(help="of an avatar: its run, if that was moved")] = None,
-    driven: Annotated[bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")] = False,
+    out: Annotated[Path | None, typer.Option(help="default: report.html in that folder")] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    driven: Annotated[
+        bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
+    ] = False,
 ):
     """Write one self-contained HTML page about a run or an avatar."""
     if is_avatar(path):
@@ -107,7 +117,7 @@ def report(
             options = dict(frames=numbers_of(frames), run=run, progress=progress, driven=driven)
             typer.echo(str(write_avatar_report(path, out, **options)))
         return
-    from .report import write_report
+    from .measure.report import write_report
 
     no_avatar(path, frames, run, driven)
     typer.echo(str(write_report(path, out)))
@@ -118,14 +128,18 @@ def animate(
     avatar: Annotated[Path, typer.Argument(help="made by toile train --temporal, or its baseline/")],
     motion: Annotated[Path, typer.Argument(help="a run, a .bvh file, or an .npz of rotations, translation and fps")],
     out: Annotated[Path, typer.Argument(help="a new folder: pictures/, meshes/, animation.mp4")],
-    frames: Annotated[Optional[str], typer.Option(help="numbers of the motion's frames: 1-50,60")] = None,
-    camera: Annotated[Optional[str], typer.Option(help="one of the avatar's, orbit, or a cameras.json taken in turn")] = None,
-    height: Annotated[Optional[int], typer.Option(help="of the pictures [px]; default the camera's", min=16, max=8192)] = None,
+    frames: Annotated[str | None, typer.Option(help="numbers of the motion's frames: 1-50,60")] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="one of the avatar's, orbit, or a cameras.json taken in turn")
+    ] = None,
+    height: Annotated[
+        int | None, typer.Option(help="of the pictures [px]; default the camera's", min=16, max=8192)
+    ] = None,
     meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
     seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by")] = 0,
 ):
     """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
-    from .animate import animate as run_animation
+    from .avatar.drive.animate import animate as run_animation
 
     with progress_bars() as progress:
         done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, seed, progress)
@@ -140,15 +154,21 @@ def edit(
     avatar: Annotated[Path, typer.Argument(help="made by toile train, or by toile edit before")],
     out: Annotated[Path, typer.Argument(help="a new folder: an avatar with its garment changed")],
     garment: Annotated[str, typer.Option(help="whose texture is changed")],
-    scale: Annotated[Optional[str], typer.Option(help="R,G,B: factors of its colours")] = None,
-    checker: Annotated[Optional[int], typer.Option(help="a checkerboard of so many squares along the UV square")] = None,
-    image: Annotated[Optional[Path], typer.Option(help="a picture over the UV square, or laid --at a place; alpha composes")] = None,
-    text: Annotated[Optional[str], typer.Option(help="a text laid on the front, or --at a place")] = None,
-    at: Annotated[Optional[str], typer.Option(help="U,V: middle of the picture or text, v up; default the front")] = None,
-    size: Annotated[Optional[float], typer.Option(help="its width, a share of the UV square's side; default 0.2")] = None,
-    sheet: Annotated[bool, typer.Option(help="edit.png and edit.json: layered and baseline in frames of the run")] = True,
-    frames: Annotated[Optional[str], typer.Option(help="of the sheet: 1-50,60; default a spread of all with pictures")] = None,
-    run: Annotated[Optional[Path], typer.Option(help="the avatar's run, if that was moved")] = None,
+    scale: Annotated[str | None, typer.Option(help="R,G,B: factors of its colours")] = None,
+    checker: Annotated[int | None, typer.Option(help="a checkerboard of so many squares along the UV square")] = None,
+    image: Annotated[
+        Path | None, typer.Option(help="a picture over the UV square, or laid --at a place; alpha composes")
+    ] = None,
+    text: Annotated[str | None, typer.Option(help="a text laid on the front, or --at a place")] = None,
+    at: Annotated[str | None, typer.Option(help="U,V: middle of the picture or text, v up; default the front")] = None,
+    size: Annotated[float | None, typer.Option(help="its width, a share of the UV square's side; default 0.2")] = None,
+    sheet: Annotated[
+        bool, typer.Option(help="edit.png and edit.json: layered and baseline in frames of the run")
+    ] = True,
+    frames: Annotated[
+        str | None, typer.Option(help="of the sheet: 1-50,60; default a spread of all with pictures")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="the avatar's run, if that was moved")] = None,
 ):
     """Change a garment's texture, the body's untouched; its baseline gets the same where the garment lay in the first frame."""
     from .avatar.edit.editing import Change
@@ -172,21 +192,21 @@ def template(
     label: Annotated[str, typer.Option(help="its label in the run's scene")],
 ):
     """Make a garment template from a run's tracked surface and labels."""
-    from .layout import person_of
-    from .template import template_command
+    from .io.run import person_of
+    from .stages.template import template_command
 
     model, person, labels, ids = person_of(run)
     if label not in ids:
-        raise CaptureError(f"--label {label}: the run knows {', '.join(ids)}")
+        raise UserError(f"--label {label}: the run knows {', '.join(ids)}")
     typer.echo(template_command(run, out, name, ids[label], model, person, labels))
 
 
 def quality_within(budget, quality, capture, numbers):
     """The quality that --budget chooses, said with the time and the errors to expect."""
-    from .budget import choose
+    from .pipeline.budget import choose
 
     if quality is not None:
-        raise CaptureError(f"--budget {budget}: --quality {quality} is given too")
+        raise UserError(f"--budget {budget}: --quality {quality} is given too")
     quality, seconds, errors = choose(capture, numbers, budget)
     expect = ", ".join(f"{name.removesuffix('_mm')} {value:.1f} mm" for name, value in errors.items())
     typer.echo(f"--budget {budget}: quality {quality}, about {seconds:.2f} s a frame; errors to expect: {expect}")
@@ -204,7 +224,7 @@ def measure(path, frames, run, driven):
 
         with progress_bars() as progress:
             return evaluate_avatar(path, numbers_of(frames), run, progress, driven=driven)
-    from .evaluate import evaluate as evaluate_run
+    from .measure.evaluate import evaluate as evaluate_run
 
     no_avatar(path, frames, run, driven)
     return evaluate_run(path)
@@ -215,7 +235,7 @@ def no_avatar(path, frames, run, driven):
     given = {f"--frames {frames}": frames is not None, f"--run {run}": run is not None, "--driven": driven}
     for option, there in given.items():
         if there:
-            raise CaptureError(f"{option}: {path} is no avatar, it has no avatar.json")
+            raise UserError(f"{option}: {path} is no avatar, it has no avatar.json")
 
 
 def main():
@@ -230,7 +250,7 @@ def main():
     app.command()(studio)
     try:
         code = app(standalone_mode=False)
-    except (CaptureError, InputError) as error:
+    except (UserError, InputError) as error:
         print(f"toile: {error}", file=sys.stderr)
         code = 1
     except (typer.Abort, KeyboardInterrupt):

@@ -1,6 +1,6 @@
 """Settings of the stages: one small model each; the presets and the command line fill the same objects."""
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class Settings(BaseModel):
@@ -27,8 +27,8 @@ class SegmentSettings(Settings):
     """Labels from pictures, votes and colours."""
 
     views: int = 0  # pictures a frame that are read, spread about the person; 0: all
-    refine: bool = True  # place a garment's border between scan vertices by the pictures' edges
-    wrong: float = 0.15  # share of given labels taken to be wrong
+    refine_border: bool = True  # place a garment's border between scan vertices by the pictures' edges
+    label_error_share: float = 0.15  # of the given labels, taken to be wrong
     label_blur: float = 3.0  # uncertainty of a given border [px]
     colour_pixels: int = 400_000  # drawn from the samples for the colour models
     colour_iterations: int = 4
@@ -41,15 +41,15 @@ class SegmentSettings(Settings):
     previous_weight: float = 0.3  # cost of leaving the previous frame's label
     smoothness: float = 2.0  # Potts cost of an edge of mean length on flat colour
     contrast: float = 0.08  # difference of RGB (0..1) between neighbours that halves that cost
-    rim_reach: float = 0.030  # search range of a garment's border [m]
-    rim_step: float = 0.002  # [m]
-    rim_stiffness: float = 0.15  # cost of a unit step of the border between samples one spacing apart
-    rim_spacing: float = 0.004  # [m]
-    rim_smoothing: float = 0.012  # Gaussian along the border [m]
-    rim_depth: tuple[float, float] = (-0.003, 0.012)  # layers searched below and above the scan [m]
-    rim_layer: float = 0.003  # [m]
-    rim_lift: float = 0.5  # cost of the first layer off the scan; grows with the square
-    rim_sure: float = 0.05  # least log odds on either side of a rim
+    opening_reach: float = 0.030  # search range of a garment's border [m]
+    opening_step: float = 0.002  # [m]
+    opening_stiffness: float = 0.15  # cost of a unit step of the border between samples one spacing apart
+    opening_spacing: float = 0.004  # [m]
+    opening_smoothing: float = 0.012  # Gaussian along the border [m]
+    opening_depth: tuple[float, float] = (-0.003, 0.012)  # layers searched below and above the scan [m]
+    opening_layer: float = 0.003  # [m]
+    opening_lift: float = 0.5  # cost of the first layer off the scan; grows with the square
+    opening_log_odds: float = 0.05  # least log odds on either side of an opening
     edge_reach: float = 0.016  # half length of the colour profiles that place the border within a pixel [m]
     ramp: float = 0.012  # half width of the probability's ramp about the border [m]
     min_region: float = 0.004  # smaller islands of a label are dissolved [m^2]
@@ -59,18 +59,20 @@ class SegmentSettings(Settings):
 class DressSettings(Settings):
     """Garments from labelled scans."""
 
-    trace: bool = True  # find rims that hang free of the scan in the pictures, and settle again
+    trace_openings: bool = True  # find openings that hang free of the scan in the pictures, and refine again
     stiffness: float = 0.05  # of a garment's bending against its distance to the scan
-    quick: bool = False  # settle in half the steps
+    refinement_steps: int = Field(
+        6, ge=1, le=6
+    )  # of the schedule of falling stiffness; fewer are faster and stop farther from the scan
     fit_reach: float = 0.04  # reach of the body's shape when a template is carried to the person [m]
     skin_smoothing: int = 10  # umbrella steps on transferred skinning weights
     fit_frames: int = 6  # sampled frames that personalise the rest shape, 0 for none
     fit_stiffness: float = 0.3  # smoothness of the personal displacement against one sample's evidence
-    loop_reach: float = 0.10  # a rim of the scan farther than this from a template's loop is not its own [m]
-    loop_cosine: float = 0.4  # least agreement of directions of loop and rim
+    loop_reach: float = 0.10  # an opening of the scan farther than this from a template's loop is not its own [m]
+    loop_cosine: float = 0.4  # least agreement of directions of loop and opening
     loop_iterations: int = 8
     loop_bending: float = 30.0  # first, then less: cost of bending a loop's displacement against its distance
-    loop_sure: float = 0.3  # log odds on either side of a rim that count as seen, see rims.trace_loop
+    loop_log_odds: float = 0.3  # log odds on either side of an opening that count as seen, see openings.trace_opening
     loop_observed: float = 0.25  # least observed share of a loop that enters as a boundary term
     observed: float = 0.006  # a vertex this close to the labelled scan is observed [m]
     interpolated: float = 0.05  # within this of an observed one it is interpolated [m]
@@ -83,8 +85,10 @@ class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
     samples: int = 5000  # vertices of the body that look for the scan when the pose is fitted
-    stiffness: float = 0.02  # bending of the free-form displacement, see settle.Settler
-    quick: bool = False  # settle in half the steps
+    stiffness: float = 0.02  # bending of the free-form displacement, see surface.refinement
+    refinement_steps: int = Field(
+        6, ge=1, le=6
+    )  # of the schedule of falling stiffness; fewer are faster and stop farther from the scan
     rest_smoothing: int = 5  # umbrella steps on the personal offsets
     observed: float = 0.004  # a tracked vertex this close to the scan is observed [m]
     interpolated: float = 0.02  # within this it is interpolated, beyond hidden [m]
@@ -115,7 +119,7 @@ FIT_FRAMES = {"draft": 3, "standard": 6, "fine": 10}
 
 
 def preset(quality):
-    """The settings of a quality preset. Draft reads four pictures a frame, leaves rims where the labels put them, and fits
+    """The settings of a quality preset. Draft reads four pictures a frame, leaves openings where the labels put them, and fits
     pose and surfaces in fewer steps to fewer points."""
     if quality not in QUALITIES:
         raise ValueError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
@@ -123,8 +127,10 @@ def preset(quality):
     return Config(
         quality=quality,
         samples=SAMPLES[quality],
-        track=TrackSettings(samples=2000 if draft else 5000, quick=draft),
-        segment=SegmentSettings(views=4 if draft else 0, refine=not draft),
-        dress=DressSettings(fit_frames=FIT_FRAMES[quality], trace=not draft, quick=draft),
+        track=TrackSettings(samples=2000 if draft else 5000, refinement_steps=3 if draft else 6),
+        segment=SegmentSettings(views=4 if draft else 0, refine_border=not draft),
+        dress=DressSettings(
+            fit_frames=FIT_FRAMES[quality], trace_openings=not draft, refinement_steps=3 if draft else 6
+        ),
         inner=InnerSettings(tolerance=1e-3 if draft else 2e-4),
     )

@@ -12,10 +12,6 @@ from functools import cached_property
 import numpy as np
 
 
-class CaptureError(ValueError):
-    """Bad input: the message names the file and the field."""
-
-
 @dataclass(frozen=True)
 class Mesh:
     """Triangles: `vertices` (n,3) float64 [m], `faces` (m,3) int32; UVs have a topology of their own."""
@@ -284,7 +280,9 @@ class Segmented:
     scan_probability: np.ndarray  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
     ids: np.ndarray  # (L,) uint8
     diagnostics: dict[str, float]
-    rims: dict = field(default_factory=dict)  # garment's label id -> its border as `curves.Curve`s, garment on the left
+    openings: dict = field(
+        default_factory=dict
+    )  # garment's label id -> its border as `curves.Curve`s, garment on the left
 
 
 @dataclass(frozen=True)

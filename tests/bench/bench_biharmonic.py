@@ -59,7 +59,7 @@ def race(V, F, known, D_known, repeats):
         ours.append(middle - start)
         theirs.append(time.perf_counter() - middle)
     refined = kernels.BiharmonicSolver(V, F, known, accuracy=3e-12).solve(D_known)
-    distance = lambda A: float(np.abs(A - refined).max() / np.abs(refined).max())  # noqa: E731
+    distance = lambda A: float(np.abs(A - refined).max() / np.abs(refined).max())
     return dict(prepare=prepare, toile=statistics.median(ours), igl=statistics.median(theirs), error=distance(D),
                 igl_error=distance(peer), ratio=statistics.median(t / o for t, o in zip(theirs, ours)))  # fmt: skip
 

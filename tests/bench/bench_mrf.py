@@ -70,7 +70,12 @@ def body_problem(size, smoothing):
     V, F = surface(size)
     edges = kernels.unique_edges(F)
     length = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
-    return votes(V, 0), edges.astype(np.int32), SMOOTHING[smoothing] * np.clip(length / length.mean(), 0, 2), potts(LABELS)
+    return (
+        votes(V, 0),
+        edges.astype(np.int32),
+        SMOOTHING[smoothing] * np.clip(length / length.mean(), 0, 2),
+        potts(LABELS),
+    )
 
 
 def frames_problem(count=10):
@@ -104,7 +109,10 @@ CASES |= {"10 frames": frames_problem, "tsukuba": tsukuba_problem}
 
 
 def energy(labels, unary, edges, weights, pairwise):
-    return unary[np.arange(len(unary)), labels].sum() + (weights * pairwise[labels[edges[:, 0]], labels[edges[:, 1]]]).sum()
+    return (
+        unary[np.arange(len(unary)), labels].sum()
+        + (weights * pairwise[labels[edges[:, 0]], labels[edges[:, 1]]]).sum()
+    )
 
 
 def toile(*problem):

@@ -10,7 +10,6 @@ With pytest-benchmark, ratios in extra_info:
 
 import os
 import sys
-from pathlib import Path
 
 if __name__ == "__main__":  # the pool of threads is sized when it is loaded
     threads = sys.argv[sys.argv.index("--threads") + 1] if "--threads" in sys.argv else "2"
@@ -24,16 +23,15 @@ import pytest
 
 from toile import kernels
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "avatar"))
 SIZES = (256, 512)
 SCENES = ("body", "body and cloth", "body and cloth, layer depth")
 
 
 def problem(size, scene):
     """-> {"raster": ..., "forward": ..., "forward + backward": ...}: functions without arguments."""
-    import surfaces as shapes
     import torch
 
+    from tests.support import surfaces as shapes
     from toile.avatar.render.renderer import render
 
     meshes = [shapes.body()] + [shapes.sheet(60, turn=0.3)] * ("cloth" in scene)
@@ -54,14 +52,14 @@ def problem(size, scene):
         loss = (seen.image - target).abs().mean() + (seen.mask - target[0]).abs().mean() + depth.mean()
         torch.autograd.grad(loss, leaves)
 
-    raster = lambda: kernels.raster(V, F, camera, (size, size))  # noqa: E731
+    raster = lambda: kernels.raster(V, F, camera, (size, size))
     return {"raster": raster, "forward": forward, "forward + backward": both_ways}
 
 
 def race(functions, repeats):
     """Medians [s], and the medians of the ratios to the raster of the same round."""
     seconds = {name: [] for name in functions}
-    for name, function in functions.items():
+    for function in functions.values():
         function()
     for _ in range(repeats):
         for name, function in functions.items():

@@ -129,7 +129,9 @@ def compare(n, push, repeats):
         short = int((kernels.signed_distance(V, body_V, body_F) < 0.9 * MARGIN).sum())
         pairs = len(kernels.intersecting_pairs(V, cloth_F, body_V, body_F))
         ratio = median[name] / median["open3d"]
-        print(f"  {name:9s} {1e3 * median[name]:7.1f} ms   {ratio:5.2f} x open3d   {short} short of 0.9 margin, {pairs} pairs")
+        print(
+            f"  {name:9s} {1e3 * median[name]:7.1f} ms   {ratio:5.2f} x open3d   {short} short of 0.9 margin, {pairs} pairs"
+        )
 
 
 @pytest.mark.parametrize("n", SIZES)

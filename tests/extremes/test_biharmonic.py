@@ -58,7 +58,9 @@ def flat_caps(V, F):
     """A vertex in the middle of an edge, the face on one side split there, a cap of no area on the other."""
     i, j, k = F[130]
     middle = len(V)
-    return np.vstack([V, [(V[i] + V[j]) / 2]]), np.vstack([np.delete(F, 130, axis=0), [[i, middle, k], [middle, j, k], [i, j, middle]]])
+    return np.vstack([V, [(V[i] + V[j]) / 2]]), np.vstack(
+        [np.delete(F, 130, axis=0), [[i, middle, k], [middle, j, k], [i, j, middle]]]
+    )
 
 
 def duplicate_faces(V, F):

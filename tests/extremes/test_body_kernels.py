@@ -179,7 +179,9 @@ def test_inner_solved_under_an_ugly_garment(spoil, dressed):
     garment_V, garment_F = spoil(*garments[0])
     used = np.unique(garments[0][1])
     assert np.linalg.norm(dressed.V - garments[0][0], axis=1)[used].max() < 0.02
-    result = dressed.solver.solve(dressed.solver.fuse([(*rest, [(garment_V, garment_F)])]).rest, *rest, [(garment_V, garment_F)])
+    result = dressed.solver.solve(
+        dressed.solver.fuse([(*rest, [(garment_V, garment_F)])]).rest, *rest, [(garment_V, garment_F)]
+    )
     assert np.linalg.norm(result.V - dressed.V, axis=1).max() < 3e-3
     assert np.linalg.norm(result.V - dressed.V, axis=1).mean() < 3e-4
 
@@ -208,10 +210,28 @@ def test_inner_refuses_what_is_not_finite(value, dressed):
         r"frame.rotations\[2\] is not finite": (put(rotations, 2, 0, value), translation, tracked, visible, [(V, F)]),
         r"frame.translation.* is not finite": (rotations, np.full(3, value), tracked, visible, [(V, F)]),
         r"frame.tracked\[5\] is not finite": (rotations, translation, put(tracked, 5, 1, value), visible, [(V, F)]),
-        r"frame.visible\[7\]": (rotations, translation, tracked, np.where(np.arange(len(V)) == 7, value, visible), [(V, F)]),
-        r"frame.garments\[1\].V\[9\] is not finite": (rotations, translation, tracked, visible, [(V, F), (put(V, 9, 2, value), F)]),
+        r"frame.visible\[7\]": (
+            rotations,
+            translation,
+            tracked,
+            np.where(np.arange(len(V)) == 7, value, visible),
+            [(V, F)],
+        ),
+        r"frame.garments\[1\].V\[9\] is not finite": (
+            rotations,
+            translation,
+            tracked,
+            visible,
+            [(V, F), (put(V, 9, 2, value), F)],
+        ),
         r"frame.garments\[0\].F is empty": (rotations, translation, tracked, visible, [(V, F[:0])]),
-        r"frame.garments\[0\].F\[3\] holds vertex -1": (rotations, translation, tracked, visible, [(V, put(F, 3, 0, -1))]),
+        r"frame.garments\[0\].F\[3\] holds vertex -1": (
+            rotations,
+            translation,
+            tracked,
+            visible,
+            [(V, put(F, 3, 0, -1))],
+        ),
     }
     for message, case in cases.items():
         with pytest.raises(InputError, match="inner: " + message):

@@ -4,7 +4,14 @@ is wrong. (untangle's file holds more of them, after a solve.)"""
 import numpy as np
 import pytest
 
-from toile.kernels import InputError, SurfaceIndex, intersecting_pairs, self_intersections, signed_distance, winding_number
+from toile.kernels import (
+    InputError,
+    SurfaceIndex,
+    intersecting_pairs,
+    self_intersections,
+    signed_distance,
+    winding_number,
+)
 
 from . import ugly
 from .test_nricp import put
@@ -34,7 +41,7 @@ def test_intersect_solved_far_from_the_origin(offset):
                                    ugly.flipped, ugly.needles, ugly.both_sides])  # fmt: skip
 def test_intersect_pairs_solved_on_ugly_meshes(spoil):
     """Vertices of B that take part, whatever the numbering of the faces of A."""
-    touched = lambda V, G: np.unique(intersecting_pairs(V, G, B, F)[:, 1])  # noqa: E731
+    touched = lambda V, G: np.unique(intersecting_pairs(V, G, B, F)[:, 1])
     np.testing.assert_array_equal(touched(*spoil(A, F)), touched(A, F))
 
 

@@ -152,7 +152,9 @@ def test_mrf_solved_with_several_components_as_each_by_itself():
     edges = np.vstack([chain(30) + 30 * k for k in range(3)])
     whole = mrf(unary, edges, np.tile(weights, 3)).labels
     for k in range(3):
-        np.testing.assert_array_equal(whole[30 * k : 30 * k + 30], mrf(unary[30 * k : 30 * k + 30], chain(30), weights).labels)
+        np.testing.assert_array_equal(
+            whole[30 * k : 30 * k + 30], mrf(unary[30 * k : 30 * k + 30], chain(30), weights).labels
+        )
 
 
 @pytest.mark.slow

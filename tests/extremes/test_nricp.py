@@ -16,7 +16,9 @@ INT32 = np.int32
 def egg(subdivisions):
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
     d = np.array(sphere.vertices)
-    return d * [0.3, 0.4, 0.6] * (1 + 0.15 * np.sin(4 * d[:, :1] + 1) * np.cos(3 * d[:, 1:2])), np.array(sphere.faces, INT32)
+    return d * [0.3, 0.4, 0.6] * (1 + 0.15 * np.sin(4 * d[:, :1] + 1) * np.cos(3 * d[:, 1:2])), np.array(
+        sphere.faces, INT32
+    )
 
 
 def bend(V):
@@ -86,7 +88,9 @@ def test_nricp_keeps_seams_closed_and_serves_loops_and_landmarks_on_either_side(
     seam_V, seam_F = seam(V, F)
     used = np.unique(seam_F)
     twin = np.array([v for v in used if v < len(V) and v + len(V) in used])
-    W = sp.csr_matrix((np.ones(4), (np.arange(4), [twin[0], twin[9] + len(V), twin[20], twin[31] + len(V)])), shape=(4, 2 * len(V)))
+    W = sp.csr_matrix(
+        (np.ones(4), (np.arange(4), [twin[0], twin[9] + len(V), twin[20], twin[31] + len(V)])), shape=(4, 2 * len(V))
+    )
     marks = np.array([twin[0], twin[9], twin[20], twin[31]])
     x = nricp(seam_V, seam_F, SCAN_V, SCAN_F, landmarks=(W, TRUTH[marks], 1e-3)).V
     assert np.array_equal(x[twin], x[twin + len(V)])
@@ -125,15 +129,24 @@ def test_nricp_solved_on_1_000_000_vertices():
     n = 1000
     a, b = np.meshgrid(2 * np.pi * np.arange(n) / n, 2 * np.pi * np.arange(n) / n)
     r = 1 + (0.4 + 0.05 * np.cos(3 * a)) * np.cos(b)
-    torus = 0.5 * np.stack([r * np.cos(a), 0.8 * r * np.sin(a), (0.4 + 0.05 * np.cos(3 * a)) * np.sin(b)], -1).reshape(-1, 3)
+    torus = 0.5 * np.stack([r * np.cos(a), 0.8 * r * np.sin(a), (0.4 + 0.05 * np.cos(3 * a)) * np.sin(b)], -1).reshape(
+        -1, 3
+    )
     at = np.arange(n * n).reshape(n, n)
     right, down = np.roll(at, -1, 1), np.roll(at, -1, 0)
     across = np.roll(down, -1, 1)
-    faces = np.concatenate([np.stack([at, right, across], -1), np.stack([at, across, down], -1)]).reshape(-1, 3).astype(INT32)
+    faces = (
+        np.concatenate([np.stack([at, right, across], -1), np.stack([at, across, down], -1)])
+        .reshape(-1, 3)
+        .astype(INT32)
+    )
     moved = bend(torus)
     result = nricp(torus, faces, moved, faces)
     assert result.matched.mean() > 0.9
-    assert SurfaceIndex(moved, faces).closest(result.V)[3].mean() < 0.1 * SurfaceIndex(moved, faces).closest(torus)[3].mean()
+    assert (
+        SurfaceIndex(moved, faces).closest(result.V)[3].mean()
+        < 0.1 * SurfaceIndex(moved, faces).closest(torus)[3].mean()
+    )
 
 
 # --- stiffness, landmarks, labels -------------------------------------------------------------------------------------
@@ -248,7 +261,16 @@ def test_nricp_refuses_what_is_not_finite(value):
                  "fine_robust", "fine_length"):  # fmt: skip
         with pytest.raises(InputError, match=f"nricp: {name} "):
             solve(options={name: value})
-    for name in ("radii", "stiffness_start", "stiffness_end", "robust_start", "robust_end", "reverse", "spread", "detail"):
+    for name in (
+        "radii",
+        "stiffness_start",
+        "stiffness_end",
+        "robust_start",
+        "robust_end",
+        "reverse",
+        "spread",
+        "detail",
+    ):
         with pytest.raises(InputError, match=rf"nricp: {name}\[1\] "):
             solve(options={name: [0.1, value, 0.1]})
 

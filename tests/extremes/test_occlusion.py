@@ -37,7 +37,9 @@ def test_occlusion_solved_far_from_the_origin(offset):
     assert off(ambient_occlusion(V + offset, F, RAYS))[0] < 0.02
 
 
-@pytest.mark.parametrize("spoil", [ugly.zero_area, ugly.all_faces_twice, ugly.isolated, ugly.copies, ugly.needles, ugly.inner_component])
+@pytest.mark.parametrize(
+    "spoil", [ugly.zero_area, ugly.all_faces_twice, ugly.isolated, ugly.copies, ugly.needles, ugly.inner_component]
+)
 def test_occlusion_solved_on_ugly_meshes(spoil):
     """Their vertices' normals are the clean ones."""
     found = ambient_occlusion(*spoil(V, F), RAYS)
@@ -99,7 +101,9 @@ def test_occlusion_refuses_indices_out_of_range(index):
         ambient_occlusion(V, put(F.astype(np.int64), 5, 1, index))
 
 
-@pytest.mark.parametrize("V, F", [(np.zeros((0, 3)), F), (V, np.zeros((0, 3), int)), (V[:, :2], F), (V, F[:, :2]), (V * 1e60, F)])
+@pytest.mark.parametrize(
+    "V, F", [(np.zeros((0, 3)), F), (V, np.zeros((0, 3), int)), (V[:, :2], F), (V, F[:, :2]), (V * 1e60, F)]
+)
 def test_occlusion_refuses_empty_and_misshapen_meshes_and_coordinates_beyond_1e50(V, F):
     with pytest.raises(InputError):
         ambient_occlusion(V, F)

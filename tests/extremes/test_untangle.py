@@ -35,13 +35,17 @@ def needles(V, F):
 
 def zero_area(V, F):
     """Extra faces on edges and points."""
-    return V, np.vstack([F, np.stack([F[:20, 0], F[:20, 1], F[:20, 1]], 1), np.stack([F[20:40, 0]] * 3, 1)]).astype(np.int32)
+    return V, np.vstack([F, np.stack([F[:20, 0], F[:20, 1], F[:20, 1]], 1), np.stack([F[20:40, 0]] * 3, 1)]).astype(
+        np.int32
+    )
 
 
 def duplicates(V, F):
     """Faces given twice, and faces again on coincident copies of their vertices."""
     copies = F[:30].ravel()
-    return np.vstack([V, V[copies]]), np.vstack([F, F[50:80], len(V) + np.arange(len(copies)).reshape(-1, 3)]).astype(np.int32)
+    return np.vstack([V, V[copies]]), np.vstack([F, F[50:80], len(V) + np.arange(len(copies)).reshape(-1, 3)]).astype(
+        np.int32
+    )
 
 
 def isolated(V, F):
@@ -53,7 +57,9 @@ def non_manifold(V, F):
     """A fin on every fiftieth edge, outwards."""
     edges = kernels.unique_edges(F)[::50]
     tips = 1.05 * (V[edges[:, 0]] + V[edges[:, 1]]) / 2
-    return np.vstack([V, tips]), np.vstack([F, np.column_stack([edges, len(V) + np.arange(len(tips))])]).astype(np.int32)
+    return np.vstack([V, tips]), np.vstack([F, np.column_stack([edges, len(V) + np.arange(len(tips))])]).astype(
+        np.int32
+    )
 
 
 def components(V, F):
@@ -95,7 +101,9 @@ def test_units_from_micrometres_to_kilometres_are_solved_alike(scale):
     assert np.abs(result.V / scale - plain.V).max() < 1e-4
 
 
-@pytest.mark.parametrize("scale, message", [(1e-100, "the faces of body_V span less"), (1e200, r"cloth_V\[0\] lies beyond")])
+@pytest.mark.parametrize(
+    "scale, message", [(1e-100, "the faces of body_V span less"), (1e200, r"cloth_V\[0\] lies beyond")]
+)
 def test_sizes_whose_powers_leave_the_range_of_doubles_are_refused(scale, message):
     V, F, body_V, body_F = shell()
     lengths = dict(margin=0.002 * scale, spread=0.03 * scale, max_depth=0.05 * scale)
@@ -164,7 +172,9 @@ def test_soups_end_finite_with_their_pairs_counted_exactly(kind):
         V, F = soup(rng, kind, *rng.integers(3, 40, 2))
         body_V, body_F = soup(rng, rng.choice(["anywhere", "lattice", "plane"]), *rng.integers(4, 40, 2))
         scale = 10.0 ** rng.integers(-8, 8)
-        lengths = dict(margin=scale * 0.1 ** rng.integers(1, 4), spread=scale * 0.1 ** rng.integers(0, 3), max_depth=scale)
+        lengths = dict(
+            margin=scale * 0.1 ** rng.integers(1, 4), spread=scale * 0.1 ** rng.integers(0, 3), max_depth=scale
+        )
         V, body_V = V * scale, body_V * scale + rng.choice([0, 0, 1e3]) * scale
         try:
             result = kernels.untangle(V, F, body_V, body_F, max_iterations=8, **lengths)
@@ -181,7 +191,9 @@ def test_soups_end_finite_with_their_pairs_counted_exactly(kind):
 def test_a_face_with_a_repeated_corner_is_a_segment_to_the_closest_point():
     V = np.array([[0.0, 0, 0], [4, 0, 0], [0, 9, 9]])
     for face in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0]):
-        assert kernels.signed_distance(np.array([[3.0, 2, 0]]), V, np.array([face], dtype=np.int32)) == pytest.approx(2.0)
+        assert kernels.signed_distance(np.array([[3.0, 2, 0]]), V, np.array([face], dtype=np.int32)) == pytest.approx(
+            2.0
+        )
 
 
 @pytest.mark.parametrize("depth", [1e-9, 0.1, 0.19])
@@ -191,7 +203,9 @@ def test_touching_and_very_deep_cloth_is_solved(depth):
     assert_solved(kernels.untangle(V, F, body_V, body_F), F, body_V, body_F)
 
 
-@pytest.mark.parametrize("options", [{"margin": 1e-6}, {"margin": 0.05}, {"spread": 1e-5}, {"spread": 1e4}, {"tolerance": 1e-6}])
+@pytest.mark.parametrize(
+    "options", [{"margin": 1e-6}, {"margin": 0.05}, {"spread": 1e-5}, {"spread": 1e4}, {"tolerance": 1e-6}]
+)
 def test_options_at_their_ends_are_solved(options):
     V, F, body_V, body_F = shell()
     assert_solved(kernels.untangle(V, F, body_V, body_F, **options), F, body_V, body_F)
@@ -273,7 +287,9 @@ def test_a_body_around_no_volume_is_refused():
     V, F, body_V, body_F = shell()
     lined = np.vstack([body_V, body_V]), np.vstack([body_F, body_F[:, ::-1] + len(body_V)])
     for bad in (lined, (body_V * [1, 1, 0], body_F)):
-        with pytest.raises(kernels.InputError, match="untangle: body_V and body_F close on themselves around no volume"):
+        with pytest.raises(
+            kernels.InputError, match="untangle: body_V and body_F close on themselves around no volume"
+        ):
             kernels.untangle(V, F, *bad)
 
 

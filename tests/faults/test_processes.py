@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import zarr
 
-from toile import console, pipeline
+from toile import console
 from toile.config import preset
-from toile.plan import blocks
-from toile.scene import CaptureError
+from toile.errors import UserError
+from toile.pipeline import run as pipeline
+from toile.pipeline.plan import blocks
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 CONFIG = preset("draft").model_copy(update={"samples": 1})
@@ -98,16 +99,20 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
     before = arrays(tmp_path / "run")
     scan.write_bytes(whole)
     made, make = [], pipeline._Run._make_first_stages
-    monkeypatch.setattr(pipeline._Run, "_make_first_stages", lambda self, n, *rest: (made.append(n), make(self, n, *rest)))
+    monkeypatch.setattr(
+        pipeline._Run, "_make_first_stages", lambda self, n, *rest: (made.append(n), make(self, n, *rest))
+    )
     assert pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES, retry=True).ok == FRAMES
     after = arrays(tmp_path / "run")
     assert made == [50] and after["done"].tolist() == [1, 1, 1, 1]
     for name in ("track/vertices", "pose/rotations"):
         assert np.array_equal(after[name][[0, 1, 3]], before[name][[0, 1, 3]])
-        assert np.array_equal(after[name][2], arrays(undisturbed)[name][2])  # the first of its block: no temporal state either way
+        assert np.array_equal(
+            after[name][2], arrays(undisturbed)[name][2]
+        )  # the first of its block: no temporal state either way
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "-1/2", "1/0"])
 def test_a_shard_that_is_none_is_refused(text):
-    with pytest.raises(CaptureError, match="--shard"):
+    with pytest.raises(UserError, match="--shard"):
         console.shard_of(text)

@@ -20,7 +20,9 @@ BATCH = 500  # cases a worker process
 
 
 def main():
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("entries", nargs="*", help="all when none is named")
     parser.add_argument("--seconds", type=float, default=60, help="in all, shared by the entries")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
@@ -84,9 +86,13 @@ def start_worker(name, first, options):
     command = [sys.executable, "-m", "tests.fuzz", name, "--worker", "--first", str(first)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "ASAN_OPTIONS": "detect_leaks=0:allocator_may_return_null=1"}
     if options.core:
-        runtime = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout.strip()
+        runtime = subprocess.run(
+            ["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True
+        ).stdout.strip()
         # libstdc++ beside it, or its exceptions are not intercepted
-        cxx = subprocess.run(["gcc", "-print-file-name=libstdc++.so"], capture_output=True, text=True, check=True).stdout.strip()
+        cxx = subprocess.run(
+            ["gcc", "-print-file-name=libstdc++.so"], capture_output=True, text=True, check=True
+        ).stdout.strip()
         environment["LD_PRELOAD"] = f"{runtime} {cxx}"
         command += ["--core", str(options.core)]
     errors = (options.out / f"{name}.stderr").open("wb")
@@ -109,7 +115,10 @@ def fuzz(name, seconds, options):
         first = first + BATCH if seed is None else seed + 1
     (options.out / f"{name}.stderr").unlink()
     found = sum(map(len, kinds.values()))
-    print(f"{name}: {counts['solved']} solved, {counts['refused']} refused, {found} broke the law in {len(kinds)} ways", flush=True)
+    print(
+        f"{name}: {counts['solved']} solved, {counts['refused']} refused, {found} broke the law in {len(kinds)} ways",
+        flush=True,
+    )
     for kind, seeds in kinds.items():
         print(f"    {kind}: seeds {seeds[:8]}", flush=True)
     return found
@@ -157,7 +166,9 @@ def note(name, seed, what, kinds, options):
     from .draw import Draw
     from .entries import ENTRIES
 
-    kind = next((line for line in what.split("\n") if "ERROR: AddressSanitizer" in line or "runtime error" in line), None)
+    kind = next(
+        (line for line in what.split("\n") if "ERROR: AddressSanitizer" in line or "runtime error" in line), None
+    )
     kind = kind or what.strip("'\"").replace("\\n", "\n").strip().split("\n")[-1 if what[:1] in "'\"" else 0]
     kind = kind.split(" on address")[0][:150]
     seeds = kinds.setdefault(kind, [])

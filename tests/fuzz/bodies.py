@@ -17,8 +17,10 @@ def toy_body(d):
     around, along = 12, 9
     V = np.c_[0.1 * np.cos(j.ravel() / 12 * 2 * np.pi), 0.1 * np.sin(j.ravel() / 12 * 2 * np.pi), i.ravel() * 0.1]
     a, b = np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij")
-    at = lambda p, q: (p * around + q % around).ravel()  # noqa: E731
-    F = np.concatenate([np.c_[at(a, b), at(a, b + 1), at(a + 1, b)], np.c_[at(a, b + 1), at(a + 1, b + 1), at(a + 1, b)]])
+    at = lambda p, q: (p * around + q % around).ravel()
+    F = np.concatenate(
+        [np.c_[at(a, b), at(a, b + 1), at(a + 1, b)], np.c_[at(a, b + 1), at(a + 1, b + 1), at(a + 1, b)]]
+    )
     J = np.c_[np.zeros((4, 2)), [0.0, 0.2, 0.4, 0.6]]
     near = np.abs(V[:, 2:] - J[:, 2])
     order = np.argsort(near, axis=1)[:, :2]
@@ -26,9 +28,22 @@ def toy_body(d):
     shapes = d.rng.normal(0, 0.01, (len(V), 3, 3))
     spoilt = {}
     if d.spoil(0.3):
-        name = d.pick(["v_template", "f", "J", "parents", "weights_idx", "weights_val", "shapedirs", "J_shapedirs", "joint", "vertices"])
+        name = d.pick(
+            [
+                "v_template",
+                "f",
+                "J",
+                "parents",
+                "weights_idx",
+                "weights_val",
+                "shapedirs",
+                "J_shapedirs",
+                "joint",
+                "vertices",
+            ]
+        )
         spoilt[name] = d.pick(MODEL_FLAWS)
-    change = lambda name, a: spoilt[name](a) if name in spoilt else a  # noqa: E731
+    change = lambda name, a: spoilt[name](a) if name in spoilt else a
     return BodyModel(
         v_template=change("v_template", V),
         f=change("f", F),
@@ -139,9 +154,21 @@ def draw_inner(d):
         rotations, translation, _ = draw_pose(d) if d.spoil(0.4) else (np.zeros((4, 3)), np.zeros(3), ())
         garments = []
         for _ in range(int(d.rng.integers(0, 3))):
-            V, F = d.mesh() if d.spoil(0.3) else (sound.v_template * [1.1, 1.1, 1.0], sound.f[d.rng.random(len(sound.f)) < 0.7])
+            V, F = (
+                d.mesh()
+                if d.spoil(0.3)
+                else (sound.v_template * [1.1, 1.1, 1.0], sound.f[d.rng.random(len(sound.f)) < 0.7])
+            )
             garments.append(d.dressed(V, F))
-        frames.append((rotations, translation, d.layout(d.values(sound.v_template)), d.layout(d.values(np.round(d.rng.random(108)))), garments))
+        frames.append(
+            (
+                rotations,
+                translation,
+                d.layout(d.values(sound.v_template)),
+                d.layout(d.values(np.round(d.rng.random(108)))),
+                garments,
+            )
+        )
     out = {"model": model, "frames": frames, "options": d.options(**INNER_OPTIONS)}
     if d.chance(0.3):
         out["options"]["shape"] = d.layout(d.values(d.rng.normal(size=int(d.rng.integers(0, 4)))))

@@ -103,7 +103,7 @@ def _box(draw):
 
 def _grid(around, along, wrap):
     i, j = np.meshgrid(np.arange(along), np.arange(around), indexing="ij")
-    number = lambda a, b: a * around + b % around  # noqa: E731
+    number = lambda a, b: a * around + b % around
     columns = around if wrap else around - 1
     a, b = np.meshgrid(np.arange(along - 1), np.arange(columns), indexing="ij")
     a, b = a.ravel(), b.ravel()

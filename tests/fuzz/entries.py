@@ -28,7 +28,6 @@ from .queries import (
     run_topology,
 )
 
-
 NRICP_OPTIONS = dict(
     large_motion=[True, False], rebase=[True, False], passes=range(1, 3), fine_iterations=range(0, 4), fine_sweeps=range(1, 6),
     fine_length=(1e-4, 1e2), fine_noise=(1e-3, 1e3), fine_robust=(1e-5, 1e3), phong=(1e-3, 2), point_weight=(1e-6, 1),
@@ -155,25 +154,42 @@ def run_mrf(unary, edges, weights, options, **more):
     assert (np.diff(result.sweep_energy) <= slack).all(), "a sweep raised the energy"
 
 
-UNTANGLE_OPTIONS = dict(margin=(1e-5, 0.1), spread=(1e-4, 10), tolerance=(1e-3, 0.9), max_depth=(1e-3, 1), max_iterations=range(0, 30))
+UNTANGLE_OPTIONS = dict(
+    margin=(1e-5, 0.1), spread=(1e-4, 10), tolerance=(1e-3, 0.9), max_depth=(1e-3, 1), max_iterations=range(0, 30)
+)
 
 
 def draw_untangle(d):
     body_V, body_F = d.mesh(closed=True if d.chance(0.7) else None)
     if d.chance(0.4):  # cloth around, or in, the body
-        cloth_V, cloth_F = body_V * d.pick([0.97, 1.0, 1.03]) + 0.02 * d.rng.normal(size=3), body_F[d.rng.random(len(body_F)) < 0.8]
+        cloth_V, cloth_F = (
+            body_V * d.pick([0.97, 1.0, 1.03]) + 0.02 * d.rng.normal(size=3),
+            body_F[d.rng.random(len(body_F)) < 0.8],
+        )
     else:
         cloth_V, cloth_F = d.mesh(closed=False)
         if d.chance(0.5) and len(body_V) and len(cloth_V):
             cloth_V = cloth_V + body_V[d.rng.integers(len(body_V))]
     (cloth_V, cloth_F), (body_V, body_F) = d.dressed(cloth_V, cloth_F), d.dressed(body_V, body_F)
-    return {"cloth_V": cloth_V, "cloth_F": cloth_F, "body_V": body_V, "body_F": body_F, "options": d.options(**UNTANGLE_OPTIONS)}
+    return {
+        "cloth_V": cloth_V,
+        "cloth_F": cloth_F,
+        "body_V": body_V,
+        "body_F": body_F,
+        "options": d.options(**UNTANGLE_OPTIONS),
+    }
 
 
 def run_untangle(cloth_V, cloth_F, body_V, body_F, options):
     n = rows(cloth_V)
     result = kernels.untangle(cloth_V, cloth_F, body_V, body_F, **options)
-    for name, shape in (("V", (n, 3)), ("displacement", (n, 3)), ("depth_before", (n,)), ("depth_after", (n,)), ("margin", (n,))):
+    for name, shape in (
+        ("V", (n, 3)),
+        ("displacement", (n, 3)),
+        ("depth_before", (n,)),
+        ("depth_after", (n,)),
+        ("margin", (n,)),
+    ):
         finite(name, getattr(result, name), shape)
     assert result.stop in ("clear", "stalled", "iterations")
     assert len(result.pairs_left) == result.intersections_left
@@ -185,12 +201,18 @@ def run_untangle(cloth_V, cloth_F, body_V, body_F, options):
 
 def draw_raster(d):
     V, F = d.mesh()
-    side = lambda: d.whole(1, 60) if d.chance(0.95) else d.pick([0, -1, 32769, 2**31, 2**40])  # noqa: E731
+    side = lambda: d.whole(1, 60) if d.chance(0.95) else d.pick([0, -1, 32769, 2**31, 2**40])
     f = d.number(1, 1e3)
     K = d.layout(d.values([[f, 0, 30], [0, f, 20], [0, 0, 1]]))
     V = V + [0, 0, d.pick([0, 1, 1, 1, -1, 1e6])]
     V, F = d.dressed(V, F)
-    return {"V": V, "F": F, "K": K, "size": (side(), side()), "options": d.options(barycentric=[True, False], near_plane=(1e-12, 1))}
+    return {
+        "V": V,
+        "F": F,
+        "K": K,
+        "size": (side(), side()),
+        "options": d.options(barycentric=[True, False], near_plane=(1e-12, 1)),
+    }
 
 
 def run_raster(V, F, K, size, options):
@@ -206,7 +228,13 @@ def run_raster(V, F, K, size, options):
 def draw_occlusion(d):
     V, F = d.dressed(*d.mesh())
     rays = d.whole(1, 40) if d.chance(0.95) else d.pick([0, -1, 65537, 2**40])
-    return {"V": V, "F": F, "rays": rays, "seed": d.whole(0, 1000), "options": d.options(offset=(1e-7, 1), reach=(1e-9, 1e9))}
+    return {
+        "V": V,
+        "F": F,
+        "rays": rays,
+        "seed": d.whole(0, 1000),
+        "options": d.options(offset=(1e-7, 1), reach=(1e-9, 1e9)),
+    }
 
 
 def run_occlusion(V, F, rays, seed, options):

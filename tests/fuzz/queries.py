@@ -16,7 +16,12 @@ def draw_mesh(d):
 def run_operators(V, F):
     n, m = rows(V), rows(F)
     results = []
-    for name, shape in (("vertex_normals", (n, 3)), ("face_normals", (m, 3)), ("face_areas", (m,)), ("voronoi_mass", (n,))):
+    for name, shape in (
+        ("vertex_normals", (n, 3)),
+        ("face_normals", (m, 3)),
+        ("face_areas", (m,)),
+        ("voronoi_mass", (n,)),
+    ):
         try:
             results.append((name, getattr(kernels, name)(V, F), shape))
         except LAWFUL:
@@ -50,7 +55,14 @@ def run_topology(F, n):
 def draw_closest(d):
     V, F = d.dressed(*d.mesh())
     k = int(d.rng.integers(0, 30))
-    return {"V": V, "F": F, "P": d.points(k, 0.4), "D": d.points(k), "radius": d.number(1e-3, 1e3), "far": d.number(1e-3, 1e3)}
+    return {
+        "V": V,
+        "F": F,
+        "P": d.points(k, 0.4),
+        "D": d.points(k),
+        "radius": d.number(1e-3, 1e3),
+        "far": d.number(1e-3, 1e3),
+    }
 
 
 def run_closest(V, F, P, D, radius, far):
@@ -75,7 +87,10 @@ def draw_pairs(d):
 
 
 def run_pairs(V1, F1, V2, F2):
-    for pairs, other in ((lambda: kernels.self_intersections(V1, F1), F1), (lambda: kernels.intersecting_pairs(V1, F1, V2, F2), F2)):
+    for pairs, other in (
+        (lambda: kernels.self_intersections(V1, F1), F1),
+        (lambda: kernels.intersecting_pairs(V1, F1, V2, F2), F2),
+    ):
         try:
             found = pairs()
         except LAWFUL:
@@ -118,6 +133,7 @@ def run_cholesky(A, B):
     factor.factorize(A)
     finite("solution", factor.solve(B), np.shape(B))
 
+
 def draw_sight(d):
     n, size = int(d.rng.integers(0, 30)), d.rng.integers(1, 12, 2)
     f = d.number(1, 1e3)
@@ -132,9 +148,9 @@ def draw_sight(d):
 
 
 def run_sight(points, normals, K, distortion, T, depth, tolerance, min_cosine, image):
-    uv, weight, clearance = kernels.see(points, normals, K, distortion, T, depth, tolerance, min_cosine)
+    uv, weight, clearance = kernels.visibility(points, normals, K, distortion, T, depth, tolerance, min_cosine)
     n = rows(points)
     assert uv.shape == (n, 2) and clearance.shape == (n,)
     finite("weight", weight, (n,))
     within("weight", weight, 0, np.inf)
-    finite("readings", kernels.read(image, uv), (n, np.shape(image)[2]))
+    finite("readings", kernels.bilinear(image, uv), (n, np.shape(image)[2]))

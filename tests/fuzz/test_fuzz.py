@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from toile import kernels
 from toile.kernels import InputError, SolveError
 
-from .draw import Draw
 from .bodies import sound_body
+from .draw import Draw
 from .entries import ENTRIES
 from .laws import LAWFUL
 
@@ -29,7 +29,9 @@ def test_ugly_arguments_are_answered_or_refused(name):
             pass
 
 
-@pytest.mark.parametrize("values", [[[0, 1, 2], [3, 4]], "mesh", None, V + 1j, np.ma.masked_array(V, V == 1), np.array(V, object)])
+@pytest.mark.parametrize(
+    "values", [[[0, 1, 2], [3, 4]], "mesh", None, V + 1j, np.ma.masked_array(V, V == 1), np.array(V, object)]
+)
 def test_what_is_no_array_of_numbers_is_refused(values):
     with pytest.raises(InputError, match="face_areas: V "):
         kernels.face_areas(values, F)
@@ -79,7 +81,9 @@ def test_landmarks_of_a_matrix_with_a_broken_structure_are_refused():
             kernels.nricp(V, F, V, F, landmarks=(W, V[:1], 0.01))
 
 
-@pytest.mark.parametrize("option", ["phong", "point_weight", "boundary_weight", "rotation_weight", "min_overlap", "exposure", "fine_noise"])
+@pytest.mark.parametrize(
+    "option", ["phong", "point_weight", "boundary_weight", "rotation_weight", "min_overlap", "exposure", "fine_noise"]
+)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
 def test_nricp_refuses_options_that_are_no_numbers(option, value):
     with pytest.raises(InputError, match=f"nricp: {option}"):
@@ -131,7 +135,9 @@ def test_inner_refuses_lengths_whose_squares_overflow(option):
         kernels.InnerSolver(sound_body(), **{option: 1e308})
 
 
-@pytest.mark.parametrize("name", ["v_template", "f", "weights_idx", "weights_val", "shapedirs", "J_shapedirs", "keypoint_joint"])
+@pytest.mark.parametrize(
+    "name", ["v_template", "f", "weights_idx", "weights_val", "shapedirs", "J_shapedirs", "keypoint_joint"]
+)
 def test_a_body_model_whose_arrays_do_not_fit_is_refused(name):
     model = sound_body()
     flaws = [np.ravel, lambda a: a[:-1]] if name not in ("f", "keypoint_joint") else [lambda a: a + 10**6]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from toile.errors import UserError
 from toile.io.body import load_body_model
-from toile.scene import CaptureError
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def save(tmp_path, fields):
 
 def test_packaged_model_is_sound_and_symmetric(anny_model):
     assert anny_model.v_template.shape == (13718, 3) and len(anny_model.parents) == 104
-    anny_model.core  # the core checks it all over again
+    assert anny_model.core is anny_model.core  # the core checks it all over again, once
     points = dict(zip(anny_model.keypoint_names, anny_model.keypoints(anny_model.v_template, anny_model.J)))
     for name, p in points.items():
         if name.endswith(".L"):
@@ -126,15 +126,15 @@ def test_units_and_up_convert(tmp_path, small):
 )
 def test_a_bad_field_is_refused_by_file_and_name(tmp_path, small, field, value, message):
     fields = small | {field: value} if value is not None else {k: v for k, v in small.items() if k != field}
-    with pytest.raises(CaptureError, match=r"model\.npz: " + message):
+    with pytest.raises(UserError, match=r"model\.npz: " + message):
         load_body_model(save(tmp_path, fields))
 
 
 def test_pickles_and_absent_files_are_refused(tmp_path, small):
-    with pytest.raises(CaptureError, match="not a body model"):
+    with pytest.raises(UserError, match="not a body model"):
         load_body_model(save(tmp_path, small | dict(joint_names=np.array([{}, []], dtype=object))))
-    with pytest.raises(CaptureError, match="no such body model"):
+    with pytest.raises(UserError, match="no such body model"):
         load_body_model(tmp_path / "nothing.npz")
     (tmp_path / "text.npz").write_text("not a zip")
-    with pytest.raises(CaptureError, match="not a body model"):
+    with pytest.raises(UserError, match="not a body model"):
         load_body_model(tmp_path / "text.npz")

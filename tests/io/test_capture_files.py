@@ -8,17 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toile.capture import open_capture
+from toile.errors import UserError
+from toile.io.capture import open_capture
+from toile.io.files import load_record, save_record
 from toile.io.mesh import read_mesh, write_ply
-from toile.scene import CaptureError
-from toile.store import load_record, save_record
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
 
 def test_obj_keeps_vertices_and_uvs_in_topologies_of_their_own(tmp_path):
     path = tmp_path / "seam.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt .5 .5\nf 1/1 2/2 3/3 4/4\nf -4/5 -2/3 -1/4\n")
+    path.write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt .5 .5\nf 1/1 2/2 3/3 4/4\nf -4/5 -2/3 -1/4\n"
+    )
     mesh = read_mesh(path)
     assert mesh.vertices.shape == (4, 3) and mesh.uv.shape == (5, 2)
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 2, 3]]
@@ -35,7 +37,7 @@ def test_ply_keeps_the_order_of_vertices_and_duplicates(tmp_path):
 
 def test_face_that_names_a_missing_vertex_is_refused(tmp_path):
     (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
-    with pytest.raises(CaptureError, match="m.obj: face 0"):
+    with pytest.raises(UserError, match="m.obj: face 0"):
         read_mesh(tmp_path / "m.obj")
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from toile.errors import UserError
 from toile.io.body import load_body_model
 from toile.io.motion import read_motion
-from toile.scene import CaptureError
 
 
 @pytest.fixture(scope="module")
@@ -57,18 +57,18 @@ def test_another_rate_is_taken_at_the_nearest_instants(model, tmp_path):
 )
 def test_a_bad_npz_is_refused_by_file_and_field(model, tmp_path, changed, said):
     path = saved(tmp_path / "bad.npz", **still(model, **changed))
-    with pytest.raises(CaptureError, match=f"bad.npz.*{said}"):
+    with pytest.raises(UserError, match=f"bad.npz.*{said}"):
         read(path, model)
 
 
 def test_a_missing_field_or_file_is_refused(model, tmp_path):
     path = saved(tmp_path / "bad.npz", **{k: v for k, v in still(model).items() if k != "fps"})
-    with pytest.raises(CaptureError, match="bad.npz: fps is missing"):
+    with pytest.raises(UserError, match="bad.npz: fps is missing"):
         read(path, model)
-    with pytest.raises(CaptureError, match="nothing: neither a run"):
+    with pytest.raises(UserError, match="nothing: neither a run"):
         read(tmp_path / "nothing", model)
     (tmp_path / "text.npz").write_text("no archive")
-    with pytest.raises(CaptureError, match="text.npz: cannot be read"):
+    with pytest.raises(UserError, match="text.npz: cannot be read"):
         read(tmp_path / "text.npz", model)
 
 

@@ -10,7 +10,10 @@ av = pytest.importorskip("av")
 
 def pictures(n=5, size=(48, 64)):
     y, x = np.mgrid[: size[0], : size[1]]
-    return [np.stack([(4 * x + 10 * k) % 256, (3 * y) % 200 + 20, 0 * x + 30 * k], -1).astype(np.uint8) // 2 + 40 for k in range(n)]
+    return [
+        np.stack([(4 * x + 10 * k) % 256, (3 * y) % 200 + 20, 0 * x + 30 * k], -1).astype(np.uint8) // 2 + 40
+        for k in range(n)
+    ]
 
 
 def write(path, frames, fps=30):

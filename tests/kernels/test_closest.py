@@ -16,7 +16,9 @@ def test_a_guess_changes_nothing():
     for guess in (plain[0], rng.integers(-1, len(mesh.faces), 2000), np.full(2000, 7)):
         assert all(np.array_equal(a, b) for a, b in zip(plain, index.closest(points, guess=guess)))
     near = index.closest(points, 0.3)
-    assert (near[0] < 0).any() and all(np.array_equal(a, b) for a, b in zip(near, index.closest(points, 0.3, guess=plain[0])))
+    assert (near[0] < 0).any() and all(
+        np.array_equal(a, b) for a, b in zip(near, index.closest(points, 0.3, guess=plain[0]))
+    )
 
 
 def test_guesses_that_name_no_face_are_refused():

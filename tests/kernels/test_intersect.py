@@ -20,7 +20,9 @@ def rational_segment_meets_triangle(p, q, a, b, c):
     """Rational arithmetic on integer points; None where the segment lies in the triangle's plane."""
 
     def det(u, v, w):
-        return u[0] * (v[1] * w[2] - v[2] * w[1]) - u[1] * (v[0] * w[2] - v[2] * w[0]) + u[2] * (v[0] * w[1] - v[1] * w[0])
+        return (
+            u[0] * (v[1] * w[2] - v[2] * w[1]) - u[1] * (v[0] * w[2] - v[2] * w[0]) + u[2] * (v[0] * w[1] - v[1] * w[0])
+        )
 
     def orient(a, b, c, d):
         return det(*[[Fraction(int(x) - int(y)) for x, y in zip(v, d)] for v in (a, b, c)])
@@ -43,7 +45,7 @@ def test_pairs_match_rational_arithmetic_on_random_integer_triangles():
     rng = np.random.default_rng(3)
     V1, V2 = rng.integers(-4, 5, (240, 3)), rng.integers(-4, 5, (240, 3))
     F = np.arange(240, dtype=np.int32).reshape(-1, 3)
-    area = lambda V: np.abs(np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])).sum(1) > 0  # noqa: E731
+    area = lambda V: np.abs(np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])).sum(1) > 0
     found = {tuple(p) for p in kernels.intersecting_pairs(V1, F, V2, F)}
     checked = 0
     for f, g in product(np.flatnonzero(area(V1)), np.flatnonzero(area(V2))):
@@ -138,7 +140,9 @@ def test_threads_do_not_change_a_bit(threads):
     answers = []
     for n in (1, 2, 3, 8):
         threads(n)
-        answers.append((kernels.intersecting_pairs(V, F, W, F), kernels.signed_distance(P, V, F), kernels.winding_number(P, V, F)))
+        answers.append(
+            (kernels.intersecting_pairs(V, F, W, F), kernels.signed_distance(P, V, F), kernels.winding_number(P, V, F))
+        )
     for other in answers[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(answers[0], other))
 

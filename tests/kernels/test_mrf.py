@@ -58,7 +58,9 @@ def test_mrf_matches_brute_force_on_12_nodes_with_two_labels(seed):
     assert result.energy == pytest.approx(brute_force(unary, edges, weights, potts(2)), abs=1e-9)
 
 
-@pytest.mark.parametrize("pairwise", [potts(3), truncated_linear(3), random_metric(3, 1)], ids=["potts", "linear", "metric"])
+@pytest.mark.parametrize(
+    "pairwise", [potts(3), truncated_linear(3), random_metric(3, 1)], ids=["potts", "linear", "metric"]
+)
 def test_mrf_stays_within_the_bound_of_expansion(pairwise):
     exact = 0
     off_diagonal = pairwise[~np.eye(3, dtype=bool)]
@@ -108,7 +110,9 @@ def test_mrf_is_as_good_as_gco(pairwise):
     rng = np.random.default_rng(6)
     unary = rng.uniform(0, 100, (height * width, 5))
     edges, weights = grid_edges(height, width), rng.uniform(1, 40, 40 * 49 + 39 * 50)
-    theirs = np.asarray(gco.cut_general_graph(edges.astype(np.int32), weights, unary, pairwise))  # integers it would round to 0
+    theirs = np.asarray(
+        gco.cut_general_graph(edges.astype(np.int32), weights, unary, pairwise)
+    )  # integers it would round to 0
     start = unary.argmin(1)
     theirs = energy(theirs, unary, edges, weights, pairwise)
     assert theirs < 0.9 * energy(start, unary, edges, weights, pairwise)

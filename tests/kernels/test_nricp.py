@@ -48,7 +48,9 @@ def test_nricp_recovers_a_known_bend(problem, solved):
     V, F, scan_V, scan_F = problem
     diagonal = np.linalg.norm(np.ptp(V, axis=0))
     true_V, true_F = bumpy(7)  # finer than the scan's flat faces
-    assert surface_distance(solved.V, bend(true_V), true_F).mean() < 1e-4 * diagonal  # the shape; sliding is bounded below
+    assert (
+        surface_distance(solved.V, bend(true_V), true_F).mean() < 1e-4 * diagonal
+    )  # the shape; sliding is bounded below
     before, after = (np.linalg.norm(x - bend(V), axis=1).mean() for x in (V, solved.V))
     assert after < 0.35 * before
     assert np.isfinite(solved.V).all() and solved.rms < 2e-4 * diagonal and solved.matched.mean() > 0.9
@@ -176,7 +178,7 @@ def test_nricp_borders_reach_the_borders_of_the_scan_but_not_holes():
 
 def test_nricp_scan_labels_restrict_the_target():
     V, F = tube()
-    near, far = V * [1.03, 1.03, 1] , V * [1.08, 1.08, 1]
+    near, far = V * [1.03, 1.03, 1], V * [1.08, 1.08, 1]
     scan_V, scan_F = np.vstack([near, far]), np.vstack([F, F + len(V)])
     labels = np.repeat([1, 3], len(F))
     radius = lambda r: np.linalg.norm(r.V[600:1800, :2] / [0.2, 0.14], axis=1).mean()
@@ -235,7 +237,15 @@ def posed(body, turns):
 def test_nricp_follows_a_large_pose_from_twelve_landmarks_in_passes():
     body = load_body_model("anny")
     V, F = body.v_template, body.f
-    truth = posed(body, {"upperarm01.L": [0, -70, 0], "lowerarm01.L": [-60, 0, 0], "upperleg01.R": [-60, 0, 0], "lowerleg01.R": [70, 0, 0]})
+    truth = posed(
+        body,
+        {
+            "upperarm01.L": [0, -70, 0],
+            "lowerarm01.L": [-60, 0, 0],
+            "upperleg01.R": [-60, 0, 0],
+            "lowerleg01.R": [70, 0, 0],
+        },
+    )
     scan_V, scan_F = trimesh.remesh.subdivide(truth, F)
     chosen = [V[:, 2].argmax()]
     while len(chosen) < 12:

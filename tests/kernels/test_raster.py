@@ -121,7 +121,9 @@ def test_raster_depth_is_perspective_correct_and_barycentrics_give_the_point():
     np.testing.assert_allclose(result.depth[i, j], normal @ V[0] / (ray @ normal), rtol=1e-12)
     np.testing.assert_allclose(result.barycentric[i, j] @ V, ray * result.depth[i, j, None], atol=1e-3)
     interior = result.barycentric[i, j].min(1) > 1e-3
-    np.testing.assert_allclose((result.barycentric[i, j] @ V)[interior], (ray * result.depth[i, j, None])[interior], atol=1e-12)
+    np.testing.assert_allclose(
+        (result.barycentric[i, j] @ V)[interior], (ray * result.depth[i, j, None])[interior], atol=1e-12
+    )
     np.testing.assert_allclose(result.barycentric[i, j].sum(1), 1)
     assert (result.barycentric[result.face < 0] == 0).all()
 

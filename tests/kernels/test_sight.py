@@ -1,4 +1,4 @@
-"""see and read: points before a camera, and what its picture says there."""
+"""visibility and bilinear: points before a camera, and what its picture says there."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def scene(n=500, seed=1):
 
 
 def see(c, points, normals, depth, tolerance=0.01, min_cosine=0.2):
-    return kernels.see(points, normals, c.K, c.distortion, c.T_camera_world, depth, tolerance, min_cosine)
+    return kernels.visibility(points, normals, c.K, c.distortion, c.T_camera_world, depth, tolerance, min_cosine)
 
 
 def test_pixels_and_clearance_are_those_of_the_camera():
@@ -61,11 +61,14 @@ def test_a_linear_picture_is_read_exactly_and_goes_on_beyond_its_rim():
     row, column = np.mgrid[0:30, 0:40]
     image = np.stack([column + 0.5, row + 0.5, np.ones((30, 40))], 2)
     uv = np.random.default_rng(0).uniform([0.5, 0.5], [39.5, 29.5], (200, 2))
-    assert np.abs(kernels.read(image, uv)[:, :2] - uv).max() < 2e-3  # the last pixel is cut by 0.001
-    assert kernels.read(image, uv).dtype == np.float32
-    far = kernels.read(image, np.array([[-9.0, 3.5], [99, 3.5], [5, -1e9], [5, 1e9]]))
+    assert np.abs(kernels.bilinear(image, uv)[:, :2] - uv).max() < 2e-3  # the last pixel is cut by 0.001
+    assert kernels.bilinear(image, uv).dtype == np.float32
+    far = kernels.bilinear(image, np.array([[-9.0, 3.5], [99, 3.5], [5, -1e9], [5, 1e9]]))
     assert np.abs(far[:, :2] - [[0.5, 3.5], [39.5, 3.5], [5, 0.5], [5, 29.5]]).max() < 2e-3
-    assert np.allclose(far[:, 2], 1) and np.isfinite(kernels.read(image, np.array([[np.nan, 1.0], [np.inf, -np.inf]]))).all()
+    assert (
+        np.allclose(far[:, 2], 1)
+        and np.isfinite(kernels.bilinear(image, np.array([[np.nan, 1.0], [np.inf, -np.inf]]))).all()
+    )
 
 
 def test_threads_do_not_change_a_bit(threads):
@@ -75,7 +78,7 @@ def test_threads_do_not_change_a_bit(threads):
     for n in (1, 2, 3, 8):
         threads(n)
         uv, weight, clearance = see(c, points, normals, depth)
-        answers.append((uv, weight, clearance, kernels.read(image, uv)))
+        answers.append((uv, weight, clearance, kernels.bilinear(image, uv)))
     for other in answers[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(answers[0], other))
 
@@ -85,21 +88,21 @@ def test_bad_input_is_refused_by_name(value):
     c, (points, normals) = camera(), scene(10)
     depth, bad = np.ones(c.size), points.copy()
     bad[4, 1] = value
-    with pytest.raises(kernels.InputError, match=r"see: points\[4\] is not finite"):
+    with pytest.raises(kernels.InputError, match=r"visibility: points\[4\] is not finite"):
         see(c, bad, normals, depth)
-    with pytest.raises(kernels.InputError, match="see: normals has 9 rows, points 10"):
+    with pytest.raises(kernels.InputError, match="visibility: normals has 9 rows, points 10"):
         see(c, points, normals[:9], depth)
-    with pytest.raises(kernels.InputError, match="see: tolerance is"):
+    with pytest.raises(kernels.InputError, match="visibility: tolerance is"):
         see(c, points, normals, depth, tolerance=value)
-    with pytest.raises(kernels.InputError, match="see: min_cosine is"):
+    with pytest.raises(kernels.InputError, match="visibility: min_cosine is"):
         see(c, points, normals, depth, min_cosine=0.0)
-    with pytest.raises(kernels.InputError, match=r"see: depth has shape \(48,\)"):
+    with pytest.raises(kernels.InputError, match=r"visibility: depth has shape \(48,\)"):
         see(c, points, normals, depth[:, 0])
-    with pytest.raises(kernels.InputError, match="read: the picture is 1 x 9 pixels"):
-        kernels.read(np.zeros((1, 9, 3)), np.zeros((2, 2)))
-    with pytest.raises(kernels.InputError, match=r"read: image has shape \(9, 9\)"):
-        kernels.read(np.zeros((9, 9)), np.zeros((2, 2)))
-    with pytest.raises(kernels.InputError, match="read: image is not an array"):
-        kernels.read([[[1.0]], [[1.0], [2.0]]], np.zeros((2, 2)))
-    with pytest.raises(kernels.InputError, match=r"read: uv has shape \(2, 3\)"):
-        kernels.read(np.zeros((9, 9, 1)), np.zeros((2, 3)))
+    with pytest.raises(kernels.InputError, match="bilinear: the picture is 1 x 9 pixels"):
+        kernels.bilinear(np.zeros((1, 9, 3)), np.zeros((2, 2)))
+    with pytest.raises(kernels.InputError, match=r"bilinear: image has shape \(9, 9\)"):
+        kernels.bilinear(np.zeros((9, 9)), np.zeros((2, 2)))
+    with pytest.raises(kernels.InputError, match="bilinear: image is not an array"):
+        kernels.bilinear([[[1.0]], [[1.0], [2.0]]], np.zeros((2, 2)))
+    with pytest.raises(kernels.InputError, match=r"bilinear: uv has shape \(2, 3\)"):
+        kernels.bilinear(np.zeros((9, 9, 1)), np.zeros((2, 3)))

@@ -19,7 +19,9 @@ def tube(radius, height, around=96, along=40):
     V = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(around), np.arange(along - 1))
     a, b = j * around + i, j * around + (i + 1) % around
-    F = np.concatenate([np.stack([a, b, b + around], -1).reshape(-1, 3), np.stack([a, b + around, a + around], -1).reshape(-1, 3)])
+    F = np.concatenate(
+        [np.stack([a, b, b + around], -1).reshape(-1, 3), np.stack([a, b + around, a + around], -1).reshape(-1, 3)]
+    )
     return V, F.astype(np.int32)
 
 
@@ -41,7 +43,9 @@ def shirt_on(V, F, offset=0.012):
     z = (V[F, 2].mean(1) - V[:, 2].min()) / np.ptp(V[:, 2])
     x = np.abs(V[F, 0].mean(1))
     skin = kernels.vertex_components(F, len(V))[F[:, 0]] == 0
-    used, faces = np.unique(F[skin & (z > 0.52) & (z < 0.83) & (x < 0.33) & ~((z < 0.66) & (x > 0.24))], return_inverse=True)
+    used, faces = np.unique(
+        F[skin & (z > 0.52) & (z < 0.83) & (x < 0.33) & ~((z < 0.66) & (x > 0.24))], return_inverse=True
+    )
     C, faces = trimesh.remesh.subdivide(V[used] + offset * kernels.vertex_normals(V, F)[used], faces.reshape(-1, 3))
     faces = faces.astype(np.int32)
     waves = np.sin(60 * C[:, :1] + 20 * C[:, 2:]) + 0.5
@@ -125,9 +129,8 @@ def membrane(V, F, spread=0.03):
 
 @pytest.mark.parametrize("spread", [0.01, 0.03, 0.1])
 def test_above_a_plane_the_answer_is_that_of_the_exact_quadratic_program(spread):
-    from scipy.optimize import lsq_linear
-
     import trimesh
+    from scipy.optimize import lsq_linear
 
     slab = trimesh.creation.box([1.0, 1.0, 0.2])
     V, F = sheet(0.3, 13, lambda x, y: 0.002 * np.sin(40 * x) * np.cos(25 * y) + 0.01 * (np.hypot(x, y) - 0.05))
@@ -150,7 +153,7 @@ def test_around_a_ball_the_energy_is_that_of_the_constrained_optimum(depth):
     result = kernels.untangle(V, F, body_V, body_F)
     A = membrane(V, F)
     H = A.T @ A
-    moved = lambda d: V + d.reshape(-1, 3)  # noqa: E731
+    moved = lambda d: V + d.reshape(-1, 3)
     outside = {
         "type": "ineq",
         "fun": lambda d: 100 * ((moved(d) ** 2).sum(1) - (radius + 0.002) ** 2),

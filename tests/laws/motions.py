@@ -10,7 +10,9 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def examples(count):
-    return settings(max_examples=count, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    return settings(
+        max_examples=count, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+    )
 
 
 class Similarity:

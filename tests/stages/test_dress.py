@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapes import tube
 
+from tests.support.shapes import tube
 from toile import kernels
 from toile.config import DressSettings, SegmentSettings
-from toile.curves import Curve
-from toile.dress import Dresser, prepare
-from toile.evidence import Evidence
-from toile.scene import BodyModel, CaptureError, Frame, Garment, Mesh, Person, Segmented, Tracked
-from toile.settle import Settler
-from toile.template import cut, make_template
+from toile.errors import UserError
+from toile.scene import BodyModel, Frame, Garment, Mesh, Person, Segmented, Tracked
+from toile.stages.dress import Dresser, prepare
+from toile.stages.template import cut, make_template
+from toile.surface.curves import Curve
+from toile.surface.refinement import NonRigidRefinement
+from toile.vision.evidence import Evidence
 
 SLEEVE = Garment("sleeve", "templates/sleeve.obj", "sleeve")
 
@@ -28,7 +29,9 @@ def pipe():
     bend = np.clip((V[:, 2] - 0.4) / 0.2, 0, 1)
     idx, val = np.tile([0, 1], (len(V), 1)), np.stack([1 - bend, bend], 1)
     J = np.array([[0, 0, 0.0], [0, 0, 0.5]])
-    return BodyModel(V, F, J, np.array([-1, 0]), idx, val, np.zeros((len(V), 3, 0)), np.zeros((2, 3, 0)), ("root", "elbow"))
+    return BodyModel(
+        V, F, J, np.array([-1, 0]), idx, val, np.zeros((len(V), 3, 0)), np.zeros((2, 3, 0)), ("root", "elbow")
+    )
 
 
 def sleeve(radius, low=0.2, high=0.8, rings=45, sectors=64):
@@ -45,26 +48,43 @@ def scene():
     tracked = Tracked(posed, rotations, translation, np.zeros((0, 3)), np.full(len(posed), 2, np.uint8), {})
     truth, F = sleeve(0.115, rings=70, sectors=90)
     bend = np.clip((truth[:, 2] - 0.4) / 0.2, 0, 1)
-    cloth = BodyModel(truth, F, model.J, model.parents, np.tile([0, 1], (len(truth), 1)), np.stack([1 - bend, bend], 1),
-                      np.zeros((len(truth), 3, 0)), np.zeros((2, 3, 0)), model.joint_names)
+    cloth = BodyModel(
+        truth,
+        F,
+        model.J,
+        model.parents,
+        np.tile([0, 1], (len(truth), 1)),
+        np.stack([1 - bend, bend], 1),
+        np.zeros((len(truth), 3, 0)),
+        np.zeros((2, 3, 0)),
+        model.joint_names,
+    )
     target = cloth.skin(truth, model.J, rotations, translation)
-    rims = tuple(Curve(target[loop], True) for loop in kernels.boundary_loops(F))
+    openings = tuple(Curve(target[loop], True) for loop in kernels.boundary_loops(F))
     probability = np.tile(np.float32([0, 1]), (len(target), 1))
-    segmented = Segmented(np.ones(len(posed), np.uint8), np.full(len(F), 2, np.uint8), probability,
-                          np.array([1, 2], np.uint8), {}, {2: rims})
+    segmented = Segmented(
+        np.ones(len(posed), np.uint8),
+        np.full(len(F), 2, np.uint8),
+        probability,
+        np.array([1, 2], np.uint8),
+        {},
+        {2: openings},
+    )
     return model, person, Frame(0, Mesh(target, F)), tracked, segmented, target, F
 
 
-def test_sleeve_of_wrong_size_settles_on_scan_and_rims(scene):
+def test_sleeve_of_wrong_size_settles_on_scan_and_openings(scene):
     model, person, frame, tracked, segmented, target, F = scene
     V, T = sleeve(0.110, 0.215, 0.79)
-    template = prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented, dark(frame))], DressSettings())
+    template = prepare(
+        model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented, dark(frame))], DressSettings()
+    )
     result = Dresser(model, person, template, DressSettings()).dress(frame, tracked, segmented, dark(frame))
     distance = kernels.SurfaceIndex(target, F).closest(result.vertices)[3]
     assert distance.mean() < 0.001
     for loop in template.loops:
-        rim = np.concatenate([c.points for c in segmented.rims[2]])
-        gap = np.linalg.norm(result.vertices[loop][:, None] - rim, axis=2).min(1)
+        opening = np.concatenate([c.points for c in segmented.openings[2]])
+        gap = np.linalg.norm(result.vertices[loop][:, None] - opening, axis=2).min(1)
         assert gap.mean() < 0.004
     assert (result.confidence == 2).mean() > 0.95
     assert result.diagnostics["unsupported_contact"] == 0
@@ -84,25 +104,25 @@ def test_cloth_that_the_scan_lacks_is_not_called_observed(scene):
 
 
 def test_template_without_open_loop_is_refused_by_file():
-    from shapes import sphere
+    from tests.support.shapes import sphere
 
     model = pipe()
     V, F = sphere(12, 16, 0.2)
-    with pytest.raises(CaptureError, match="templates/sleeve.obj.*no open loop"):
+    with pytest.raises(UserError, match="templates/sleeve.obj.*no open loop"):
         prepare(model, Person(np.zeros(0), model.v_template, model.J), SLEEVE, 2, Mesh(V, F), [], DressSettings())
 
 
 def test_missing_loop_is_said(scene):
     model, person, frame, tracked, segmented, _, _ = scene
     V, T = sleeve(0.115)
-    one = replace(segmented, rims={2: segmented.rims[2][:1]})
+    one = replace(segmented, openings={2: segmented.openings[2][:1]})
     with pytest.warns(UserWarning, match="no sampled frame shows loop"):
         prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one, dark(frame))], DressSettings())
 
 
 def test_settling_onto_itself_moves_nothing():
     V, F = sleeve(0.1)
-    moved = Settler(V, F, 0.05).solve(Mesh(V, F), V, [])
+    moved = NonRigidRefinement(V, F, 0.05).solve(Mesh(V, F), V, [])
     assert np.abs(moved - V).max() < 1e-9
 
 
@@ -111,8 +131,8 @@ def test_settling_follows_a_rigid_motion_of_the_world():
     S, T = sleeve(0.104, rings=60, sectors=80)
     c, s = np.cos(0.5), np.sin(0.5)
     R, t = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([1.0, -2, 3])
-    a = Settler(V, F, 0.05).solve(Mesh(S, T), V, [])
-    b = Settler(V, F, 0.05).solve(Mesh(S @ R.T + t, T), V @ R.T + t, [])
+    a = NonRigidRefinement(V, F, 0.05).solve(Mesh(S, T), V, [])
+    b = NonRigidRefinement(V, F, 0.05).solve(Mesh(S @ R.T + t, T), V @ R.T + t, [])
     np.testing.assert_allclose(b, a @ R.T + t, atol=2e-4)  # a symmetric start ties for closest faces
 
 

@@ -3,26 +3,11 @@
 import numpy as np
 import pytest
 
+from tests.support.rig import ring_of_cameras
 from toile.config import ReconstructSettings
-from toile.reconstruct import triangulate
-from toile.scene import Camera, CaptureError, Keypoints
-
-
-def ring_of_cameras(count, distortion=(-0.12, 0.05, 0.001, -0.002, 0.0)):
-    cameras = {}
-    for i in range(count):
-        angle = 2 * np.pi * i / count
-        centre = np.array([2.5 * np.sin(angle), -2.5 * np.cos(angle), 1.0 + 0.5 * (i % 2)])
-        z = np.array([0, 0, 1.0]) - centre
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1.0])
-        x /= np.linalg.norm(x)
-        T = np.eye(4)
-        T[:3, :3] = np.stack([x, np.cross(z, x), z])
-        T[:3, 3] = -T[:3, :3] @ centre
-        K = np.array([[560.0, 0, 256], [0, 560, 256], [0, 0, 1]])
-        cameras[f"cam{i}"] = Camera(f"cam{i}", 512, 512, K, np.array(distortion), T)
-    return cameras
+from toile.errors import UserError
+from toile.scene import Camera, Keypoints
+from toile.stages.reconstruct import triangulate
 
 
 def observe(cameras, points, rng, noise=0.0, outliers=0.0, unseen=0.0):
@@ -93,7 +78,8 @@ def test_rigid_motion_of_world_moves_points_alike():
     c, s = np.cos(0.7), np.sin(0.7)
     T = np.array([[c, -s, 0, 3], [s, c, 0, -20], [0, 0, 1, 5], [0, 0, 0, 1.0]])
     moved = {
-        n: Camera(n, 512, 512, cam.K, cam.distortion, cam.T_camera_world @ np.linalg.inv(T)) for n, cam in cameras.items()
+        n: Camera(n, 512, 512, cam.K, cam.distortion, cam.T_camera_world @ np.linalg.inv(T))
+        for n, cam in cameras.items()
     }
     a = triangulate(keypoints, cameras, ReconstructSettings()).points
     b = triangulate(keypoints, moved, ReconstructSettings()).points
@@ -115,5 +101,5 @@ def test_unknown_camera_is_refused_by_name():
     cameras = ring_of_cameras(4)
     keypoints = observe(cameras, points(rng, 5), rng)
     del cameras["cam2"]
-    with pytest.raises(CaptureError, match="cam2"):
+    with pytest.raises(UserError, match="cam2"):
         triangulate(keypoints, cameras, ReconstructSettings())

@@ -2,21 +2,22 @@
 
 import numpy as np
 import pytest
-from shapes import sphere
-from test_reconstruct import ring_of_cameras
 
+from tests.support.rig import ring_of_cameras
+from tests.support.shapes import sphere
 from toile.config import SegmentSettings
-from toile.curves import isolines
-from toile.scene import CaptureError, Frame, Garment, Mesh, Scene, Tracked
-from toile.segment import evidence, prepare, segment
-from toile.views import View
+from toile.errors import UserError
+from toile.scene import Frame, Garment, Mesh, Scene, Tracked
+from toile.stages.segment import evidence, prepare, segment
+from toile.surface.curves import isolines
+from toile.vision.visibility import DepthView
 
-CENTRE, RIM, RADIUS = np.array([0, 0, 1.0]), 1.05, 0.5
+CENTRE, OPENING, RADIUS = np.array([0, 0, 1.0]), 1.05, 0.5
 
 
 def true_label(points):
-    """Shirt (2) above the rim, skin (1) below."""
-    return np.where(points[..., 2] > RIM, 2, 1)
+    """Shirt (2) above the opening, skin (1) below."""
+    return np.where(points[..., 2] > OPENING, 2, 1)
 
 
 @pytest.fixture(scope="module")
@@ -26,18 +27,20 @@ def ball():
     cameras, rng = ring_of_cameras(6, distortion=(-0.03, 0, 0, 0, 0)), np.random.default_rng(0)
     images, labels = {}, {}
     for name, camera in cameras.items():
-        view = View(camera, V, F)
+        view = DepthView(camera, V, F)
         seen = view.face >= 0
         centroid = V[F].mean(1)
         sub = np.zeros((512, 512, 3))
-        # the rim as the camera sees it: four by four rays a pixel on the exact sphere
+        # the opening as the camera sees it: four by four rays a pixel on the exact sphere
         offsets = (np.arange(4) + 0.5) / 4
         for dy in offsets:
             for dx in offsets:
                 row, col = np.mgrid[0:512, 0:512]
                 label = true_label(on_ball(camera, np.stack([col + dx, row + dy], -1).reshape(-1, 2))).reshape(512, 512)
                 sub += np.where((label == 2)[..., None], [60, 90, 170], [215, 165, 140]) / 16
-        images[name] = np.clip(np.where(seen[..., None], sub, 70) + rng.normal(0, 2, sub.shape), 0, 255).astype(np.uint8)
+        images[name] = np.clip(np.where(seen[..., None], sub, 70) + rng.normal(0, 2, sub.shape), 0, 255).astype(
+            np.uint8
+        )
         given = np.where(seen, true_label(centroid[view.face.clip(0)]), 0).astype(np.uint8)
         given = np.where(seen & (np.roll(given, -4, 0) > 0), np.roll(given, -4, 0), given)  # border four pixels too low
         for _ in range(6):  # blobs
@@ -77,9 +80,9 @@ def test_border_is_found_within_two_millimetres_under_shifted_labels_and_blobs(b
     wrong = result.vertices != true_label(tracked.vertices)
     assert wrong.mean() < 0.02
     V, F = frame.scan.vertices, frame.scan.faces
-    rim = isolines(V, F, result.scan_probability[:, 1].astype(float))[0]
-    assert rim.closed and np.abs(rim.points[:, 2] - RIM).mean() < 0.002
-    assert np.abs(result.rims[2][0].points[:, 2] - RIM).mean() < 0.002
+    opening = isolines(V, F, result.scan_probability[:, 1].astype(float))[0]
+    assert opening.closed and np.abs(opening.points[:, 2] - OPENING).mean() < 0.002
+    assert np.abs(result.openings[2][0].points[:, 2] - OPENING).mean() < 0.002
     np.testing.assert_allclose(result.scan_probability.sum(1), 1, atol=1e-4)
 
 
@@ -97,5 +100,5 @@ def test_segment_gives_the_same_bits_for_any_number_of_threads(ball, threads):
 def test_label_that_no_picture_carries_is_refused_by_name(ball):
     scene, cameras, frame, tracked, faces = ball
     wrong = Scene("ball", 30, "m", "z", "anny", {"skin": 1, "shirt": 2, "coat": 7}, (Garment("coat", "t.obj", "coat"),))
-    with pytest.raises(CaptureError, match="labels.coat = 7"):
+    with pytest.raises(UserError, match="labels.coat = 7"):
         prepare(wrong, cameras, [(frame, tracked)], faces, SegmentSettings())

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from toile.scene import CaptureError
+from toile.errors import UserError
 
 
 def test_offsets_lie_between_5_and_15_mm_and_outside_the_models_span(body):
@@ -28,8 +28,9 @@ def test_skinning_weights_differ_from_the_pipelines_and_sum_to_one(body):
 @pytest.mark.parametrize("name", ["walk", "rom", "talk", "talk+rom"])
 def test_motions_start_near_the_a_pose_and_are_continuous(body, name):
     from toile.studio import motion
+    from toile.studio.motions import make_motion
 
-    m = motion.make_motion(name, body, 12, np.random.default_rng(2))
+    m = make_motion(name, body, 12, np.random.default_rng(2))
     assert m.rotations.shape == (motion.RAMP + 12, len(body.J), 3)
     assert np.abs(m.rotations[0]).max() < np.radians(3)
     assert np.abs(np.diff(m.rotations, axis=0)).max() < np.radians(12)
@@ -37,10 +38,11 @@ def test_motions_start_near_the_a_pose_and_are_continuous(body, name):
 
 def test_joined_motions_share_the_frames_and_pass_smoothly_into_each_other(body):
     from toile.studio import motion
+    from toile.studio.motions import JOIN, make_motion
 
-    n, half = 240, motion.JOIN // 2
+    n, half = 240, JOIN // 2
     cut = motion.RAMP + n // 2
-    joined = motion.make_motion("talk+rom", body, n, np.random.default_rng(4))
+    joined = make_motion("talk+rom", body, n, np.random.default_rng(4))
     rng = np.random.default_rng(4)
     talk = motion.eased(motion.talk(body, cut + half, rng))
     rom = motion.range_of_motion(body, motion.RAMP + n - cut + half, rng)
@@ -106,7 +108,7 @@ def test_bvh_limbs_take_the_files_bone_directions(body, tmp_path):
     rows = [[0, 9, 0, 0, 0, 0, 0, 0, 0, 0, -40, 0, 0, 0, 0]] * n  # forearm turned about y (up): to the front
     m = bvh.bvh_motion(write_bvh(tmp_path / "a.bvh", rows), body, n)
     _, x = body.model.joint_transforms(body.J, m.rotations[-1], np.zeros(3))
-    at = lambda name: x[body.model.joint(name)]  # noqa: E731
+    at = lambda name: x[body.model.joint(name)]
     arm, fore = at("lowerarm01.L") - at("upperarm01.L"), at("wrist.L") - at("lowerarm01.L")
     assert np.allclose(arm / np.linalg.norm(arm), [1, 0, 0], atol=1e-9)
     expected = [np.cos(np.radians(40)), -np.sin(np.radians(40)), 0]
@@ -120,7 +122,7 @@ def test_broken_bvh_is_refused_with_its_name(tmp_path, text):
 
     path = tmp_path / "broken.bvh"
     path.write_text(text)
-    with pytest.raises(CaptureError, match="broken.bvh"):
+    with pytest.raises(UserError, match="broken.bvh"):
         read_bvh(path)
 
 
@@ -134,10 +136,11 @@ def test_cmu_clip_is_retargeted_with_no_joint_missing(body, shared_data):
 
 
 def test_hands_reach_the_belly_without_entering_it(body):
-    from toile.studio import motion, touch
+    from toile.studio import touch
+    from toile.studio.motions import make_motion
     from toile.studio.truth import clearance
 
-    m = motion.make_motion("hands-on-cloth", body, 20, np.random.default_rng(0))
+    m = make_motion("hands-on-cloth", body, 20, np.random.default_rng(0))
     V = body.pose(m.rotations[-1], np.zeros(3))
     trunk = body.dense_weights[:, [n.startswith("spine") for n in body.model.joint_names]].sum(1) > 0.9
     F = body.skin_faces[trunk[body.skin_faces].all(1)]

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from toile.scene import CaptureError
+from toile.errors import UserError
 from toile.studio.make import StudioOptions, make_capture
 
 TINY = dict(frames=2, cameras=2, size=96, seed=3, scan_faces=4000)
@@ -25,7 +25,7 @@ def digest(folder):
     ],
 )  # fmt: skip
 def test_options_out_of_range_are_refused_by_name(bad):
-    with pytest.raises(CaptureError, match=next(iter(bad))):
+    with pytest.raises(UserError, match=next(iter(bad))):
         StudioOptions(**bad)
 
 
@@ -79,7 +79,7 @@ def test_same_seed_same_bits(bare, tmp_path):
 
 def test_an_existing_folder_is_refused_and_left_alone(bare):
     before = digest(bare[0])
-    with pytest.raises(CaptureError, match="exists already"):
+    with pytest.raises(UserError, match="exists already"):
         make_capture(bare[0], StudioOptions(garment=None, **TINY))
     assert digest(bare[0]) == before
 
@@ -89,24 +89,24 @@ def test_a_capture_that_was_begun_with_other_options_is_refused(tmp_path):
 
     (tmp_path / "x.part" / "work").mkdir(parents=True)
     make.begin(tmp_path / "x.part", StudioOptions(**TINY))
-    with pytest.raises(CaptureError, match="x.part: was begun with frames 2, not 3"):
+    with pytest.raises(UserError, match="x.part: was begun with frames 2, not 3"):
         make_capture(tmp_path / "x", StudioOptions(**TINY | {"frames": 3}))
     kept = tmp_path / "x.part" / "work" / "options.json"
     begun = json.loads(kept.read_text())
     del begun["options"]["trousers"]  # begun before there was such an option
     kept.write_text(json.dumps(begun))
     assert not make.begin(tmp_path / "x.part", StudioOptions(**TINY))
-    with pytest.raises(CaptureError, match="begun with trousers False, not True"):
+    with pytest.raises(UserError, match="begun with trousers False, not True"):
         make.begin(tmp_path / "x.part", StudioOptions(**TINY, trousers=True))
     (tmp_path / "y.part" / "frames").mkdir(parents=True)
-    with pytest.raises(CaptureError, match="y.part: is in the way"):
+    with pytest.raises(UserError, match="y.part: is in the way"):
         make_capture(tmp_path / "y", StudioOptions(**TINY))
     assert not (tmp_path / "x").exists() and not (tmp_path / "y").exists()
 
 
 def test_bad_input_found_late_leaves_nothing_behind(tmp_path):
     pytest.importorskip("anny")
-    with pytest.raises(CaptureError, match="missing.bvh"):
+    with pytest.raises(UserError, match="missing.bvh"):
         make_capture(tmp_path / "x", StudioOptions(garment=None, motion=str(tmp_path / "missing.bvh"), **TINY))
     assert list(tmp_path.iterdir()) == []
 
@@ -158,8 +158,8 @@ def test_a_capture_that_is_killed_twice_ends_with_the_same_bits(stepped, tmp_pat
 def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
     import zarr
 
-    from toile.capture import open_capture
-    from toile.plan import plan
+    from toile.io.capture import open_capture
+    from toile.pipeline.plan import plan
 
     capture = open_capture(stepped)
     assert capture.frames == (0, 3) and capture.scene.fps == 30
@@ -211,8 +211,10 @@ def test_a_clothed_capture_slides_and_never_intersects(tmp_path):
     for k in range(2):
         V = truth["body/vertices"][k].astype(np.float64)
         assert pairs_between(V, faces, g["vertices"][k].astype(np.float64), g["faces"][:]) == 0
-    assert g["map_face"].shape[0] == g["map_bary"].shape[0] == sum(
-        line.startswith("v ") for line in (tmp_path / "c" / "templates" / "tshirt.obj").open()
+    assert (
+        g["map_face"].shape[0]
+        == g["map_bary"].shape[0]
+        == sum(line.startswith("v ") for line in (tmp_path / "c" / "templates" / "tshirt.obj").open())
     )
 
 
@@ -222,7 +224,7 @@ def test_a_shirt_over_trousers_is_a_scene_of_two_garments_that_never_intersect(t
     import zarr
     from PIL import Image
 
-    from toile.capture import open_capture
+    from toile.io.capture import open_capture
     from toile.studio.truth import pairs_between
 
     make_capture(tmp_path / "c", StudioOptions(motion="talk", garment="cut", trousers=True, **TINY))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from toile.scene import CaptureError
+from toile.errors import UserError
 
 
 def test_newton_shirt_has_four_named_loops(shirt):
@@ -27,7 +27,7 @@ def test_cut_shirt_has_four_loops_and_touches_nothing(body, cut):
 
 
 def test_template_maps_onto_the_truth_and_its_rim_onto_the_rim(body, shirt):
-    from toile.studio.surface import open_loops, rim_edges
+    from toile.studio.surface import border_edges, open_loops
     from toile.studio.template import SIZE_OFF, make_template
 
     V, F = shirt
@@ -37,7 +37,7 @@ def test_template_maps_onto_the_truth_and_its_rim_onto_the_rim(body, shirt):
     assert np.allclose(t.mesh.vertices, middle + SIZE_OFF * (at - middle), atol=1e-9)
     assert 5000 < len(at) < 7500 and len(at) != len(V)
     assert len(open_loops(t.mesh.faces)) == 4
-    rim, edges = np.concatenate(open_loops(t.mesh.faces)), rim_edges(F)[0]
+    rim, edges = np.concatenate(open_loops(t.mesh.faces)), border_edges(F)[0]
     a, b = V[edges[:, 0]], V[edges[:, 1]]
     s = np.clip(((at[rim, None] - a) * (b - a)).sum(2) / ((b - a) ** 2).sum(1), 0, 1)
     assert np.linalg.norm(a + s[..., None] * (b - a) - at[rim, None], axis=2).min(1).max() < 1e-9
@@ -65,7 +65,7 @@ def test_garment_with_other_loops_is_refused(tmp_path):
 
     path = tmp_path / "sheet.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n")
-    with pytest.raises(CaptureError, match="four open loops, this garment has 1"):
+    with pytest.raises(UserError, match="four open loops, this garment has 1"):
         read_shirt(str(path))
 
 
@@ -77,13 +77,13 @@ def trousers(body):
 
 
 def test_cut_trousers_have_a_waist_and_two_ankles_and_touch_nothing(body, trousers):
-    from toile.studio.outfit import upper_rim
+    from toile.studio.outfit import upper_border
     from toile.studio.surface import open_loops
     from toile.studio.truth import clearance, pairs_between, pairs_within
 
     V, F = trousers
     loops = open_loops(F)
-    assert len(loops) == 3 and len(upper_rim(V, F)) == len(loops[0])
+    assert len(loops) == 3 and len(upper_border(V, F)) == len(loops[0])
     assert sorted(np.sign(V[c, 0].mean()) for c in loops[1:]) == [-1, 1]
     assert pairs_between(body.rest, body.skin_faces, V, F) == pairs_within(V, F) == 0
     assert clearance(V, body.rest, body.skin_faces) > 0.006
@@ -115,7 +115,7 @@ def test_bound_points_move_rigidly_with_the_surface_they_stick_to(body, trousers
 def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, trousers):
     import igl
 
-    from toile.studio.outfit import Lip, upper_rim
+    from toile.studio.outfit import Lip, upper_border
     from toile.studio.surface import open_loops
     from toile.studio.truth import pairs_between
 
@@ -125,7 +125,7 @@ def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, tr
     assert len(P) == lip.count and np.array_equal(P[: len(V)], V)
     edge = P[len(V) :]
     assert (igl.fast_winding_number(body.rest, body.skin_faces.astype(np.int64), edge) > 0.5).all()
-    assert not np.isin(np.concatenate(open_loops(lip.faces)), upper_rim(V, F)).any()
+    assert not np.isin(np.concatenate(open_loops(lip.faces)), upper_border(V, F)).any()
     half = np.concatenate([lip.faces[:, [0, 1]], lip.faces[:, [1, 2]], lip.faces[:, [2, 0]]])
     assert len(np.unique(half, axis=0)) == len(half)  # oriented as the garment is
     assert pairs_between(P, lip.faces, body.rest, body.skin_faces) > 0

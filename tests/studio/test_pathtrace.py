@@ -71,7 +71,7 @@ def test_bands_leave_out_nothing_but_the_wall(tracer, scene, dressed, monkeypatc
 
     camera = make_cameras(2, 64, np.random.default_rng(1), span=3.0, pinhole=True)[1]
     outside = np.ones((64, 64), bool)
-    for row, col in pathtrace.bands(np.concatenate([dressed.vertices, pathtrace.plate_rim()]), camera):
+    for row, col in pathtrace.bands(np.concatenate([dressed.vertices, pathtrace.plate_border()]), camera):
         outside[row, col] = False
     assert 0.2 < outside.mean() < 0.98
     monkeypatch.setattr(pathtrace, "bands", lambda points, camera: [(slice(0, 64), slice(0, 64))])
@@ -92,7 +92,7 @@ def test_the_clear_coat_reflects_more_at_grazing_angles(tracer):
     def reflectance(degrees):
         a = np.radians(degrees)
         interaction.wi = [np.sin(a), 0, np.cos(a)]
-        draw = lambda: bsdf.sample(mi.BSDFContext(), interaction, sampler.next_1d(), sampler.next_2d())[1]  # noqa: E731
+        draw = lambda: bsdf.sample(mi.BSDFContext(), interaction, sampler.next_1d(), sampler.next_2d())[1]
         return float(np.mean([np.array(draw())[0] for _ in range(4000)]))
 
     straight, slanting, grazing = (reflectance(d) for d in (0, 60, 80))

@@ -27,6 +27,6 @@ def test_bundled_template_lies_on_the_truth_garment_through_the_map():
     template = (SAMPLES / "tshirt-talk" / "templates" / "tshirt.obj").read_text().splitlines()
     V = np.array([line.split()[1:] for line in template if line.startswith("v ")], dtype=float)
     F = np.array([[c.split("/")[0] for c in line.split()[1:]] for line in template if line.startswith("f ")], int) - 1
-    edge = lambda P: np.linalg.norm(P[F[:, [1, 2, 0]]] - P[F], axis=2)  # noqa: E731
+    edge = lambda P: np.linalg.norm(P[F[:, [1, 2, 0]]] - P[F], axis=2)
     ratio = edge(at) / edge(V)
     assert len(V) == len(at) and abs(np.median(ratio) - 1 / 1.03) < 0.03  # worn, over a size off

@@ -117,8 +117,8 @@ def test_scan_noise_has_the_asked_deviation_and_half_of_it_is_correlated():
 def test_scan_of_a_ball_is_another_mesh_within_a_third_of_a_millimetre(monkeypatch):
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("open3d")
-    from toile.studio.pictures import Outer
     from toile.studio import scans
+    from toile.studio.pictures import Outer
 
     monkeypatch.setattr(scans, "DEPTH", 7)
 

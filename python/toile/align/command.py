@@ -12,7 +12,9 @@ def align(
     run: Annotated[Path, typer.Argument(help="a registered run with garments and pictures")],
     out: Annotated[Path, typer.Argument(help="the aligned run; an alignment that was stopped there goes on")],
     workers: Annotated[int, typer.Option(help="processes; each takes whole chunks of 50 frame numbers")] = 1,
-    shard: Annotated[str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")] = "1/1",
+    shard: Annotated[
+        str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")
+    ] = "1/1",
 ):
     """Slide garments along their surfaces until their prints lie still on them: a run with true interior correspondence."""
     from ..console import progress_bars, shard_of

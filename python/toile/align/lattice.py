@@ -104,7 +104,9 @@ def gradient(P, F):
     total = np.bincount(F.ravel(), np.repeat(double, 3), minlength=len(P))
     rows, columns = np.repeat(F, 3, 1).ravel(), np.tile(F, 3).ravel()
     return [
-        sparse.csr_matrix((np.tile(slope[..., k], 3).ravel() / np.maximum(total, 1e-18)[rows], (rows, columns)), shape=(len(P),) * 2)
+        sparse.csr_matrix(
+            (np.tile(slope[..., k], 3).ravel() / np.maximum(total, 1e-18)[rows], (rows, columns)), shape=(len(P),) * 2
+        )
         for k in range(3)
     ]
 

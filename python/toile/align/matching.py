@@ -59,7 +59,13 @@ class Matcher:
         gradient (3,k,3))]."""
         out = []
         for (v, w), grid in zip(self.pyramid(values, weights), self._grids):
-            out.append((v[grid.points], w[grid.points], np.stack([(G @ v)[grid.points] for G in self.surface.lattice.gradient])))
+            out.append(
+                (
+                    v[grid.points],
+                    w[grid.points],
+                    np.stack([(G @ v)[grid.points] for G in self.surface.lattice.gradient]),
+                )
+            )
         return out
 
     def match(self, frame, target, posed, start=None):
@@ -175,5 +181,7 @@ class _Grid:
         self.to_points, areas = lattice.to_points[self.points], lattice.areas[self.points]
         self.areas = areas * (lattice.areas.sum() / areas.sum())
         ones = np.ones(len(self.points))
-        self.to_faces = sparse.csr_matrix((ones, (self.face, np.arange(len(ones)))), shape=(len(surface.faces), len(ones)))
+        self.to_faces = sparse.csr_matrix(
+            (ones, (self.face, np.arange(len(ones)))), shape=(len(surface.faces), len(ones))
+        )
         self.both = np.stack([self.bary[:, i] * self.bary[:, j] for i, j in PAIRS], 1)

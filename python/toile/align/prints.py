@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..avatar.textures import Unwrapper, pinhole, undistorted
-from ..scene import CaptureError
+from ..errors import UserError
+from ..vision.unwrapping import Unwrapper, pinhole, undistorted
 
 DARK = 0.04  # added to colours 0..1 before their logarithm is taken
-CHANNELS = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])  # lightness and two chromas of logarithms of RGB
+CHANNELS = np.array(
+    [[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]]
+)  # lightness and two chromas of logarithms of RGB
 SURE = 0.25  # total squared weight of a point's views from which it counts in full
 SHARED = 0.2  # weight of other views that a point needs to be compared with theirs
 
@@ -28,7 +30,7 @@ class Places:
         return np.ones(len(self.face), bool)
 
 
-class Reader:
+class PrintReader:
     """Reads frames of a run: `layers` inner to outer, body first; `places` {layer name: Places or UvMap}, those to be read."""
 
     def __init__(self, body, capture, layers, places):
@@ -47,7 +49,7 @@ class Reader:
         """{name: [Unwrapped a camera]} of a frame; `moved` {garment: vertices} in the place of the run's."""
         frame = self.capture.pictures(number)
         if not frame.images:
-            raise CaptureError(f"{self.capture.root}/frames/{number:06d}: no images")
+            raise UserError(f"{self.capture.root}/frames/{number:06d}: no images")
         V, sure = zip(*(self._registered(layer, self.rows[number]) for layer in self.layers))
         V = [(moved or {}).get(layer.name, v) for layer, v in zip(self.layers, V)]
         self.unwrapper.frame(V, sure)

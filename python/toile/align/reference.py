@@ -22,7 +22,9 @@ class Reference:
 
 def chosen(frames, first, anchors, samples):
     """(anchors, samples): frames spread evenly over the `first` chunk, and over all of `frames`, without those."""
-    spread = lambda of, count: [of[i] for i in np.unique(np.linspace(0, len(of) - 1, min(count, len(of))).round().astype(int))]  # noqa: E731
+    spread = lambda of, count: [
+        of[i] for i in np.unique(np.linspace(0, len(of) - 1, min(count, len(of))).round().astype(int))
+    ]
     near = spread(first, anchors)
     return near, [n for n in spread(frames, samples) if n not in near]
 

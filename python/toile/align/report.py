@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..avatar.data import capture_of
-from ..avatar.layers import open_body, read_layers
-from ..avatar.textures import mean_texture
-from ..avatar.uv import UvMap
-from ..page import cards, document, figure, heat, table
-from ..plan import blocks
-from ..store import replace_file, write_text
-from .prints import Reader, logarithms
+from ..io.files import replace_file, write_text
+from ..measure.page import cards, document, figure, heat, table
+from ..pipeline.plan import blocks
+from ..surface.layers import capture_of, open_body, read_layers
+from ..surface.uv import UvMap
+from ..vision.unwrapping import mean_texture
+from .prints import PrintReader, logarithms
 
 SIZE = 512  # texels
 FRAMES = 24  # read, spread evenly over the aligned ones
@@ -32,7 +31,7 @@ def write_report(run, out, frames, progress):
     for side, path in zip(SIDES, (run, out)):
         layers = {layer.name: layer for layer in read_layers(run, frames[:1])}
         maps = {name: UvMap(layer, SIZE) for name, layer in layers.items() if layer.kind == "garment"}
-        reader = Reader(open_body(path), capture_of(path), list(layers.values()), maps)
+        reader = PrintReader(open_body(path), capture_of(path), list(layers.values()), maps)
         for k, number in enumerate(frames):
             for name, views in reader.views(number).items():
                 colours, weights = mean_texture(views, SIZE).maps(SIZE)
@@ -42,9 +41,14 @@ def write_report(run, out, frames, progress):
     for name, sides in textures.items():
         found = {side: _Textures(sides[side], anchors) for side in SIDES}
         both = found["before"].often & found["after"].often
-        measures[name] = {side: found[side].measures(both) for side in SIDES} | {"frames": len(frames), "texels": int(both.sum())}
+        measures[name] = {side: found[side].measures(both) for side in SIDES} | {
+            "frames": len(frames),
+            "texels": int(both.sum()),
+        }
         parts.append(_section(name, measures[name], found, frames, out))
-    write_text(out / "alignment.html", document(f"{Path(out).name}: textures before and after alignment", "".join(parts)))
+    write_text(
+        out / "alignment.html", document(f"{Path(out).name}: textures before and after alignment", "".join(parts))
+    )
     write_text(out / "alignment.json", json.dumps(measures, indent=1))
     return measures
 
@@ -96,9 +100,13 @@ def _section(name, measures, found, frames, out):
         pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
     for label, picture in pictures.items():
         _save(Path(out) / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
-    rows = "".join(_row(found, k, frames[k]) for k in np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int))
+    rows = "".join(
+        _row(found, k, frames[k]) for k in np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int)
+    )
     change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
-    lines = [(key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()]
+    lines = [
+        (key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()
+    ]
     figures = "".join(figure(p, label) for label, p in pictures.items())
     return (
         f"<h2>{html.escape(name)}</h2>{cards({'frames': measures['frames'], 'texels': measures['texels']})}"

@@ -18,28 +18,28 @@ from pathlib import Path
 
 import numpy as np
 
-from ..avatar.data import capture_of, pictured_frames
-from ..avatar.layers import open_body, read_layers
+from ..errors import UserError
+from ..io.files import load_record, replace_file, save_record, write_text
+from ..io.run import OK, PENDING, Status
 from ..kernels import InputError, SolveError
-from ..layering import Layering
-from ..plan import blocks
-from ..scene import CaptureError
-from ..store import OK, PENDING, Status, load_record, replace_file, save_record, write_text
-from ..workers import Workers, locked
+from ..pipeline.blocks import Workers, locked
+from ..pipeline.plan import blocks
+from ..surface.layering import Layering
+from ..surface.layers import capture_of, open_body, pictured_frames, read_layers
 from .matching import Matched, Matcher
-from .prints import Places, Reader, blended, camera_offsets
+from .prints import Places, PrintReader, blended, camera_offsets
 from .reference import Reference, chosen, make_reference
 from .report import write_report
 from .settings import AlignSettings
 from .sliding import SlidingSurface
 from .smoothing import over_time
 
-FRAME_ERRORS = (CaptureError, InputError, SolveError, OSError, np.linalg.LinAlgError)
+FRAME_ERRORS = (UserError, InputError, SolveError, OSError, np.linalg.LinAlgError)
 NEAR = 10  # frame numbers within which a frame starts from the one before
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Alignment:
     """Frames aligned by their own pictures, frames without pictures between them, frames whose pictures could not be used
     with why, frames that wait for other shards; whether the new run is whole."""
 
@@ -51,13 +51,13 @@ class Outcome:
 
 
 def align(run, out, settings=None, workers=1, shard=(1, 1), progress=None):
-    """Aligns the garments of a registered run into the run `out`; returns an Outcome. CaptureError: it cannot be done.
+    """Aligns the garments of a registered run into the run `out`; returns an Alignment. UserError: it cannot be done.
 
     The same call on what was killed goes on where it stood. `shard` (i, n) takes every n-th chunk from the i-th on;
     whichever ends last writes the run. The bits depend on neither workers nor shards. `progress(stage, done, total)`."""
     run, out, settings = Path(run), Path(out), settings or AlignSettings()
     if workers < 1 or not 1 <= shard[0] <= shard[1]:
-        raise CaptureError(f"workers {workers}, shard {shard[0]}/{shard[1]}: expected at least one worker and 1 <= i <= n")
+        raise UserError(f"workers {workers}, shard {shard[0]}/{shard[1]}: expected at least one worker and 1 <= i <= n")
     _check(run, out)
     open_aligned(run, out, settings)
     return _Align(run, out, settings, progress or (lambda *_: None), workers, shard).go()
@@ -66,13 +66,13 @@ def align(run, out, settings=None, workers=1, shard=(1, 1), progress=None):
 def _check(run, out):
     body = open_body(run)
     if out.resolve() == run.resolve():
-        raise CaptureError(f"{out}: the aligned run needs a folder of its own")
+        raise UserError(f"{out}: the aligned run needs a folder of its own")
     if not body.store.attrs["scene"]["garments"]:
-        raise CaptureError(f"{run}: the scene names no garment, there is nothing to align")
+        raise UserError(f"{run}: the scene names no garment, there is nothing to align")
     if (body.store["done"][:] == PENDING).any():
-        raise CaptureError(f"{run}: frames are pending, end its registration first")
+        raise UserError(f"{run}: frames are pending, end its registration first")
     if not pictured_frames(run):
-        raise CaptureError(f"{run}: no registered frame has pictures, prints cannot be aligned")
+        raise UserError(f"{run}: no registered frame has pictures, prints cannot be aligned")
 
 
 def open_aligned(run, out, settings):
@@ -83,17 +83,26 @@ def open_aligned(run, out, settings):
 
     config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
     done = open_body(run).store["done"][:]
-    asked = {"run": str(run.resolve()), "frames_ok": int((done == OK).sum()), "toile": __version__, "settings": settings.model_dump(mode="json")}
+    asked = {
+        "run": str(run.resolve()),
+        "frames_ok": int((done == OK).sum()),
+        "toile": __version__,
+        "settings": settings.model_dump(mode="json"),
+    }
     text, path = tomli_w.dumps(config | {"align": asked}), out / "config.toml"
-    if out.exists() and not path.exists() and any(not p.name.startswith((".lock", ".config.toml")) for p in out.iterdir()):
-        raise CaptureError(f"{out}: the folder is not empty and holds no run")
+    if (
+        out.exists()
+        and not path.exists()
+        and any(not p.name.startswith((".lock", ".config.toml")) for p in out.iterdir())
+    ):
+        raise UserError(f"{out}: the folder is not empty and holds no run")
     with locked(out):
         if not path.exists():
             if (run / "status.jsonl").exists():
                 shutil.copyfile(run / "status.jsonl", out / "status.jsonl")
             write_text(path, text)
         elif tomllib.loads(path.read_text(encoding="utf-8")) != tomllib.loads(text):
-            raise CaptureError(f"{path}: this run was aligned from another run or with other settings")
+            raise UserError(f"{path}: this run was aligned from another run or with other settings")
 
 
 def _worker(run, out, settings):
@@ -153,13 +162,18 @@ class _Align:
         rests = {n: load_record(p, Reference).rest for n, p in paths.items() if p.exists()}
         layers = [_at_rest(layer, rests.get(layer.name)) for layer in layers]
         of = {layer.name: layer for layer in layers}
-        surfaces = {n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), self.settings.spacing) for n in self.garments}
+        surfaces = {
+            n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), self.settings.spacing)
+            for n in self.garments
+        }
         templates = {n: self._template(of[n]) for n in self.garments}
         sizes = [(n, s.faces, len(s.rest)) for n, s in surfaces.items()]
-        self.layering = Layering(self.body.model.skin_faces, len(self.body.model.v_template), sizes, self.settings.margin)
+        self.layering = Layering(
+            self.body.model.skin_faces, len(self.body.model.v_template), sizes, self.settings.margin
+        )
         self.matchers = {n: Matcher(s, templates[n], self.settings) for n, s in surfaces.items()}
         places = {n: Places(of[n], s.lattice.face, s.lattice.bary) for n, s in surfaces.items()}
-        self.reader = Reader(self.body, self.capture, layers, places)
+        self.reader = PrintReader(self.body, self.capture, layers, places)
         if any(not p.exists() for p in paths.values()):
             self._make_references(paths, of)
         self.references = {n: load_record(p, Reference) for n, p in paths.items()}
@@ -169,7 +183,9 @@ class _Align:
         """Vertices of the capture's template, whose lengths the cloth keeps."""
         mesh = self.capture.templates[layer.name]
         if not np.array_equal(mesh.faces, layer.faces):
-            raise CaptureError(f"{self.capture.root}: the template of {layer.name} is not the one that {self.run} registered")
+            raise UserError(
+                f"{self.capture.root}: the template of {layer.name} is not the one that {self.run} registered"
+            )
         return mesh.vertices
 
     def _make_references(self, paths, layers):
@@ -213,7 +229,9 @@ class _Align:
     def _match(self, number, previous):
         start, views = time.perf_counter(), self.reader.views(number)
         for name, matcher in self.matchers.items():
-            pyramid = matcher.pyramid(*blended(views[name], self.references[name].offsets, len(matcher.surface.lattice)))
+            pyramid = matcher.pyramid(
+                *blended(views[name], self.references[name].offsets, len(matcher.surface.lattice))
+            )
             first = None if previous is None else self._matched(previous, name).d
             matched = matcher.match(pyramid, self.onto[name], self.reader.vertices(number, name), first)
             save_record(self._folder(number) / f"{name}.npz", matched)
@@ -237,7 +255,9 @@ class _Align:
             for wanted in blocks(self.frames):
                 slides = {name: self._slides(name, wanted) for name in self.garments}
                 for k, number in enumerate(wanted):
-                    self._write_frame(group, self.reader.rows[number], {n: d[k] for n, d in slides.items() if d is not None})
+                    self._write_frame(
+                        group, self.reader.rows[number], {n: d[k] for n, d in slides.items() if d is not None}
+                    )
                     self.progress("write", self.frames.index(number) + 1, len(self.frames))
 
         if (self.run / "diagnostics").exists():
@@ -275,7 +295,12 @@ class _Align:
                 for name in self.garments:
                     m = self._matched(number, name)
                     slide = float(np.linalg.norm(m.d, axis=1).mean() * 1e3)
-                    stages[f"align {name}"] = {"misfit_before": m.before, "misfit": m.after, "compared": m.seen, "slide_mm": slide}
+                    stages[f"align {name}"] = {
+                        "misfit_before": m.before,
+                        "misfit": m.after,
+                        "compared": m.seen,
+                        "slide_mm": slide,
+                    }
             write_text(path, json.dumps(stages, indent=1))
 
     def _outcome(self):
@@ -287,7 +312,7 @@ class _Align:
         matched = tuple(n for n in self.pictured if (self._folder(n) / "whole").exists())
         between = tuple(n for n in self.frames if n not in set(self.pictured))
         pending = tuple(n for n in self.pictured if not self._done(n))
-        return Outcome(matched, between, failed, pending, self._whole())
+        return Alignment(matched, between, failed, pending, self._whole())
 
 
 def _at_rest(layer, rest):

@@ -75,7 +75,9 @@ class SlidingSurface:
         put(j, j, np.einsum("e,eba,ebc->eac", w, R, R))
         put(i, j, -w[:, None, None] * R)
         put(j, i, -w[:, None, None] * R.transpose(0, 2, 1))
-        return sparse.csc_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(2 * n,) * 2)
+        return sparse.csc_matrix(
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(2 * n,) * 2
+        )
 
     def vectors(self, d):
         """Slides (g,2) as vectors in space (g,3)."""
@@ -144,7 +146,9 @@ class SlidingSurface:
         s, step = bary[k, order[:, 1]][:, None], V[b] - V[a]
         sign = np.where(np.einsum("ki,ki->k", slope[a], step) < 0, -1.0, 1.0)[:, None]
         size = np.linalg.norm(step, axis=1, keepdims=True)
-        A, B = (sign * size * slope[v] / np.maximum(np.linalg.norm(slope[v], axis=1, keepdims=True), 1e-12) for v in (a, b))
+        A, B = (
+            sign * size * slope[v] / np.maximum(np.linalg.norm(slope[v], axis=1, keepdims=True), 1e-12) for v in (a, b)
+        )
         return V[a] + (3 - 2 * s) * s**2 * step + s * (1 - s) ** 2 * A - s**2 * (1 - s) * B
 
 

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Optional, get_args
+from typing import Annotated, get_args
 
 import typer
 
-from ..scene import CaptureError
+from ..errors import UserError
 
 
 def train(
     run: Annotated[Path, typer.Argument(help="a registered run, made by toile register")],
     avatar: Annotated[Path, typer.Argument(help="folder of the avatar; a training that was stopped there goes on")],
-    quality: Annotated[str, typer.Option(help="draft, standard or fine: sizes of the maps, widths, steps")] = "standard",
-    minutes: Annotated[Optional[float], typer.Option(help="as many steps as fit; without, the quality's")] = None,
-    steps: Annotated[Optional[str], typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
-    holdout: Annotated[Optional[str], typer.Option(help="A-B, frames never trained on; default the last tenth; none")] = None,
+    quality: Annotated[
+        str, typer.Option(help="draft, standard or fine: sizes of the maps, widths, steps")
+    ] = "standard",
+    minutes: Annotated[float | None, typer.Option(help="as many steps as fit; without, the quality's")] = None,
+    steps: Annotated[str | None, typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
+    holdout: Annotated[
+        str | None, typer.Option(help="A-B, frames never trained on; default the last tenth; none")
+    ] = None,
     baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
-    temporal: Annotated[bool, typer.Option("--temporal", help="also the model that drives the garments by poses")] = False,
-    temporal_model: Annotated[Optional[str], typer.Option(help="of --temporal: window (the default), or damped, a state of its own")] = None,
+    temporal: Annotated[
+        bool, typer.Option("--temporal", help="also the model that drives the garments by poses")
+    ] = False,
+    temporal_model: Annotated[
+        str | None, typer.Option(help="of --temporal: window (the default), or damped, a state of its own")
+    ] = None,
     window: Annotated[int, typer.Option(help="poses that the window model sees")] = 15,
-    lr: Annotated[Optional[float], typer.Option(help="learning rate of AdamW; default the quality's")] = None,
+    lr: Annotated[float | None, typer.Option(help="learning rate of AdamW; default the quality's")] = None,
     seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU")] = 0,
 ):
     """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train."""
@@ -33,7 +41,7 @@ def train(
 
     settings = preset(quality).model_copy(update=changes(minutes, steps, lr, seed))
     drive = temporal_settings(temporal_model, window, seed) if temporal or temporal_model else None
-    from .make import Request, make_avatar
+    from .train.make import Request, make_avatar
 
     first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
     columns = ("{task.description:<20}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), "{task.fields[note]}")
@@ -59,31 +67,31 @@ def train(
 
 
 def temporal_settings(model, window, seed):
-    """TemporalSettings that the command line asks for; CaptureError names the option."""
+    """TemporalSettings that the command line asks for; UserError names the option."""
     from .settings import TemporalSettings
 
     models = get_args(TemporalSettings.model_fields["model"].annotation)
     if model not in (None, *models):
-        raise CaptureError(f"--temporal-model {model}: expected {' or '.join(models)}")
+        raise UserError(f"--temporal-model {model}: expected {' or '.join(models)}")
     if window < 1:
-        raise CaptureError(f"--window {window}: expected at least one pose")
+        raise UserError(f"--window {window}: expected at least one pose")
     return TemporalSettings(window=window, seed=seed, **({"model": model} if model else {}))
 
 
 def changes(minutes, steps, lr, seed):
-    """Settings that the command line changes; CaptureError names the option."""
+    """Settings that the command line changes; UserError names the option."""
     changed = {"seed": seed}
     if minutes is not None and not 0 < minutes < 1e6:
-        raise CaptureError(f"--minutes {minutes:g}: expected a positive number")
+        raise UserError(f"--minutes {minutes:g}: expected a positive number")
     if lr is not None:
         if not 0 < lr < 1:
-            raise CaptureError(f"--lr {lr:g}: expected a number between 0 and 1")
+            raise UserError(f"--lr {lr:g}: expected a number between 0 and 1")
         changed["lr"] = lr
     if steps is not None:
         counts = steps.split(",")
         if len(counts) != 3 or not all(count.strip().isdecimal() for count in counts):
-            raise CaptureError(f"--steps {steps}: expected three numbers BODY,GARMENT,JOINT")
+            raise UserError(f"--steps {steps}: expected three numbers BODY,GARMENT,JOINT")
         if minutes is not None:
-            raise CaptureError(f"--steps {steps}: --minutes {minutes:g} is given too")
+            raise UserError(f"--steps {steps}: --minutes {minutes:g} is given too")
         changed |= dict(zip(("body_steps", "garment_steps", "joint_steps"), map(int, counts)))
     return changed

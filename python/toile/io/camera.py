@@ -5,7 +5,8 @@ import json
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ..scene import Camera, CaptureError
+from ..errors import UserError
+from ..scene import Camera
 
 
 class _Entry(BaseModel):
@@ -18,7 +19,7 @@ class _Entry(BaseModel):
     T_camera_world: list[list[float]]
 
 
-class _File(BaseModel):
+class _CamerasFile(BaseModel):
     model_config = ConfigDict(extra="forbid")
     cameras: list[_Entry]
 
@@ -27,23 +28,23 @@ def first_error(path, error):
     """One line of a pydantic error: the file, the field, what is wrong."""
     first = error.errors()[0]
     field = ".".join(str(part) for part in first["loc"])
-    return CaptureError(f"{path}: {field}: {first['msg']}")
+    return UserError(f"{path}: {field}: {first['msg']}")
 
 
 def read_cameras(path, metres=1.0):
     """{name: Camera}; translations are scaled by `metres` a unit."""
     try:
-        entries = _File(**json.loads(path.read_text(encoding="utf-8"))).cameras
+        entries = _CamerasFile(**json.loads(path.read_text(encoding="utf-8"))).cameras
     except FileNotFoundError:
-        raise CaptureError(f"{path}: the file is missing") from None
+        raise UserError(f"{path}: the file is missing") from None
     except ValidationError as error:
         raise first_error(path, error) from None
     except (ValueError, TypeError) as error:
-        raise CaptureError(f"{path}: not JSON of cameras: {error}") from None
+        raise UserError(f"{path}: not JSON of cameras: {error}") from None
     cameras = {}
     for i, entry in enumerate(entries):
         if entry.name in cameras:
-            raise CaptureError(f"{path}: cameras.{i}.name: '{entry.name}' stands there twice")
+            raise UserError(f"{path}: cameras.{i}.name: '{entry.name}' stands there twice")
         cameras[entry.name] = _camera(path, i, entry, metres)
     return cameras
 
@@ -52,15 +53,15 @@ def _camera(path, i, entry, metres):
     def array(field, shape):
         values = np.array(getattr(entry, field), dtype=np.float64) if _regular(getattr(entry, field)) else np.zeros(0)
         if values.shape != shape or not np.isfinite(values).all():
-            raise CaptureError(f"{path}: cameras.{i}.{field} ({entry.name}): expected {shape} finite numbers")
+            raise UserError(f"{path}: cameras.{i}.{field} ({entry.name}): expected {shape} finite numbers")
         return values
 
     K, distortion, T = array("K", (3, 3)), array("distortion", (5,)), array("T_camera_world", (4, 4))
     if entry.width <= 0 or entry.height <= 0 or K[0, 0] <= 0 or K[1, 1] <= 0:
-        raise CaptureError(f"{path}: cameras.{i} ({entry.name}): width, height and focal lengths must be positive")
+        raise UserError(f"{path}: cameras.{i} ({entry.name}): width, height and focal lengths must be positive")
     R = T[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
-        raise CaptureError(f"{path}: cameras.{i}.T_camera_world ({entry.name}): its upper left is not a rotation")
+        raise UserError(f"{path}: cameras.{i}.T_camera_world ({entry.name}): its upper left is not a rotation")
     T = T.copy()
     T[:3, 3] *= metres
     return Camera(entry.name, entry.width, entry.height, K, distortion, T)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..scene import CaptureError
+from ..errors import UserError
 
 MAX_PIXELS = 100_000_000
 
@@ -15,31 +15,31 @@ def read_rgba(path):
         with Image.open(path) as image:
             width, height = image.size
             if width * height > MAX_PIXELS:
-                raise CaptureError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
+                raise UserError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
             return np.array(ImageOps.exif_transpose(image).convert("RGBA"))
-    except CaptureError:
+    except UserError:
         raise
     except FileNotFoundError:
-        raise CaptureError(f"{path}: the file is missing") from None
+        raise UserError(f"{path}: the file is missing") from None
     except Exception as error:
-        raise CaptureError(f"{path}: cannot be read as an image: {error}") from None
+        raise UserError(f"{path}: cannot be read as an image: {error}") from None
 
 
 def read_image(path, size, mode):
-    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". CaptureError for another size than (height, width)."""
+    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
     from PIL import Image
 
     try:
         with Image.open(path) as image:
             width, height = image.size
             if width * height > MAX_PIXELS:
-                raise CaptureError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
+                raise UserError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
             if (height, width) != tuple(size):
-                raise CaptureError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
+                raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
             if mode == "L" and image.mode not in ("L", "P", "1"):
-                raise CaptureError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
+                raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
             return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
-    except CaptureError:
+    except UserError:
         raise
     except Exception as error:
-        raise CaptureError(f"{path}: cannot be read as an image: {error}") from None
+        raise UserError(f"{path}: cannot be read as an image: {error}") from None

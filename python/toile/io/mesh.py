@@ -6,36 +6,37 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import CaptureError, Mesh
+from ..errors import UserError
+from ..scene import Mesh
 
 MAX_FACES = 20_000_000
 
 
 def read_mesh(path):
-    """A Mesh, its vertices in file order. CaptureError names the file and the first bad vertex or face."""
+    """A Mesh, its vertices in file order. UserError names the file and the first bad vertex or face."""
     path = Path(path)
     try:
         mesh = _read_obj(path) if path.suffix.lower() == ".obj" else _read_by_trimesh(path)
-    except CaptureError:
+    except UserError:
         raise
     except Exception as error:
-        raise CaptureError(f"{path}: cannot be read as a mesh: {error}") from None
+        raise UserError(f"{path}: cannot be read as a mesh: {error}") from None
     return check_mesh(path, mesh)
 
 
 def check_mesh(path, mesh):
-    """The mesh itself, or a CaptureError."""
+    """The mesh itself, or a UserError."""
     n = len(mesh.vertices)
     if n == 0 or len(mesh.faces) == 0:
-        raise CaptureError(f"{path}: the mesh has {n} vertices and {len(mesh.faces)} faces")
+        raise UserError(f"{path}: the mesh has {n} vertices and {len(mesh.faces)} faces")
     if len(mesh.faces) > MAX_FACES:
-        raise CaptureError(f"{path}: {len(mesh.faces)} faces, at most {MAX_FACES} are read")
+        raise UserError(f"{path}: {len(mesh.faces)} faces, at most {MAX_FACES} are read")
     bad = np.flatnonzero(~np.isfinite(mesh.vertices).all(1))
     if len(bad):
-        raise CaptureError(f"{path}: vertex {bad[0]} is not finite")
+        raise UserError(f"{path}: vertex {bad[0]} is not finite")
     bad = np.flatnonzero(((mesh.faces < 0) | (mesh.faces >= n)).any(1))
     if len(bad):
-        raise CaptureError(f"{path}: face {bad[0]} names a vertex that is not there ({n} vertices)")
+        raise UserError(f"{path}: face {bad[0]} names a vertex that is not there ({n} vertices)")
     return mesh
 
 
@@ -70,7 +71,7 @@ def _read_obj(path):
                     f.append([corners[0][0], a[0], b[0]])
                     ft.append([corners[0][1], a[1], b[1]])
         except ValueError:
-            raise CaptureError(f"{path}: line {number}: {line.strip()[:60]!r} is not OBJ") from None
+            raise UserError(f"{path}: line {number}: {line.strip()[:60]!r} is not OBJ") from None
     faces, face_uv = np.array(f, np.int32).reshape(-1, 3), np.array(ft, np.int32).reshape(-1, 3)
     has_uv = len(vt) > 0 and len(face_uv) > 0 and (face_uv >= 0).all()
     return Mesh(
@@ -82,7 +83,7 @@ def _read_obj(path):
 
 
 def _corner(word, vertices, uvs):
-    """"7/3/1" -> (6, 2); negative indices count from the end."""
+    """ "7/3/1" -> (6, 2); negative indices count from the end."""
     parts = word.split("/")
     v = int(parts[0])
     t = int(parts[1]) if len(parts) > 1 and parts[1] else 0

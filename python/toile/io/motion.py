@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import CaptureError
+from ..errors import UserError
 from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
 
 MAX_FRAMES = 1_000_000
@@ -38,13 +38,13 @@ def read_motion(path, model, J, fps, translation):
     `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,
     started facing -y with the root's translation `translation` (3,) [m]), or a .npz `{rotations (T,K,3),
     translation (T,3), face (T,q,3)?, fps}` (frames counted from 0, taken at the nearest instants of `fps`).
-    CaptureError names the file and the field.
+    UserError names the file and the field.
     """
     path = Path(path)
     if (path / "registered.zarr").exists():
         return _of_run(path, len(J))
     if not path.is_file():
-        raise CaptureError(f"{path}: neither a run, nor a .bvh or .npz file")
+        raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
     if path.suffix.lower() == ".bvh":
         return _of_bvh(path, model, J, fps, translation)
     return _of_npz(path, len(J), fps)
@@ -57,11 +57,13 @@ def _of_run(path, joints):
     good = group["done"][:] == 1
     rotations = group["pose/rotations"][:][good]
     if rotations.shape[1:] != (joints, 3):
-        raise CaptureError(f"{path}: pose/rotations has {rotations.shape[1]} joints, the avatar has {joints}")
+        raise UserError(f"{path}: pose/rotations has {rotations.shape[1]} joints, the avatar has {joints}")
     if not good.any():
-        raise CaptureError(f"{path}: no frame is registered")
+        raise UserError(f"{path}: no frame is registered")
     face = group["face"][:][good] if "face" in group else None
-    return Motion(group["frames"][:][good], rotations, group["pose/translation"][:][good], face, group.attrs["scene"]["fps"])
+    return Motion(
+        group["frames"][:][good], rotations, group["pose/translation"][:][good], face, group.attrs["scene"]["fps"]
+    )
 
 
 def _of_bvh(path, model, J, fps, translation):
@@ -70,7 +72,7 @@ def _of_bvh(path, model, J, fps, translation):
     bvh = read_bvh(path)
     found, missing = matches(bvh)
     if "root" not in found:
-        raise CaptureError(f"{path}: no joint named like Hips")
+        raise UserError(f"{path}: no joint named like Hips")
     start = starts_at(bvh)
     pick = start + _instants(len(bvh.root) - start, 1 / bvh.frame_time, fps)
     R = retarget(facing(bvh, pick, found), bvh, model, J, found)
@@ -84,10 +86,10 @@ def _of_npz(path, joints, fps):
         with np.load(path, allow_pickle=False) as data:
             fields = {name: data[name] for name in ("rotations", "translation", "face", "fps") if name in data}
     except (OSError, ValueError, zipfile.BadZipFile, KeyError) as error:
-        raise CaptureError(f"{path}: cannot be read as a motion: {error}") from None
+        raise UserError(f"{path}: cannot be read as a motion: {error}") from None
     for name in ("rotations", "translation", "fps"):
         if name not in fields:
-            raise CaptureError(f"{path}: {name} is missing")
+            raise UserError(f"{path}: {name} is missing")
     T = len(np.atleast_1d(fields["translation"]))
     shapes = {"rotations": (T, joints, 3), "translation": (T, 3), "fps": ()}
     if "face" in fields:
@@ -95,12 +97,12 @@ def _of_npz(path, joints, fps):
     for name, shape in shapes.items():
         value = fields[name]
         if value.shape != shape or value.dtype.kind not in "fiu":
-            raise CaptureError(f"{path}: {name} is {value.dtype} {value.shape}, expected numbers {shape}")
+            raise UserError(f"{path}: {name} is {value.dtype} {value.shape}, expected numbers {shape}")
         if name != "face" and not np.isfinite(value).all():
-            raise CaptureError(f"{path}: {name} is not finite")
+            raise UserError(f"{path}: {name} is not finite")
     own = float(fields["fps"])
     if not 0 < own <= 10_000 or not 0 < T <= MAX_FRAMES:
-        raise CaptureError(f"{path}: {T} frames at fps {own:g}")
+        raise UserError(f"{path}: {T} frames at fps {own:g}")
     pick = _instants(T, own, fps)
     face = fields["face"][pick].astype(np.float64) if "face" in fields else None
     rotations, translation = (fields[name][pick].astype(np.float64) for name in ("rotations", "translation"))

@@ -20,7 +20,7 @@ from .mrf import mrf
 from .nricp import NricpSolver, nricp
 from .occlusion import ambient_occlusion
 from .raster import raster
-from .sight import read, see
+from .sight import bilinear, visibility
 from .skeleton import SkeletonSolver, skeleton
 from .untangle import UntangleSolver, untangle
 
@@ -44,8 +44,8 @@ __all__ = [
     "mrf",
     "nricp",
     "raster",
-    "read",
-    "see",
+    "bilinear",
+    "visibility",
     "self_intersections",
     "set_threads",
     "signed_distance",

@@ -24,7 +24,10 @@ class BiharmonicSolver:
 
     def __init__(self, V, F, known, **options):
         self._solver = _core.BiharmonicSolver(
-            as_vertices("biharmonic", "V", V), as_faces("biharmonic", "F", F), as_indices("biharmonic", "known", known), **options
+            as_vertices("biharmonic", "V", V),
+            as_faces("biharmonic", "F", F),
+            as_indices("biharmonic", "known", known),
+            **options,
         )
 
     def solve(self, D_known):

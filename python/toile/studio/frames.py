@@ -9,7 +9,7 @@ import shutil
 import numpy as np
 
 from ..io.body import load_body_model
-from ..store import write_text
+from ..io.files import write_text
 from .cameras import make_cameras
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
@@ -38,7 +38,9 @@ class Stage:
         if options.renderer == "mitsuba":
             from .pathtrace import PathTracer
 
-            self.tracer = PathTracer(self.look, self.body, self.table.model, [s.faces for s in settled], options.samples)
+            self.tracer = PathTracer(
+                self.look, self.body, self.table.model, [s.faces for s in settled], options.samples
+            )
 
     def joints_and_keypoints(self, vertices, rotations, translation):
         """True joints (K,3) and keypoints (q,3) of one frame."""

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import CaptureError
+from ..errors import UserError
 from .cloth import ClothSimulation
 from .cut import cut_shirt, cut_trousers
-from .outfit import Settled, Under, upper_rim
+from .outfit import Settled, Under, upper_border
 from .surface import open_loops
 
 SIZES = {"fitted": 1.05, "logo": 1.08, "loose": 1.14}
@@ -34,7 +34,7 @@ def named_loops(V, F):
     """neck, hem, sleeve_left, sleeve_right -> vertex cycle, told apart by where they lie (x = body's left)."""
     loops = open_loops(F)
     if len(loops) != 4:
-        raise CaptureError(f"studio: a T-shirt has four open loops, this garment has {len(loops)}")
+        raise UserError(f"studio: a T-shirt has four open loops, this garment has {len(loops)}")
     centre = np.array([V[c].mean(0) for c in loops])
     left, right = int(centre[:, 0].argmax()), int(centre[:, 0].argmin())
     rest = sorted({0, 1, 2, 3} - {left, right}, key=lambda i: centre[i, 2])
@@ -46,13 +46,13 @@ def place(V, F, body, size):
     V = V * size
     loops = named_loops(V, F)
     torso = torso_vertices(body)
-    shoulder = lambda P: P[(np.abs(P[:, 0]) > 0.09) & (np.abs(P[:, 0]) < 0.13), 2].max()  # noqa: E731
+    shoulder = lambda P: P[(np.abs(P[:, 0]) > 0.09) & (np.abs(P[:, 0]) < 0.13), 2].max()
     neck = neck_ring(body)
     V = V - [V[:, 0].mean(), 0, 0]
     V[:, 2] += shoulder(torso) + 0.005 - shoulder(V)
     chest_z = body.J[body.model.joint("spine01"), 2]
-    at_chest = lambda P: P[np.abs(P[:, 2] - chest_z) < 0.02]  # noqa: E731
-    middle = lambda P: 0.5 * (P[:, 1].min() + P[:, 1].max())  # noqa: E731
+    at_chest = lambda P: P[np.abs(P[:, 2] - chest_z) < 0.02]
+    middle = lambda P: 0.5 * (P[:, 1].min() + P[:, 1].max())
     dy_neck = neck[:, 1].mean() - V[loops["neck"], 1].mean()
     shirt_chest = at_chest(V)
     dy_chest = middle(at_chest(torso)) - middle(shirt_chest[np.abs(shirt_chest[:, 0]) < 0.15])
@@ -80,7 +80,7 @@ def arms_through_sleeves(V, F, body):
     for side, sign in (("L", 1), ("R", -1)):
         target = V[loops["sleeve_left" if side == "L" else "sleeve_right"]].mean(0)
         shoulder, elbow = body.J[body.model.joint(f"upperarm01.{side}")], body.J[body.model.joint(f"lowerarm01.{side}")]
-        slope = lambda d: np.arctan2(-d[2], sign * d[0])  # noqa: E731  angle below the horizontal
+        slope = lambda d: np.arctan2(-d[2], sign * d[0])
         turn = slope(target - shoulder) - slope(elbow - shoulder)
         rotations[body.model.joint(f"upperarm01.{side}"), 1] = sign * turn
     return rotations
@@ -105,7 +105,7 @@ def dress(V, F, body, under, worn, translation, progress):
     full = under.vertices(body.pose(rotations, translation), worn)
     line = body.model.skin(bone_line(body), body.J, rotations, translation)
     line = np.concatenate([line, line[nearest(full[len(line) :], full[: len(line)])]])
-    grown = lambda t: line + (SHRINK + (1 - SHRINK) * t) * (full - line)  # noqa: E731
+    grown = lambda t: line + (SHRINK + (1 - SHRINK) * t) * (full - line)
     sim = ClothSimulation(V + translation, F, grown(0.0), under.faces)
     sim.set_world(gravity=0.0, mu=0.1)
     for k in range(GROWTH):
@@ -143,7 +143,7 @@ def put_on(name, source, body, worn, size, translation, progress):
     under_V = under.vertices(standing, on)
     if name == "trousers":
         V, F = cut_trousers(body)
-        band = np.flatnonzero(V[:, 2] > V[upper_rim(V, F), 2].mean() - BAND)
+        band = np.flatnonzero(V[:, 2] > V[upper_border(V, F), 2].mean() - BAND)
         return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress, band))
     if source == "cut":
         V, F = cut_shirt(body, (under_V - translation, np.concatenate(under.faces)) if worn else None)
@@ -157,10 +157,10 @@ def read_shirt(path):
     import trimesh
 
     if not Path(path).is_file():
-        raise CaptureError(f"studio: garment {path!r}: no such file; must be newton, cut, or an .obj")
+        raise UserError(f"studio: garment {path!r}: no such file; must be newton, cut, or an .obj")
     mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
     V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
     if not 0.3 < np.ptp(V[:, 2]) < 1.5:
-        raise CaptureError(f"{path}: the garment is {np.ptp(V[:, 2]):.3g} m tall; a shirt in metres, z up, is expected")
+        raise UserError(f"{path}: the garment is {np.ptp(V[:, 2]):.3g} m tall; a shirt in metres, z up, is expected")
     named_loops(V, F)
     return V, F

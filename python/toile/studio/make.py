@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import CaptureError
-from ..store import write_text
-from ..workers import Workers, locked
+from ..errors import UserError
+from ..io.files import write_text
+from ..pipeline.blocks import Workers, locked
 from . import truth as checks
 from .cameras import cameras_json
 from .frames import Stage, write_json
@@ -46,23 +46,23 @@ def make_capture(out, options: StudioOptions, progress=None, workers=1) -> Studi
 
     `progress(step, done, total)` is called as it goes; `workers` processes share the frames. A seed whose truth breaks
     a bound is discarded, reported, and replaced by one derived from it. The same options give the same bits, however
-    many workers and interruptions. CaptureError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS
+    many workers and interruptions. UserError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS
     seeds were discarded.
     """
     out, part = Path(out), Path(f"{out}.part")
     progress = progress or (lambda step, done, total: None)
     if workers < 1:
-        raise CaptureError(f"studio: workers is {workers}, must be at least 1")
+        raise UserError(f"studio: workers is {workers}, must be at least 1")
     refuse_existing(out)
     work = part / "work"
     if part.exists() and not work.is_dir() and not (part / "studio.json").exists():
-        raise CaptureError(f"{part}: is in the way and holds no capture that was begun")
+        raise UserError(f"{part}: is in the way and holds no capture that was begun")
     with locked(work):
         refuse_existing(out)  # another process may have ended it meanwhile
         fresh = begin(part, options)
         try:
             report = fill(part, options, progress, workers)
-        except CaptureError:
+        except UserError:
             if fresh:
                 shutil.rmtree(part)
             raise
@@ -74,7 +74,7 @@ def make_capture(out, options: StudioOptions, progress=None, workers=1) -> Studi
 
 def refuse_existing(out):
     if out.exists():
-        raise CaptureError(f"{out}: exists already; the studio writes new captures only")
+        raise UserError(f"{out}: exists already; the studio writes new captures only")
 
 
 def begin(part, options):
@@ -90,7 +90,7 @@ def begin(part, options):
         for name, value in values.items():
             if found[table].get(name) != value:
                 was = found[table].get(name)
-                raise CaptureError(f"{part}: was begun with {name} {was!r}, not {value!r}; finish it so, or remove it")
+                raise UserError(f"{part}: was begun with {name} {was!r}, not {value!r}; finish it so, or remove it")
     return False
 
 

@@ -184,7 +184,7 @@ def body_keypoints(V, f, J, owner, names, parts, mirror):
     left = {f"body.{n}": n for n in BODY_JOINTS}
     toes = np.flatnonzero(np.isin(owner, [names.index("toe1-1.L"), names.index("toe1-2.L")]))
     small = np.flatnonzero(np.char.startswith(np.array(names)[owner], "toe5") & (V[:, 0] > 0))
-    foot = np.flatnonzero((owner == names.index("foot.L")))
+    foot = np.flatnonzero(owner == names.index("foot.L"))
     left["body.big_toe.L"] = extreme(V, toes, [0, -1, 0])
     left["body.small_toe.L"] = extreme(V, small, [0, -1, 0])
     left["body.heel.L"] = extreme(V, foot, [0, 1, 0])
@@ -228,9 +228,9 @@ def face_landmarks(V, f, owner, names, parts):
     def front(x, z):  # the skin nearest to a line of sight from the front
         return faced[[np.hypot(V[faced, 0] - x, V[faced, 2] - z).argmin()]]
 
-    lids = rim(f, parts["eye_sockets"])
+    lids = border(f, parts["eye_sockets"])
     lids = lids[V[lids, 0] > 0]
-    lips = rim(f, parts["mouth_interior"])
+    lips = border(f, parts["mouth_interior"])
     lips = lips[V[lips, 0] > -1e-4]
     mid_lips = lips[np.abs(V[lips, 0]) < 1e-3]
     nose = midline[[V[midline, 1].argmin()]]
@@ -266,7 +266,7 @@ def face_landmarks(V, f, owner, names, parts):
     }
 
 
-def rim(f, inside):
+def border(f, inside):
     """Vertices shared by the faces inside a part and the others."""
     return np.intersect1d(f[inside], f[~inside])
 

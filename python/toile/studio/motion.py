@@ -14,7 +14,6 @@ from .body import ACTIONS, BLINKS
 
 FPS = 30.0
 RAMP = 15  # frames from the A-pose into the motion, simulated but not captured
-JOIN = 30  # frames over which one motion passes into the next
 
 LIMITS = {  # degrees (low, high) per axis x, y, z, for the left side
     "spine": ((-3, 6), (-4, 4), (-6, 6)),
@@ -29,7 +28,7 @@ MIRROR = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """`rotations` (RAMP + T, K, 3) [rad], `root` (RAMP + T, 3) shift of the pelvis [m], `expression` (RAMP + T, e)."""
 
     rotations: np.ndarray
@@ -37,41 +36,6 @@ class Motion:
     expression: np.ndarray
     grounded: bool  # True: the lowest vertex of each frame is put on the floor
     missing: tuple[str, ...] = ()  # joints that a motion file lacks
-
-
-def make_motion(name, body, frames, rng):
-    """walk, rom, talk, hands-on-cloth, several of them joined by "+", or a path that ends in .bvh; eased in from the
-    A-pose over RAMP frames."""
-    if name.lower().endswith(".bvh"):
-        from .bvh import bvh_motion
-
-        return eased(bvh_motion(name, body, RAMP + frames))
-    return eased(joined(name.split("+"), body, frames, rng))
-
-
-def joined(names, body, frames, rng):
-    """The motions in turn, each an even share of the frames, blended over JOIN frames about each cut."""
-    from .touch import touch_motion
-
-    make = {"walk": walk, "rom": range_of_motion, "talk": talk, "hands-on-cloth": touch_motion}
-    total, t = RAMP + frames, np.arange(RAMP + frames)
-    cuts = [0, *(RAMP + frames * i // len(names) for i in range(1, len(names))), total]
-    half = JOIN // 2
-    begun = [np.ones(total), *(smoothstep((t - c + 0.5) / JOIN + 0.5) for c in cuts[1:-1]), np.zeros(total)]
-    parts = []
-    for i, name in enumerate(names):
-        span = slice(max(cuts[i] - half, 0), min(cuts[i + 1] + half, total))
-        parts.append((span, (begun[i] - begun[i + 1])[span], make[name](body, span.stop - span.start, rng)))
-
-    def blend(field):
-        out = np.zeros((total, *getattr(parts[0][2], field).shape[1:]))
-        for span, weight, motion in parts:
-            values = getattr(motion, field)
-            out[span] += values * weight.reshape(-1, *[1] * (values.ndim - 1))
-        return out
-
-    fields = {f: blend(f) for f in ("rotations", "root", "expression")}
-    return Motion(**fields, grounded=any(m.grounded for _, _, m in parts))
 
 
 def eased(motion):
@@ -154,7 +118,7 @@ def talk(body, n, rng):
         bend = between(band_noise(n, 1.0, rng), *ELBOW)
         R[:, body.model.joint(f"lowerarm01.{side}")] = bend[:, None] * elbow_axis(body, side)
     add_fingers(R, body, rng)
-    return Motion(R, np.zeros((n, 3)), faces(n, rng, speech=True), grounded=False)
+    return BodyMotion(R, np.zeros((n, 3)), faces(n, rng, speech=True), grounded=False)
 
 
 def walk(body, n, rng):
@@ -178,7 +142,7 @@ def walk(body, n, rng):
     R[:, body.model.joint("root"), 2] = np.radians(20) * band_noise(n, 0.3, rng)
     add_fingers(R, body, rng)
     root = np.stack([0.02 * np.sin(phase), 0.03 * band_noise(n, 0.3, rng), np.zeros(n)], 1)
-    return Motion(R, root, faces(n, rng, speech=False), grounded=True)
+    return BodyMotion(R, root, faces(n, rng, speech=False), grounded=True)
 
 
 ROM = (  # (joint, axis, degrees); both sides move, mirrored
@@ -212,7 +176,7 @@ def range_of_motion(body, n, rng):
             e = elbow_axis(body, side) if axis is None else np.eye(3)[axis] * (MIRROR if side == "R" else 1)
             R[:, body.model.joint(joint)] += bump[:, None] * e
     add_fingers(R, body, rng)
-    return Motion(R, np.zeros((n, 3)), faces(n, rng, speech=False), grounded=True)
+    return BodyMotion(R, np.zeros((n, 3)), faces(n, rng, speech=False), grounded=True)
 
 
 def world_pose(motion, body, ground, k):

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import CaptureError
+from ..errors import UserError
 from .cameras import VISIBLE
 from .garment import SIZES
-from .motion import JOIN
+from .motions import JOIN
 
 MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
 RENDERERS = ("raster", "mitsuba")
@@ -42,23 +42,23 @@ class StudioOptions:
         positive = ("frames", "cameras", "scan_faces", "samples", "image_step")
         for name in positive:
             if getattr(self, name) < 1:
-                raise CaptureError(f"studio: {name} is {getattr(self, name)}, must be at least 1")
+                raise UserError(f"studio: {name} is {getattr(self, name)}, must be at least 1")
         if not 32 <= self.size <= 8192:
-            raise CaptureError(f"studio: size is {self.size}, must be 32 to 8192 pixels")
+            raise UserError(f"studio: size is {self.size}, must be 32 to 8192 pixels")
         if self.seed < 0:
-            raise CaptureError(f"studio: seed is {self.seed}, must be at least 0")
+            raise UserError(f"studio: seed is {self.seed}, must be at least 0")
         for name in ("noise", "keypoint_noise"):
             if not 0 <= getattr(self, name) < np.inf:
-                raise CaptureError(f"studio: {name} is {getattr(self, name)}, must be finite and at least 0")
+                raise UserError(f"studio: {name} is {getattr(self, name)}, must be finite and at least 0")
         for name in ("holes", "keypoint_outliers", "label_errors"):
             if not 0 <= getattr(self, name) <= 0.9:
-                raise CaptureError(f"studio: {name} is {getattr(self, name)}, must be 0 to 0.9")
+                raise UserError(f"studio: {name} is {getattr(self, name)}, must be 0 to 0.9")
         if not 0.1 <= self.span <= 10:
-            raise CaptureError(f"studio: span is {self.span}, must be 0.1 to 10 m")
+            raise UserError(f"studio: span is {self.span}, must be 0.1 to 10 m")
         if self.renderer not in RENDERERS:
-            raise CaptureError(f"studio: renderer is {self.renderer!r}, must be {' or '.join(RENDERERS)}")
+            raise UserError(f"studio: renderer is {self.renderer!r}, must be {' or '.join(RENDERERS)}")
         if self.subject not in SIZES:
-            raise CaptureError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
+            raise UserError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
         self._check_motion()
 
     def _check_motion(self):
@@ -67,9 +67,9 @@ class StudioOptions:
         parts = self.motion.split("+")
         if not set(parts) <= set(MOTIONS):
             known = f'{", ".join(MOTIONS)}, some joined by "+", or a .bvh file'
-            raise CaptureError(f"studio: motion is {self.motion!r}, must be {known}")
+            raise UserError(f"studio: motion is {self.motion!r}, must be {known}")
         if len(parts) > 1 and self.frames < len(parts) * JOIN:
-            raise CaptureError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")
+            raise UserError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")
 
     @property
     def garments(self):

@@ -9,7 +9,7 @@ import numpy as np
 from .cloth import ClothSimulation
 from .surface import open_loops
 
-LIP_RISE, LIP_DEPTH = 0.02, 0.006  # m: how far above the rim, and below the skin, an upper rim is turned in
+LIP_RISE, LIP_DEPTH = 0.02, 0.006  # m: how far above the border, and below the skin, an upper border is turned in
 
 
 @dataclass(frozen=True)
@@ -50,32 +50,34 @@ class Bound:
 
     def _frames(self, V):
         a, b, c = np.moveaxis(V[self.corners], 1, 0)
-        unit = lambda x: x / np.linalg.norm(x, axis=1, keepdims=True)  # noqa: E731
+        unit = lambda x: x / np.linalg.norm(x, axis=1, keepdims=True)
         along, normal = unit(b - a), unit(np.cross(b - a, c - a))
         return a, np.stack([along, np.cross(normal, along), normal], 1)
 
 
 class Lip:
-    """A garment as the next one meets it: its upper rim turned in under the skin, so that no open edge stands out."""
+    """A garment as the next one meets it: its upper border turned in under the skin, so that no open edge stands out."""
 
     def __init__(self, V, F, body_V, skin_faces):
         import igl
 
-        rim = upper_rim(V, F)
-        _, face, near = igl.point_mesh_squared_distance(V[rim] + [0, 0, LIP_RISE], body_V, skin_faces.astype(np.int64))[:3]
+        border = upper_border(V, F)
+        _, face, near = igl.point_mesh_squared_distance(
+            V[border] + [0, 0, LIP_RISE], body_V, skin_faces.astype(np.int64)
+        )[:3]
         T = body_V[skin_faces[face]]
         n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
         self.edge = Bound(near - LIP_DEPTH * n / np.linalg.norm(n, axis=1, keepdims=True), body_V, skin_faces)
-        a, b, c = rim, np.roll(rim, -1), len(V) + np.arange(len(rim))
+        a, b, c = border, np.roll(border, -1), len(V) + np.arange(len(border))
         self.faces = np.concatenate([F, np.stack([b, a, c], 1), np.stack([b, c, np.roll(c, -1)], 1)]).astype(np.int32)
-        self.count = len(V) + len(rim)
+        self.count = len(V) + len(border)
 
     def vertices(self, V, body_V):
         """(count,3): the garment's vertices V, then the turned-in edge's."""
         return np.concatenate([V, self.edge.at(body_V)])
 
 
-def upper_rim(V, F):
+def upper_border(V, F):
     """The open loop that lies highest, as a vertex cycle."""
     return max(open_loops(F), key=lambda loop: V[loop, 2].mean())
 
@@ -112,7 +114,9 @@ class Outfit:
     def go_on_from(self, vertices, velocities, body_V):
         """Takes up the state, as `frame` and `velocities` gave it, in which another such outfit was left."""
         worn = []
-        for sim, under, V, v in zip(self.sims, self.under, split(vertices, self.settled), split(velocities, self.settled)):
+        for sim, under, V, v in zip(
+            self.sims, self.under, split(vertices, self.settled), split(velocities, self.settled)
+        ):
             sim.go_on_from(V, v, under.vertices(body_V, worn))
             worn.append(V.astype(np.float64))
 

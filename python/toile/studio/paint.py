@@ -172,7 +172,7 @@ def trousers_textures(subject, colours):
     base = np.array(colours["trousers"])
     light, dark = (tuple(int(255 * c) for c in np.clip(base * f + a, 0, 1)) for f, a in ((0.8, 0.22), (0.55, 0.0)))
     sides = []
-    for side, numbers in (("front", ("4", "2")), ("back", ("9", "1"))):
+    for numbers in (("4", "2"), ("9", "1")):  # front, back
         image = Image.new("RGB", (TEXTURE, TEXTURE), tuple(int(255 * c) for c in base))
         draw = ImageDraw.Draw(image)
         for k, at in enumerate(range(12, TEXTURE, 38)):

@@ -71,8 +71,12 @@ class PathTracer:
         corner = np.stack([self.body.model.f, self.f_uv], 2).reshape(-1, 2)
         corner, faces = np.unique(corner, axis=0, return_inverse=True)
         stage["body"] = self.mesh(
-            "body", outer.body[corner[:, 0]], normals[:n][corner[:, 0]], self.uv[corner[:, 1]] * [1, -1] + [0, 1],
-            faces, self.body_bsdf,
+            "body",
+            outer.body[corner[:, 0]],
+            normals[:n][corner[:, 0]],
+            self.uv[corner[:, 1]] * [1, -1] + [0, 1],
+            faces,
+            self.body_bsdf,
         )
         for i, garment in enumerate(self.garments):
             of, name = garment.vertex + n, f"garment{i}"
@@ -99,7 +103,7 @@ class PathTracer:
     def image(self, scene, outer, camera, seed):
         """(H,W,3) of sRGB values from 0 to 1, before the sensor; `scene` was made of `outer`."""
         linear = np.full((camera.height, camera.width, 3), AMBIENT)
-        for i, (row, col) in enumerate(bands(np.concatenate([outer.vertices, plate_rim()]), camera)):
+        for i, (row, col) in enumerate(bands(np.concatenate([outer.vertices, plate_border()]), camera)):
             sensor = self.sensor(camera, row, col)
             linear[row, col] = self.mi.render(scene, sensor=sensor, spp=self.samples, seed=(seed + i) % 2**32)
         return to_srgb(np.clip(linear, 0, 1))
@@ -160,7 +164,7 @@ class PathTracer:
     def paint(self, face, centre, plane):
         look, f = self.look, self.body.model.f[face]
         bary = barycentric(centre, plane[self.f_uv[face]])
-        at = lambda values: np.einsum("pc,pc...->p...", bary, values[f])  # noqa: E731
+        at = lambda values: np.einsum("pc,pc...->p...", bary, values[f])
         neutral, skin = at(look.neutral), look.skin_vertex[f[:, 0]]
         label = look.body_labels(neutral, at(look.arm), at(look.head))
         colour = look.body_colours(neutral, label, skin)
@@ -209,7 +213,7 @@ class PrintedMesh:
         self.uv = np.stack([(u + 0.5 + TEXTURE * side) / (2 * TEXTURE), (v + 0.5) / TEXTURE], 1)
 
 
-def plate_rim():
+def plate_border():
     """Points (n,3) around the plate, closer together than MARGIN."""
     turn = np.linspace(0, 2 * np.pi, 128)
     return PLATE * np.stack([np.cos(turn), np.sin(turn), np.zeros(128)], 1)

@@ -77,7 +77,7 @@ def take(outer, camera, look, sensor, rng, traced=None):
     face, depth = hit.face[row, col], hit.depth[row, col]
     ray = np.stack([(col + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1], np.ones(len(row))], 1)
     bary = barycentric(ray * depth[:, None], P[F[face]])
-    at = lambda values: np.einsum("pc,pc...->p...", bary, values[F[face]])  # noqa: E731
+    at = lambda values: np.einsum("pc,pc...->p...", bary, values[F[face]])
     points, normals = at(V), at(N)
     label, colour = surface_look(outer, look, face, bary, F, paint=traced is None)
     if traced is None:
@@ -110,7 +110,7 @@ def surface_look(outer, look, face, bary, F, paint=True):
     label, colour = np.zeros(len(face), np.int64), np.zeros((len(face), 3))
     on_body = face < len(outer.body_faces)
     f, b = F[face[on_body]], bary[on_body]
-    at = lambda values: np.einsum("pc,pc...->p...", b, values[f])  # noqa: E731
+    at = lambda values: np.einsum("pc,pc...->p...", b, values[f])
     neutral = at(look.neutral)
     label[on_body] = look.body_labels(neutral, at(look.arm), at(look.head))
     label[~on_body] = look.cloth_labels(F[face[~on_body], 0] - len(outer.body))

@@ -11,12 +11,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from ..io.files import load_record, save_record
 from ..scene import BodyModel
-from ..store import load_record, save_record
-from . import motion as motions
+from . import motion
 from . import truth as checks
 from .body import TruthBody, make_body
 from .garment import SIZES, put_on
+from .motions import make_motion
 from .outfit import Outfit, Settled, split
 from .touch import HAND, vertices_of
 
@@ -45,11 +46,11 @@ class Sequence:
         streams = [np.random.default_rng([seed, i]) for i in range(2)]
         self.body = self._kept("body", TruthBody, lambda: make_body(options.subject, streams[0]), model=BodyModel)
         self.ground = -self.body.rest[:, 2].min()
-        self.motion = self._kept("motion", motions.Motion, lambda: self._make_motion(streams[1]))
+        self.motion = self._kept("motion", motion.BodyMotion, lambda: self._make_motion(streams[1]))
         self.block = lru_cache(2)(self._block)
 
     def _make_motion(self, rng):
-        return motions.make_motion(self.options.motion, self.body, self.frames, rng)
+        return make_motion(self.options.motion, self.body, self.frames, rng)
 
     def _kept(self, name, kind, make, **records):
         """The record FOLDER/NAME.npz, made when it is not there."""
@@ -116,17 +117,17 @@ class Sequence:
         standing = self.body.pose(np.zeros((len(self.body.J), 3)), [0, 0, self.ground])
         cloth = Outfit(self.settled, standing, self.body.skin_faces)
         if before is not None:
-            last = self._pose(motions.RAMP + number * BLOCK - 1)[0]
+            last = self._pose(motion.RAMP + number * BLOCK - 1)[0]
             cloth.go_on_from(before.garment[-1], before.velocities, last)
         return cloth
 
     def _pose(self, k):
-        return motions.world_pose(self.motion, self.body, self.ground, k)
+        return motion.world_pose(self.motion, self.body, self.ground, k)
 
     def _make_block(self, number, before, cloth, progress):
         """Frames of one block (the first with the ramp before it), moved, then checked."""
         first, end = number * BLOCK, min((number + 1) * BLOCK, self.frames)
-        poses = [self._pose(motions.RAMP + k) for k in range(first, end)]
+        poses = [self._pose(motion.RAMP + k) for k in range(first, end)]
         V, rotations, translation = map(np.array, zip(*poses))
         vertices = V.astype(np.float32)
         seen = vertices if before is None else np.concatenate([before.vertices[-2:], vertices])
@@ -135,7 +136,7 @@ class Sequence:
         if cloth is None:
             return block
         if before is None:
-            for k in range(motions.RAMP):
+            for k in range(motion.RAMP):
                 cloth.frame(self._pose(k)[0])
         garment, per_frame = [], []
         for k in range(first, end):

@@ -44,7 +44,7 @@ def open_loops(F):
     return sorted(loops, key=lambda c: (-len(c), c[0]))
 
 
-def rim_edges(F):
+def border_edges(F):
     """Boundary edges (e,2) and the face of each."""
     half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
     owner = np.tile(np.arange(len(F)), 3)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene import Mesh
-from .surface import barycentric, open_loops, rim_edges
+from .surface import barycentric, border_edges, open_loops
 
 EDGE = 0.0118  # m: about 6k vertices on a shirt
 SIZE_OFF = 1.03  # the template is this much larger than the shirt worn
@@ -47,15 +47,15 @@ def remesh(V, F, edge):
 
 
 def map_to(V, T, truth_V, truth_F):
-    """Face and barycentric coordinates on the truth of each vertex; rim vertices map to the rim."""
+    """Face and barycentric coordinates on the truth of each vertex; border vertices map to the border."""
     import igl
 
     _, face, closest = igl.point_mesh_squared_distance(V, truth_V, truth_F.astype(np.int64))[:3]
     bary = barycentric(closest, truth_V[truth_F[face]])
-    rim = np.concatenate(open_loops(T))
-    edges, owner = rim_edges(truth_F)
+    border = np.concatenate(open_loops(T))
+    edges, owner = border_edges(truth_F)
     a, b = truth_V[edges[:, 0]], truth_V[edges[:, 1]]
-    for v in rim:
+    for v in border:
         t = np.clip(((V[v] - a) * (b - a)).sum(1) / np.maximum(((b - a) ** 2).sum(1), 1e-20), 0, 1)
         e = int(np.linalg.norm(a + t[:, None] * (b - a) - V[v], axis=1).argmin())
         corners = truth_F[owner[e]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .motion import FPS, RAMP, BodyMotion, elbow_axis, faces, smoothstep
 from .surface import vertex_normals
 
 GAP = 0.028  # m between palm and skin: the cloth and its contact margin on both sides fit in between
@@ -15,14 +16,12 @@ REACH_BY = 10  # captured frames until the hands lie on the shirt
 
 def touch_motion(body, n, rng):
     """Both hands go to the belly and rub it; they arrive REACH_BY frames (or half the clip) after the ramp."""
-    from .motion import FPS, RAMP, Motion, faces, smoothstep
-
     low, high = (hand_pose(body, dz) for dz in (-DRAG / 2, DRAG / 2))
     rub = 0.5 + 0.5 * np.sin(2 * np.pi * (0.7 * np.arange(n) / FPS + rng.uniform()))
     arrive = RAMP + min(REACH_BY, max(1, (n - RAMP) // 2))
     reach = smoothstep(np.arange(1, n + 1) / arrive)
     R = reach[:, None, None] * (low + rub[:, None, None] * (high - low))
-    return Motion(R, np.zeros((n, 3)), faces(n, rng, speech=False), grounded=False)
+    return BodyMotion(R, np.zeros((n, 3)), faces(n, rng, speech=False), grounded=False)
 
 
 def hand_pose(body, dz):
@@ -37,8 +36,6 @@ def arm_on_belly(body, side, dz):
     """One arm by least squares over shoulder, elbow, forearm twist and wrist."""
     from scipy.optimize import least_squares
     from scipy.spatial import cKDTree
-
-    from .motion import elbow_axis
 
     model, J, sign = body.model, body.J, 1 if side == "L" else -1
     k = {n: model.joint(f"{n}.{side}") for n in ("upperarm01", "lowerarm01", "lowerarm02", "wrist")}

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .surface import unique_edges
-
 STRAIN_P99 = 0.20  # edge strain (length over rest length, minus one, absolute) of 99 % of the edges of any frame
 STRAIN_MAX = 0.60  # of any edge
 STEP_MAX = 0.25  # m that any body or garment vertex may move between two frames
@@ -33,7 +31,7 @@ def pairs_within(V, F):
 
 def strain(V, rest, edges):
     """Signed strain of each edge."""
-    length = lambda P: np.linalg.norm(P[edges[:, 1]] - P[edges[:, 0]], axis=1)  # noqa: E731
+    length = lambda P: np.linalg.norm(P[edges[:, 1]] - P[edges[:, 0]], axis=1)
     return length(V) / length(rest) - 1
 
 

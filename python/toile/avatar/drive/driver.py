@@ -13,12 +13,12 @@ import torch
 from pydantic import ValidationError
 from torch import nn
 
+from ...errors import UserError
 from ...io.camera import first_error
-from ...scene import CaptureError
-from ..checkpoint import load_model, read_tensors
+from ..model.carried import COMPONENTS, Projection
+from ..model.checkpoint import load_model, read_tensors
+from ..model.temporal import DampedModel, TemporalModel, windows
 from ..settings import TemporalSettings
-from .carried import COMPONENTS, Projection
-from .temporal import DampedModel, TemporalModel, windows
 
 FILE = "temporal.safetensors"
 PREFIX = "model."
@@ -44,11 +44,13 @@ def make_track(avatar, frames, rotations, face, stride):
     """Poses (T,K,3) and faces (T,q,3) or None, as `avatar` reads them. `stride`: frame numbers between the poses of a
     window; the motion's own step must divide it. Frames farther apart than that step are no neighbours."""
     like = dict(dtype=torch.float32, device=avatar.up.device)
-    features = avatar.carried(torch.as_tensor(rotations, **like), None if face is None else torch.as_tensor(face, **like))
+    features = avatar.carried(
+        torch.as_tensor(rotations, **like), None if face is None else torch.as_tensor(face, **like)
+    )
     frames = np.asarray(frames)
     own = stride_of(frames) or stride
     if stride % own:
-        raise CaptureError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
+        raise UserError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
     return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own)
 
 
@@ -157,13 +159,15 @@ def load_driver(folder):
     """(Driver, stride of the poses it was trained on, what its training measured) of a trained avatar's folder."""
     path = Path(folder) / FILE
     if not path.exists():
-        raise CaptureError(f"{path}: the file is missing: `toile train RUN {folder} --temporal` makes it")
+        raise UserError(f"{path}: the file is missing: `toile train RUN {folder} --temporal` makes it")
     tensors, facts = read_tensors(path)
     try:
         driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"])
     except ValidationError as error:
-        raise CaptureError(f"{first_error(path, error)}; `toile train RUN {folder} --temporal` makes the model anew") from None
+        raise UserError(
+            f"{first_error(path, error)}; `toile train RUN {folder} --temporal` makes the model anew"
+        ) from None
     except (KeyError, TypeError) as error:
-        raise CaptureError(f"{path}: not a temporal model's facts: {error}") from None
+        raise UserError(f"{path}: not a temporal model's facts: {error}") from None
     load_model(driver, tensors, path)
     return driver.eval(), int(facts["stride"]), facts.get("measured", {})

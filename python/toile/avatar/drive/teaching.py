@@ -15,10 +15,10 @@ import torch
 from torch import nn
 from torch.utils.data import default_collate
 
-from ...scene import CaptureError
-from ..checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
-from ..data import AvatarData
-from ..layers import open_body
+from ...errors import UserError
+from ...surface.layers import open_body
+from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
+from ..train.data import AvatarData
 from .driver import FILE, PREFIX, Driver, held_out_span, run_track, stride_of, without
 
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
@@ -47,12 +47,12 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     counts as far as it moves the cloth. `steps`: as many as left the least error on the FOLDS stretches left out in turn.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     The same bits for any number of threads.
-    CaptureError: the avatar has no garment, or its run is gone or another.
+    UserError: the avatar has no garment, or its run is gone or another.
     """
     folder, facts = Path(folder), read_facts(folder)
     avatar = load_avatar(folder)
     if avatar.settings.data.window or not any(layer.kind == "garment" for layer in avatar.layers):
-        raise CaptureError(f"{folder}: no garment with a code: there is no code that a motion could drive")
+        raise UserError(f"{folder}: no garment with a code: there is no code that a motion could drive")
     whole = run_track(avatar, open_body(facts["run"]))
     track = without(whole, held_out_span(facts["holdout"]))
     data = _data(folder, facts, "cache", facts["frames"])
@@ -143,7 +143,7 @@ def fit(driver, poses, targets, steps):
         pick = torch.randint(len(poses), (settings.batch,), generator=generator)
         loss = driver.errors(poses[pick], targets[pick]).mean()
         if not torch.isfinite(loss):
-            raise CaptureError(f"temporal model: step {step}: the loss is not finite")
+            raise UserError(f"temporal model: step {step}: the loss is not finite")
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(driver.model.parameters(), 1.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from ...layering import Layering
+from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
 
@@ -22,7 +22,9 @@ class Untangler:
 
     def __call__(self, decoded):
         """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left)."""
-        found = self.layering.solve(_points(decoded[self.body.name]), {g.name: _points(decoded[g.name]) for g in self.garments})
+        found = self.layering.solve(
+            _points(decoded[self.body.name]), {g.name: _points(decoded[g.name]) for g in self.garments}
+        )
         moved = dict(decoded)
         for name, V in found.vertices.items():
             posed = torch.tensor(V, dtype=torch.float32, device=decoded[name].vertices.device)[None]

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ...errors import UserError
+from ...io.files import write_text
 from ...io.image import read_rgba
-from ...scene import CaptureError
-from ...store import write_text
-from ..checkpoint import load_avatar, read_facts, read_json
-from ..layers import body_model_of, open_body
-from ..networks import resize
+from ...surface.layers import body_model_of, open_body
+from ..model.checkpoint import load_avatar, read_facts, read_json
+from ..model.edits import LUMA, load_edits, save_edits
+from ..model.networks import resize
 from . import paint
-from .edits import LUMA, load_edits, save_edits
 from .marking import carried, mark
 
 BRIGHTEST = 16.0  # factor of a colour
@@ -37,17 +37,17 @@ class Change:
     size: float | None = None  # width, a share of the UV square's side
 
     def check(self):
-        """CaptureError: not one change, or options that do not go with it."""
+        """UserError: not one change, or options that do not go with it."""
         given = [f"--{name}" for name in ("scale", "checker", "image", "text") if getattr(self, name) is not None]
         if len(given) != 1:
             found = "none is given" if not given else f"{' and '.join(given)} are given"
-            raise CaptureError(f"edit: expected one of --scale, --checker, --image, --text: {found}")
+            raise UserError(f"edit: expected one of --scale, --checker, --image, --text: {found}")
         if given[0] in ("--scale", "--checker"):
             for option, value in (("--at", self.at), ("--size", self.size)):
                 if value is not None:
-                    raise CaptureError(f"{option} {value}: {given[0]} changes the whole garment, it has no place")
+                    raise UserError(f"{option} {value}: {given[0]} changes the whole garment, it has no place")
         if self.size is not None and not 0 < self.size <= 1:
-            raise CaptureError(f"--size {self.size:g}: expected a share of the texture's side, above 0 and at most 1")
+            raise UserError(f"--size {self.size:g}: expected a share of the texture's side, above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -64,16 +64,16 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
     `sheet` edit.png and edit.json: layered and baseline in some `frames` of its run.
 
     Whatever the avatar showed before, earlier edits included, is what is changed. Its baseline gets the same edit where
-    the garment lies on it in the first trained frame. `run`: where the run is now, if it was moved. CaptureError: one
+    the garment lies on it in the first trained frame. `run`: where the run is now, if it was moved. UserError: one
     line that names what is wrong.
     """
     folder, whole = Path(folder), Path(out).resolve()
     change.check()
     if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
-        raise CaptureError(f"{whole}: exists already and is not empty")
+        raise UserError(f"{whole}: exists already and is not empty")
     facts, part = read_facts(folder), whole.with_name(f".{whole.name}.part")
     if not facts["layered"]:
-        raise CaptureError(f"{folder}: a single layer has no garment: edit the layered avatar, its baseline goes along")
+        raise UserError(f"{folder}: a single layer has no garment: edit the layered avatar, its baseline goes along")
     avatar, run = load_avatar(folder), Path(run or facts["run"])
     layer = garment_of(avatar, change.garment)
     made = garment_edit(avatar, layer, change, run)
@@ -101,7 +101,7 @@ def garment_of(avatar, name):
     """The Layer of a garment."""
     garments = {layer.name: layer for layer in avatar.layers if layer.kind == "garment"}
     if name not in garments:
-        raise CaptureError(f"--garment {name}: the avatar has {', '.join(garments) or 'no garment'}")
+        raise UserError(f"--garment {name}: the avatar has {', '.join(garments) or 'no garment'}")
     return garments[name]
 
 
@@ -112,7 +112,7 @@ def garment_edit(avatar, layer, change, run):
     if change.scale is not None:
         scale = numbers("--scale", change.scale, "three numbers R,G,B", 3)
         if not all(0 <= s <= BRIGHTEST for s in scale):
-            raise CaptureError(f"--scale {change.scale}: expected factors from 0 to {BRIGHTEST:g}")
+            raise UserError(f"--scale {change.scale}: expected factors from 0 to {BRIGHTEST:g}")
         return paint.scaled(layer, scale, decoded)
     if change.checker is not None:
         return paint.checkered(layer, change.checker, size)
@@ -131,7 +131,7 @@ def place_of(avatar, layer, change, run):
     if change.at is not None:
         at = numbers("--at", change.at, "two numbers U,V", 2)
         if not all(0 <= x <= 1 for x in at):
-            raise CaptureError(f"--at {change.at}: expected numbers from 0 to 1")
+            raise UserError(f"--at {change.at}: expected numbers from 0 to 1")
         return paint.place_at(layer, at, width, up)
     names = body_model_of(run, avatar.scene.body_model, avatar.scene.up).joint_names
     return paint.place_in_front(layer, paint.front_of(avatar.skeleton.J.numpy(), names, up), width, up)
@@ -152,11 +152,11 @@ def marked_baseline(surface, layer, run, frame):
     body = open_body(run)
     rows = body.rows([frame])
     if not len(rows) or f"garment/{layer.name}/vertices" not in body.store:
-        raise CaptureError(f"{run}: frame {frame} with the garment {layer.name} is not there: is it the avatar's run?")
+        raise UserError(f"{run}: frame {frame} with the garment {layer.name} is not there: is it the avatar's run?")
     V, G = (body.store[name][rows[0]] for name in ("track/vertices", f"garment/{layer.name}/vertices"))
     if len(V) != len(surface.rest) or len(G) != len(layer.rest):
         has = f"{len(surface.rest)} and {len(layer.rest)}"
-        raise CaptureError(f"{run}: its surface and {layer.name} have {len(V)} and {len(G)} vertices, the avatar's {has}")
+        raise UserError(f"{run}: its surface and {layer.name} have {len(V)} and {len(G)} vertices, the avatar's {has}")
     return mark(surface, V, layer, G, paint.FINE)
 
 
@@ -173,11 +173,11 @@ def add_edit(folder, out, made):
 
 
 def numbers(option, text, expected, count):
-    """"1,0.5,0" -> floats."""
+    """ "1,0.5,0" -> floats."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
         values = ()
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise CaptureError(f"{option} {text}: expected {expected}")
+        raise UserError(f"{option} {text}: expected {expected}")
     return values

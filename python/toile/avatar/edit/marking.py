@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ... import kernels
-from ..uv import UvMap
+from ...surface.uv import UvMap
 
 REACH = 0.02  # from the surface to the garment that it shows, at most [m]
 ON_EDGE = 1e-6  # a barycentric weight that is zero

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ... import kernels
-from ...scene import CaptureError
-from ..uv import UvMap
-from .edits import Edit
+from ...errors import UserError
+from ...surface.uv import UvMap
+from ..model.edits import Edit
 
 FINE = 512  # texels along a side of a painted map, at least
 TONES = (235, 30)  # of a checkerboard
@@ -51,7 +51,7 @@ def scaled(layer, scale, size):
 def checkered(layer, count, size):
     """An Edit of `count` squares along a side of the UV square."""
     if not 1 <= count <= size // 2:
-        raise CaptureError(f"--checker {count}: expected 1 to {size // 2} squares")
+        raise UserError(f"--checker {count}: expected 1 to {size // 2} squares")
     square = ((np.arange(size) + 0.5) * count / size).astype(np.int64)
     colour = np.where((square[:, None] + square) % 2 == 0, *TONES)
     colour = np.repeat(colour[..., None], 3, 2).astype(np.uint8)
@@ -82,7 +82,7 @@ def laid(layer, picture, words, place, size):
     maps = cv2.remap(picture, *(a.astype(np.float32) for a in at), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     cover = np.where(shows, maps[..., 3], 0).astype(np.uint8)
     if not cover.any():
-        raise CaptureError(f"edit {words}: no texel of {layer.name} shows it: make it larger by --size")
+        raise UserError(f"edit {words}: no texel of {layer.name} shows it: make it larger by --size")
     return Edit(layer.name, layer.name, words, cover, colour=maps[..., :3])
 
 
@@ -94,7 +94,7 @@ def place_at(layer, at, width, up):
         inside = np.argwhere(texels.inside)
         r, c = inside[np.square(inside - [row, column]).sum(1).argmin()]
         nearest = f"{(c + 0.5) / FINE:.3f},{1 - (r + 0.5) / FINE:.3f}"
-        raise CaptureError(f"--at {at[0]:g},{at[1]:g}: {layer.name} has no cloth there, the nearest is at {nearest}")
+        raise UserError(f"--at {at[0]:g},{at[1]:g}: {layer.name} has no cloth there, the nearest is at {nearest}")
     return place_about(layer, texels.texels(layer.rest)[row, column], width, up)
 
 
@@ -136,7 +136,7 @@ def front_of(J, names, up):
     """Where the person looks in the rest pose (3,), from joints (K,3) named left and right."""
     left, right = ([k for k, name in enumerate(names) if name.endswith(end)] for end in (".L", ".R"))
     if not (left and right):
-        raise CaptureError("edit: the body model's joints do not say where the front is (NAME.L, NAME.R): give --at U,V")
+        raise UserError("edit: the body model's joints do not say where the front is (NAME.L, NAME.R): give --at U,V")
     across = np.mean(J[left], 0) - np.mean(J[right], 0)
     across -= (across @ up) * up
     return np.cross(across / np.linalg.norm(across), up)
@@ -149,10 +149,12 @@ def written(text, bright):
     font = ImageFont.load_default(FONT)
     unknown = [c for c in text if c != "\n" and (not c.isprintable() or _same(font, c, "\uffff"))]
     if unknown:
-        raise CaptureError(f"--text: the font has no letter {unknown[0]!r}")
+        raise UserError(f"--text: the font has no letter {unknown[0]!r}")
     if not text.strip() or len(text) > LETTERS:
-        raise CaptureError(f"--text: {len(text)} letters, expected 1 to {LETTERS} that show something")
-    left, top, right, bottom = ImageDraw.Draw(Image.new("L", (1, 1))).multiline_textbbox((0, 0), text, font, align="center")
+        raise UserError(f"--text: {len(text)} letters, expected 1 to {LETTERS} that show something")
+    left, top, right, bottom = ImageDraw.Draw(Image.new("L", (1, 1))).multiline_textbbox(
+        (0, 0), text, font, align="center"
+    )
     cover = Image.new("L", (int(right - left) + 2, int(bottom - top) + 2))
     ImageDraw.Draw(cover).multiline_text((1 - left, 1 - top), text, 255, font, align="center")
     picture = np.full((cover.height, cover.width, 4), INKS[0] if bright else INKS[1], np.uint8)

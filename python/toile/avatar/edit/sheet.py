@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
-from ...store import replace_file
-from ..checkpoint import read_facts
+from ...io.files import replace_file
 from ..drive.untangling import Untangler
 from ..measure.heldout import SAMPLES, WINDOW, HeldOut
 from ..measure.sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
+from ..model.checkpoint import read_facts
 from ..render.renderer import Surface, render
 
 MEASURED, SHOWN = 8, 4  # frames
@@ -74,7 +74,9 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     everything |= {name: total(off[name] for off in found.values()).measures() for name in held.avatars}
     camera = max(range(shows.cameras), key=shows.visible)
     chosen = spread(range(len(held.frames)), SHOWN)
-    image = sheet([(per_frame[f], *shows.pictures(f * shows.cameras + camera)) for f in chosen], shows.camera_name(camera))
+    image = sheet(
+        [(per_frame[f], *shows.pictures(f * shows.cameras + camera)) for f in chosen], shows.camera_name(camera)
+    )
     replace_file(folder / "edit.png", lambda part: save_picture(part, image))
     for cache in (folder / "evaluation", folder / "baseline" / "evaluation"):
         shutil.rmtree(cache, ignore_errors=True)
@@ -151,7 +153,11 @@ class Shows:
         key = name, int(sample["frame"])
         if key not in self.vertices:  # no camera changes the geometry
             self.vertices[key] = {layer: one.vertices for layer, one in self.untangled[name](decoded)[0].items()}
-        return avatar, batch, {layer: replace(one, vertices=self.vertices[key][layer]) for layer, one in decoded.items()}
+        return (
+            avatar,
+            batch,
+            {layer: replace(one, vertices=self.vertices[key][layer]) for layer, one in decoded.items()},
+        )
 
     @torch.no_grad()
     def _drawn(self, name, i, maps, size):

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ...truth import second_difference
+from ...measure.truth import second_difference
 from ..drive.driver import load_driver, run_track, stride_of
 from ..drive.untangling import Untangler
 from .heldout import VIEW, HeldOut
@@ -101,7 +101,8 @@ class Driven(HeldOut):
         common = set.intersection(*(set(tally.pictures[name]) for name in self.shown))
         draws = {name: tally.measures(name, pictures=common) for name, of in self.shown.items() if of == "baseline"}
         return {
-            "temporal": self.driver and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
+            "temporal": self.driver
+            and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
             "intersections": self._intersections(),
             "baseline_draws": draws and _spread(draws, tally.measures("layered", pictures=common)),

@@ -1,7 +1,7 @@
 """An avatar measured on pictures that it was not trained on, beside its single-layer baseline (METHOD, Results).
 
 Reconstruction: each avatar encodes the frame itself, decodes the mean of its code, and is compared with the captured
-picture in the window that it was trained on, drawn over what is seen beside the person there. Driven: poses and facial
+picture in the crop that it was trained on, drawn over what is seen beside the person there. Driven: poses and facial
 keypoints alone, see `driven.py`. Errors are taken over the captured foreground; outside, both pictures are the captured one.
 """
 
@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...scene import CaptureError
-from ...truth import mean_measures
+from ...errors import UserError
+from ...measure.truth import mean_measures
 from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
 from .sheet import write_sheets
 
@@ -34,7 +34,9 @@ class Tally:
         sets |= {("garment", name): picture.mask & (picture.labels == label) for name, label in self.each.items()}
         for name, image in picture.rendered.items():
             if not np.isfinite(image).all():
-                raise CaptureError(f"frame {picture.frame}, camera {picture.camera}: the {name} avatar's picture is not finite")
+                raise UserError(
+                    f"frame {picture.frame}, camera {picture.camera}: the {name} avatar's picture is not finite"
+                )
             image = np.where(mask, np.clip(image, 0, 1), captured)
             maps = squared_error(image, captured), ssim_map(image, captured)
             sums = {pixels: over(*maps, where) for pixels, where in sets.items()}
@@ -43,7 +45,9 @@ class Tally:
     def measures(self, name, frame=None, pictures=None):
         """Over all frames or one, and under "cameras" over each camera's pictures of them; `pictures`: of these alone."""
         chosen = {
-            key: sums for key, sums in self.pictures[name].items() if frame in (None, key[0]) and (pictures is None or key in pictures)
+            key: sums
+            for key, sums in self.pictures[name].items()
+            if frame in (None, key[0]) and (pictures is None or key in pictures)
         }
         by_camera = {c: _measures(s for (_, d), s in chosen.items() if d == c) for c in sorted({c for _, c in chosen})}
         return _measures(chosen.values()) | {"cameras": by_camera}
@@ -60,7 +64,7 @@ def _measures(pictures):
     return {
         "mse": whole.mse, "ssim": whole.ssim, "psnr": whole.psnr,
         "band_mse": band.mse, "band_ssim": band.ssim, "band_psnr": band.psnr,
-        "garment_mse": total["garment"].mse, "body_mse": total["body"].mse, "rim_mse": total["rim"].mse,
+        "garment_mse": total["garment"].mse, "body_mse": total["body"].mse, "silhouette_mse": total["silhouette"].mse,
         "pixels": whole.pixels, "band_pixels": band.pixels,
     } | ({"garments": each} if each else {})  # fmt: skip
 
@@ -69,12 +73,12 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
     """{"all": {"layered": {...}, "baseline": {...} or None, ...}, "per_frame": [...], "warnings": [...]}.
 
     frames: numbers, by default those that the training held out. run: where the run is now, if it was moved. sheets:
-    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone. CaptureError: one line that names what is
+    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone. UserError: one line that names what is
     missing.
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
     garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
-    band; garments: where there are several, the MSE of each; rim_mse: within 5 px of the silhouette; cameras; geometry
+    band; garments: where there are several, the MSE of each; silhouette_mse: within 5 px of the silhouette; cameras; geometry
     against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
@@ -124,5 +128,7 @@ def _result(held, tally, mm_per_pixel):
         "labels": "truth" if held.truth else "captured",
         "photometric": None if held.truth else held.photometric(),
     }
-    per_frame = [{"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames]
+    per_frame = [
+        {"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames
+    ]
     return {"all": everything, "per_frame": per_frame, "warnings": held.warnings}

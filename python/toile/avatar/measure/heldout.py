@@ -10,15 +10,24 @@ import torch
 from torch.utils.data import default_collate
 
 from ... import kernels
-from ...scene import HIDDEN, CaptureError
-from ...truth import millimetres, open_truth, outside_of
-from ..checkpoint import check_same, load_avatar, read_facts, topology
-from ..data import AvatarData, capture_of, pictured_frames
-from ..layers import open_body
-from .metrics import pose_distance
+from ...errors import UserError
+from ...measure.truth import millimetres, open_truth, outside_of
+from ...scene import HIDDEN
+from ...surface.layers import capture_of, open_body, pictured_frames
+from ..model.checkpoint import check_same, load_avatar, read_facts, topology
+from ..model.poses import pose_distance
+from ..train.data import AvatarData
 from .photometric import photometric
 
-WINDOW = ("frame", "camera", "image", "mask", "labels", "K", "T_camera_world")  # of a sample: both avatars show the same
+WINDOW = (
+    "frame",
+    "camera",
+    "image",
+    "mask",
+    "labels",
+    "K",
+    "T_camera_world",
+)  # of a sample: both avatars show the same
 VIEW = ("camera", "K", "T_camera_world")  # of a sample: what it is seen by
 MIXED = 2  # pixels beside the mask that may still show something of the person
 SAMPLES = 2  # of a pixel, each way: captured silhouettes are no stairs either
@@ -26,7 +35,7 @@ PAPER = 248 / 255  # behind a view that no camera took
 
 
 @dataclass(frozen=True)
-class Picture:
+class HeldOutPicture:
     """One camera's picture of a held-out frame; `rendered` and what was captured have values 0..1."""
 
     frame: int
@@ -46,7 +55,7 @@ class HeldOut:
         facts = read_facts(folder)
         path = Path(run or facts["run"])
         if not (path / "registered.zarr").exists():
-            raise CaptureError(f"{folder}: its run {path} is not there: give its place by --run")
+            raise UserError(f"{folder}: its run {path} is not there: give its place by --run")
         self.registered = RegisteredRun(path)
         self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels
         self.frames, self.warnings = _chosen(folder, facts, frames, pictured_frames(path))
@@ -66,7 +75,9 @@ class HeldOut:
 
     def _data(self, folder, layered, run):
         facts = read_facts(folder)
-        data = AvatarData(run, facts["settings"].data, folder=folder / "evaluation", frames=self.frames, layered=layered)
+        data = AvatarData(
+            run, facts["settings"].data, folder=folder / "evaluation", frames=self.frames, layered=layered
+        )
         check_same(folder, facts["topology"], topology(data.layers, data.scene, data.cameras))
         return data
 
@@ -81,7 +92,9 @@ class HeldOut:
     def nearest_pose(self, frame):
         """Distance [degrees] of a frame's pose to the nearest that was trained on; None where the run has none of them."""
         poses = self.registered.rotations
-        distances = pose_distance(poses[self.registered.row[frame]], [poses[self.registered.row[n]] for n in self.trained])
+        distances = pose_distance(
+            poses[self.registered.row[frame]], [poses[self.registered.row[n]] for n in self.trained]
+        )
         return float(distances.min()) if len(distances) else None
 
     def pictures(self):
@@ -103,7 +116,7 @@ class HeldOut:
         seen = {name: self._show(name, samples[of]) for name, of in self.shown_in(i).items()}
         rendered = {name: _last(s.image.cpu() + plate * (1 - s.mask.cpu())) for name, s in seen.items()}
         K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
-        return Picture(
+        return HeldOutPicture(
             frame, camera, captured, mask,
             self.registered.labels(frame, K, T, sample["labels"].numpy()),
             rendered, self._loops(sample, K, T),
@@ -132,7 +145,9 @@ class HeldOut:
     def _keep(self, name, frame, decoded):
         """The geometry of a frame, as what is shown first had it."""
         if frame not in self.decoded[name]:
-            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()}
+            self.decoded[name][frame] = {
+                layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()
+            }
 
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
@@ -206,9 +221,13 @@ class RegisteredRun:
         measures = {"outer_mm": self._outer_error(frame, decoded, layers)}
         for name, V in decoded.items():
             if layers[name].kind == "garment":
-                measures.setdefault("garment", {})[name] = self.truth.garment_errors(name, self.loops[name], V, frame)[0]
+                measures.setdefault("garment", {})[name] = self.truth.garment_errors(name, self.loops[name], V, frame)[
+                    0
+                ]
             elif layers[name].kind == "body":
-                confidence = self.store["confidence/inner" if "inner" in self.store else "confidence/track"][self.row[frame]]
+                confidence = self.store["confidence/inner" if "inner" in self.store else "confidence/track"][
+                    self.row[frame]
+                ]
                 hidden = confidence == HIDDEN
                 measures["body"] = self.truth.body_errors(V, hidden, self.outside, frame)
         return measures
@@ -226,20 +245,22 @@ def _chosen(folder, facts, asked, pictured):
     """Frames to evaluate, and what is to be said about them."""
     frames = facts["holdout"] if asked is None else list(asked)
     if not frames:
-        raise CaptureError(f"{folder}: nothing was held out of the training: name frames by --frames")
+        raise UserError(f"{folder}: nothing was held out of the training: name frames by --frames")
     left = [n for n in frames if n in set(pictured)]
     if not left:
-        raise CaptureError(f"{folder}: frames {_ranges(frames)}: none of them is registered and has pictures")
+        raise UserError(f"{folder}: frames {_ranges(frames)}: none of them is registered and has pictures")
     warnings, trained = [], sorted(set(left) & set(facts["frames"]))
     if len(left) < len(frames):
-        warnings.append(f"frames {_ranges(sorted(set(frames) - set(left)))}: not registered or without pictures, left out")
+        warnings.append(
+            f"frames {_ranges(sorted(set(frames) - set(left)))}: not registered or without pictures, left out"
+        )
     if trained:
         warnings.append(f"frames {_ranges(trained)}: the avatar was trained on them")
     return left, warnings
 
 
 def _ranges(numbers):
-    """"1-3, 7" of sorted numbers."""
+    """ "1-3, 7" of sorted numbers."""
     parts = []
     for n in numbers:
         if parts and parts[-1][1] == n - 1:

@@ -13,7 +13,7 @@ import numpy as np
 WINDOW, SIGMA = 11, 1.5  # of the SSIM's Gaussian [px]
 C1, C2 = 0.01**2, 0.03**2
 BAND = 10.0  # half width of the band about a garment's border [px]
-RIM = 5.0  # width of the ring inside the silhouette [px]
+RING = 5.0  # width of the ring inside the silhouette [px]
 
 
 @dataclass
@@ -104,36 +104,20 @@ def pixel_sets(mask, labels, garments, width=BAND):
     """{name: (H,W) bool} of the pixels that errors are taken over.
 
     all: the foreground; band: `border_band`; garment: the garments' labels; body: the other labels outside the band;
-    rim: `silhouette_ring`. Without garments `band` and `garment` are empty.
+    silhouette: `silhouette_ring`. Without garments `band` and `garment` are empty.
     """
     mask = mask.astype(bool)
     cloth = np.isin(labels, list(garments)) & mask
     band = border_band(np.where(mask, labels, 0), garments, width)
     return {
-        "all": mask, "band": band, "garment": cloth, "body": mask & (labels > 0) & ~cloth & ~band, "rim": silhouette_ring(mask),
+        "all": mask, "band": band, "garment": cloth, "body": mask & (labels > 0) & ~cloth & ~band, "silhouette": silhouette_ring(mask),
     }  # fmt: skip
 
 
-def silhouette_ring(mask, width=RIM):
+def silhouette_ring(mask, width=RING):
     """Foreground pixels (H,W) bool within `width` px of a background pixel; the picture's edge is no silhouette."""
     import cv2
 
     if mask.all():
         return np.zeros(mask.shape, bool)
     return mask & (cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= width)
-
-
-def pose_distance(rotations, others):
-    """Mean over the joints below the root of the geodesic angle [degrees] between a pose (K,3) and each of (T,K,3).
-
-    Rotation vectors relative to the parent; the root is left out, since avatars unpose it.
-    """
-    from scipy.spatial.transform import Rotation
-
-    others = np.asarray(others, dtype=np.float64)
-    if len(others) == 0:
-        return np.zeros(0)
-    T, K = others.shape[:2]
-    a = Rotation.from_rotvec(np.tile(np.asarray(rotations, np.float64)[1:], (T, 1)))
-    b = Rotation.from_rotvec(others[:, 1:].reshape(-1, 3))
-    return np.degrees((a.inv() * b).magnitude().reshape(T, K - 1).mean(1))

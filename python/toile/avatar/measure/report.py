@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...page import document, figure, flatten, plot, table
+from ...measure.page import document, figure, flatten, plot, table
 from .evaluation import NAMES, evaluate_avatar, sheets_folder
 
 MEASURES = {  # name in the JSON: what it says, in the order of the table
@@ -15,7 +15,7 @@ MEASURES = {  # name in the JSON: what it says, in the order of the table
     "band_mse": "\u2026 within 10 px of the garment's border",
     "garment_mse": "\u2026 on garments",
     "body_mse": "\u2026 on the body, outside that band",
-    "rim_mse": "\u2026 within 5 px of the silhouette",
+    "silhouette_mse": "\u2026 within 5 px of the silhouette",
     "ssim": "SSIM, foreground",
     "band_ssim": "\u2026 within 10 px of the garment's border",
     "psnr": "PSNR [dB], foreground",
@@ -28,7 +28,9 @@ def write_avatar_report(folder, out=None, **options):
     """Evaluates an avatar (`evaluation.evaluate_avatar`, also for the options) and writes AVATAR/report.html; returns its path."""
     folder = Path(folder)
     path = Path(out) if out else folder / "report.html"
-    path.write_text(document(f"Avatar {folder.name}", section(folder, evaluate_avatar(folder, **options))), encoding="utf-8")
+    path.write_text(
+        document(f"Avatar {folder.name}", section(folder, evaluate_avatar(folder, **options))), encoding="utf-8"
+    )
     return path
 
 
@@ -66,7 +68,11 @@ def _change(measure, layered, baseline):
 
 def _geometry(everything):
     """Distances of the decoded layers to the truth."""
-    there = {name: flatten(everything[name]["geometry"]) for name in NAMES if everything[name] and everything[name]["geometry"]}
+    there = {
+        name: flatten(everything[name]["geometry"])
+        for name in NAMES
+        if everything[name] and everything[name]["geometry"]
+    }
     measures = dict.fromkeys(measure for flat in there.values() for measure in flat)
     rows = [[measure.replace("_mm", ""), *(flat.get(measure) for flat in there.values())] for measure in measures]
     head = ["", *(TITLES[name] for name in there)]
@@ -83,7 +89,9 @@ def _photometric(everything):
     checks = {n: v for n, v in (everything["photometric"] or {}).items() if v}
     if not checks:
         return ""
-    rows = [[measure, *(check[measure] for check in checks.values())] for measure in ("mse", "ssim", "psnr", "band_mse")]
+    rows = [
+        [measure, *(check[measure] for check in checks.values())] for measure in ("mse", "ssim", "psnr", "band_mse")
+    ]
     return (
         "<h2>Registration: a camera's picture from the texture of the others</h2>"
         f"{table(['', *('layers' if n == 'layered' else 'tracked surface' for n in checks)], rows)}"
@@ -94,7 +102,9 @@ def _plots(result):
     plots = []
     for name in NAMES:
         for measure in PLOTTED:
-            points = [(f["frame"], f[name][measure]) for f in result["per_frame"] if f[name] and f[name][measure] is not None]
+            points = [
+                (f["frame"], f[name][measure]) for f in result["per_frame"] if f[name] and f[name][measure] is not None
+            ]
             if len(points) > 1:
                 plots.append(plot(f"{name} {measure.replace('_', ' ')}", points))
     return "".join(plots)
@@ -104,4 +114,6 @@ def _sheets(folder):
     from PIL import Image
 
     paths = sorted(folder.glob("*.png"))
-    return "".join(f"<div class='sheet'>{figure(np.asarray(Image.open(p).convert('RGB')), p.stem)}</div>" for p in paths)
+    return "".join(
+        f"<div class='sheet'>{figure(np.asarray(Image.open(p).convert('RGB')), p.stem)}</div>" for p in paths
+    )

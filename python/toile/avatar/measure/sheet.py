@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...page import heat
-from ...store import replace_file
+from ...io.files import replace_file
+from ...measure.page import heat
 from .metrics import border_band, squared_error
 
 ERROR_TOP = 64.0  # root mean square over the channels (0..255) at the upper end of the colours
@@ -31,7 +31,10 @@ def write_sheets(folder, frames, garments, unseen=None):
     if unseen is not None:
         frame, views = unseen
         paths.append(folder / f"{frame:06d}_unseen.png")
-        replace_file(paths[-1], lambda part: save_picture(part, strip(views, f"frame {frame} from places where no camera stands")))
+        replace_file(
+            paths[-1],
+            lambda part: save_picture(part, strip(views, f"frame {frame} from places where no camera stands")),
+        )
     for old in set(folder.glob("*.png")) - set(paths):
         old.unlink()
     return paths
@@ -44,7 +47,7 @@ def save_picture(path, image):
 
 
 def sheet(picture, names=("baseline", "layered")):
-    """(H,W,3) uint8: a row with the whole window and one for each loop in it; columns captured, avatars, their errors."""
+    """(H,W,3) uint8: a row with the whole crop and one for each loop in it; columns captured, avatars, their errors."""
     mask = picture.mask[..., None]
     images = {"captured": picture.captured}
     images |= {name: np.clip(picture.rendered[name], 0, 1) for name in names if name in picture.rendered}

@@ -1,0 +1,5 @@
+"""`python -m toile` is the command `toile`."""
+
+from .cli import main
+
+main()

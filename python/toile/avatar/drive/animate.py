@@ -1,0 +1,208 @@
+"""An avatar driven by a motion: poses to layers, garments out of the body, shadows from what moves, pictures and a film."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ...errors import UserError
+from ...io.camera import read_cameras
+from ...io.files import write_text
+from ...io.mesh import write_ply
+from ...io.motion import read_motion
+from ...io.video import VideoWriter
+from ...scene import Camera
+from ...surface.layers import body_model_of
+from ..model.checkpoint import load_avatar, read_facts, training_poses
+from ..model.poses import pose_distance
+from .driver import load_driver, make_track
+from .untangling import Untangler
+
+FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
+ORBIT = 10.0  # seconds of a camera's way about the person
+BACKGROUND = 1.0
+
+
+@dataclass(frozen=True)
+class Animation:
+    """What was made."""
+
+    frames: int
+    intersections_before: int  # triangle pairs of garments and what lies under them, as decoded
+    intersections_left: int
+    warnings: tuple[str, ...]
+
+
+class Puppet:
+    """A trained avatar and the codes of its garments for every frame of a motion."""
+
+    def __init__(self, folder, motion_path, device=None, seed=0):
+        self.folder, self.facts = Path(folder), read_facts(folder)
+        self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.avatar = load_avatar(folder)
+        scene = self.avatar.scene
+        self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
+        J, poses = self.avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)
+        self.motion = read_motion(motion_path, self.model, J, scene.fps, poses["translation"].mean(0))
+        self.latents = self._latents(seed)
+        self.warnings = self._warnings(poses)
+        self.avatar.to(self.device)
+        self.untangled = Untangler(self.avatar.layers, self.model.skin_faces)
+
+    def _latents(self, seed):
+        """{layer: (T,Z)}: garments' by the temporal model; the single-layer baseline's drawn once from the unit Gaussian."""
+        count, kinds = len(self.motion), {layer.name: layer.kind for layer in self.avatar.layers}
+        if "surface" in kinds.values():
+            generator = torch.Generator().manual_seed(seed)
+            sizes = {name: self.avatar.model(name).code_size for name in kinds}
+            return {name: torch.randn(1, n, generator=generator).expand(count, n) for name, n in sizes.items()}
+        if "garment" not in kinds.values():
+            return {}
+        driver, stride, _ = load_driver(self.folder)
+        motion = self.motion
+        with torch.no_grad():
+            track = make_track(self.avatar, motion.frames, motion.rotations, motion.face, stride)
+            return driver.latents(track)
+
+    def _warnings(self, poses):
+        """What a user should know of this motion: joints it lacks, and how far it leaves the training poses."""
+        found = []
+        if self.motion.missing:
+            found.append(f"the motion lacks {', '.join(self.motion.missing)}: they rest")
+        distance = np.array([pose_distance(r, poses["rotations"]).min() for r in self.motion.rotations])
+        far = distance > FAR * poses["usual"]
+        if far.any():
+            worst = int(distance.argmax())
+            found.append(
+                f"{far.sum()} of {len(distance)} poses are far from the training's: frame {self.motion.frames[worst]} is "
+                f"{distance[worst]:.1f} degrees a joint from the nearest, training poses are {poses['usual']:.1f} from one another"
+            )
+        return found
+
+    def batch(self, i, camera, index=-1):
+        """Frame i seen by a camera, `index` among the avatar's own, as `Avatar.decode` takes it."""
+        motion = self.motion
+        points = self.avatar.face_mean.cpu().numpy() if hasattr(self.avatar, "face_mean") else np.zeros((0, 3))
+        face = np.full(points.shape, np.nan) if motion.face is None else motion.face[i]
+        seen = np.isfinite(face).all(-1)
+        values = {
+            "rotations": motion.rotations[i], "translation": motion.translation[i],
+            "face": np.where(seen[:, None], face, 0), "face_seen": seen,
+            "K": camera.K, "T_camera_world": camera.T_camera_world,
+        }  # fmt: skip
+        batch = {
+            name: torch.as_tensor(np.asarray(value, np.float32), device=self.device)[None]
+            for name, value in values.items()
+        }
+        return batch | {"camera": torch.tensor([index], device=self.device)}
+
+    @torch.no_grad()
+    def decode(self, i, batch):
+        """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left)."""
+        latents = {name: z[i : i + 1].to(self.device) for name, z in self.latents.items()}
+        return self.untangled(self.avatar.decode(batch, latents))
+
+    @torch.no_grad()
+    def picture(self, decoded, batch, size):
+        """(H,W,3) uint8: the layers shaded by one another, before a white wall."""
+        seen = self.avatar.compose(decoded, batch, size)[0]
+        image = seen.image + BACKGROUND * (1 - seen.mask)
+        return (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).cpu().numpy()
+
+
+def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=True, seed=0, progress=lambda *_: None):
+    """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
+    pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
+    `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
+    turn. `height` [px].
+    Returns an Animation. UserError: what is asked does not fit the avatar."""
+    whole = Path(out).resolve()
+    out = whole.with_name(f".{whole.name}.part")
+    if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
+        raise UserError(f"{whole}: exists already and is not empty")
+    puppet = Puppet(folder, motion, seed=seed)
+    rows = chosen_rows(puppet.motion.frames, frames)
+    path = camera_path(puppet, camera, height)
+    shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
+    before = left = 0
+    with VideoWriter(out / "animation.mp4", puppet.motion.fps) as film:
+        for done, i in enumerate(rows):
+            seen_by, index = path(i)
+            batch = puppet.batch(i, seen_by, index)
+            decoded, pairs, remaining = puppet.decode(i, batch)
+            before, left = before + pairs, left + remaining
+            picture, number = puppet.picture(decoded, batch, seen_by.size), int(puppet.motion.frames[i])
+            film.add(picture)
+            write_picture(out / "pictures" / f"{number:06d}.png", picture)
+            for layer in puppet.avatar.layers if meshes else ():
+                place = out / "meshes" / layer.name / f"{number:06d}.ply"
+                place.parent.mkdir(parents=True, exist_ok=True)
+                write_ply(place, decoded[layer.name].vertices[0].cpu().numpy(), layer.faces)
+            progress("animate", done + 1, len(rows))
+    done = Animation(len(rows), int(before), int(left), tuple(puppet.warnings))
+    facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": puppet.motion.fps}
+    write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
+    out.replace(whole)
+    return done
+
+
+def chosen_rows(frames, asked):
+    """Rows of the frames asked for."""
+    if asked is None:
+        return list(range(len(frames)))
+    rows = np.flatnonzero(np.isin(frames, list(asked))).tolist()
+    if not rows:
+        raise UserError(f"--frames: the motion has frames {frames[0]} to {frames[-1]}, none of those asked for")
+    return rows
+
+
+def camera_path(puppet, camera, height):
+    """A function from the motion's row to (Camera, its index among the avatar's, -1 for a new one)."""
+    own = {c.name: (c, i) for i, c in enumerate(puppet.avatar.cameras)}
+    if camera is None or camera in own:
+        chosen, index = own[camera] if camera else next(iter(own.values()))
+        chosen = resized(chosen, height)
+        return lambda i: (chosen, index)
+    if camera == "orbit":
+        first = resized(next(iter(own.values()))[0], height)
+        middle, up = puppet.motion.translation.mean(0), puppet.avatar.up.cpu().numpy().astype(np.float64)
+        return lambda i: (turned(first, middle, up, 2 * np.pi * i / (ORBIT * puppet.motion.fps)), -1)
+    if not Path(camera).is_file():
+        raise UserError(f"--camera {camera}: expected orbit, a cameras.json, or one of {', '.join(own)}")
+    cameras = [resized(c, height) for c in read_cameras(Path(camera)).values()]
+    if any(np.any(c.distortion) for c in cameras):
+        raise UserError(f"{camera}: distortion: pictures are drawn by pinhole cameras")
+    if len({c.size for c in cameras}) > 1:
+        raise UserError(f"{camera}: width, height: the cameras of a path have one size")
+    return lambda i: (cameras[i % len(cameras)], -1)
+
+
+def resized(camera: Camera, height):
+    """The same view, `height` pixels high."""
+    if height is None:
+        return camera
+    scale = height / camera.height
+    K = np.diag([scale, scale, 1.0]) @ camera.K
+    return replace(camera, K=K, width=round(camera.width * scale), height=height)
+
+
+def turned(camera, centre, up, angle):
+    """The camera carried about an axis `up` through `centre` by `angle` [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec(angle * up).as_matrix()
+    turn[:3, 3] = centre - turn[:3, :3] @ centre
+    return replace(camera, T_camera_world=camera.T_camera_world @ np.linalg.inv(turn))
+
+
+def write_picture(path, picture):
+    from PIL import Image
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(picture).save(path)

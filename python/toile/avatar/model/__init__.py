@@ -1,0 +1,1 @@
+"""What an avatar is made of."""

@@ -1,0 +1,407 @@
+"""The layered avatar, and the single-layer baseline in the same code: networks joined with meshes, poses and cameras.
+
+A layer of kind "body" is driven by pose and face, a "garment" by its code alone, and the baseline's only layer, a
+"surface", by all three. All geometry is unposed until linear blend skinning poses it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn.functional import avg_pool2d
+
+from ... import kernels
+from ...surface.uv import UvMap
+from ..render.renderer import Surface, render
+from .carried import Carried, Projection
+from .networks import COLOUR_IN, LayerNetworks, count, reparameterised, resize
+from .operators import Facing, joint_centroids, uniform_laplacian
+from .sizes import layer_sizes, modes_of
+from .skinning import Skeleton, Skin, rotation_matrices
+from .uv import TexelValues, UvSampler
+
+GEOMETRY_IN = 0.01  # displacement that the encoder reads as 1 [m]
+GEOMETRY_OUT, COLOUR_OUT = 0.1, 0.5  # displacement [m] and colour of 1 in a head's map: small steps of Adam do
+FACE_SCALE = 0.01  # a usual motion of a facial keypoint [m]
+HEAD_REACH = 0.12  # vertices that facial keypoints drive lie this near to one of them [m]
+MASK_HOPS = 2  # a joint acts on what it skins, and on what joints this near to it in the skeleton skin
+
+
+@dataclass
+class Decoded:
+    """One layer of a batch."""
+
+    unposed: torch.Tensor  # (B,n,3) [m]
+    vertices: torch.Tensor  # (B,n,3) posed, in the world [m]
+    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view in particular; an edit's may be finer
+    texture: torch.Tensor | None = None  # (B,3,T,T) as this sample's camera sees it, before shadow
+    shadow: torch.Tensor | None = None  # (B,1,T,T) quasi-shadow
+
+    @property
+    def shaded(self):
+        """The texture to draw (B,3,T,T)."""
+        return self.texture if self.shadow is None else self.texture * resize(self.shadow, self.texture.shape[-1])
+
+
+class LayerModel(nn.Module):
+    """One layer: its fixed surface (buffers, rebuilt from the assets) and its networks (the saved state)."""
+
+    def __init__(self, layer, sizes, mean_texture, valid, parents, face=None):
+        super().__init__()
+        self.name, self.kind, self.label, self.sizes = layer.name, layer.kind, layer.label, sizes
+        geometry_map = UvMap(layer, sizes.geometry)
+        if sizes.joints:
+            sizes = replace(sizes, mask=joint_masks(layer, geometry_map, parents, sizes.start))
+        if sizes.face_points:
+            sizes = replace(sizes, head=head_mask(layer, geometry_map, face, sizes.start))
+        self.networks = LayerNetworks(sizes)
+        fixed = dict(
+            rest=torch.as_tensor(np.asarray(layer.rest, dtype=np.float32)),
+            faces=torch.as_tensor(np.asarray(layer.faces, dtype=np.int64)),
+            uv=torch.as_tensor(np.asarray(layer.uv, dtype=np.float32)),
+            face_uv=torch.as_tensor(np.asarray(layer.face_uv, dtype=np.int64)),
+            mean_texture=torch.as_tensor(mean_texture, dtype=torch.float32),
+            valid=torch.as_tensor(valid, dtype=torch.float32)[None],
+        )
+        for key, value in fixed.items():
+            self.register_buffer(key, value.clone(), persistent=False)
+        modes = np.zeros((0, *layer.rest.shape)) if layer.modes is None else layer.modes
+        self.register_buffer("modes", torch.as_tensor(modes, dtype=torch.float32).flatten(1), persistent=False)
+        self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
+        self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
+        self.geometry_texels = TexelValues(geometry_map, layer.faces)
+        self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
+        self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
+        self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
+        self.edits = None  # edits.LayerEdits
+
+    def encode(self, unposed, texture, weight):
+        """Code (mean, logvar), each (B,Z), Z = modes + latent: of unposed vertices (B,n,3), texture (B,3,T,T) and its
+        weights (B,1,T,T)."""
+        shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_IN)
+        seen = (weight > 0) & (self.valid > 0)
+        colour = torch.where(seen, texture - self.mean_texture, 0.0) / COLOUR_IN
+        mean, logvar = self.networks.encoder(shape, resize(colour, self.sizes.texture))
+        return torch.cat([self.amplitudes(unposed), mean], 1), logvar
+
+    @property
+    def texels(self):
+        """T, along a side of the texture."""
+        return self.mean_texture.shape[-1]
+
+    @property
+    def code_size(self):
+        """Z, numbers of the code."""
+        return len(self.modes) + self.sizes.latent
+
+    def amplitudes(self, unposed):
+        """Of the principal modes (B,M) in vertices (B,n,3): 1 = a standard deviation over the training frames."""
+        with torch.autocast(unposed.device.type, enabled=False):
+            return (unposed - self.rest).flatten(1) @ (self.modes / self.modes.square().sum(1, keepdim=True)).T
+
+    def decode(self, pose, face, z, transforms, centre, texture=True):
+        """Pose features (B,K,C), face (B,q,3) and code (B,Z), posed by `transforms` and seen from centre (B,3)."""
+        features = self.networks.features(pose, face, z)
+        unposed = self.decode_shape(features, z)
+        with torch.autocast(features.device.type, enabled=False):
+            decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
+        if not texture:
+            return decoded
+        residual = self.networks.texture(features)
+        decoded.mean_texture = decoded.texture = self._coloured(residual, self.texels)
+        if self.networks.view is not None:
+            cosine = self.view_texels(self.facing(decoded.vertices, centre))
+            seen = self.networks.view_residual(self._coloured(residual, self.sizes.view_size), cosine)
+            decoded.texture = self._coloured(residual + seen, self.texels)
+        if self.edits is not None:
+            decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
+        return decoded
+
+    def decode_shape(self, features, z):
+        """Unposed vertices (B,n,3), float32, of what the networks decode of their features, and of the code's amplitudes."""
+        displacement = self.networks.geometry(features)
+        with torch.autocast(features.device.type, enabled=False):
+            unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
+            if len(self.modes):
+                unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
+        return unposed
+
+    def _coloured(self, residual, size):
+        """The mean texture with a residual (B,3,s,s) of it, at `size`."""
+        return resize(self.mean_texture[None], size) + COLOUR_OUT * resize(residual, size)
+
+    def quasi_shadow(self, occlusion):
+        """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean; None where settings ask for none."""
+        if self.networks.shadow is None:
+            return None
+        maps = self.shadow_texels((occlusion - self.mean_ao)[..., None])
+        return resize(self.networks.shadow(maps), self.texels)
+
+    def surface(self, decoded, b):
+        """Sample b of a batch, as the renderer takes it."""
+        return Surface(decoded.vertices[b], self.faces, self.uv, self.face_uv, decoded.shaded[b])
+
+
+class Avatar(nn.Module):
+    """All layers of a person, body first, and the cameras' colours.
+
+    `layers`: what `read_layers` gives, or [surface_layer] for the baseline. `J` (K,3) and `parents` (K,): the skeleton.
+    `mean_texture` {name: (3,T,T)} and `valid` {name: (T,T)}. `face_mean` (q,3): mean facial keypoints in the frame of
+    joint `head`, None where no face drives the avatar. One camera, or a scene that says so: no view branch.
+    """
+
+    def __init__(self, settings, layers, J, parents, cameras, scene, mean_texture, valid, face_mean=None, head=None):
+        super().__init__()
+        self.settings, self.layers, self.cameras, self.scene = settings, list(layers), list(cameras), scene
+        self.names = [layer.name for layer in self.layers]
+        self.skeleton = Skeleton(np.asarray(J), np.asarray(parents))
+        face = None if face_mean is None else np.nan_to_num(np.asarray(face_mean, dtype=np.float64))
+        if face is not None:
+            self.register_buffer("face_mean", torch.as_tensor(face, dtype=torch.float32), persistent=False)
+            face = face if head is None else face + np.asarray(J)[head]
+        self.models = nn.ModuleList(
+            LayerModel(
+                layer,
+                layer_sizes(
+                    layer.kind, settings, cameras, scene, len(J), 0 if face is None else len(face), modes_of(layer)
+                ),
+                mean_texture[layer.name],
+                valid[layer.name],
+                np.asarray(parents),
+                face,
+            )
+            for layer in self.layers
+        )
+        self.register_buffer("up", up_vector(scene.up), persistent=False)
+        garments = [layer for layer in self.layers if layer.kind == "garment"]
+        self.carried = Carried(garments, self.skeleton, self.up, getattr(self, "face_mean", None)) if garments else None
+        self.projection = Projection(self.carried.size) if garments and settings.data.window else None
+        others = max(len(self.cameras) - 1, 0)
+        self.colour_gain = nn.Parameter(torch.zeros(others, 3))  # less 1
+        self.colour_bias = nn.Parameter(torch.zeros(others, 3))
+        self.laplacian = {x.name: uniform_laplacian(x.faces, len(x.rest)) for x in self.layers}
+        self.anchors = {
+            x.name: joint_centroids(x.skin_idx, x.skin_val, len(J)) for x in self.layers if x.kind == "surface"
+        }
+        self.operators = nn.ModuleList([*self.laplacian.values(), *self.anchors.values()])  # so that they move along
+
+    def model(self, name):
+        return self.models[self.names.index(name)]
+
+    def unposed(self, batch, name):
+        """Registered vertices of a layer (B,n,3), unposed [m]: the target of geometry and Laplacian."""
+        with torch.autocast(batch["rotations"].device.type, enabled=False):
+            transforms = self.skeleton(batch["rotations"], batch["translation"])
+            return self.model(name).skin.unpose(batch[f"vertices.{name}"], *transforms)
+
+    def encode(self, batch, names=None):
+        """{layer: (mean, logvar)}, each (B,Z), of the layers that have a code."""
+        return {
+            model.name: model.encode(
+                self.unposed(batch, model.name),
+                batch[f"mean_texture.{model.name}"],
+                batch[f"mean_weight.{model.name}"],
+            )
+            for model in self._chosen(names)
+            if model.networks.encoder is not None
+        }
+
+    @staticmethod
+    def sample(codes):
+        """{layer: z} drawn from the codes, by torch's global generator."""
+        return {name: reparameterised(*code) for name, code in codes.items()}
+
+    @staticmethod
+    def means(codes):
+        """{layer: z} without noise."""
+        return {name: mean for name, (mean, _) in codes.items()}
+
+    @staticmethod
+    def impute(codes):
+        """{layer: z'} that say nothing of their samples: each the code of another sample, or of the unit Gaussian."""
+        imputed = {}
+        for name, (mean, logvar) in codes.items():
+            other = reparameterised(mean, logvar).detach().roll(1, 0)
+            prior = torch.rand(len(mean), 1, device=mean.device) < (0.5 if len(mean) > 1 else 1.0)
+            imputed[name] = torch.where(prior, torch.randn_like(mean), other)
+        return imputed
+
+    def decode(self, batch, latents, names=None, texture=True):
+        """{layer: Decoded} from pose, face and camera of the batch and the layers' codes; float32 in any autocast."""
+        pose = pose_features(batch["rotations"], self.up)
+        view = batch["T_camera_world"]
+        with torch.autocast(view.device.type, enabled=False):
+            transforms = self.skeleton(batch["rotations"], batch["translation"])
+            centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
+        face = self._face_features(batch["face"], batch["face_seen"]) if hasattr(self, "face_mean") else None
+        return {
+            model.name: model.decode(pose, face, self._code(model, batch, latents), transforms, centre, texture)
+            for model in self._chosen(names)
+        }
+
+    def unposed_garment(self, name, codes):
+        """Vertices (B,n,3) of a garment that its codes (B,Z) alone decide [m]."""
+        model = self.model(name)
+        return model.decode_shape(model.networks.features(None, None, codes), codes)
+
+    def _face_features(self, face, seen):
+        return (face - self.face_mean) / FACE_SCALE * seen[..., None]
+
+    def _code(self, model, batch, latents):
+        """The code of a layer (B,Z): given, or regressed from the batch's window of poses; None of a body."""
+        if model.networks.regressor is None:
+            return latents.get(model.name)
+        return model.networks.regressor(self.projection(self.window_features(batch))).float()
+
+    def window_features(self, batch):
+        """What moves the garments, of a batch's windows of poses and faces (B,L,P)."""
+        rotations, face, seen = (batch[f"window.{name}"] for name in ("rotations", "face", "face_seen"))
+        face = torch.where(seen[..., None] > 0, face, torch.nan).flatten(0, 1) if hasattr(self, "face_mean") else None
+        return self.carried(rotations.flatten(0, 1), face).reshape(*rotations.shape[:2], -1)
+
+    @torch.no_grad()
+    def ambient_occlusion(self, decoded):
+        """{layer: (B,n)} openness of each vertex amid all layers: 1 = nothing above it."""
+        rays, names = self.settings.network.ao_rays, list(decoded)
+        vertices = [decoded[name].vertices.detach().double().cpu().numpy() for name in names]
+        starts = np.cumsum([0, *(v.shape[1] for v in vertices)])
+        faces = np.concatenate([self.model(n).faces.cpu().numpy() + s for n, s in zip(names, starts, strict=False)])
+        together = np.concatenate(vertices, axis=1)
+        open_sky = np.stack([kernels.ambient_occlusion(v, faces.astype(np.int32), rays=rays) for v in together])
+        like = decoded[names[0]].vertices
+        open_sky = torch.as_tensor(open_sky, dtype=torch.float32, device=like.device)
+        return {name: open_sky[:, a:b] for name, a, b in zip(names, starts, starts[1:], strict=False)}
+
+    @torch.no_grad()
+    def fit_projection(self, data):
+        """Fits the windows' projection to the frames of `data`, where garments are regressed from them."""
+        if self.projection is not None:
+            windows = [data.pose_window(number) for number in data.frames]
+            stacked = {name: torch.stack([w[name] for w in windows]).to(self.up.device) for name in windows[0]}
+            self.projection.fit(self.window_features(stacked)[:, -1])
+
+    @torch.no_grad()
+    def set_mean_ao(self, mean):
+        """Keeps {layer: (n,)}, the mean over the training frames that shadows are relative to."""
+        for name, value in mean.items():
+            self.model(name).mean_ao.copy_(torch.as_tensor(value))
+
+    def shade(self, decoded, occlusion=None):
+        """The same layers with quasi-shadows, from the ambient occlusion of their decoded geometry, detached."""
+        if not self.settings.network.shadow:
+            return decoded
+        occlusion = self.ambient_occlusion(decoded) if occlusion is None else occlusion
+        return {
+            name: replace(one, shadow=self.model(name).quasi_shadow(occlusion[name])) for name, one in decoded.items()
+        }
+
+    def compose(self, decoded, batch, size, layer_depth=False, shadow=True, samples=1):
+        """[Rendered], one a sample: all layers drawn together at size (height, width), in the camera's colours.
+
+        `samples` squared a pixel are averaged in image and mask; the other buffers stay as fine as they were drawn.
+        """
+        if shadow:
+            decoded = self.shade(decoded)
+        pictures = []
+        for b in range(len(batch["K"])):
+            surfaces = [self.model(name).surface(one, b) for name, one in decoded.items()]
+            K = batch["K"][b] * batch["K"].new_tensor([[samples], [samples], [1]])
+            fine = size[0] * samples, size[1] * samples
+            seen = render(surfaces, K, batch["T_camera_world"][b], fine, layer_depth=layer_depth)
+            image, mask = avg_pool2d(seen.image[None], samples)[0], avg_pool2d(seen.mask[None], samples)[0]
+            image = self.colour(image[None], batch["camera"][b : b + 1], mask)[0]
+            pictures.append(replace(seen, image=image, mask=mask))
+        return pictures
+
+    def colour(self, picture, camera, coverage=1.0):
+        """gain x picture + bias x coverage, per camera: pictures (B,3,h,w), cameras (B,).
+
+        Camera 0 is the measure of the others, -1 a camera that the avatar was not trained on; both change nothing.
+        """
+        same = torch.zeros(1, 3, device=picture.device)
+        gain = torch.cat([same, self.colour_gain, same])[camera][..., None, None]
+        bias = torch.cat([same, self.colour_bias, same])[camera][..., None, None]
+        return picture * (1 + gain) + bias * coverage
+
+    def parameters_count(self):
+        return count(self)
+
+    def describe(self):
+        """What avatar.json says of the architecture."""
+        return {
+            "layers": [
+                {
+                    "name": model.name,
+                    "kind": model.kind,
+                    "vertices": len(model.rest),
+                    "parts": [part for part, net in model.networks.named_children() if net is not None],
+                    "parameters": count(model),
+                }
+                for model in self.models
+            ],
+            "cameras": [camera.name for camera in self.cameras],
+            "face_points": len(self.face_mean) if hasattr(self, "face_mean") else 0,
+            "geometry_size": self.settings.data.geometry_size,
+            "texture_size": self.settings.data.texture_size,
+            "latent": self.settings.network.latent,
+            "modes": {model.name: len(model.modes) for model in self.models},
+            "parameters": self.parameters_count(),
+        }
+
+    def _chosen(self, names):
+        return [model for model in self.models if names is None or model.name in names]
+
+
+def up_vector(up):
+    """The scene's up axis ("z", "-y") as a vector (3,)."""
+    return torch.eye(3)["xyz".index(up[-1])] * (-1 if up.startswith("-") else 1)
+
+
+@torch.no_grad()
+def pose_features(rotations, up):
+    """Features (B,K,9) of a pose: R - 1 of each joint's local rotation, continuous everywhere.
+
+    The root (joint 0) gives only where up is, seen from it, less the rest pose's: which way the person faces, and where
+    it stands, changes nothing of an unposed body.
+    """
+    with torch.autocast(rotations.device.type, enabled=False):
+        R = rotation_matrices(rotations.float())
+        features = (R - torch.eye(3, device=R.device)).flatten(2)
+        features[:, 0] = 0
+        features[:, 0, :3] = R[:, 0].transpose(1, 2) @ up - up
+    return features
+
+
+def joint_masks(layer, texels, parents, size):
+    """Where each joint may act, (K,size,size): skinning weights of the joint and of those within MASK_HOPS of it."""
+    joints = len(parents)
+    near = np.eye(joints)
+    for k, p in enumerate(parents):
+        if p >= 0:
+            near[k, p] = near[p, k] = 1
+    near = np.linalg.matrix_power(near, MASK_HOPS) > 0
+    near[0] = True  # the root's tilt acts everywhere
+    weights = np.zeros((len(layer.rest), joints))
+    np.add.at(weights, (np.arange(len(weights))[:, None], layer.skin_idx), layer.skin_val)
+    return shrunk(np.minimum(weights @ near.T, 1), texels, size)
+
+
+def head_mask(layer, texels, face, size):
+    """Where facial keypoints (q,3), placed on the rest pose, may act: (size,size), 1 near them, 0 beyond HEAD_REACH."""
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(face).query(layer.rest)
+    return shrunk(np.clip(2 - 2 * distance / HEAD_REACH, 0, 1)[:, None], texels, size)[0]
+
+
+def shrunk(values, texels, size):
+    """Vertex values (n,C) as a map (C,size,size), each texel the mean over what is valid of it."""
+    maps, step = texels.texels(values).transpose(2, 0, 1), texels.size // size
+
+    def pooled(x):
+        return x.reshape(*x.shape[:-2], size, step, size, step).sum((-3, -1))
+
+    return torch.as_tensor(pooled(maps) / np.maximum(pooled(texels.valid.astype(float)), 1), dtype=torch.float32)

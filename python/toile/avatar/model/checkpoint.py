@@ -1,0 +1,235 @@
+"""What a training leaves on disk: checkpoints that go on to the bit, and the avatar. safetensors, JSON and .npz; no pickles.
+
+Every file is written under another name first and renamed, so a killed training leaves whole files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from ...errors import UserError
+from ...io.camera import first_error, read_cameras
+from ...io.files import load_record, replace_file, save_record, write_text
+from ...scene import Garment, Scene
+from ...surface.layers import Layer
+from ..settings import AvatarSettings
+
+KEPT = 2  # checkpoints; older ones are removed
+MODEL, OPTIMISER = "model.", "optimiser."
+
+
+def write_tensors(path, tensors, facts):
+    """One safetensors file whose header carries `facts` as JSON."""
+    whole = {name: tensor.detach().cpu().contiguous().clone() for name, tensor in tensors.items()}
+    replace_file(path, lambda part: save_file(whole, part, metadata={"json": json.dumps(facts)}))
+
+
+def read_tensors(path):
+    """-> ({name: tensor}, facts)."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            return {name: file.get_tensor(name) for name in file.keys()}, json.loads(file.metadata()["json"])
+    except FileNotFoundError:
+        raise UserError(f"{path}: the file is missing") from None
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{path}: not a file of toile's tensors: {error}") from None
+
+
+class Checkpoints:
+    """AVATAR/checkpoints/00000123.safetensors: weights, buffers, the optimiser's moments and where the training stood."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        for part in self.folder.glob(".*.part"):  # of a killed process
+            part.unlink()
+
+    def numbers(self):
+        return sorted(int(path.stem) for path in self.folder.glob("*.safetensors"))
+
+    def write(self, number, model, optimiser, facts):
+        """`number` orders the checkpoints; later ones of an abandoned course are removed, and all but the last two."""
+        moments = {
+            f"{OPTIMISER}{i}.{name}": value
+            for i, state in optimiser.state_dict()["state"].items()
+            for name, value in state.items()
+        }
+        weights = {MODEL + name: value for name, value in model.state_dict().items()}
+        write_tensors(self._path(number), weights | moments, facts)
+        earlier = [n for n in self.numbers() if n < number]
+        for other in self.numbers():
+            if other > number or other in earlier[: 1 - KEPT]:
+                self._path(other).unlink()
+
+    def latest(self):
+        """(tensors, facts) of the newest, None where there is none."""
+        numbers = self.numbers()
+        return read_tensors(self._path(numbers[-1])) if numbers else None
+
+    def _path(self, number):
+        return self.folder / f"{number:08d}.safetensors"
+
+
+def load_model(model, tensors, path="checkpoint"):
+    """Weights and buffers of a checkpoint into a model of the same architecture."""
+    weights = {name.removeprefix(MODEL): value for name, value in tensors.items() if name.startswith(MODEL)}
+    expected = {name: tuple(value.shape) for name, value in model.state_dict().items()}
+    found = {name: tuple(value.shape) for name, value in weights.items()}
+    for name in sorted(expected.keys() | found.keys()):
+        if expected.get(name) != found.get(name):
+            raise UserError(f"{path}: {name}: shape {found.get(name)}, this avatar has {expected.get(name)}")
+    model.load_state_dict(weights)
+
+
+def load_optimiser(optimiser, tensors):
+    """The moments of a checkpoint into an optimiser over the same parameters."""
+    state = {}
+    for name, value in tensors.items():
+        if name.startswith(OPTIMISER):
+            i, field = name.removeprefix(OPTIMISER).split(".", 1)
+            state.setdefault(int(i), {})[field] = value
+    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+
+
+def topology(layers, scene, cameras):
+    """What makes an avatar's weights fit a run, each as a hash: the scene, and each layer's faces and UVs."""
+    facts = {"scene": json.dumps([scene.name, scene.labels, [asdict(g) for g in scene.garments]]).encode()}
+    facts["cameras"] = json.dumps([camera.name for camera in cameras]).encode()
+    for layer in layers:
+        arrays = (layer.faces.astype(np.int32), layer.uv.astype(np.float32), layer.face_uv.astype(np.int32))
+        facts[f"layer {layer.name}"] = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+    return {name: hashlib.sha256(value).hexdigest() for name, value in facts.items()}
+
+
+def begin(folder, asked):
+    """Notes what is asked of a training in AVATAR/avatar.json, or checks that it asks for the same; True if unfinished."""
+    path = Path(folder) / "avatar.json"
+    if not path.exists():
+        write_text(path, json.dumps(asked | {"steps": None}, indent=1))
+        return True
+    found = read_json(path)
+    check_same(path, found, asked)
+    return found["steps"] is None
+
+
+def check_same(path, found, asked, prefix=""):
+    """UserError that names the first thing in which what a file holds differs from what is asked."""
+    for name, value in asked.items():
+        other = found.get(name)
+        if isinstance(value, dict) and isinstance(other, dict):
+            check_same(path, other, value, f"{prefix}{name}.")
+        elif other != value:
+            raise UserError(
+                f"{path}: {prefix}{name}: holds {shortened(other)}, asked is {shortened(value)}: take another folder"
+            )
+
+
+def shortened(value, length=60):
+    text = json.dumps(value)
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def save_assets(folder, data):
+    """What an avatar needs besides its weights: layers, skeleton, cameras, scene, mean textures."""
+    assets = Path(folder) / "assets"
+    for i, layer in enumerate(data.layers):
+        save_record(assets / f"layer{i}.npz", layer)
+    maps = {f"mean_texture.{name}": value for name, value in data.mean_texture.items()}
+    maps |= {f"valid.{name}": value for name, value in data.valid.items()}
+    rig = {"J": data.J, "parents": data.parents, "face_mean": data.face_mean, "head": data.head, **data.poses}
+    maps |= {name: value for name, value in rig.items() if value is not None}
+
+    def write(part):
+        with open(part, "wb") as file:
+            np.savez_compressed(file, **{name: np.asarray(value) for name, value in maps.items()})
+
+    replace_file(assets / "maps.npz", write)
+    write_text(assets / "scene.json", json.dumps(asdict(data.scene), indent=1))
+    write_text(assets / "cameras.json", json.dumps({"cameras": [_plain_camera(camera) for camera in data.cameras]}))
+
+
+def save_avatar(folder, avatar, facts):
+    """AVATAR/avatar.safetensors, then avatar.json with the steps taken: then the training has finished."""
+    folder = Path(folder)
+    write_tensors(folder / "avatar.safetensors", avatar.state_dict(), {})
+    write_text(folder / "avatar.json", json.dumps(facts, indent=1))
+
+
+def read_facts(folder):
+    """AVATAR/avatar.json of a trained avatar: settings, scene, run, frames, held-out frames, steps, architecture."""
+    path = Path(folder) / "avatar.json"
+    facts = read_json(path)
+    if facts.get("steps") is None:
+        raise UserError(f"{path}: the training has not finished: the same `toile train` goes on with it")
+    try:
+        return facts | {"settings": AvatarSettings(**facts["settings"])}
+    except ValidationError as error:
+        raise first_error(path, error) from None
+    except (KeyError, TypeError) as error:
+        raise UserError(f"{path}: not an avatar's facts: {error}") from None
+
+
+def read_json(path):
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: the file is missing: the folder holds no avatar") from None
+    except ValueError as error:
+        raise UserError(f"{path}: not JSON: {error}") from None
+    if not isinstance(facts, dict):
+        raise UserError(f"{path}: not an avatar's facts")
+    return facts
+
+
+def load_avatar(folder):
+    """The trained avatar of a folder, with its edits, ready to decode, on the CPU."""
+    from .avatar import Avatar
+    from .edits import apply_edits, load_edits
+
+    folder, facts = Path(folder), read_facts(folder)
+    avatar = Avatar(facts["settings"], **read_assets(folder))
+    tensors, _ = read_tensors(folder / "avatar.safetensors")
+    load_model(avatar, {MODEL + name: value for name, value in tensors.items()}, folder / "avatar.safetensors")
+    apply_edits(avatar, load_edits(folder))
+    return avatar.eval()
+
+
+def read_assets(folder):
+    """The arguments of Avatar after its settings."""
+    assets = Path(folder) / "assets"
+    layers = [load_record(path, Layer) for path in sorted(assets.glob("layer*.npz"), key=lambda p: int(p.stem[5:]))]
+    if not layers or not (assets / "maps.npz").exists():
+        raise UserError(f"{assets}: layers or maps are missing")
+    with np.load(assets / "maps.npz", allow_pickle=False) as maps:
+        values = {name: maps[name] for name in maps}
+    scene = json.loads((assets / "scene.json").read_text(encoding="utf-8"))
+    scene["garments"] = tuple(Garment(**garment) for garment in scene["garments"])
+    return {
+        "layers": layers,
+        "J": values["J"],
+        "parents": values["parents"],
+        "cameras": list(read_cameras(assets / "cameras.json").values()),
+        "scene": Scene(**scene),
+        "mean_texture": {layer.name: torch.from_numpy(values[f"mean_texture.{layer.name}"]) for layer in layers},
+        "valid": {layer.name: torch.from_numpy(values[f"valid.{layer.name}"]) for layer in layers},
+        "face_mean": values.get("face_mean"),
+        "head": int(values["head"]) if "head" in values else None,
+    }
+
+
+def training_poses(folder):
+    """What AvatarData.poses held of the frames that an avatar was trained on."""
+    with np.load(Path(folder) / "assets" / "maps.npz", allow_pickle=False) as maps:
+        return {name: maps[name] for name in ("rotations", "translation", "usual")}
+
+
+def _plain_camera(camera):
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(camera).items()}

@@ -1,0 +1,81 @@
+"""Linear blend skinning in torch."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import nn
+
+
+class Skeleton(nn.Module):
+    """Forward kinematics about world axes: R_k = R_parent exp(r_k), x_k = x_parent + R_parent (J_k - J_parent)."""
+
+    def __init__(self, J, parents):
+        super().__init__()
+        self.register_buffer("J", torch.as_tensor(np.asarray(J, dtype=np.float32)), persistent=False)
+        self.levels = _levels([int(p) for p in parents])
+
+    def forward(self, rotations, translation):
+        """Rotation vectors (B,K,3), translation (B,3) -> skinning transforms R (B,K,3,3), t (B,K,3): x = sum_k w_k (R_k v + t_k)."""
+        local = rotation_matrices(rotations)
+        R, x = torch.empty_like(local), torch.empty_like(rotations)
+        for joints, parents in self.levels:  # joints as deep as one another at once
+            if parents is None:
+                R[:, joints], x[:, joints] = local[:, joints], self.J[joints] + translation[:, None]
+                continue
+            above = R[:, parents]
+            R[:, joints] = above @ local[:, joints]
+            offset = (self.J[joints] - self.J[parents])[..., None]
+            x[:, joints] = x[:, parents] + (above @ offset)[..., 0]
+        return R, x - (R @ self.J[..., None])[..., 0]
+
+
+def _levels(parents):
+    """[(joints, their parents)] by depth in the tree; the roots' parents are None."""
+    depth = []
+    for p in parents:
+        depth.append(0 if p < 0 else depth[p] + 1)
+    levels = [[k for k, d in enumerate(depth) if d == level] for level in range(max(depth) + 1)]
+    return [(joints, None if i == 0 else [parents[k] for k in joints]) for i, joints in enumerate(levels)]
+
+
+def rotation_matrices(r):
+    """Rotation vectors (...,3) [rad] -> (...,3,3), smooth at zero (Rodrigues)."""
+    squared = r.square().sum(-1)[..., None, None]
+    small = squared < 1e-8
+    angle = torch.where(small, torch.ones_like(squared), squared).sqrt()
+    a = torch.where(small, 1 - squared / 6, angle.sin() / angle)
+    b = torch.where(small, 0.5 - squared / 24, (1 - angle.cos()) / angle.square())
+    x, y, z = r.unbind(-1)
+    o = torch.zeros_like(x)
+    S = torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).reshape(*r.shape[:-1], 3, 3)
+    return torch.eye(3, dtype=r.dtype, device=r.device) + a * S + b * (S @ S)
+
+
+class Skin(nn.Module):
+    """Linear blend skinning of one layer, and its inverse per vertex."""
+
+    def __init__(self, layer):
+        super().__init__()
+        joints = np.asarray(layer.skin_idx, dtype=np.int64)
+        dense = np.zeros((len(joints), joints.max() + 1), np.float32)  # one product is faster than sums over the few
+        np.add.at(dense, (np.arange(len(joints))[:, None], joints), layer.skin_val)
+        self.register_buffer("weights", torch.as_tensor(dense), persistent=False)
+
+    def blend(self, R, t):
+        """Per vertex A (B,n,3,3) and b (B,n,3): skinning is A v + b."""
+        both = torch.cat([R.flatten(2), t], -1)[:, : self.weights.shape[1]]  # (B,K,12)
+        mixed = self.weights @ both
+        return mixed[..., :9].unflatten(-1, (3, 3)), mixed[..., 9:]
+
+    def pose(self, unposed, R, t):
+        """(B,n,3) unposed -> posed, in the world."""
+        A, b = self.blend(R, t)
+        return (A * unposed[..., None, :]).sum(-1) + b
+
+    def unpose(self, posed, R, t):
+        """The inverse of `pose`: the rows' cross products over the determinant are the columns of A's inverse."""
+        A, b = self.blend(R, t)
+        p, (x, y, z) = posed - b, A.unbind(-2)
+        inverse = torch.stack([torch.linalg.cross(y, z), torch.linalg.cross(z, x), torch.linalg.cross(x, y)], -1)
+        return (inverse * p[..., None, :]).sum(-1) / (x * inverse[..., 0]).sum(-1, keepdim=True)

@@ -1,0 +1,1 @@
+"""What an avatar is trained on, and how."""

@@ -1,0 +1,276 @@
+"""What an avatar is trained on: (frame, camera) samples of a registered run and its pictures, prepared once into a cache."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.numpy import load_file, save_file
+from torch.utils.data import Dataset
+
+from ...errors import UserError
+from ...io.files import replace_file, write_text
+from ...io.run import OK
+from ...surface.layers import capture_of, open_body, pictured_frames, read_layers, surface_layer
+from ...surface.uv import UvMap
+from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, take, undistorted
+from ..model.poses import pose_distance
+
+THREADS = 2  # frames prepared at a time
+VERSION = 2  # of the cache's files
+REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
+
+
+class AvatarData(Dataset):
+    """Samples (frame, camera) of `frames` of a run, cameras running fastest; nothing of other frames is read.
+
+    `settings`: DataSettings. `folder`: where the cache goes, a folder a setting of it; at 512 texels and a crop of 320 x
+    320 px it takes about 1 MB a sample. Frames are prepared on threads, each file is written whole, and a preparation that
+    was cut goes on. `layered=False`: the tracked surface alone, for the baseline. `progress(done, total)`.
+
+    A sample is a dict of float32 tensors, unless said, that torch's default collation stacks:
+      frame, camera int64; rotations (K,3), translation (3,), face (q,3) with 0 where unseen, face_seen (q,)
+      vertices.LAYER (n,3) registered, posed [m]; confidence.LAYER (n,) 0..1
+      texture.LAYER (3,T,T) 0..1 from this view, texel_weight.LAYER (1,T,T)
+      mean_texture.LAYER (3,T,T), mean_weight.LAYER (1,T,T) over this frame's views
+      image (3,H,W) 0..1, mask (H,W), labels (H,W) int64, K (3,3), T_camera_world (4,4) of the undistorted crop
+      window.rotations (L,K,3), window.face (L,q,3), window.face_seen (L,q) with settings.window
+
+    UserError: no frame has pictures; a picture is missing; topologies and UVs that do not fit.
+    """
+
+    def __init__(self, run, settings, folder, frames=None, layered=True, progress=None):
+        self.run, self.settings = Path(run), settings
+        self.body, self.capture = open_body(run), capture_of(run)
+        self.scene, self.J, self.parents = self.capture.scene, self.body.J, self.body.model.parents
+        named = [g["name"] for g in self.body.store.attrs["scene"]["garments"]]
+        if named != [g.name for g in self.scene.garments]:
+            raise UserError(f"{run}: registered garments {named}, {self.capture.root}/scene.toml names others")
+        pictured = pictured_frames(run)
+        self.frames = pictured if frames is None else sorted(set(pictured) & set(frames))
+        if not self.frames:
+            raise UserError(
+                f"{run}: none of the frames asked for is registered and has pictures in {self.capture.root}"
+            )
+        shapes = run, self.frames, settings.modes
+        self.layers = read_layers(*shapes) if layered else [surface_layer(*shapes)]
+        self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
+        self.row = {int(n): i for i, n in enumerate(self.body.store["frames"][:])}
+        self.folder = Path(folder) / self._key(layered)
+        self._prepare(progress or (lambda done, total: None))
+        self._summarise()
+
+    def __len__(self):
+        return len(self.frames) * len(self.cameras)
+
+    def __getitem__(self, i):
+        number, camera = self.frames[i // len(self.cameras)], i % len(self.cameras)
+        out = {"frame": torch.tensor(number), "camera": torch.tensor(camera)}
+        file = load_file(self._path(number))
+        out |= {name: torch.from_numpy(file[name]) for name in file if name.split(".")[0] in REGISTERED}
+        out |= self.pose_window(number)
+        for name in self.names:
+            out[f"mean_texture.{name}"], out[f"mean_weight.{name}"] = self._maps(file, name, "mean_")
+        file = load_file(self._path(number, camera))
+        for name in self.names:
+            out[f"texture.{name}"], out[f"texel_weight.{name}"] = self._maps(file, name)
+        out["image"] = torch.from_numpy(file["image"]).permute(2, 0, 1).float() / 255
+        out["mask"], out["labels"] = torch.from_numpy(file["mask"]).float(), torch.from_numpy(file["labels"]).long()
+        out["K"], out["T_camera_world"] = torch.from_numpy(file["K"]), torch.from_numpy(file["T_camera_world"])
+        return out
+
+    @property
+    def names(self):
+        """Of the layers."""
+        return [layer.name for layer in self.layers]
+
+    def _key(self, layered):
+        """The cache's folder: what its files depend on. Of the registration the poses and three whole frames."""
+        settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes"})
+        parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
+        digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
+        digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())
+        for number in (self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]):
+            for values in self._registered(number).values():
+                digest.update(values.tobytes())
+        return digest.hexdigest()[:16]
+
+    def _path(self, number, camera=None):
+        name = "frame" if camera is None else f"camera.{self.cameras[camera].name}"
+        return self.folder / f"{number:06d}" / f"{name}.safetensors"
+
+    @cached_property
+    def poses(self):
+        """rotations (F,K,3) and translation (F,3) of the frames; usual: how far [degrees] 95 % of these poses are at most from
+        the nearest that is not their neighbour in time (a second or more away, where there is one)."""
+        rows = [self.row[n] for n in self.frames]
+        rotations, translation = (self.body.store[f"pose/{name}"][:][rows] for name in ("rotations", "translation"))
+        frames, distances = np.array(self.frames), []
+        for number, pose in zip(frames, rotations):
+            apart = np.abs(frames - number) >= self.scene.fps
+            others = rotations[apart if apart.any() else frames != number]
+            distances.append(pose_distance(pose, others).min() if len(others) else 0.0)
+        return {"rotations": rotations, "translation": translation, "usual": float(np.quantile(distances, 0.95))}
+
+    def pose_window(self, number):
+        """Poses and faces of the last `settings.window` registered frames up to `number`, pictured or not; {} without."""
+        if not self.settings.window:
+            return {}
+        rotations, face, first = self._tracked
+        at = self.row[number]
+        rows = np.maximum(np.arange(at + 1 - self.settings.window, at + 1), first[at])
+        values = {
+            "rotations": rotations[rows],
+            "face": np.nan_to_num(face[rows]),
+            "face_seen": np.isfinite(face[rows]).all(-1),
+        }
+        return {f"window.{name}": torch.from_numpy(value.astype(np.float32)) for name, value in values.items()}
+
+    @cached_property
+    def _tracked(self):
+        """Rotations and faces of all rows of the run, and where each row's stretch of neighbouring frames begins."""
+        store = self.body.store
+        rotations = store["pose/rotations"][:]
+        face = store["face"][:] if "face" in store else np.zeros((len(rotations), 0, 3))
+        steps, good = np.diff(store["frames"][:]), store["done"][:] == OK
+        usual = np.bincount(steps).argmax() if len(steps) else 1
+        begins = np.r_[True, (steps != usual) | ~good[:-1]]
+        return rotations, face, np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
+
+    # Preparation -----------------------------------------------------------------------------------------------------
+
+    def _prepare(self, progress):
+        left = [n for n in self.frames if not (self.folder / f"{n:06d}" / "whole").exists()]
+        if not left:
+            return
+        maps = [UvMap(layer, self.settings.texture_size) for layer in self.layers]
+        garments = [layer.label for layer in self.layers if layer.kind == "garment"]
+        with ThreadPoolExecutor(THREADS) as pool:  # each frame has files of its own
+            for k, _ in enumerate(pool.map(lambda n: self._prepare_frame(n, Unwrapper(maps, garments)), left)):
+                progress(len(self.frames) - len(left) + k + 1, len(self.frames))
+
+    def _prepare_frame(self, number, unwrapper):
+        frame = self.capture.pictures(number)
+        missing = [name for name in self.capture.cameras if name not in frame.images]
+        if missing:
+            raise UserError(f"{self.capture.root}/frames/{number:06d}/images: camera '{missing[0]}' is missing")
+        values, shown = self._registered(number), self._shown(number)
+        confidence = [values[f"confidence.{name}"] for name in self.names]
+        unwrapper.frame([values[f"vertices.{name}"].astype(np.float64) for name in self.names], confidence)
+        seen = [self._prepare_view(number, c, frame, unwrapper, shown) for c in range(len(self.cameras))]
+        for name, views in zip(self.names, zip(*seen)):
+            values |= self._packed(name, mean_texture(views, self.settings.texture_size), "mean_")
+            values[f"confidence.{name}"] = values[f"confidence.{name}"].astype(np.float32) / 2
+        _save(self._path(number), values)
+        write_text(self.folder / f"{number:06d}" / "whole", "")
+
+    def _prepare_view(self, number, c, frame, unwrapper, shown):
+        """Writes one view; returns its Unwrapped layers."""
+        name, camera = list(self.capture.cameras.items())[c]
+        labels = frame.labels.get(name)
+        mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+        flat = None if labels is None else undistorted(camera, labels, True)
+        whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
+        unwrapped = unwrapper.view(pinhole(camera), *whole, flat)
+        crop = crop_about(camera, shown, self.settings.image, self.settings.pixel_scale)
+        picture = take(camera, frame.images[name], mask, labels, self.settings.pixel_scale, crop)
+        values = {
+            "image": picture.image, "mask": picture.mask,
+            "labels": picture.mask.astype(np.uint8) if picture.labels is None else picture.labels,
+            "K": picture.camera.K.astype(np.float32), "T_camera_world": picture.camera.T_camera_world.astype(np.float32),
+        }  # fmt: skip
+        for layer, texels in zip(self.names, unwrapped):
+            values |= self._packed(layer, texels)
+        _save(self._path(number, c), values)
+        return unwrapped
+
+    def _shown(self, number):
+        """Vertices that the crop is about: the garments' or all; the same for the baseline's single layer."""
+        store, row = self.body.store, self.row[number]
+        garments = [f"garment/{g.name}/vertices" for g in self.scene.garments]
+        names = garments if garments and self.settings.crop == "garment" else ["track/vertices", *garments]
+        return np.concatenate([store[name][row] for name in names])
+
+    def _registered(self, number):
+        """Pose, face, vertices and confidence of a frame as the run has them."""
+        store, row = self.body.store, self.row[number]
+        values = {
+            "rotations": store["pose/rotations"][row].astype(np.float32),
+            "translation": store["pose/translation"][row].astype(np.float32),
+        }
+        face = store["face"][row] if "face" in store else np.zeros((0, 3))
+        values["face"] = np.nan_to_num(face).astype(np.float32)
+        values["face_seen"] = np.isfinite(face).all(-1).astype(np.float32)
+        for layer in self.layers:
+            inner = layer.kind == "body" and "inner/vertices" in store
+            name = f"garment/{layer.name}" if layer.kind == "garment" else "inner" if inner else "track"
+            values[f"vertices.{layer.name}"] = store[f"{name}/vertices"][row].astype(np.float32)
+            values[f"confidence.{layer.name}"] = store[f"confidence/{name.removeprefix('garment/')}"][row]
+        return values
+
+    def _packed(self, name, unwrapped, prefix=""):
+        """Bits of the texels that were seen, their colours by channel and their weights (in 256ths)."""
+        bits = np.zeros(self.settings.texture_size**2, bool)
+        bits[unwrapped.texels] = True
+        return {
+            f"{prefix}texels.{name}": np.packbits(bits),
+            f"{prefix}colours.{name}": np.ascontiguousarray(unwrapped.colours.T),
+            f"{prefix}weights.{name}": np.clip(np.ceil(256 * unwrapped.weights), 1, 65535).astype(np.uint16),
+        }
+
+    def _maps(self, file, name, prefix=""):
+        """Texture (3,T,T) in 0..1 and weight (1,T,T) of a cache file's arrays."""
+        size = self.settings.texture_size
+        seen = np.flatnonzero(np.unpackbits(file[f"{prefix}texels.{name}"], count=size * size))
+        maps = np.zeros((4, size * size), np.float32)
+        for channel, values in zip(maps, file[f"{prefix}colours.{name}"]):
+            channel[seen] = values * np.float32(1 / 255)
+        maps[3, seen] = file[f"{prefix}weights.{name}"] * np.float32(1 / 256)
+        maps = torch.from_numpy(maps).unflatten(1, (size, size))
+        return maps[:3], maps[3:]
+
+    # Means over the frames -------------------------------------------------------------------------------------------
+
+    def _summarise(self):
+        """mean_texture {layer: (3,T,T)} in 0..1, unseen texels filled; valid {layer: (T,T)}, seen in some view; texture_std,
+        of seen texels about their mean; face_mean (q,3) in the head joint's frame."""
+        size = self.settings.texture_size
+        total = {layer.name: np.zeros((4, size, size)) for layer in self.layers}
+        squared, faces = 0.0, []
+        for number in self.frames:
+            file = load_file(self._path(number))
+            faces.append(np.where(file["face_seen"][:, None] > 0, file["face"], np.nan))
+            for name in self.names:
+                texture, weight = (x.numpy() for x in self._maps(file, name, "mean_"))
+                total[name] += np.concatenate([texture * weight, weight])
+                squared += float((weight * texture**2).sum(dtype=np.float64))
+        self.mean_texture, self.valid, explained = {}, {}, 0.0
+        for name, sums in total.items():
+            mean = sums[:3] / np.maximum(sums[3], 1e-9)
+            self.valid[name] = sums[3] > 0
+            explained += float((sums[3] * mean**2).sum())
+            self.mean_texture[name] = (
+                filled(mean.transpose(1, 2, 0), self.valid[name]).transpose(2, 0, 1).astype(np.float32)
+            )
+        weights = sum(float(sums[3].sum()) for sums in total.values())
+        self.texture_std = float(np.sqrt(max(squared - explained, 0) / max(3 * weights, 1e-9)))
+        self.face_mean, self.head = self._face(np.array(faces))
+
+    def _face(self, faces):
+        """Mean facial keypoints, and the head joint's index; (None, None) where the scene has no face or none was seen."""
+        names = self.body.model.joint_names
+        seen = np.isfinite(faces).all(-1).any(0) if faces.size else np.zeros(0, bool)
+        if not self.scene.face_keypoints or not seen.any() or "head" not in names:
+            return None, None
+        mean = np.zeros(faces.shape[1:])
+        mean[seen] = np.nanmean(faces[:, seen], axis=0)
+        return mean, names.index("head")
+
+
+def _save(path, values):
+    replace_file(path, lambda temporary: save_file({k: np.ascontiguousarray(v) for k, v in values.items()}, temporary))

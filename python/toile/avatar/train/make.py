@@ -1,0 +1,209 @@
+"""From a run to an avatar: hold-out, data, networks, training, and the single-layer baseline under the same conditions."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import time
+from collections.abc import Callable
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from lightning_fabric import Fabric
+from lightning_fabric.strategies import DDPStrategy
+
+from ...errors import UserError
+from ...pipeline.blocks import locked
+from ...surface.layers import capture_of, open_body, pictured_frames
+from ...vision.unwrapping import pinhole
+from ..model.avatar import Avatar
+from ..model.checkpoint import begin, read_assets, read_facts, save_assets, save_avatar, topology
+from ..model.sizes import matched_settings
+from ..settings import AvatarSettings
+from .data import AvatarData
+from .training import Training, draw
+
+HELD_OUT = 0.1  # of the pictured frames, the last ones
+ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head")
+FITTED = 50  # frames that the crop is fitted to
+MARGIN = 4  # about the person in the crop [px of the capture]
+SCORED = 1 / 3  # of the last losses of a learning rate's trial
+
+
+@dataclass
+class Request:
+    """What is asked of a training."""
+
+    run: Path
+    settings: AvatarSettings
+    minutes: float | None = None  # for the layered avatar; the baseline takes as many steps
+    holdout: str | None = None  # "A-B", inclusive frame numbers, or "none"; None: the last tenth
+    progress: Callable = lambda stage, done, total, note: None
+    say: Callable = print
+
+
+def make_avatar(request, folder, baseline=False):
+    """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
+    begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
+    frames = pictured_frames(request.run)
+    held = held_out(request.holdout, frames)
+    frames = [number for number in frames if number not in held]
+    if not frames:
+        raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
+    seconds = None if request.minutes is None else 60 * request.minutes
+    settings = request.settings
+    if settings.fit_crop:
+        data = settings.data.model_copy(update={"pixel_scale": fitting_scale(request.run, settings.data, frames)})
+        settings = settings.model_copy(update={"data": data})
+    with locked(folder) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
+        job = Job(request, fabric, frames, held)
+        job.train(folder, settings, begun=begun, seconds=seconds)
+        if baseline:
+            job.train_baseline(folder)
+
+
+@dataclass
+class Job:
+    """Trainings on the same frames."""
+
+    request: Request
+    fabric: Fabric
+    frames: list[int]
+    held: list[int]
+
+    def train(self, folder, settings, title="", layered=True, cache=None, begun=None, seconds=None, **notes):
+        """One avatar, layered or of one surface, in `seconds` from `begun` on where they are given."""
+        fabric, request = self.fabric, self.request
+
+        def progress(stage, *args):
+            request.progress(f"{title} {stage}".strip(), *args)
+
+        with fabric.rank_zero_first():
+            data = AvatarData(
+                request.run, settings.data, folder=cache or folder / "cache", frames=self.frames, layered=layered
+            )
+        torch.manual_seed(draw(settings.seed, "weights"))
+        avatar = Avatar(settings, **{name: getattr(data, name) for name in ASSETS})
+        facts = {
+            "scene": data.scene.name,
+            "run": str(Path(request.run).resolve()),
+            "topology": topology(data.layers, data.scene, data.cameras),
+            "frames": list(self.frames),
+            "holdout": list(self.held),
+            "layered": layered,
+            "settings": settings.model_dump(mode="json"),
+        }
+        with fabric.rank_zero_first():
+            unfinished = begin(folder, facts)
+        if not unfinished:
+            return request.say(f"{folder}: already trained")
+        if fabric.is_global_zero:
+            save_assets(folder, data)
+        phases = list(settings.phases(layered))
+        training = Training(folder, avatar, data, settings, phases, fabric, progress, request.say, begun, seconds)
+        steps = training.run()
+        if fabric.is_global_zero:
+            save_avatar(folder, avatar, facts | notes | {"architecture": avatar.describe(), "steps": steps})
+        fabric.barrier()
+
+    def train_baseline(self, folder):
+        """The layered avatar's steps, with the learning rate that does best in short trials."""
+        layered, base = read_facts(folder), folder / "baseline"
+        steps = {f"{name}_steps": layered["steps"].get(name, 0) for name in ("body", "garment", "joint")}
+        assets = read_assets(folder)
+        points = 0 if assets["face_mean"] is None else len(assets["face_mean"])
+        data = layered["settings"].data.model_copy(update={"modes": layered["settings"].baseline_modes})
+        settings = layered["settings"].model_copy(update=steps | {"data": data})
+        settings = matched_settings(
+            settings, assets["layers"], assets["cameras"], assets["scene"], len(assets["J"]), points
+        )
+        short = {name: max(round(count * settings.baseline_search), 1) for name, count in steps.items()}
+        scores = {}
+        for factor in settings.baseline_lr:
+            rate, trial = settings.lr * factor, base / "search" / f"{factor:g}"
+            self.train(
+                trial, settings.model_copy(update=short | {"lr": rate}), f"trial {rate:g}", False, base / "cache"
+            )
+            scores[rate] = last_losses(trial)
+        best = min(scores, key=scores.get)
+        self.request.say(f"baseline: learning rate {best:g} of {', '.join(f'{rate:g}' for rate in scores)}")
+        searched = {f"{rate:g}": score for rate, score in scores.items()}
+        self.train(base, settings.model_copy(update={"lr": best}), "baseline", False, searched=searched)
+
+
+def last_losses(folder):
+    """Mean of the last losses of a training's last phase."""
+    lines = [json.loads(line) for line in (folder / "losses.jsonl").read_text(encoding="utf-8").splitlines()]
+    losses = [line["loss"] for line in lines if line["phase"] == lines[-1]["phase"]]
+    losses = losses[-max(round(len(losses) * SCORED), 1) :]
+    return sum(losses) / len(losses)
+
+
+def held_out(text, frames):
+    """The frames of "A-B" among the pictured ones; the last tenth, at least one, of several for None."""
+    if text is None:
+        return frames[len(frames) - max(round(len(frames) * HELD_OUT), 1) :] if len(frames) > 1 else []
+    if text == "none":
+        return []
+    match = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    if not match:
+        raise UserError(f"--holdout {text}: expected A-B, frame numbers, or none")
+    first, last = int(match[1]), int(match[2] or match[1])
+    held = [number for number in frames if first <= number <= last]
+    if not held:
+        raise UserError(f"--holdout {text}: none of the run's pictured frames {frames[0]}-{frames[-1]} lies there")
+    return held
+
+
+def fitting_scale(run, settings, frames):
+    """Pixels of the capture along one of the crop's, at least those of the settings, so that it holds the person, or
+    its garments, in every picture of (a spread of) the frames."""
+    body, capture = open_body(run), capture_of(run)
+    rows, scale = body.rows(frames), settings.pixel_scale
+    garments = [f"garment/{garment.name}/vertices" for garment in capture.scene.garments]
+    shown = garments if garments and settings.crop == "garment" else ["track/vertices", *garments]
+    for row in np.unique(np.linspace(0, len(rows) - 1, FITTED).round().astype(int)):
+        V = np.concatenate([body.store[name][rows[row]] for name in shown])
+        for camera in capture.cameras.values():
+            uv, depth = pinhole(camera).project(V)
+            uv = np.clip(uv[depth > 0], 0, [camera.width, camera.height])
+            if len(uv):
+                width, height = np.ptp(uv, axis=0) + 2 * MARGIN
+                scale = max(scale, height / settings.image[0], width / settings.image[1])
+    return round(scale + 0.005, 2)
+
+
+def start_fabric():
+    """One device, or as many as torchrun started processes; bf16 where there is a GPU."""
+    local, world = int(os.environ.get("LOCAL_WORLD_SIZE", 1)), int(os.environ.get("WORLD_SIZE", 1))
+    cuda = torch.cuda.is_available()
+    fabric = Fabric(
+        accelerator="cuda" if cuda else "cpu",
+        devices=local,
+        num_nodes=world // local,
+        strategy=DDPStrategy(find_unused_parameters=True) if world > 1 else "auto",
+        precision="bf16-mixed" if cuda else "32-true",
+    )
+    fabric.launch()
+    return fabric
+
+
+@contextmanager
+def deterministic(fabric):
+    """On the CPU the same bits from run to run: torch's parallel sums of gradients are otherwise in no order."""
+    from torch.utils import deterministic as extra
+
+    before = torch.are_deterministic_algorithms_enabled(), extra.fill_uninitialized_memory
+    torch.use_deterministic_algorithms(before[0] or fabric.device.type == "cpu", warn_only=True)
+    extra.fill_uninitialized_memory = (
+        False  # nothing here reads memory that it has not written, and filling costs a sixth
+    )
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before[0])
+        extra.fill_uninitialized_memory = before[1]

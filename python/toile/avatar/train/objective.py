@@ -1,0 +1,105 @@
+"""What a phase minimises: METHOD's terms on a batch of (frame, camera) samples."""
+
+from __future__ import annotations
+
+import torch
+from torch.utils.data import default_collate
+
+from ..model.avatar import Decoded
+from . import losses
+
+GUESSED = 0.1  # weight of a vertex of confidence 0: what nothing has seen is still held where the registration put it
+OCCLUSION_SAMPLES = 16  # spread over the training frames, whose mean ambient occlusion shadows are relative to
+
+
+class Objective(torch.nn.Module):
+    """The avatar with its losses; the networks run in the precision of the device, all losses in float32."""
+
+    def __init__(self, avatar, settings):
+        super().__init__()
+        self.avatar, self.settings = avatar, settings
+        self.kinds = {layer.name: layer.kind for layer in avatar.layers}
+        self.labels = {layer.name: layer.label for layer in avatar.layers}
+
+    @torch.no_grad()
+    def prepare(self, data, to_device):
+        """Sets what networks' inputs are relative to, before the first step: of ambient occlusion, and of windows of poses."""
+        rows = torch.linspace(0, len(data) - 1, min(OCCLUSION_SAMPLES, len(data))).long().unique().tolist()
+        found = []
+        for row in rows:
+            batch = to_device(default_collate([data[row]]))
+            layers = {
+                name: Decoded(vertices, vertices) for name in self.kinds for vertices in [batch[f"vertices.{name}"]]
+            }
+            found.append(self.avatar.ambient_occlusion(layers))
+        self.avatar.fit_projection(data)
+        self.avatar.set_mean_ao({name: torch.cat([one[name] for one in found]).mean(0) for name in self.kinds})
+
+    def forward(self, batch, phase, share):
+        """{term: value} of a phase; `share` of it that is over, 0 to 1, anneals c."""
+        avatar, names = self.avatar, [name for name, kind in self.kinds.items() if kind in phase.kinds]
+        codes = avatar.encode(batch, names)
+        together = "image" in phase.terms
+        decoded = avatar.decode(batch, avatar.sample(codes), names)
+        with torch.autocast(batch["image"].device.type, enabled=False):
+            terms = self._apart(batch, decoded, phase.terms)
+            if "kl" in phase.terms and codes:
+                terms["kl"] = sum(losses.kl(*code) for code in codes.values())
+            if together:
+                terms |= self._together(batch, decoded, phase.terms, share)
+        if "impute" in phase.terms and codes:
+            terms["impute"] = self._impute(batch, codes, names)
+        return terms
+
+    def _apart(self, batch, decoded, asked):
+        """The terms that need no picture, summed over the layers."""
+        terms = {}
+        for name, layer in decoded.items():
+            registered = self.avatar.unposed(batch, name)
+            weight = GUESSED + (1 - GUESSED) * batch[f"confidence.{name}"]
+            values = {
+                "geometry": lambda: losses.geometry(layer.unposed, registered, weight),
+                "laplacian": lambda: losses.laplacian(self.avatar.laplacian[name], layer.unposed, registered, weight),
+                "texture": lambda: losses.texture(
+                    self.avatar.colour(layer.texture, batch["camera"]),
+                    batch[f"texture.{name}"],
+                    batch[f"texel_weight.{name}"],
+                ),
+            }
+            for term in asked:
+                if term in values:
+                    terms[term] = terms.get(term, 0) + values[term]()
+        return terms
+
+    def _together(self, batch, decoded, asked, share):
+        """The terms of inverse rendering, means over the batch."""
+        several = len(decoded) > 1 and "visibility" in asked and self.settings.weights.visibility > 0
+        rendered = self.avatar.compose(decoded, batch, batch["image"].shape[-2:], layer_depth=several)
+        image, mask = (torch.stack([getattr(view, part) for view in rendered]) for part in ("image", "mask"))
+        terms = {
+            "image": losses.image_l1(image, batch["image"], batch["mask"]),
+            "mask": losses.mask_l1(mask, batch["mask"]),
+        }
+        if several:
+            first, last = self.settings.visibility_c
+            c, labels = first + (last - first) * share, [self.labels[name] for name in decoded]
+            seen = [losses.soft_visibility(view.depth, l, labels, c) for view, l in zip(rendered, batch["labels"])]
+            terms["visibility"] = torch.stack(seen).mean()
+        return terms
+
+    def _impute(self, batch, codes, names):
+        """The baseline's geometry under codes that are not this sample's: what the pose decides may not depend on them."""
+        decoded = self.avatar.decode(batch, self.avatar.impute(codes), names, texture=False)
+        with torch.autocast(batch["image"].device.type, enabled=False):
+            return sum(
+                losses.impute(self.avatar.anchors[name], layer.vertices, batch[f"vertices.{name}"])
+                for name, layer in decoded.items()
+            )
+
+    @torch.no_grad()
+    def picture(self, batch):
+        """(3,H,2W) 0..1: the first sample captured, and rendered with the mean of its code."""
+        avatar = self.avatar
+        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
+        rendered = avatar.compose(decoded, batch, batch["image"].shape[-2:])[0].image
+        return torch.cat([batch["image"][0], rendered.float()], dim=-1).clamp(0, 1).cpu()

@@ -1,0 +1,245 @@
+"""A capture on disk: scene.toml, cameras.json, templates/ and frames/, validated when opened, frames read when asked."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..errors import UserError
+from ..kernels import boundary_loops
+from ..scene import Camera, Frame, Garment, Mesh, Scene
+from .camera import first_error, read_cameras
+from .image import read_image
+from .keypoints import read_keypoints
+from .mesh import read_mesh
+
+METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
+HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
+CHECKED = 3  # frames that are read before a run begins
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _SceneTable(_Table):
+    name: str
+    fps: float = Field(default=30, gt=0)
+    units: str = "m"
+    up: str = "z"
+
+
+class _BodyTable(_Table):
+    model: str = "anny"
+
+
+class _FaceTable(_Table):
+    keypoints: bool = True
+
+
+class _GarmentTable(_Table):
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
+    template: str
+    label: str
+
+
+class _CamerasTable(_Table):
+    file: str = "cameras.json"
+    view_dependent: bool = False
+
+
+class _SceneFile(_Table):
+    scene: _SceneTable
+    body: _BodyTable = _BodyTable()
+    face: _FaceTable | None = None
+    labels: dict[str, int] = {}
+    garment: list[_GarmentTable] = []
+    cameras: _CamerasTable = _CamerasTable()
+
+
+@dataclass(frozen=True)
+class Capture:
+    """An opened capture; everything it gives is in metres."""
+
+    root: Path
+    scene: Scene
+    cameras: dict[str, Camera]
+    frames: tuple[int, ...]
+    templates: dict[str, Mesh]
+
+    def frame(self, number):
+        """Reads one frame. UserError names the file and the field."""
+        folder = self._folder(number)
+        scan, keypoints = None, folder / "keypoints.json"
+        if (folder / "scan.ply").exists():
+            scan = _scaled(read_mesh(folder / "scan.ply"), METRES[self.scene.units])
+            self._check_height(folder / "scan.ply", scan)
+        found = read_keypoints(keypoints, self.cameras) if keypoints.exists() else None
+        return replace(self.pictures(number), scan=scan, keypoints=found)
+
+    def pictures(self, number):
+        """Reads images, masks and labels of one frame, and nothing else of it."""
+        folder = self._folder(number)
+        labels = self._images(folder / "labels", "L")
+        self._check_labels(folder / "labels", labels)
+        masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
+        return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
+
+    def _folder(self, number):
+        folder = self.root / "frames" / f"{number:06d}"
+        if not folder.is_dir():
+            raise UserError(f"{folder}: no such frame")
+        return folder
+
+    def _images(self, folder, mode):
+        """{camera: array} of one kind: for every camera or for none."""
+        if not folder.is_dir():
+            return {}
+        paths = {p.stem: p for p in sorted(folder.iterdir()) if p.suffix.lower() in (".png", ".jpg", ".jpeg")}
+        for name in paths:
+            if name not in self.cameras:
+                raise UserError(f"{paths[name]}: no camera '{name}' in cameras.json")
+        for name in self.cameras:
+            if paths and name not in paths:
+                raise UserError(f"{folder}: camera '{name}' is missing")
+        return {name: read_image(path, self.cameras[name].size, mode) for name, path in paths.items()}
+
+    def _check_labels(self, folder, labels):
+        known = np.array([0, *self.scene.labels.values()])
+        for name, image in labels.items():
+            strange = np.setdiff1d(np.unique(image), known)
+            if len(strange):
+                raise UserError(f"{folder / name}.png: label id {strange[0]} is not in scene.toml's [labels]")
+
+    def _check_height(self, path, scan):
+        extent = float(np.ptp(scan.vertices[np.unique(scan.faces)], axis=0).max())
+        if not HEIGHT[0] <= extent <= HEIGHT[1]:
+            raise UserError(
+                f'{path}: the scan is {extent:.4g} m large with [scene] units = "{self.scene.units}"; '
+                f"expected {HEIGHT[0]} to {HEIGHT[1]} m"
+            )
+
+
+def open_capture(path):
+    """Opens and validates a capture folder. UserError: one line that names the file and the field."""
+    root = Path(path)
+    file = root / "scene.toml"
+    try:
+        table = _SceneFile(**tomllib.loads(file.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise UserError(f"{file}: the file is missing") from None
+    except ValidationError as error:
+        raise first_error(file, error) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{file}: not TOML: {error}") from None
+    scene = _scene(root, file, table)
+    cameras = _cameras(root, table.cameras.file, METRES[scene.units])
+    frames = tuple(
+        sorted(int(p.name) for p in (root / "frames").glob("*") if p.is_dir() and re.fullmatch(r"\d{6}", p.name))
+    )
+    if not frames:
+        raise UserError(f"{root / 'frames'}: no frames (folders named 000000, 000001, ...)")
+    templates = {g.name: _template(root, g, METRES[scene.units]) for g in scene.garments}
+    return Capture(root, scene, cameras, frames, templates)
+
+
+def check_capture(capture, frames):
+    """Reads the first frames of a run before anything is written.
+
+    What is wrong in every one of them, and a garment whose label no pixel carries, is the capture's fault and raises;
+    a bad frame among good ones is left for the run to record.
+    """
+    errors, seen, labelled = [], set(), False
+    for number in frames[:CHECKED]:
+        try:
+            frame = capture.frame(number)
+        except UserError as error:
+            errors.append(error)
+            continue
+        labelled |= bool(frame.labels) or (frame.scan is not None and frame.scan.face_labels is not None)
+        for image in frame.labels.values():
+            seen |= set(np.unique(image).tolist())
+        if frame.scan is not None and frame.scan.face_labels is not None:
+            seen |= set(np.unique(frame.scan.face_labels).tolist())
+    if len(errors) == len(frames[:CHECKED]):
+        raise errors[0]
+    for garment in capture.scene.garments:
+        if not labelled:
+            raise UserError(
+                f"{capture.root / 'frames'}: garment '{garment.name}' needs labels/*.png or labels on the scans"
+            )
+        if capture.scene.labels[garment.label] not in seen:
+            raise UserError(
+                f"{capture.root / 'scene.toml'}: labels.{garment.label} = {capture.scene.labels[garment.label]}: "
+                f"nothing in frame {frames[0]} and its neighbours carries this id"
+            )
+
+
+def _scene(root, file, table):
+    if table.scene.units not in METRES:
+        raise UserError(f"{file}: scene.units: '{table.scene.units}', expected one of {', '.join(METRES)}")
+    if table.scene.up not in ("x", "y", "z"):
+        raise UserError(f"{file}: scene.up: '{table.scene.up}', expected x, y or z")
+    for name, label in table.labels.items():
+        if not 0 < label < 256:
+            raise UserError(f"{file}: labels.{name} = {label}: ids are 1 to 255, 0 is the background")
+    if len(set(table.labels.values())) < len(table.labels):
+        raise UserError(f"{file}: labels: two names share one id")
+    names = [g.name for g in table.garment]
+    for i, garment in enumerate(table.garment):
+        if garment.label not in table.labels:
+            raise UserError(f"{file}: garment.{i}.label: '{garment.label}' is not in [labels]")
+        if names.index(garment.name) != i:
+            raise UserError(f"{file}: garment.{i}.name: '{garment.name}' stands there twice")
+        _inside(root, file, f"garment.{i}.template", garment.template)
+    if table.body.model.endswith(".npz"):
+        _inside(root, file, "body.model", table.body.model)
+    elif table.body.model != "anny":
+        raise UserError(f"{file}: body.model: '{table.body.model}' is neither a packaged model (anny) nor a .npz file")
+    return Scene(
+        table.scene.name,
+        table.scene.fps,
+        table.scene.units,
+        table.scene.up,
+        table.body.model,
+        dict(table.labels),
+        tuple(Garment(g.name, g.template, g.label) for g in table.garment),
+        bool(table.face and table.face.keypoints),
+        table.cameras.view_dependent,
+    )
+
+
+def _cameras(root, name, metres):
+    """Cameras where the capture has pictures or keypoints; scans alone need none."""
+    path = _inside(root, root / "scene.toml", "cameras.file", name)
+    needed = any((root / "frames").glob("*/images/*")) or any((root / "frames").glob("*/keypoints.json"))
+    return read_cameras(path, metres) if needed or path.exists() else {}
+
+
+def _template(root, garment, metres):
+    path = root / garment.template
+    mesh = _scaled(read_mesh(path), metres)
+    if not boundary_loops(mesh.faces):
+        raise UserError(f"{path}: the template of garment '{garment.name}' has no open loops")
+    return mesh
+
+
+def _scaled(mesh, metres):
+    if metres == 1:
+        return mesh
+    return Mesh(mesh.vertices * metres, mesh.faces, mesh.uv, mesh.face_uv, mesh.face_labels)
+
+
+def _inside(root, file, field, name):
+    """The path inside the capture, refused when it leaves it or is missing (cameras may be)."""
+    path = (root / name).resolve()
+    if not path.is_relative_to(root.resolve()):
+        raise UserError(f"{file}: {field}: '{name}' leaves the capture")
+    if field != "cameras.file" and not path.is_file():
+        raise UserError(f"{file}: {field}: no file '{name}' in the capture")
+    return path

@@ -1,0 +1,80 @@
+"""Files that are there whole or not at all, and dataclasses of arrays as files.
+
+Every file is written under another name first and renamed, so a process that is killed at any instant leaves whole files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+
+
+def replace_file(path, write):
+    """Calls `write(temporary path)` and renames the result to `path`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    write(temporary)
+    os.replace(temporary, path)
+
+
+def write_text(path, text):
+    """`text` as a whole file of UTF-8."""
+    replace_file(path, lambda p: p.write_text(text, encoding="utf-8"))
+
+
+def save_record(path, record):
+    """A dataclass of arrays, strings, numbers, dictionaries of numbers and such dataclasses, as .npz without pickles."""
+    arrays = _arrays(record)
+
+    def write(p):
+        with open(p, "wb") as file:
+            np.savez(file, **arrays)
+
+    replace_file(path, write)
+
+
+def load_record(path, kind, tuples=(), **records):
+    """The dataclass `kind` back; fields named in `tuples` are tuples of index arrays, `records` names dataclasses."""
+    with np.load(path, allow_pickle=False) as data:
+        return _record(data, kind, "", tuples, records)
+
+
+def _arrays(record, prefix=""):
+    arrays = {}
+    for field in fields(record):
+        value, name = getattr(record, field.name), prefix + field.name
+        if is_dataclass(value):
+            arrays |= _arrays(value, f"{name}.")
+        elif isinstance(value, (dict, tuple, str)):
+            arrays[f"json.{name}"] = np.array(json.dumps(value, default=_plain))
+        elif value is not None:
+            arrays[name] = np.asarray(value)
+    return arrays
+
+
+def _record(data, kind, prefix, tuples, records):
+    values = {}
+    for field in fields(kind):
+        name = prefix + field.name
+        values[field.name] = None
+        if name in data:
+            values[field.name] = data[name].item() if data[name].ndim == 0 else data[name]
+        elif f"json.{name}" in data:
+            value = json.loads(str(data[f"json.{name}"]))
+            if field.name in tuples:
+                value = [np.array(v, dtype=np.int32) for v in value]
+            values[field.name] = tuple(value) if isinstance(value, list) else value
+        elif field.name in records and any(key.startswith(f"{name}.") for key in data):
+            values[field.name] = _record(data, records[field.name], f"{name}.", tuples, records)
+    return kind(**values)
+
+
+def _plain(value):
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value.item() if isinstance(value, np.generic) else value

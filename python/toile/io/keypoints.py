@@ -1,0 +1,27 @@
+"""keypoints.json."""
+
+import json
+
+import numpy as np
+
+from ..errors import UserError
+from ..scene import Keypoints
+
+
+def read_keypoints(path, cameras):
+    """2D keypoints of one frame, for the cameras that are known."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        names = tuple(str(n) for n in data["names"])
+        points = {camera: np.array(rows, dtype=np.float64).reshape(-1, 3) for camera, rows in data["points"].items()}
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise UserError(f"{path}: expected {{names, points: {{camera: [[u, v, confidence], ...]}}}}: {error}") from None
+    for camera, rows in points.items():
+        if camera not in cameras:
+            raise UserError(f"{path}: points.{camera}: no such camera in cameras.json")
+        if len(rows) != len(names):
+            raise UserError(f"{path}: points.{camera} has {len(rows)} rows, names {len(names)}")
+        bad = np.flatnonzero(~np.isfinite(rows).all(1))
+        if len(bad):
+            raise UserError(f"{path}: points.{camera}[{bad[0]}] is not finite")
+    return Keypoints(names, points)

@@ -1,0 +1,226 @@
+"""Dress each frame: the template posed by the tracked skeleton, its loops laid on the scan's openings, then registered."""
+
+import warnings
+
+import numpy as np
+
+from .. import kernels
+from ..errors import UserError
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
+from ..surface.curves import isolines, pieces
+from ..surface.loops import LoopMatch, loop_length, match_loops, name_loops
+from ..surface.refinement import NonRigidRefinement
+from ..surface.transfer import carry, smooth_on, transfer_skin, unwrap
+from ..vision.openings import Rivals, trace_opening
+
+_UNSEEN = 1e-6  # weight of staying where the body carried the template, against one sample's evidence
+_COVERED = 1e-2  # for a garment worn under another: what is hidden is no gap, but ends in the dark
+
+
+def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
+    """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
+    [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged. `over`: label ids of the
+    garments worn over this one.
+
+    Warns where the template does not fit: size by loop lengths, a loop that no frame shows. Raises UserError for a
+    template without open loops."""
+    V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
+    loops = tuple(kernels.boundary_loops(F)) if len(F) else ()
+    if not loops:
+        raise UserError(f"{garment.template}: the template of garment {garment.name} has no open loop")
+    uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
+    skin = transfer_skin(model, V, F, settings.skin_smoothing)
+    rest = carry(V, model.v_template, _surface_under(model, person, samples, over), settings.fit_reach)
+    names = name_loops(V, loops)
+    template = GarmentTemplate(garment.name, int(label_id), rest, F, uv, face_uv, skin, loops, names)
+    return _personalise(model, person, template, samples, settings, over) if samples else template
+
+
+def _surface_under(model, person, samples, over):
+    """The person's rest surface (n,3); where garments `over` lie on it, the body that the model has there."""
+    if not samples or not over:
+        return person.rest
+    share = np.mean([np.isin(segmented.vertices, over) for _, _, segmented, _ in samples], axis=0)
+    share = smooth_on(model.f, share, 2)[:, None]
+    return person.rest + share * (model.rest(person.shape)[0] - person.rest)
+
+
+def chosen(samples, settings):
+    """Those of the sampled frames that personalise a template."""
+    return samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
+
+
+class _Skinning:
+    """Garment vertices to and from one pose, by the template's own weights."""
+
+    def __init__(self, model, person, skin, rotations, translation):
+        R, x = model.joint_transforms(person.J, rotations, translation)
+        K = len(R)
+        self.A = (skin @ R.reshape(K, 9)).reshape(-1, 3, 3)
+        self.b = skin @ (x - np.einsum("kij,kj->ki", R, person.J))
+
+    def pose(self, rest):
+        return np.einsum("gij,gj->gi", self.A, rest) + self.b
+
+    def unpose(self, posed):
+        return np.linalg.solve(self.A, (posed - self.b)[..., None])[..., 0]
+
+
+def _personalise(model, person, template, samples, settings, over):
+    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed."""
+    dresser = Dresser(model, person, template, settings, over)
+    total, weight, lengths = 0, 0, []
+    for frame, tracked, segmented, evidence in samples:
+        dressed, matches = dresser.register(frame, tracked, segmented, evidence)
+        lengths.append([_observed_length(m) for m in matches])
+        rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
+        w = (dressed.confidence == OBSERVED)[:, None]
+        total, weight = total + w * (rest - template.rest), weight + w
+    stay = _COVERED if over else _UNSEEN
+    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
+    _report_fit(template, np.array(lengths), settings)
+    fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
+    return GarmentTemplate(**{**fields, "rest": template.rest + shift})
+
+
+def _filled(template, shift, weight, stiffness, stay):
+    """argmin_s sum_i weight_i |s_i - shift_i|^2 + stay |s_i|^2 + stiffness |(L s)_i|^2 with the umbrella Laplacian,
+    so that what no sample showed follows its surroundings."""
+    from scipy.sparse import coo_matrix, diags
+
+    n, e = len(shift), kernels.unique_edges(template.faces)
+    A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
+    L = diags(np.asarray(A.sum(1)).ravel()) - A
+    factor = kernels.CholeskyFactor().factorize((diags(weight + stay) + stiffness * (L.T @ L)).tocsc())
+    return factor.solve(weight[:, None] * shift)
+
+
+def _observed_length(match: LoopMatch):
+    return loop_length(match.target) if match.observed.mean() > 0.6 else np.nan
+
+
+def _report_fit(template, lengths, settings):
+    for i, name in enumerate(template.loop_names):
+        own = loop_length(template.rest[template.loops[i]])
+        seen = lengths[np.isfinite(lengths[:, i]), i]
+        if len(seen) == 0:
+            warnings.warn(
+                f"garment {template.name}: no sampled frame shows loop {name}: it is missing, tucked in or covered; "
+                "its border is extrapolated",
+                stacklevel=4,
+            )
+        elif abs(np.median(seen) / own - 1) > settings.ambiguous_size:
+            warnings.warn(
+                f"garment {template.name}: loop {name} is {np.median(seen) / own:.2f} times as long in the capture as "
+                "in the template: is it of another size?",
+                stacklevel=4,
+            )
+
+
+class Dresser:
+    """Registers one garment frame by frame; what depends on the template alone is computed once. `over`: label ids of
+    the garments worn over this one, whose openings hide it and are none of its own."""
+
+    def __init__(self, body_model, person, template, settings, over=()):
+        self.model, self.person, self.template, self.settings, self.over = body_model, person, template, settings, over
+        self.known = np.concatenate(template.loops).astype(np.int32)
+        self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
+        self.refinement = NonRigidRefinement(
+            template.rest, template.faces, settings.stiffness, settings.refinement_steps
+        )
+        names = np.array(body_model.joint_names)
+        largest = np.asarray(body_model.weights_val).argmax(1)
+        strongest = np.asarray(body_model.weights_idx)[np.arange(len(largest)), largest]
+        hand = np.array([n.startswith(("finger", "metacarpal")) for n in names])
+        sides = [hand & np.char.endswith(names, side) for side in (".L", ".R")]
+        self.hands = [np.flatnonzero(side[strongest]) for side in sides]
+
+    def dress(self, frame, tracked, segmented, evidence):
+        """One frame -> Dressed."""
+        return self.register(frame, tracked, segmented, evidence)[0]
+
+    def register(self, frame, tracked, segmented, evidence):
+        """As `dress`, with the LoopMatch of each loop.
+
+        The loops are laid on the scan's openings first, and the garment settles; then each is laid on the opening that the
+        pictures show along it, which may hang free of the scan, and the garment settles again."""
+        t, s = self.template, self.settings
+        V, F = _scan_of(frame, tracked, self.model)
+        posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
+        rivals = Rivals(V, F, segmented, t.label, self.over)
+        matches, strange = match_loops([posed[l] for l in t.loops], _openings_of(segmented, t.label, V, F, rivals), s)
+        start = self._lay(posed, matches)
+        inside = (segmented.scan_faces == t.label) & evidence.seen
+        if inside.sum() < 100:
+            carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
+            raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
+        cloth = Mesh(V, F[inside])
+        vertices = self.refinement.solve(cloth, start, self._boundary(matches))
+        if s.trace_openings and evidence.views:
+            garment = Mesh(vertices, t.faces)
+            matches = [trace_opening(garment, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
+            vertices = self.refinement.solve(cloth, self._lay(vertices, matches), self._boundary(matches), steps=2)
+        confidence, distance = self._confidence(vertices, cloth)
+        for loop, match in zip(t.loops, matches):
+            confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
+        diagnostics = self._diagnostics(vertices, matches, strange, tracked, confidence, distance, start)
+        return Dressed(vertices, confidence, diagnostics), matches
+
+    def _lay(self, vertices, matches):
+        """Biharmonic displacement that takes the loops to their targets."""
+        move = np.concatenate([m.target - vertices[l] for m, l in zip(matches, self.template.loops)])
+        return vertices + self.biharmonic.solve(move)
+
+    def _boundary(self, matches):
+        """What loops are drawn to: openings where they are seen; where another garment hides one, the place that the pose gives."""
+        pairs = list(zip(self.template.loops, matches))
+        seen = [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop_observed]
+        return seen + [(l, m.target) for l, m in pairs if self.over and not m.observed.any()]
+
+    def _confidence(self, vertices, cloth):
+        """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""
+        from scipy.spatial import cKDTree
+
+        s = self.settings
+        _, _, _, distance = cloth.index.closest(vertices)
+        confidence = np.full(len(vertices), HIDDEN, np.uint8)
+        seen = distance < s.observed
+        if seen.any():
+            confidence[cKDTree(vertices[seen]).query(vertices)[0] < s.interpolated] = INTERPOLATED
+        confidence[seen] = OBSERVED
+        return confidence, distance
+
+    def _diagnostics(self, vertices, matches, strange, tracked, confidence, distance, start):
+        t, s = self.template, self.settings
+        seen = confidence == OBSERVED
+        out = {
+            "observed": float(seen.mean()),
+            "surface_mm": float(1e3 * distance[seen].mean()) if seen.any() else -1.0,
+            "moved_mm": float(1e3 * np.linalg.norm(vertices - start, axis=1).mean()),
+            "strange_opening_mm": 1e3 * strange,
+        }
+        for name, match, loop in zip(t.loop_names, matches, t.loops):
+            out[f"loop_observed.{name}"] = float(match.observed.mean())
+            gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
+            out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
+        index = kernels.SurfaceIndex(vertices, t.faces)
+        touch = [(index.closest(tracked.vertices[hand])[3] < s.contact).mean() for hand in self.hands if len(hand)]
+        out["hand_contact"] = float(max(touch, default=0.0))
+        out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
+        return out
+
+
+def _scan_of(frame, tracked, model):
+    if frame.scan is None:
+        return tracked.vertices, model.f
+    return frame.scan.vertices, frame.scan.faces
+
+
+def _openings_of(segmented, label, V, F, rivals):
+    """The border that the pictures gave, or the 0.5 isoline of the garment's probability on the scan; without what
+    another garment over it hides."""
+    curves = segmented.openings.get(label)
+    if not curves:
+        column = int(np.searchsorted(segmented.ids, label))
+        curves = isolines(V, F, segmented.scan_probability[:, column].astype(np.float64))
+    return [piece for curve in curves for piece in pieces(curve, ~rivals.hide(curve.points))]

@@ -1,0 +1,54 @@
+"""The body under the garments, and the garments moved out of it."""
+
+import numpy as np
+
+from .. import kernels
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Inner, InnerShape
+from ..surface.layering import Layering
+
+
+def prepare(model, person, samples, templates, settings):
+    """The fused rest shape from sampled frames [(Tracked, Segmented, {name: Dressed})]."""
+    solver = kernels.InnerSolver(model, person.shape, person.J)
+    frames = [
+        (t.rotations, t.translation, t.vertices, _visible(t, s, templates), _meshes(templates, d))
+        for t, s, d in samples
+    ]
+    fused = solver.fuse(frames)
+    return InnerShape(np.asarray(fused.rest), {"iterations": float(fused.iterations)})
+
+
+class InnerLayer:
+    """Solves frames against one fused shape; the solvers' factors are kept between frames."""
+
+    def __init__(self, model, person, inner_shape, templates, settings):
+        self.model, self.shape, self.templates = model, inner_shape, templates
+        self.solver = kernels.InnerSolver(model, person.shape, person.J, tolerance=settings.tolerance)
+        garments = [(t.name, t.faces, len(t.rest)) for t in templates]
+        self.layering = Layering(model.skin_faces, len(model.v_template), garments, settings.margin)
+
+    def solve(self, tracked, segmented, dressed):
+        """The inner body of one frame, then every garment out of the body and of the garments under it."""
+        visible = _visible(tracked, segmented, self.templates)
+        meshes = _meshes(self.templates, dressed)
+        fit = self.solver.solve(
+            self.shape.rest, tracked.rotations, tracked.translation, tracked.vertices, visible, meshes
+        )
+        V = np.asarray(fit.V)
+        hidden = {name: d.confidence < OBSERVED for name, d in dressed.items()}
+        layers = self.layering.solve(V, self.layering.tuck({name: d.vertices for name, d in dressed.items()}, hidden))
+        confidence = np.where(visible > 0, np.maximum(tracked.confidence, INTERPOLATED), HIDDEN).astype(np.uint8)
+        confidence[(visible > 0) & (tracked.confidence == OBSERVED)] = OBSERVED
+        diagnostics = {f"{name}_depth_before_m": depth for name, depth in layers.depth_before.items()}
+        left = layers.intersections_left
+        return Inner(V, confidence, layers.vertices, left, diagnostics | {"intersections_left": float(left)})
+
+
+def _visible(tracked, segmented, templates):
+    """1 where the tracked surface is the inner layer, 0 on cloth."""
+    cloth = np.isin(segmented.vertices, [t.label for t in templates])
+    return np.where(cloth, 0.0, 1.0)
+
+
+def _meshes(templates, dressed):
+    return [(dressed[t.name].vertices, t.faces) for t in templates]

@@ -1,0 +1,167 @@
+"""From pixels to space: 2D keypoints of several views become 3D points with their uncertainty."""
+
+import numpy as np
+
+from ..errors import UserError
+from ..scene import Points3D
+
+_UNDISTORT_STEPS = 20
+
+
+def triangulate(keypoints, cameras, settings):
+    """Robust triangulation: RANSAC over view pairs, then least squares on the reprojection error of the inliers.
+
+    `keypoints` Keypoints with k names; `cameras` {name: Camera}; `settings` ReconstructSettings. Returns Points3D:
+    a point is NaN (sigma infinite, views = inliers found) unless enough views agree on it. `sigma` is the square root
+    of the trace of the covariance s^2 (J'WJ)^-1 [m], s [px] the larger of the stated and the observed noise.
+    Raises UserError for a camera that the calibration lacks.
+    """
+    views = [name for name in keypoints.points if len(keypoints.points[name])]
+    for name in views:
+        if name not in cameras:
+            raise UserError(f"keypoints.json: points.{name}: cameras.json has no camera of this name")
+    k = len(keypoints.names)
+    if k == 0 or len(views) < 2:
+        return _nothing_seen(keypoints.names)
+    rig = _Rig([cameras[name] for name in views])
+    observed = np.stack([np.asarray(keypoints.points[name], dtype=np.float64) for name in views])  # (C,k,3)
+    uv = observed[..., :2]
+    seen = (observed[..., 2] >= settings.min_confidence) & np.isfinite(uv).all(-1)
+    uv = np.where(seen[..., None], uv, 0.0)
+
+    X, inlier = _best_of_pairs(rig, uv, seen, settings)
+    for _ in range(settings.iterations):
+        X, information, residual = _gauss_newton_step(rig, X, uv, inlier, settings)
+        error = np.linalg.norm(residual, axis=-1)
+        inlier = seen & (error < settings.inlier_pixels) & (rig.depth(X) > 0)
+    return _points(keypoints.names, X, information, error, inlier, seen, settings)
+
+
+class _Rig:
+    """The cameras of one frame as stacked arrays (C, ...)."""
+
+    def __init__(self, cameras):
+        self.K = np.stack([c.K for c in cameras])
+        self.R = np.stack([c.T_camera_world[:3, :3] for c in cameras])
+        self.t = np.stack([c.T_camera_world[:3, 3] for c in cameras])
+        self.distortion = np.stack([c.distortion for c in cameras])
+        self.centre = -np.einsum("cji,cj->ci", self.R, self.t)
+
+    def to_camera(self, X):
+        """World points (..., k, 3) -> (..., C, k, 3)."""
+        return np.einsum("cij,...kj->...cki", self.R, X) + self.t[:, None]
+
+    def depth(self, X):
+        return np.einsum("cj,...kj->...ck", self.R[:, 2], X) + self.t[:, 2, None]
+
+    def distort(self, xy, derivative=False):
+        """Normalised (..., C, k, 2) -> distorted, and d distorted / d xy (..., 2, 2) where asked for."""
+        k1, k2, p1, p2, k3 = (self.distortion[:, i, None] for i in range(5))
+        x, y = xy[..., 0], xy[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        out = np.stack([x * radial + dx, y * radial + dy], -1)
+        if not derivative:
+            return out
+        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d x = slope x
+        D = np.empty(xy.shape + (2,))
+        D[..., 0, 0] = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+        D[..., 0, 1] = D[..., 1, 0] = slope * x * y + 2 * p1 * x + 2 * p2 * y
+        D[..., 1, 1] = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+        return out, D
+
+    def project(self, X):
+        """World points (..., k, 3) -> pixels (..., C, k, 2); points behind a camera come out infinitely far."""
+        p = self.to_camera(X)
+        z = p[..., 2:]
+        xy = p[..., :2] / np.where(z > 1e-9, z, 1.0)
+        uv = np.einsum("cij,...ckj->...cki", self.K[:, :2, :2], self.distort(xy)) + self.K[:, None, :2, 2]
+        return np.where(z > 1e-9, uv, np.inf)
+
+    def project_with_jacobian(self, X):
+        """Pixels (C,k,2) and d pixels / d X (C,k,2,3)."""
+        p = self.to_camera(X)
+        z = np.where(np.abs(p[..., 2]) > 1e-9, p[..., 2], 1e-9)
+        xy = p[..., :2] / z[..., None]
+        distorted, D = self.distort(xy, derivative=True)
+        uv = np.einsum("cij,ckj->cki", self.K[:, :2, :2], distorted) + self.K[:, None, :2, 2]
+        P = (self.R[:, None, :2, :] - xy[..., None] * self.R[:, None, 2:, :]) / z[..., None, None]  # d xy / d X
+        return uv, np.einsum("cij,ckjl,cklm->ckim", self.K[:, :2, :2], D, P, optimize=True)
+
+    def rays(self, uv):
+        """Unit world directions (C,k,3) through pixels (C,k,2): the distortion is inverted by fixed-point steps."""
+        target = np.einsum("cij,ckj->cki", np.linalg.inv(self.K[:, :2, :2]), uv - self.K[:, None, :2, 2])
+        xy = target.copy()
+        if self.distortion.any():
+            for _ in range(_UNDISTORT_STEPS):
+                xy = xy + (target - self.distort(xy))
+        d = np.concatenate([xy, np.ones(xy.shape[:-1] + (1,))], axis=-1)
+        d = np.einsum("cji,ckj->cki", self.R, d)
+        return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
+def _view_pairs(count, settings):
+    pairs = np.stack(np.triu_indices(count, 1), axis=1)
+    if count <= settings.exhaustive_views:
+        return pairs
+    draw = np.random.default_rng(settings.seed).choice(len(pairs), min(settings.pairs, len(pairs)), replace=False)
+    return pairs[np.sort(draw)]
+
+
+def _best_of_pairs(rig, uv, seen, settings):
+    """Midpoints of all view pairs; per point the one of least truncated squared reprojection error."""
+    a, b = _view_pairs(len(rig.K), settings).T
+    d = rig.rays(uv)
+    da, db = d[a], d[b]  # (P,k,3)
+    w = (rig.centre[b] - rig.centre[a])[:, None]
+    cosine = np.einsum("pki,pki->pk", da, db)
+    sine2 = np.maximum(1 - cosine**2, 1e-12)
+    wa, wb = np.einsum("pki,pki->pk", w + 0 * da, da), np.einsum("pki,pki->pk", w + 0 * db, db)
+    s, t = (wa - cosine * wb) / sine2, (cosine * wa - wb) / sine2
+    X = 0.5 * (rig.centre[a][:, None] + s[..., None] * da + rig.centre[b][:, None] + t[..., None] * db)
+    usable = seen[a] & seen[b] & (s > 0) & (t > 0) & (sine2 > np.sin(settings.min_angle) ** 2)
+
+    error2 = ((rig.project(X) - uv) ** 2).sum(-1)  # (P,C,k)
+    limit = settings.inlier_pixels**2
+    cost = np.where(seen, np.minimum(error2, limit), 0.0).sum(1)
+    cost = np.where(usable, cost, np.inf)
+    best = cost.argmin(0)
+    point = np.arange(uv.shape[1])
+    found = np.isfinite(cost[best, point])
+    X = np.where(found[:, None], X[best, point], rig.centre.mean(0))
+    return X, seen & found & (error2[best, :, point].T < limit)
+
+
+def _gauss_newton_step(rig, X, uv, inlier, settings):
+    """One step on sum_i w_i |project(X) - uv_i|^2, w Geman-McClure at the inlier distance; -> X, J'WJ, residuals."""
+    at, J = rig.project_with_jacobian(X)
+    r = np.where(inlier[..., None], at - uv, 0.0)
+    w = np.where(inlier, (1 + (r**2).sum(-1) / settings.inlier_pixels**2) ** -2, 0.0)
+    H = np.einsum("ckij,ck,ckil->kjl", J, w, J, optimize=True)
+    g = np.einsum("ckij,ck,cki->kj", J, w, r, optimize=True)
+    damping = 1e-9 * np.trace(H, axis1=1, axis2=2) + 1e-12
+    X = X - np.linalg.solve(H + damping[:, None, None] * np.eye(3), g[..., None])[..., 0]
+    return X, H, rig.project(X) - uv
+
+
+def _points(names, X, information, error, inlier, seen, settings):
+    count, asked = inlier.sum(0), seen.sum(0)
+    accepted = count >= np.where(asked >= 4, settings.min_views + 1, settings.min_views)
+    square = np.where(inlier, np.minimum(error, settings.inlier_pixels) ** 2, 0.0).sum(0)
+    noise = np.maximum(settings.pixel_sigma, np.sqrt(square / np.maximum(2 * count - 3, 1)))
+    regular = information + 1e-9 * np.eye(3)
+    sigma = noise * np.sqrt(np.trace(np.linalg.inv(regular), axis1=1, axis2=2))
+    accepted &= np.isfinite(X).all(1)
+    return Points3D(
+        names=names,
+        points=np.where(accepted[:, None], X, np.nan),
+        sigma=np.where(accepted, sigma, np.inf),
+        views=count.astype(np.int32),
+    )
+
+
+def _nothing_seen(names):
+    k = len(names)
+    return Points3D(names, np.full((k, 3), np.nan), np.full(k, np.inf), np.zeros(k, np.int32))

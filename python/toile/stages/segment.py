@@ -1,0 +1,253 @@
+"""Labels of a captured surface: given label images, colour models and neighbours in space and time, fused by an MRF;
+the border of each garment is then placed between scan vertices by the pictures' own edges."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import kernels
+from ..errors import UserError
+from ..scene import Mesh, Segmented
+from ..surface.curves import Curve, isolines, pieces, resample, smooth, tangents
+from ..vision.colours import ColourModel, fit_colours
+from ..vision.evidence import Crop, Evidence, depth_views, mean_over_views, soft_labels, spread_views, visibility
+from ..vision.strip import Strip
+from ..vision.visibility import occlusion_border
+
+
+@dataclass(frozen=True)
+class SegmentModel:
+    """What is fixed for a sequence: the labels' colours, and how often each place carries each label."""
+
+    ids: np.ndarray  # (L,) uint8, ascending
+    colours: ColourModel | None
+    prior: np.ndarray  # (n,L) per tracked vertex, rows sum to 1
+
+
+def prepare(scene, cameras, samples, faces, settings):
+    """Fits the colour models on sampled frames [(Frame, Tracked)]; `faces` (m,3) of the tracked surface."""
+    ids = np.array(sorted(set(scene.labels.values())), dtype=np.uint8)
+    if not any(frame.labels for frame, _ in samples):
+        raise UserError("labels: none of the sampled frames has label images, and the scene names a garment")
+    _check_ids(scene, samples)
+    n, L = len(samples[0][1].vertices), len(ids)
+    votes = np.zeros((n, L))
+    seen = [(frame, depth_views(frame, cameras, tracked.vertices, faces)) for frame, tracked in samples]
+    for (frame, views), (_, tracked) in zip(seen, samples):
+        N = kernels.vertex_normals(tracked.vertices, faces)
+        soft = {name: Crop(soft_labels(frame.labels[name], ids, settings)) for name in views}
+        share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
+        votes += share * weight[:, None]
+    prior = _spread(votes, kernels.unique_edges(faces), rounds=1) + 1e-9
+    prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
+    prior /= prior.sum(1, keepdims=True)
+    return SegmentModel(ids, _fit(seen, prior, faces, ids, settings), prior)
+
+
+def evidence(frame, cameras, model, tracked, faces, settings):
+    """What the frame's pictures say, seen past the scan and the tracked surface."""
+    scan = Mesh(tracked.vertices, faces) if frame.scan is None else frame.scan
+    V, F = scan.vertices, scan.faces
+    both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
+    views = depth_views(frame, spread_views(cameras, frame.labels, V.mean(0), settings.views), *both)
+    return Evidence(frame, views, scan, model.ids, model.colours, settings)
+
+
+def segment(scene, evidence, model, tracked, faces, settings, previous=None):
+    """Labels of one frame on the tracked vertices and on the scan (on the tracked surface where there is no scan)."""
+    scan, surface = evidence.scan, Mesh(tracked.vertices, faces)
+    place = _interpolate(_place_costs(model, previous, settings), *_closest(surface, scan.vertices))
+    cost, colour, observed = evidence.scan_costs()
+    labels = _solve(cost + place, scan, colour, settings)
+    labels = _dissolve_islands(labels, scan, settings.min_region)
+
+    probability = np.zeros((len(scan.vertices), len(model.ids)), np.float32)
+    probability[np.arange(len(scan.vertices)), labels] = 1
+    moved, openings = [], {}
+    for garment in scene.garments if settings.refine_border else ():
+        column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
+        distance, curves, shift = _refine_border(labels, column, evidence, settings)
+        p = np.clip(0.5 + 0.5 * distance / settings.ramp, 0, 1)
+        rest = np.delete(np.arange(len(model.ids)), column)
+        others = probability[:, rest]
+        others = np.where(others.sum(1, keepdims=True) > 0, others, _runner_up(cost, rest))
+        probability[:, rest] = others * ((1 - p) / np.maximum(others.sum(1), 1e-9))[:, None]
+        probability[:, column] = p
+        moved.append(shift)
+        openings[scene.labels[garment.label]] = curves
+    place = _place_costs(model, previous, settings)
+    vertex_labels = _tracked_labels(surface, probability, evidence, place, settings)
+    face_labels = model.ids[probability[scan.faces].sum(1).argmax(1)]
+    shifts = np.concatenate(moved) if moved else np.zeros(0)
+    diagnostics = {
+        "seen": float(observed.mean()),
+        "border_moved_mm": float(1e3 * np.abs(shifts).mean()) if len(shifts) else 0.0,
+    }
+    return Segmented(model.ids[vertex_labels], face_labels, probability, model.ids, diagnostics, openings)
+
+
+def _check_ids(scene, samples):
+    found = np.zeros(256, bool)
+    for frame, _ in samples:
+        for image in frame.labels.values():
+            found[np.unique(image)] = True
+    for garment in scene.garments:
+        if not found[scene.labels[garment.label]]:
+            raise UserError(
+                f"scene.toml: labels.{garment.label} = {scene.labels[garment.label]}: "
+                f"no label image of the sampled frames carries this id (garment {garment.name})"
+            )
+
+
+def _fit(seen, prior, faces, ids, settings):
+    """Colour models from the pixels of the sampled frames; None where the capture has no pictures."""
+    rgb, given, place = [], [], []
+    for frame, views in seen:
+        for name, view in views.items():
+            if name not in frame.images:
+                continue
+            column = np.searchsorted(ids, frame.labels[name]).clip(0, len(ids) - 1)
+            known = (view.face >= 0) & (ids[column] == frame.labels[name])
+            known &= ~occlusion_border(view.depth, 0.03, 1)
+            rgb.append(frame.images[name][known])
+            given.append(column[known])
+            place.append(view.face[known])
+    if not rgb:
+        return None
+    rgb, given, place = np.concatenate(rgb), np.concatenate(given), np.concatenate(place)
+    if len(rgb) > settings.colour_pixels:
+        pick = np.random.default_rng(settings.seed).choice(len(rgb), settings.colour_pixels, replace=False)
+        pick.sort()
+        rgb, given, place = rgb[pick], given[pick], place[pick]
+    return fit_colours(
+        rgb, given, prior[faces].mean(1)[place], ids, settings.label_error_share, settings.colour_iterations
+    )
+
+
+def _spread(values, edges, rounds):
+    """Sums over each vertex and its neighbours, `rounds` times."""
+    for _ in range(rounds):
+        out = values.copy()
+        np.add.at(out, edges[:, 0], values[edges[:, 1]])
+        np.add.at(out, edges[:, 1], values[edges[:, 0]])
+        values = out
+    return values
+
+
+def _place_costs(model, previous, settings):
+    """Costs (n,L) of the tracked vertices from all sampled frames and the previous frame."""
+    cost = -settings.prior_weight * np.log(model.prior)
+    if previous is not None:
+        cost += settings.previous_weight * (previous.vertices[:, None] != model.ids)
+    return cost
+
+
+def _closest(mesh, points):
+    """Corners (n,3) and barycentrics (n,3) of the closest points of a Mesh."""
+    face, _, bary, _ = mesh.index.closest(points)
+    return mesh.faces[face], bary
+
+
+def _interpolate(values, corners, bary):
+    return np.einsum("nc,ncl->nl", bary, values[corners])
+
+
+def _solve(cost, mesh, colour, settings):
+    """Potts MRF on the surface; an edge costs its length, less across an edge of the picture."""
+    edges, V = mesh.edges, mesh.vertices
+    length = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
+    difference = np.linalg.norm(colour[edges[:, 0]] - colour[edges[:, 1]], axis=1)
+    weights = settings.smoothness * np.clip(length / max(length.mean(), 1e-12), 0, 2)
+    weights = weights / (1 + (difference / settings.contrast) ** 2) + 0.1
+    return np.asarray(kernels.mrf(cost - cost.min(1, keepdims=True), edges, weights).labels)
+
+
+def _dissolve_islands(labels, mesh, least):
+    """Regions of one label smaller than `least` [m^2] take the label around them, if they touch one."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    V, F, edges = mesh.vertices, mesh.faces, mesh.edges
+    area = np.bincount(F.ravel(), np.repeat(kernels.face_areas(V, F) / 3, 3), minlength=len(V))
+    labels = labels.copy()
+    for _ in range(2):
+        same = labels[edges[:, 0]] == labels[edges[:, 1]]
+        graph = coo_matrix((np.ones(same.sum()), edges[same].T), shape=(len(V),) * 2)
+        _, part = connected_components(graph, directed=False)
+        small = np.bincount(part, area)[part] < least
+        across = edges[~same]
+        across = np.concatenate([across, across[:, ::-1]])
+        across = across[small[across[:, 0]] & ~small[across[:, 1]]]
+        if len(across) == 0:
+            break
+        votes = np.zeros((part.max() + 1, labels.max() + 1))
+        np.add.at(votes, (part[across[:, 0]], labels[across[:, 1]]), 1)
+        change = small & (votes[part].sum(1) > 0)
+        labels[change] = votes[part[change]].argmax(1)
+    return labels
+
+
+def _runner_up(cost, rest):
+    out = np.zeros((len(cost), len(rest)), np.float32)
+    out[np.arange(len(cost)), cost[:, rest].argmin(1)] = 1
+    return out
+
+
+def _refine_border(labels, column, evidence, settings):
+    """The garment's border by the pictures' edges. Returns the signed distance (n,) [m] of scan vertices to it,
+    positive on the garment, clipped at `ramp`; the border's curves in space; and their shifts [m]."""
+    from scipy.spatial import cKDTree
+
+    scan = evidence.scan
+    V, F, inside = scan.vertices, scan.faces, labels == column
+    distance = np.where(inside, settings.ramp, -settings.ramp)
+    soft = _spread(inside.astype(float), scan.edges, 2) / _spread(np.ones(len(V)), scan.edges, 2)
+    coarse = [c for c in isolines(V, F, soft) if c.length > 0.02]
+    outside = np.flatnonzero(~inside)
+    if not coarse or len(outside) == 0:
+        return distance, (), np.zeros(0)
+    rivals = cKDTree(V[outside])
+    at, across, shift, openings = [], [], [], []
+    for curve in coarse:
+        curve = resample(curve, settings.opening_spacing)
+        curve = Curve(smooth(curve.points, curve.closed, 3.0), curve.closed)
+        rival = labels[outside[rivals.query(curve.points)[1]]]
+        left, strip = _strip(curve, scan)
+        offset, opening, sides = Strip(curve, strip).minimal_path(evidence, column, rival)
+        at.append(curve.points)
+        across.append(left)
+        shift.append(offset)
+        openings += pieces(opening, np.minimum(-sides[:, 0], sides[:, 1]) > settings.opening_log_odds)
+    at, across, shift = np.concatenate(at), np.concatenate(across), np.concatenate(shift)
+    d, k = cKDTree(at).query(V, distance_upper_bound=settings.opening_reach + settings.ramp)
+    near = np.flatnonzero(np.isfinite(d))
+    k = k[near]
+    signed = np.einsum("ni,ni->n", V[near] - at[k], across[k]) - shift[k]
+    distance[near] = np.clip(signed, -settings.ramp, settings.ramp)
+    return distance, tuple(openings), shift
+
+
+def _strip(curve, scan):
+    """Unit directions (k,3) across the curve, in the surface, towards the garment; and the Strip's map onto the scan."""
+    left = np.cross(_interpolate(scan.normals, *_closest(scan, curve.points)), tangents(curve))
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
+
+    def surface(across):
+        at = curve.points[:, None] + across[..., None] * left[:, None]
+        face, points, bary, _ = scan.index.closest(at.reshape(-1, 3))
+        return points.reshape(at.shape), _interpolate(scan.normals, scan.faces[face], bary).reshape(at.shape)
+
+    return left, surface
+
+
+def _tracked_labels(surface, probability, evidence, place, settings):
+    """Columns (n,) per tracked vertex: those of the scan's faces that pictures show, where one is near or where no picture
+    shows the vertex; the pictures' elsewhere; and the neighbours'."""
+    face, _, bary, distance = evidence.shown.index.closest(surface.vertices)
+    p = _interpolate(probability, evidence.shown.faces[face], bary)
+    cost, colour, seen = evidence.costs(surface.vertices, surface.normals)
+    cost += place
+    near = distance < settings.tolerance
+    cost[~seen] = -2 * np.log(p[~seen] + 0.02)
+    cost[near] = -4 * np.log(p[near] + 1e-3)
+    return _solve(cost, surface, colour, settings.model_copy(update={"smoothness": 0.5 * settings.smoothness}))

@@ -1,0 +1,100 @@
+"""Makes a garment template from a tracked surface: cut along labels, remeshed, unwrapped, skinned."""
+
+from pathlib import Path
+
+import numpy as np
+
+from .. import kernels
+from ..errors import UserError
+from ..scene import GarmentTemplate
+from ..surface.loops import name_loops
+from ..surface.transfer import carry, smooth_on, transfer_skin, unwrap
+
+
+def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offset=0.003):
+    """A template of the region that `vertex_labels` ((n,) ids, or (T,n): the majority over frames) give `label_id`
+    on the tracked surface: its rest shape cut along the smoothed border, `offset` [m] outside it, remeshed to edges of
+    about `edge` [m]. Raises UserError where no region or no open loop is left."""
+    share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
+    V, F = cut(person.rest, model.f, smooth_on(model.f, share, 2), 0.5)
+    if len(F) < 20:
+        raise UserError(f"labels: no region of the tracked surface carries {name} (id {label_id})")
+    V, F = _largest_component(V, F)
+    V = V + offset * kernels.vertex_normals(V, F)
+    V, F = remesh(V, F, edge)
+    loops = tuple(kernels.boundary_loops(F))
+    if not loops:
+        raise UserError(f"labels: the region of {name} (id {label_id}) has no open loop")
+    uv, face_uv = unwrap(V, F)
+    at_rest = carry(V, person.rest, model.v_template, 0.04)
+    skin = transfer_skin(model, at_rest, F, 10)
+    return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(V, loops))
+
+
+def cut(V, F, value, level):
+    """The part of a mesh where the piecewise linear `value` (n,) is above `level`; crossed faces are split."""
+    high = value > level
+    count = high[F].sum(1)
+    keep = [F[count == 3]]
+    crossed = F[(count == 1) | (count == 2)]
+    edges, points = {}, []
+
+    def crossing(a, b):
+        key = (min(a, b), max(a, b))
+        if key not in edges:
+            t = (level - value[key[0]]) / (value[key[1]] - value[key[0]])
+            edges[key] = len(V) + len(points)
+            points.append(V[key[0]] + t * (V[key[1]] - V[key[0]]))
+        return edges[key]
+
+    split = []
+    for face in crossed.tolist():
+        one = sum(high[v] for v in face) == 1
+        k = next(i for i in range(3) if high[face[i]] == one)
+        a, b, c = face[k], face[(k + 1) % 3], face[(k + 2) % 3]
+        ab, ca = crossing(a, b), crossing(c, a)
+        split += [(a, ab, ca)] if one else [(ab, b, c), (ab, c, ca)]
+    keep.append(np.array(split, dtype=np.int32).reshape(-1, 3))
+    return _compact(np.concatenate([V, np.array(points).reshape(-1, 3)]), np.concatenate(keep))
+
+
+def _compact(V, F):
+    used, F = np.unique(F, return_inverse=True)
+    return V[used], F.reshape(-1, 3).astype(np.int32)
+
+
+def _largest_component(V, F):
+    part = kernels.vertex_components(F, len(V))[F[:, 0]]
+    return _compact(V, F[part == np.bincount(part).argmax()])
+
+
+def remesh(V, F, edge):
+    """Isotropic remeshing; open borders stay open."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(V, F))
+    meshes.meshing_isotropic_explicit_remeshing(iterations=8, targetlen=pymeshlab.PureValue(edge), featuredeg=60.0)
+    meshes.meshing_remove_unreferenced_vertices()
+    out = meshes.current_mesh()
+    return np.asarray(out.vertex_matrix()).copy(), np.asarray(out.face_matrix()).astype(np.int32)
+
+
+def write_template(path, template):
+    """Writes the template's rest shape with its UVs as OBJ."""
+    lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in template.rest]
+    lines += [f"vt {u:.6f} {v:.6f}" for u, v in template.uv]
+    rows = np.stack([template.faces, template.face_uv], 2).reshape(-1, 6) + 1
+    lines += ["f {}/{} {}/{} {}/{}".format(*row) for row in rows]
+    Path(path).write_text("\n".join(lines) + "\n")
+
+
+def template_command(run, out, name, label_id, model, person, labels):
+    """`toile template RUN`: the template of garment `name` from a run's labels (T,n), written to `out` in the body
+    model's own rest pose, where `dress.prepare` expects it. Returns a line that says what was made."""
+    template = make_template(model, person, name, label_id, labels)
+    rest = carry(template.rest, person.rest, model.v_template, 0.04)
+    fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
+    write_template(out, GarmentTemplate(**{**fields, "rest": rest}))
+    loops = ", ".join(f"{n} ({len(l)} vertices)" for n, l in zip(template.loop_names, template.loops))
+    return f"{out}: {name} from {run}: {len(rest)} vertices, {len(template.faces)} faces, loops {loops}"

@@ -1,0 +1,144 @@
+"""Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
+
+import numpy as np
+
+from .. import kernels
+from ..errors import UserError
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Tracked
+from ..surface.refinement import NonRigidRefinement
+
+
+def prepare(model, frames, settings):
+    """The personalised rest shape from sampled frames [(Frame, Points3D | None)].
+
+    One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
+    most frames saw it the mean of the offsets is added, smoothed, to the shape.
+    """
+    solver = kernels.SkeletonSolver(model)
+    fits = solver.solve_shared([_evidence(frame, points) for frame, points in frames])
+    _refuse_unmatched([frame.number for frame, _ in frames], fits)
+    shape = np.asarray(fits[0].shape)
+    rest, J = model.rest(shape)
+    surface = _Surface(model, rest, settings)
+    offsets, weight = np.zeros_like(rest), np.zeros((len(rest), 1))
+    for (frame, _), fit in zip(frames, fits):
+        if frame.scan is None:
+            continue
+        posed = model.skin(rest, J, fit.rotations, fit.translation)
+        V, confidence = surface.fit(frame.scan, posed)
+        seen = (confidence == OBSERVED)[:, None]
+        offsets += np.where(seen, model.unskin(V, J, fit.rotations, fit.translation) - rest, 0)
+        weight += seen
+    mean = offsets / np.maximum(weight, 1) * (weight >= max(len(frames) // 2, 1))
+    return Person(shape, rest + _smooth(mean, model.f, settings.rest_smoothing), J)
+
+
+class Tracker:
+    """Tracks frames of one person; the template's part of the solvers is made once."""
+
+    def __init__(self, model, person, settings):
+        self.model, self.person, self.settings = model, person, settings
+        self.skeleton = kernels.SkeletonSolver(model, solve_shape=False, surface_samples=settings.samples)
+        self.surface = _Surface(model, person.rest, settings)
+
+    def track(self, frame, points, previous=None):
+        """One frame; `previous` (Tracked) starts the pose and gives the temporal term."""
+        person, model = self.person, self.model
+        evidence = _evidence(frame, points)
+        if previous is not None:
+            before = (previous.rotations, previous.translation, person.shape)
+            evidence |= {"start": before, "previous": [before]}
+        elif points is not None:
+            evidence["start"] = self._cold_start(points)
+        fit = self.skeleton.solve(**evidence)
+        _refuse_unmatched([frame.number], [fit])
+        V = model.skin(person.rest, person.J, fit.rotations, fit.translation)
+        confidence = np.full(len(V), INTERPOLATED, np.uint8)
+        if frame.scan is not None:
+            V, confidence = self.surface.fit(frame.scan, V)
+        if not np.isfinite(V).all():
+            raise UserError(f"frame {frame.number}: tracking left vertices that are not finite")
+        diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations)}
+        return Tracked(
+            V, np.asarray(fit.rotations), np.asarray(fit.translation), self._face(fit, points), confidence, diagnostics
+        )
+
+    def _cold_start(self, points):
+        """Keypoints alone, with the person's shape, give the first pose."""
+        K = len(self.model.parents)
+        seen = points.points[~np.isnan(points.points).any(1)]
+        middle = np.median(seen, axis=0) - np.median(self.person.J, axis=0) if len(seen) else np.zeros(3)
+        start = kernels.SkeletonSolver(self.model).solve(keypoints=points)
+        if start.stop == "unmatched":
+            return np.zeros((K, 3)), middle, self.person.shape
+        return np.asarray(start.rotations), np.asarray(start.translation), self.person.shape
+
+    def _face(self, fit, points):
+        """Facial keypoints in the head joint's frame (q,3), NaN where unseen."""
+        names = [n for n in self.model.keypoint_names if n.startswith("face.")]
+        face = np.full((len(names), 3), np.nan)
+        if points is None or "head" not in self.model.joint_names:
+            return face
+        R, x = self.model.joint_transforms(self.person.J, np.asarray(fit.rotations), np.asarray(fit.translation))
+        head, at = self.model.joint("head"), {n: i for i, n in enumerate(points.names)}
+        for row, name in enumerate(names):
+            if name in at:
+                face[row] = R[head].T @ (points.points[at[name]] - x[head])
+        return face
+
+
+class _Surface:
+    """Free-form registration of the body's surface from a skinned start."""
+
+    def __init__(self, model, rest, settings):
+        self.model, self.settings = model, settings
+        self.refinement = NonRigidRefinement(rest, model.f, settings.stiffness, settings.refinement_steps)
+
+    def fit(self, scan, start):
+        """-> vertices (n,3) and confidence (n,)."""
+        V = self.refinement.solve(scan, start, ())
+        confidence = self._confidence(V, scan)
+        if not (confidence == OBSERVED).any():
+            raise UserError("scan.ply: the scan and the posed body do not overlap")
+        return V, confidence
+
+    def _confidence(self, V, scan):
+        """Observed where the scan is near and faces the same way; interpolated beside that; else hidden."""
+        face, _, _, distance = scan.index.closest(V, self.settings.interpolated)
+        normals = kernels.vertex_normals(V, self.model.f)
+        same_side = np.einsum("ni,ni->n", normals, scan.face_normals[face]) > 0.3
+        near = (face >= 0) & same_side
+        confidence = np.where(
+            near & (distance < self.settings.observed), OBSERVED, np.where(near, INTERPOLATED, HIDDEN)
+        )
+        for segment in ("eyes", "eye_sockets", "mouth_interior", "tongue"):
+            confidence[self.model.segments.get(segment, [])] = HIDDEN
+        return confidence.astype(np.uint8)
+
+
+def _evidence(frame, points):
+    scan = frame.scan
+    return {
+        "scan_V": None if scan is None else scan.vertices,
+        "scan_F": None if scan is None else scan.faces,
+        "keypoints": points,
+    }
+
+
+def _refuse_unmatched(numbers, fits):
+    for number, fit in zip(numbers, fits):
+        if fit.stop == "unmatched":
+            raise UserError(f"frame {number}: the body model finds neither scan nor keypoints within reach")
+
+
+def _smooth(values, F, steps):
+    """Umbrella averaging of a field per vertex."""
+    from scipy.sparse import coo_matrix, diags
+
+    e = kernels.unique_edges(F)
+    i, j = np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]]
+    A = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(values),) * 2).tocsr()
+    mean = diags(1 / np.maximum(np.asarray(A.sum(1)).ravel(), 1)) @ A
+    for _ in range(steps):
+        values = 0.5 * (values + mean @ values)
+    return values

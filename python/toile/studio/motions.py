@@ -1,0 +1,42 @@
+"""The motions by their names, alone or joined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .bvh import bvh_motion
+from .motion import RAMP, BodyMotion, eased, range_of_motion, smoothstep, talk, walk
+from .touch import touch_motion
+
+JOIN = 30  # frames over which one motion passes into the next
+
+
+def make_motion(name, body, frames, rng):
+    """walk, rom, talk, hands-on-cloth, several of them joined by "+", or a path that ends in .bvh; eased in from the
+    A-pose over RAMP frames."""
+    if name.lower().endswith(".bvh"):
+        return eased(bvh_motion(name, body, RAMP + frames))
+    return eased(joined(name.split("+"), body, frames, rng))
+
+
+def joined(names, body, frames, rng):
+    """The motions in turn, each an even share of the frames, blended over JOIN frames about each cut."""
+    make = {"walk": walk, "rom": range_of_motion, "talk": talk, "hands-on-cloth": touch_motion}
+    total, t = RAMP + frames, np.arange(RAMP + frames)
+    cuts = [0, *(RAMP + frames * i // len(names) for i in range(1, len(names))), total]
+    half = JOIN // 2
+    begun = [np.ones(total), *(smoothstep((t - c + 0.5) / JOIN + 0.5) for c in cuts[1:-1]), np.zeros(total)]
+    parts = []
+    for i, name in enumerate(names):
+        span = slice(max(cuts[i] - half, 0), min(cuts[i + 1] + half, total))
+        parts.append((span, (begun[i] - begun[i + 1])[span], make[name](body, span.stop - span.start, rng)))
+
+    def blend(field):
+        out = np.zeros((total, *getattr(parts[0][2], field).shape[1:]))
+        for span, weight, motion in parts:
+            values = getattr(motion, field)
+            out[span] += values * weight.reshape(-1, *[1] * (values.ndim - 1))
+        return out
+
+    fields = {f: blend(f) for f in ("rotations", "root", "expression")}
+    return BodyMotion(**fields, grounded=any(m.grounded for _, _, m in parts))

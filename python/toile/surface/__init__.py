@@ -1,0 +1,1 @@
+"""Curves, openings and maps on surfaces; what takes a surface to another."""

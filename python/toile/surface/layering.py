@@ -1,0 +1,75 @@
+"""Garments out of the skin and of one another, inner to outer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import kernels
+
+_ROUNDS = 3  # a push out of one layer may lead into another
+
+
+@dataclass(frozen=True)
+class Layered:
+    """Garments moved: `vertices` {name: (g,3)}; `depth_before` {name: m}; triangle pairs of garments with what lies under
+    them, as given and left."""
+
+    vertices: dict[str, np.ndarray]
+    depth_before: dict[str, float]
+    intersections_before: int
+    intersections_left: int
+
+
+class Layering:
+    """`garments` [(name, faces, number of vertices)], inner to outer, over a skin of `n` vertices; the solvers are kept
+    between frames. `margin` [m] of a garment off what lies under it."""
+
+    def __init__(self, skin_faces, n, garments, margin):
+        self.skin_faces, self.n, self.garments, self.margin, self.solvers = skin_faces, n, list(garments), margin, {}
+
+    def solve(self, skin_V, cloth):
+        """`cloth` {name: (g,3)} -> Layered: each garment out of the skin and of the garments under it."""
+        under, moved, depth, before, left = [("", np.asarray(skin_V), self.skin_faces)], {}, {}, 0, 0
+        for name, F, n in self.garments:
+            V, found = self._out_of(name, F, n, np.asarray(cloth[name]), under)
+            depth[name] = max(float(np.max(r.depth_before, initial=0)) for r in found)
+            before += sum(r.intersections_before for r in found)
+            left += self._left(V, F, under, found)
+            moved[name] = V
+            under.append((name, V, F))
+        return Layered(moved, depth, before, left)
+
+    def tuck(self, cloth, hidden):
+        """`cloth` with what is `hidden` {name: (g,) bool} of a garment drawn inside the garments over it."""
+        cloth = dict(cloth)
+        for i, (name, F, n) in enumerate(self.garments):
+            for over, over_F, over_n in self.garments[i + 1 :]:
+                V = np.asarray(cloth[name])
+                inside_out = self._solver((name, f"in {over}"), F, n, over_F[:, ::-1], over_n).solve(V, cloth[over])
+                cloth[name] = np.where(hidden[name][:, None], inside_out.V, V)
+        return cloth
+
+    def _out_of(self, name, F, n, V, under):
+        """V out of all layers `under` it, and the first round's results, a layer each."""
+        first = []
+        for turn in range(_ROUNDS if len(under) > 1 else 1):
+            start = V
+            for other, U, U_F in under:
+                found = self._solver((name, other), F, n, U_F, len(U)).solve(V, U)
+                V = np.asarray(found.V)
+                if turn == 0:
+                    first.append(found)
+            if np.array_equal(V, start):
+                break
+        return V, first
+
+    @staticmethod
+    def _left(V, F, under, found):
+        if len(under) == 1:
+            return found[0].intersections_left
+        return sum(len(kernels.intersecting_pairs(V, F, U, U_F)) for _, U, U_F in under)
+
+    def _solver(self, key, F, n, under_F, under_n):
+        if key not in self.solvers:
+            self.solvers[key] = kernels.UntangleSolver(F, n, np.ascontiguousarray(under_F), under_n, margin=self.margin)
+        return self.solvers[key]

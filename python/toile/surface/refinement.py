@@ -1,0 +1,78 @@
+"""The last millimetres of dressing: a garment that already lies along its scan settles onto it."""
+
+import numpy as np
+
+from .. import kernels
+
+# step by step: factor of the stiffness, and reach of the scan [m]
+_STEPS = ((60, 0.05), (20, 0.04), (6, 0.03), (2, 0.02), (1, 0.02), (1, 0.02))
+_COSINE = 0.6  # least agreement of normals
+_LOOP = (
+    0.01  # weight of a loop vertex against a surface vertex: the biharmonic start has laid it there; more pins noise
+)
+
+
+class NonRigidRefinement:
+    """Non-rigid fit of one template, started within centimetres.
+
+    Each step solves min_d sum_i w_i |d_i - t_i|^2 + stiffness m d' L M^-1 L d, m the mean mass, t_i the offset along
+    the scan's normal to its nearest point, w_i its gate, and loop vertices drawn to their curves. Offsets along the
+    normal keep the three coordinates apart: one factor of n unknowns a step instead of one of 3n. `steps` of the
+    schedule are taken, spread evenly, its last always.
+    """
+
+    def __init__(self, V, F, stiffness, steps=len(_STEPS)):
+        from scipy.sparse import diags
+
+        self.F = F
+        L, M = kernels.cotangent_laplacian(V, F), kernels.voronoi_mass(V, F)
+        M = np.maximum(M, 1e-6 * M.mean())
+        self.bending = (L.T @ diags(M.mean() / M) @ L).tocsc()
+        self.bending.sort_indices()
+        column = np.repeat(np.arange(len(V)), np.diff(self.bending.indptr))
+        self.diagonal = np.flatnonzero(self.bending.indices == column)
+        self.factor = kernels.CholeskyFactor()
+        chosen = [_STEPS[(k + 1) * len(_STEPS) // steps - 1] for k in range(steps)]
+        self.steps = [(stiffness * factor, gate) for factor, gate in chosen]
+
+    def solve(self, scan, start, boundary, steps=len(_STEPS)):
+        """Fitted vertices (n,3) from `start` (n,3) to a Mesh; `boundary` [(vertex indices, closed polyline (k,3))]; only
+        the last `steps` of the schedule for a start within millimetres."""
+        border = _border_vertices(scan.faces, len(scan.vertices))
+        V, face = np.array(start, dtype=np.float64), ()
+        for stiffness, gate in self.steps[-steps:]:
+            face, point, bary, distance = scan.index.closest(V, guess=face)
+            n = scan.face_normals[face]
+            facing = np.einsum("ni,ni->n", n, kernels.vertex_normals(V, self.F))
+            at_border = border[scan.faces[face]]  # a face at the scan's border may belong to what is under the cloth
+            beyond = (at_border & (bary > 1e-6)).any(1) & (at_border.sum(1) > 1)
+            w = ((facing > _COSINE) & (distance < gate) & ~beyond).astype(np.float64)
+            t = np.einsum("ni,ni->n", n, point - V)[:, None] * n
+            for vertices, curve in boundary:
+                w[vertices], t[vertices] = _LOOP, _to_curve(V[vertices], curve)
+            V = V + self._factored(stiffness, w + 1e-6).solve(w[:, None] * t)
+        return V
+
+    def _factored(self, stiffness, weights):
+        """The factor of stiffness * bending + diag(weights)."""
+        A = stiffness * self.bending
+        A.data[self.diagonal] += weights
+        return self.factor.factorize(A)
+
+
+def _border_vertices(F, n):
+    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).astype(np.int64)
+    edge, count = np.unique(half.min(1) * n + half.max(1), return_counts=True)
+    border = np.zeros(n, bool)
+    border[np.concatenate(np.divmod(edge[count == 1], n))] = True
+    return border
+
+
+def _to_curve(points, curve):
+    """Offsets (k,3) to the nearest points of a closed polyline (m,3)."""
+    a, d = curve, np.roll(curve, -1, 0) - curve
+    r = points[:, None] - a
+    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
+    offset = s[..., None] * d - r
+    best = np.einsum("kmi,kmi->km", offset, offset).argmin(1)
+    return offset[np.arange(len(points)), best]

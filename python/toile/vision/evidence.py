@@ -1,0 +1,204 @@
+"""What the pictures of one frame say about any point: labels given, labels by colour, colours."""
+
+import cv2
+import numpy as np
+
+from .. import kernels
+from ..scene import Mesh
+from .threads import each
+from .visibility import DepthView, occlusion_border
+
+_OUTLIER = -4.0  # least log likelihood ratio that one picture may give
+_OFF = 0.005  # a point this far from the scan is off it [m]
+_ABOUT = 0.06  # pictures are read this far beyond the surface's outline [m]
+_FREE = 0.02  # a point this far before the surface floats [m]
+
+
+def depth_views(frame, cameras, V, F):
+    """The DepthView of the surface from each camera whose label image the frame has."""
+    names = [name for name in frame.labels if name in cameras]
+    return dict(zip(names, each(lambda name: DepthView(cameras[name], V, F), names)))
+
+
+def spread_views(cameras, names, centre, most):
+    """At most `most` of the cameras with these names, far apart as seen from `centre` [m]; all of them for 0."""
+    chosen = {name: cameras[name] for name in names if name in cameras}
+    if most == 0 or len(chosen) <= most:
+        return chosen
+    rays = {name: camera.centre - centre for name, camera in chosen.items()}
+    rays = {name: ray / max(np.linalg.norm(ray), 1e-12) for name, ray in rays.items()}
+    kept = [next(iter(rays))]
+    while len(kept) < most:  # farthest first
+        kept.append(min((n for n in rays if n not in kept), key=lambda n: max(rays[n] @ rays[k] for k in kept)))
+    return {name: chosen[name] for name in chosen if name in kept}
+
+
+def soft_labels(image, ids, settings):
+    """Blurred indicator (H,W,L) of each label."""
+    return cv2.GaussianBlur((image[..., None] == ids).astype(np.float32), (0, 0), settings.label_blur)
+
+
+def visibility(views, points, normals, settings):
+    """{name: pixels (n,2), weights (n,), clearance (n,)} of points (n,3), see DepthView.visibility."""
+    seen = each(lambda view: view.visibility(points, normals, settings.tolerance, settings.min_cosine), views.values())
+    return dict(zip(views, seen))
+
+
+def mean_over_views(pictures, seen):
+    """Mean (n,C) over the views that see each point of what their pictures say there, and the views' weight (n,)."""
+
+    def one(name):
+        uv, w, _ = seen[name]
+        on = np.flatnonzero(w)
+        return on, w[on, None], pictures[name].read(uv[on])
+
+    readings = each(one, pictures)
+    n = len(next(iter(seen.values()))[1]) if seen else 0
+    total, weight = np.zeros((n, readings[0][2].shape[1] if readings else 0)), np.zeros(n)
+    for on, w, said in readings:
+        total[on] += w * said
+        weight[on] += w[:, 0]
+    return total / np.maximum(weight, 1e-9)[:, None], weight
+
+
+class Crop:
+    """Values (h,w,C) float32 of a view's pixels about the surface, from pixel `corner` (column, row) on. Beyond them the
+    outermost go on."""
+
+    def __init__(self, values, corner=(0, 0)):
+        self.values, self.corner = np.ascontiguousarray(values, np.float32), np.array(corner, np.float64)
+
+    def read(self, uv):
+        """Bilinear values (n,C) at pixels (n,2) of the whole picture."""
+        return kernels.bilinear(self.values, uv - self.corner)
+
+
+class Evidence:
+    """Per view a Crop of 2L+4 channels: log likelihoods of the labels by colour, shares of the blurred labels, RGB, and
+    how empty the picture is; and one of RGB alone.
+
+    `scan` is a Mesh, `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings. `seen` (m,)
+    are the faces that some view sees, all where none sees any, and `shown` is the Mesh of them; the others may be webs
+    that a reconstruction spans under a hem."""
+
+    def __init__(self, frame, views, scan, ids, colours, settings):
+        self.views, self.scan, self.settings, self.ids, self.colours = views, scan, settings, ids, colours
+        self.L = len(ids)
+        self._scan_visibility = visibility(views, scan.vertices, scan.normals, settings)
+        seen = np.zeros(len(scan.vertices), bool)
+        for _, w, _ in self._scan_visibility.values():
+            seen |= w > 0
+        self.seen = seen[scan.faces].any(1)
+        self.seen |= not self.seen.any()
+        self.shown = Mesh(scan.vertices, scan.faces[self.seen])
+        pictures = each(lambda name: self._picture(views[name], frame.labels[name], frame.images.get(name)), views)
+        self.maps, self.rgb = ({name: pair[k] for name, pair in zip(views, pictures)} for k in (0, 1))
+
+    def _picture(self, view, labels, image):
+        """The Crops of one view: all channels, and RGB."""
+        s = self.settings
+        rows, columns = view.crop(_ABOUT, int(4 * s.label_blur))
+        labels, depth = labels[rows, columns], view.depth[rows, columns]
+        likelihood, rgb = np.zeros(depth.shape + (self.L,), np.float32), np.zeros(depth.shape + (3,), np.float32)
+        if self.colours is not None and image is not None:
+            image = image[rows, columns]
+            clear = (labels > 0) & ~occlusion_border(depth, 0.03, 1)
+            likelihood[clear] = self.colours.evidence(image[clear])
+            rgb = image / np.float32(255)
+        empty = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), 1.0)[..., None]
+        corner = columns.start, rows.start
+        every = np.concatenate([likelihood, soft_labels(labels, self.ids, s), rgb, empty], 2)
+        return Crop(every, corner), Crop(rgb, corner)
+
+    def scan_costs(self):
+        """`costs` of the scan's vertices."""
+        return self._costs(self._scan_visibility)
+
+    def costs(self, points, normals):
+        """Unary costs (n,L), mean RGB (n,3) in 0..1, and whether any view sees the point (n,)."""
+        return self._costs(visibility(self.views, points, normals, self.settings))
+
+    def _costs(self, seen):
+        """Errors are alike in all views, so views are averaged, not added."""
+        s, L = self.settings, self.L
+        mean, weight = mean_over_views(self.maps, seen)
+        given = np.log((1 - s.label_error_share) * mean[:, L : 2 * L] + s.label_error_share / L)
+        cost = -s.colour_weight * mean[:, :L] - s.label_weight * given
+        cost[weight == 0] = 0
+        return cost, mean[:, 2 * L : 2 * L + 3], weight > 0
+
+    def odds(self, points, normals, column, rival, free=False):
+        """Log odds (n,) of label `column` against each point's label `rival`, by colour and by the labels given. Summed
+        over views with weights below 1.
+
+        `free` points may float before the surface: any label given speaks against `column` there; that a picture shows
+        the label farther behind them says nothing; and where a point lies off the scan, no view faces it and a picture
+        shows the background, there is no cloth."""
+        s = self.settings
+        total, weight, carved = (np.zeros(len(points)) for _ in range(3))
+        share = np.zeros((len(points), 2))
+        said = each(lambda name: self._said(name, points, normals, column, rival, free), self.views)
+        for on, w, likelier, given, before, empty in said:
+            carved[before] = np.maximum(carved[before], empty)
+            total[on] += w * likelier
+            share[on] += w[:, None] * given
+            weight[on] += w
+        share = share / np.maximum(weight, 1e-9)[:, None] + s.label_error_share / self.L
+        total += np.where(weight > 0, 0.5 * np.log(share[:, 0] / share[:, 1]), 0.0)
+        if free:
+            carved *= self._off_scan(points, carved > 0.6) * np.clip(1 - weight, 0, 1)
+            total += _OUTLIER * np.clip((carved - 0.6) / 0.35, 0, 1)
+        return total
+
+    def _said(self, name, points, normals, column, rival, free):
+        """What one view adds to `odds`: the points it sees, their weights, log likelihood ratios, and shares of `column`
+        and of what speaks against it; the points that float, and how empty its picture is there."""
+        s, L, picture = self.settings, self.L, self.maps[name]
+        uv, w, clear = self.views[name].visibility(points, normals, s.tolerance, s.min_cosine)
+        before, empty = np.zeros(0, int), np.zeros(0)
+        if free:
+            before = np.flatnonzero(clear > _FREE)
+            said = picture.read(uv[before])
+            empty = said[:, -1]
+            w[before[said[:, L + column] > 0.5]] = 0
+        on = np.flatnonzero(w)
+        said, each_one, other = picture.read(uv[on]), np.arange(len(on)), rival[on]
+        given = said[:, L : 2 * L]
+        against = given.sum(1) - given[:, column] if free else given[each_one, other]
+        likelier = np.clip(said[:, column] - said[each_one, other], _OUTLIER, -_OUTLIER)
+        return on, w[on], likelier, np.stack([given[:, column], against], 1), before, empty
+
+    def _off_scan(self, points, among):
+        """Which of the points (n,) `among` (n,) lie off what the views see of the scan."""
+        off = among.copy()
+        if among.any():
+            off[among] = self.shown.index.closest(points[among], _OFF)[0] < 0
+        return off
+
+    def edges(self, points, normals, s):
+        """Colour edges along profiles (k,m,3) that run from outside in at places s (m,) [m] about 0: shift (k,) [m]
+        of the edge from 0 and weight (k,). Each view's profile is read as a mix of its two ends' colours; the edge
+        lies where a sharp one would cover the same length."""
+        k = len(points)
+        total, weight = np.zeros(k), np.zeros(k)
+        for at, good in each(lambda name: self._edge(name, points, normals, s), self.views):
+            total += good * at
+            weight += good
+        return total / np.maximum(weight, 1e-9), weight
+
+    def _edge(self, name, points, normals, s):
+        """The edge's place (k,) [m] by one view, and its weight (k,)."""
+        k, m = points.shape[:2]
+        flank = np.abs(s) > 0.55 * s[-1]
+        flat = points.reshape(-1, 3), normals.reshape(-1, 3)
+        uv, w, _ = self.views[name].visibility(*flat, self.settings.tolerance, self.settings.min_cosine)
+        rgb = self.rgb[name].read(uv).reshape(k, m, 3)
+        out, inner = rgb[:, flank & (s < 0)].mean(1), rgb[:, flank & (s > 0)].mean(1)
+        step = inner - out
+        contrast = np.linalg.norm(step, axis=1)
+        share = np.einsum("kmi,ki->km", rgb - out[:, None], step) / np.maximum(contrast, 1e-6)[:, None] ** 2
+        rest = rgb - out[:, None] - share[..., None] * step[:, None]  # colours off the mixing line: print, folds
+        spoilt = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
+        at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
+        good = w.reshape(k, m).min(1) * np.exp(-((0.1 / np.maximum(contrast, 1e-6)) ** 2))
+        return at, good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / 0.1) ** 2)) * (np.abs(at) < 0.6 * s[-1])

@@ -1,0 +1,89 @@
+"""A garment's loops laid on the openings that the pictures show beside them, on the scan or hanging free of it."""
+
+from functools import cached_property
+
+import numpy as np
+
+from ..surface.curves import Curve, resample, smooth, tangents
+from ..surface.loops import Filler, LoopMatch
+from .strip import Strip
+
+_BOUND = 0.01  # way that a loop follows background alone [m]
+_STAY = 0.05  # weight of staying against a seen opening
+
+
+class Rivals:
+    """Which label a garment's opening parts it from: that of the nearest face of the scan that is not the garment's. `over`:
+    labels of what is worn over the garment."""
+
+    def __init__(self, V, F, segmented, label, over=()):
+        self.V, self.F, self.faces, self.own = V, F, segmented.scan_faces, segmented.scan_faces == label
+        self.ids, self.column = segmented.ids, int(np.searchsorted(segmented.ids, label))
+        self.over = np.searchsorted(segmented.ids, np.array(over, np.uint8))
+
+    @cached_property
+    def tree(self):
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.V[self.F[~self.own]].mean(1))
+
+    def __call__(self, points):
+        """Columns (k,) of the labels' table; any other label where the scan shows the garment alone."""
+        if self.own.all():
+            return np.full(len(points), int(self.column == 0))
+        return np.searchsorted(self.ids, self.faces[~self.own])[self.tree.query(points)[1]]
+
+    def hide(self, points):
+        """Where (k,) the garment goes on under another one."""
+        return np.isin(self(points), self.over) if len(self.over) else np.zeros(len(points), bool)
+
+
+def trace_opening(garment, loop, evidence, rivals, match, settings):
+    """The LoopMatch of one loop of the garment, a Mesh that already lies within `opening_reach` of its opening.
+
+    Along a strip that continues the garment past its loop, the pictures tell where cloth ends. Where they do not, the
+    loop follows its seen neighbours; where they hardly do anywhere, `match` stands."""
+    spacing = evidence.settings.opening_spacing
+    curve = resample(Curve(garment.vertices[loop], True), spacing)
+    curve = Curve(smooth(curve.points, True, 0.008 / spacing), True)
+    offset, opening, sides = Strip(curve, _strip(garment, curve), free=True).minimal_path(
+        evidence, rivals.column, rivals(curve.points)
+    )
+    seen = (_sure(offset, sides) > settings.loop_log_odds) & ~rivals.hide(curve.points)
+    if seen.mean() < settings.loop_observed:
+        return match
+    at = garment.vertices[loop]
+    nearest = np.linalg.norm(at[:, None] - curve.points, axis=2).argmin(1)
+    way = tangents(Curve(at, True))
+    wanted = opening.points[nearest] - at
+    wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
+    observed = seen[nearest]
+    move = Filler(len(at))(wanted, observed, at, settings.loop_bending / 100, _STAY)
+    return LoopMatch(at + move, observed, np.where(observed, np.linalg.norm(wanted - move, axis=1), np.nan))
+
+
+def _sure(offset, sides):
+    """How sure (k,) an opening is. Background seen past it bounds it, though nothing may show the cloth before it: that is
+    believed for a short way, since a strip that leaves the cloth sideways meets background too."""
+    outer, inner = -sides[:, 0], sides[:, 1]
+    return np.where(np.abs(offset) < _BOUND, 0.5 * (inner + outer), np.minimum(inner, outer))
+
+
+def _strip(garment, curve):
+    """The Strip's map: the garment's own surface on the left, its tangent plane beyond the loop."""
+    index, N, F = garment.index, garment.normals, garment.faces
+    face, _, bary, _ = index.closest(curve.points)
+    normal = np.einsum("kc,kci->ki", bary, N[F[face]])
+    normal = smooth(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9), True, 3.0)
+    left = np.cross(normal, tangents(curve))
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
+
+    def surface(across):
+        at = curve.points[:, None] + across[..., None] * left[:, None]
+        normals = np.broadcast_to(normal[:, None], at.shape).copy()
+        inner = across > 0
+        face, points, bary, _ = index.closest(at[inner])
+        at[inner], normals[inner] = points, np.einsum("kc,kci->ki", bary, N[F[face]])
+        return at, normals
+
+    return surface

@@ -1,0 +1,154 @@
+"""`toile align`: what a run of its own keeps, who makes it, and what it refuses."""
+
+import json
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+import zarr
+
+from toile import cli
+from toile.align.run import align
+from toile.align.settings import AlignSettings
+from toile.align.smoothing import over_time
+from toile.errors import UserError
+
+QUICK = AlignSettings(spacing=0.012, blur=(0.024, 0.012), iterations=(2, 1), settling=2, anchors=2, samples=1, rounds=1)
+
+
+@pytest.fixture(scope="module")
+def two_chunks(sample_run, tmp_path_factory):
+    """The registered frames 0..3 renumbered 48..51, so that they lie in two chunks; frame 49 has no pictures."""
+    root = tmp_path_factory.mktemp("align")
+    run, capture = root / "run", root / "capture"
+    shutil.copytree(sample_run, run)
+    config = tomllib.loads((run / "config.toml").read_text())
+    shutil.copytree(config["capture"], capture, ignore=shutil.ignore_patterns("truth", "frames"))
+    for i in range(4):
+        skip = shutil.ignore_patterns("images") if i == 1 else None
+        shutil.copytree(f"{config['capture']}/frames/{i:06d}", capture / "frames" / f"{48 + i:06d}", ignore=skip)
+        (run / "diagnostics" / f"{i:06d}.json").rename(run / "diagnostics" / f"{48 + i:06d}.json")
+    zarr.open_group(str(run / "registered.zarr"), mode="r+")["frames"][:] = np.arange(48, 52)
+    (run / "config.toml").write_text((run / "config.toml").read_text().replace(config["capture"], str(capture)))
+    return run
+
+
+@pytest.fixture(scope="module")
+def undisturbed(two_chunks, tmp_path_factory):
+    out = tmp_path_factory.mktemp("align") / "aligned"
+    outcome = align(two_chunks, out, QUICK)
+    assert outcome.whole and outcome.matched == (48, 50, 51) and outcome.between == (49,) and not outcome.failed
+    return out
+
+
+@pytest.fixture
+def unreported(monkeypatch):
+    """Pictures of the textures cost more than the alignment of three frames."""
+    monkeypatch.setattr("toile.align.run.write_report", lambda *_: None)
+
+
+def arrays(run):
+    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
+    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
+
+
+def assert_same_bits(once, twice):
+    once, twice = arrays(once), arrays(twice)
+    assert once.keys() == twice.keys()
+    for name in once:
+        assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
+
+
+def test_an_aligned_run_differs_in_its_garments_alone(two_chunks, undisturbed):
+    before, after = arrays(two_chunks), arrays(undisturbed)
+    moved = {"garment/tshirt/vertices", "confidence/tshirt"}
+    assert before.keys() == after.keys()
+    for name in before.keys() - moved:
+        assert np.array_equal(before[name], after[name], equal_nan=before[name].dtype.kind == "f"), name
+    step = np.linalg.norm(after["garment/tshirt/vertices"] - before["garment/tshirt/vertices"], axis=2)
+    assert (step.max(1) > 1e-4).all() and step.max() < 0.08
+    config = tomllib.loads((undisturbed / "config.toml").read_text())
+    assert (
+        config["align"]["run"] == str(two_chunks.resolve()) and config["align"]["settings"]["spacing"] == QUICK.spacing
+    )
+    stages = json.loads((undisturbed / "diagnostics" / "000050.json").read_text())
+    assert "track" in stages and stages["align tshirt"]["misfit"] <= stages["align tshirt"]["misfit_before"]
+
+
+def test_textures_before_and_after_are_reported(undisturbed):
+    measures = json.loads((undisturbed / "alignment.json").read_text())["tshirt"]
+    assert measures["frames"] == 3 and measures["texels"] > 10_000
+    for side in ("before", "after"):
+        assert 0 < measures[side]["texture_std"] < 60 and 0 < measures[side]["anchor_error"] < 60
+    page = (undisturbed / "alignment.html").read_text()
+    assert "error after" in page and "<script" not in page and len(list((undisturbed / "alignment").glob("*.png"))) == 4
+
+
+def test_shards_give_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
+    second = align(two_chunks, tmp_path / "run", QUICK, shard=(2, 2))
+    assert not second.whole and second.pending == (48,)
+    assert align(two_chunks, tmp_path / "run", QUICK, shard=(1, 2)).whole
+    assert_same_bits(undisturbed, tmp_path / "run")
+
+
+def test_a_stopped_alignment_goes_on_with_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
+    def stop(stage, done, total):
+        if stage == "match" and done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        align(two_chunks, tmp_path / "run", QUICK, progress=stop)
+    assert not (tmp_path / "run" / "registered.zarr").exists()
+    assert align(two_chunks, tmp_path / "run", QUICK).whole
+    assert_same_bits(undisturbed, tmp_path / "run")
+
+
+def test_other_programs_take_an_aligned_run(undisturbed):
+    from toile.measure.evaluate import evaluate
+    from toile.surface.layers import read_layers
+
+    assert [layer.name for layer in read_layers(undisturbed)] == ["body", "tshirt"]
+    assert evaluate(undisturbed)["all"]["frames_ok"] == 4
+
+
+def test_slides_between_pictures_are_smooth_and_pass_through_what_was_measured():
+    numbers, still = [0, 6, 12, 18], np.ones((5, 2))
+    slides = [still * k for k in numbers]
+    between = over_time(numbers, slides, range(20), 30, AlignSettings())
+    assert np.abs(between[:19, 0, 0] - np.arange(19)).max() < 0.6
+    assert np.allclose(over_time([3], [still], range(6), 30, AlignSettings()), 1)
+
+
+def test_bad_input_is_refused_with_the_reason(two_chunks, undisturbed, tmp_path):
+    with pytest.raises(UserError, match="folder of its own"):
+        align(two_chunks, two_chunks, QUICK)
+    with pytest.raises(UserError, match="other settings"):
+        align(two_chunks, undisturbed, QUICK.model_copy(update={"strain": 0.2}))
+    with pytest.raises(UserError, match="no registered.zarr"):
+        align(tmp_path, tmp_path / "out", QUICK)
+    with pytest.raises(UserError, match="shard 3/2"):
+        align(two_chunks, tmp_path / "out", QUICK, shard=(3, 2))
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    with pytest.raises(UserError, match="not empty"):
+        align(two_chunks, tmp_path / "full", QUICK)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_without_garments_or_with_frames_to_come_is_refused(two_chunks, tmp_path):
+    bare = shutil.copytree(two_chunks, tmp_path / "bare")
+    group = zarr.open_group(str(bare / "registered.zarr"), mode="r+")
+    group["done"][2] = 0
+    with pytest.raises(UserError, match="pending"):
+        align(bare, tmp_path / "out", QUICK)
+    group.attrs["scene"] = dict(group.attrs["scene"]) | {"garments": []}
+    with pytest.raises(UserError, match="no garment"):
+        align(bare, tmp_path / "out", QUICK)
+
+
+def test_the_command_line_reports_what_it_did(two_chunks, undisturbed, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["toile", "align", str(two_chunks), str(two_chunks)])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    assert stopped.value.code == 1 and "folder of its own" in capsys.readouterr().err

@@ -1,0 +1,120 @@
+"""An avatar driven by a motion: what it writes, what it warns of, what it refuses."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from toile.avatar.drive.animate import Puppet, animate, resized, turned
+from toile.avatar.drive.teaching import train_temporal
+from toile.avatar.settings import TemporalSettings
+from toile.errors import UserError
+from toile.io.mesh import read_mesh
+from toile.kernels import intersecting_pairs
+from toile.scene import Camera
+
+
+@pytest.fixture(scope="module")
+def puppet_folder(sample_avatar):
+    folder = sample_avatar.parent / "puppet"
+    shutil.copytree(sample_avatar, folder)
+    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(puppet_folder, sample_run, tmp_path_factory):
+    out = tmp_path_factory.mktemp("animated") / "out"
+    return out, animate(puppet_folder, sample_run, out, frames=[1, 2], height=64)
+
+
+def test_it_writes_pictures_meshes_and_a_film(made):
+    out, done = made
+    assert done.frames == 2
+    for kind, suffix in (("pictures", "png"), ("meshes/body", "ply"), ("meshes/tshirt", "ply")):
+        assert sorted(p.name for p in (out / kind).iterdir()) == [f"{n:06d}.{suffix}" for n in (1, 2)]
+    assert (out / "animation.mp4").stat().st_size > 1000
+    picture = np.asarray(Image.open(out / "pictures" / "000001.png"))
+    assert (
+        picture.shape == (64, 64, 3) and (picture == 255).all(2).mean() > 0.3 and (picture < 250).any(2).mean() > 0.05
+    )
+    assert json.loads((out / "animation.json").read_text())["intersections_left"] == done.intersections_left
+
+
+def test_no_pair_of_cloth_and_body_is_left(made):
+    out, done = made
+    body, shirt = (read_mesh(out / "meshes" / name / "000002.ply") for name in ("body", "tshirt"))
+    skin = body.faces  # with eyes and tongue, which no shirt meets
+    assert done.intersections_left == 0
+    assert len(intersecting_pairs(shirt.vertices, shirt.faces, body.vertices, skin)) == 0
+
+
+def test_the_registered_poses_place_the_body_where_it_was_registered(puppet_folder, sample_run):
+    puppet = Puppet(puppet_folder, sample_run)
+    decoded, _, _ = puppet.decode(1, puppet.batch(1, puppet.avatar.cameras[0]))
+    import zarr
+
+    registered = zarr.open_group(str(sample_run / "registered.zarr"), mode="r")["inner/vertices"][1]
+    assert np.linalg.norm(decoded["body"].vertices[0].numpy() - registered, axis=1).mean() < 0.02
+
+
+def test_training_poses_are_near_and_others_are_warned_of(puppet_folder, sample_run, tmp_path):
+    assert Puppet(puppet_folder, sample_run).warnings == []
+    rotations = np.zeros((2, 104, 3))
+    rotations[:, :, 0] = 0.8
+    np.savez(tmp_path / "far.npz", rotations=rotations, translation=np.zeros((2, 3)), fps=30.0)
+    (warning,) = Puppet(puppet_folder, tmp_path / "far.npz").warnings
+    assert "2 of 2 poses are far from the training's: frame 0 is" in warning
+
+
+def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
+    first, again, other = (Puppet(sample_avatar / "baseline", sample_run, seed=s).latents["surface"] for s in (0, 0, 1))
+    assert (first == again).all() and (first[0] == first[1]).all() and not (first == other).all()
+
+
+@pytest.mark.parametrize(
+    "options, said",
+    [
+        ({"frames": [77]}, "--frames: the motion has frames 0 to 3"),
+        ({"camera": "nobody"}, "--camera nobody: expected orbit"),
+    ],
+)
+def test_what_does_not_fit_is_refused(puppet_folder, sample_run, tmp_path, options, said):
+    with pytest.raises(UserError, match=said):
+        animate(puppet_folder, sample_run, tmp_path / "out", **options)
+
+
+def test_a_full_folder_is_left_alone(puppet_folder, sample_run, tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(UserError, match="exists already and is not empty"):
+        animate(puppet_folder, sample_run, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_an_orbit_turns_the_world_about_the_person():
+    T = np.eye(4)
+    T[:3, 3] = [0, 0, 3]
+    camera = Camera("a", 64, 48, np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]]), np.zeros(5), T)
+    centre, up = np.array([0.1, 0.2, 0.3]), np.array([0, 1.0, 0])
+    moved = turned(camera, centre, up, np.pi / 2)
+    assert np.allclose(moved.to_camera(centre), camera.to_camera(centre))
+    assert np.allclose(np.linalg.norm(moved.centre - centre), np.linalg.norm(camera.centre - centre))
+    assert np.allclose(turned(camera, centre, up, 2 * np.pi).T_camera_world, T)
+    assert np.allclose(
+        resized(camera, 96).project(np.array([[0.1, 0.2, 0]]))[0], 2 * camera.project(np.array([[0.1, 0.2, 0]]))[0]
+    )
+
+
+def test_a_stopped_animation_leaves_no_folder_that_looks_whole(puppet_folder, sample_run, tmp_path):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        animate(puppet_folder, sample_run, out, frames=[1, 2], height=32, progress=stop)
+    assert not out.exists()
+    animate(puppet_folder, sample_run, out, frames=[2], height=32)
+    assert [p.name for p in (out / "pictures").iterdir()] == ["000002.png"]
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]

@@ -1,0 +1,231 @@
+"""The temporal model of a trained avatar: its tracks, files and refusals."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from tests.support import small_avatar
+from toile.avatar.command import temporal_settings
+from toile.avatar.drive.animate import Puppet
+from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, without
+from toile.avatar.drive.teaching import code_reach, relative_error, stop_at, train_temporal
+from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
+from toile.avatar.model.temporal import DampedModel
+from toile.avatar.settings import TemporalSettings
+from toile.cli import main
+from toile.errors import UserError
+from toile.surface.layers import capture_folder, open_body, pictured_frames
+
+
+def track(frames, stride=1, features=3):
+    frames = np.asarray(frames)
+    own = np.diff(frames).min()
+    return Track(frames, torch.randn(len(frames), features), row_starts(np.diff(frames) != own), stride // own)
+
+
+def wake(driver, motion):
+    """A driver that was never trained, but answers more than the mean code, far within the range of any."""
+    driver.projection.fit(motion.features)
+    driver.code_range.mul_(1e3)
+    for p in driver.model.parameters():
+        torch.nn.init.normal_(p, std=0.3)
+
+
+def test_rows_of_neighbours_begin_after_each_gap():
+    assert track([0, 1, 2, 5, 6, 9]).first.tolist() == [0, 0, 0, 3, 3, 5]
+    assert track([0, 6, 12, 30, 36]).first.tolist() == [0, 0, 0, 3, 3]
+
+
+def test_held_out_frames_part_those_on_either_side():
+    left = without(track(range(10)), [4, 5])
+    assert left.frames.tolist() == [0, 1, 2, 3, 6, 7, 8, 9]
+    assert left.first.tolist() == [0, 0, 0, 0, 4, 4, 4, 4]
+    assert without(track([0, 1, 2, 5, 6]), [1]).first.tolist() == [0, 1, 2, 2]
+
+
+@pytest.mark.parametrize("model", ["window", "damped"])
+def test_a_finer_motion_drives_as_its_every_nth_frame_does(model):
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(model=model, window=4, channels=8), 3, {"shirt": 5}).eval()
+    fine = track(range(24), stride=6)
+    wake(driver, fine)
+    coarse = Track(fine.frames[::6], fine.features[::6], fine.first[::6] * 0, 1)
+    with torch.no_grad():
+        assert torch.allclose(driver.latents(fine)["shirt"][::6], driver.latents(coarse)["shirt"], atol=1e-6)
+
+
+def test_a_motion_of_another_step_is_refused():
+    avatar = small_avatar.avatar()
+    poses = np.zeros((4, 3, 3))
+    with pytest.raises(UserError, match="its frames are 4 apart, the temporal model was trained on poses 6 apart"):
+        make_track(avatar, [0, 4, 8, 12], poses, None, 6)
+    assert make_track(avatar, [0, 3, 6, 9], poses, None, 6).step == 2
+
+
+def test_an_untaught_model_gives_the_mean_codes_of_each_garment():
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(window=2, channels=8), 3, {"shirt": 2, "jacket": 3})
+    codes = 5 + 3 * torch.randn(50, 5)
+    driver.scale(torch.randn(50, 3), codes)
+    found = driver.latents(track(range(7)))
+    assert found["shirt"].shape == (7, 2) and found["jacket"].shape == (7, 3)
+    assert torch.allclose(torch.cat(list(found.values()), 1), codes.mean(0).expand(7, 5), atol=1e-5)
+
+
+def test_poses_far_from_training_give_codes_within_its_range():
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(window=2, channels=8), 3, {"shirt": 4})
+    codes = torch.randn(50, 4)
+    far = track(range(9))
+    wake(driver, far)
+    driver.scale(far.features, codes)
+    far.features.mul_(1e6)
+    found = driver.latents(far)["shirt"]
+    assert (found >= codes.amin(0) - 1e-5).all() and (found <= codes.amax(0) + 1e-5).all()
+    assert (found == found[0]).all(0).sum() < 4  # it still follows the pose
+
+
+@pytest.fixture(scope="module")
+def driven(sample_avatar):
+    folder = sample_avatar.parent / "driven"
+    shutil.copytree(sample_avatar, folder)
+    return folder, train_temporal(folder, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3))
+
+
+def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
+    folder, measured = driven
+    assert measured["code_error"] < 0.05  # of their variance
+    assert measured["held_out"] > 0
+    driver, stride, known = load_driver(folder)
+    assert known == driven[1] and stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
+
+
+def test_training_stops_where_frames_left_out_are_met_best():
+    """Codes that follow the pose are learnt for as long as allowed; codes of pure noise only until the mean is known."""
+    torch.manual_seed(0)
+    motion = track(range(80), features=6)
+    driver = Driver(TemporalSettings(window=1, channels=16, steps=400, lr=2e-3), 6, {"shirt": 3})
+    noise, told, stops = torch.randn(80, 3), [], {}
+    for name, codes in (("pose", motion.features @ torch.randn(6, 3)), ("noise", noise)):
+        driver.scale(motion.features, codes)
+        poses = driver.windows_of(motion, torch.arange(80))
+        stops[name] = stop_at(driver, poses, driver.scaled(codes), lambda done, total: told.append((done, total)))
+    assert stops["pose"] > 300 and stops["noise"] < 100
+    assert told[-1] == (400, 400) and all(done <= total for done, total in told)
+    assert stop_at(driver, poses[:39], noise[:39], None) == 400  # too few to leave any out
+
+
+def test_numbers_of_a_code_count_as_far_as_they_move_the_cloth(sample_avatar):
+    avatar = load_avatar(sample_avatar)
+    model = avatar.model("tshirt")
+    torch.manual_seed(0)
+    mean, spread = torch.zeros(model.code_size), torch.rand(model.code_size) + 0.1
+    reach = code_reach(avatar, {"tshirt": model.code_size}, mean, spread)
+    for k in (0, len(model.modes) - 1, model.code_size - 1):
+        z = torch.stack([mean, mean + spread[k] * torch.eye(model.code_size)[k]])
+        at, moved = avatar.unposed_garment("tshirt", z).detach()
+        assert reach[k].item() == pytest.approx(
+            (moved - at).norm(dim=1).square().mean().sqrt().item(), rel=1e-3, abs=1e-7
+        )
+    driver = Driver(TemporalSettings(window=1, channels=8), 3, {"shirt": 3})
+    codes = torch.randn(50, 3) * torch.tensor([1.0, 5.0, 0.2])
+    driver.scale(torch.randn(50, 3), codes, lambda mean, spread: torch.tensor([3.0, 4.0, 0.0]))
+    share = driver.scaled(codes).var(0, correction=0)
+    assert share.sum().item() == pytest.approx(1, abs=1e-5) and (share[1] / share[0]).item() == pytest.approx(
+        16 / 9, rel=1e-3
+    )
+    assert share[2].sqrt().item() == pytest.approx(0.02, rel=1e-2)
+
+
+def test_the_damped_model_is_asked_for_trained_saved_and_drives(
+    sample_avatar, sample_run, tmp_path, monkeypatch, capsys
+):
+    folder = tmp_path / "damped"
+    shutil.copytree(sample_avatar, folder)
+    monkeypatch.setattr("toile.avatar.make.make_avatar", lambda *_: None)  # trained already, by other settings
+
+    def shorter(folder, settings, progress):
+        return train_temporal(folder, settings.model_copy(update=dict(channels=8, steps=5, stretch=3)), progress)
+
+    monkeypatch.setattr("toile.avatar.drive.teaching.train_temporal", shorter)
+    monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal-model", "damped"])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 0 and "temporal model (damped): 5 steps, code error" in capsys.readouterr().out
+    driver, *_ = load_driver(folder)
+    assert isinstance(driver.model, DampedModel)
+    puppet = Puppet(folder, sample_run)
+    motion = puppet.motion
+    with torch.no_grad():
+        expected = driver.latents(make_track(puppet.avatar, motion.frames, motion.rotations, motion.face, 1))
+    assert torch.equal(puppet.latents["tshirt"], expected["tshirt"])
+
+
+def test_the_command_line_names_the_temporal_model():
+    assert temporal_settings(None, 7, 3) == TemporalSettings(model="window", window=7, seed=3)
+    assert temporal_settings("damped", 15, 0) == TemporalSettings(model="damped")
+    with pytest.raises(UserError, match="--temporal-model springs: expected window or damped"):
+        temporal_settings("springs", 15, 0)
+    with pytest.raises(UserError, match="--window 0: expected at least one pose"):
+        temporal_settings("window", 0, 0)
+
+
+def test_the_same_seed_gives_the_same_bits_for_any_number_of_threads(driven, tmp_path):
+    folder, _ = driven
+    again = tmp_path / "again"
+    shutil.copytree(folder, again)
+    before = torch.get_num_threads()
+    torch.set_num_threads(before + 2)
+    try:
+        train_temporal(again, TemporalSettings(window=3, channels=16, steps=200, lr=5e-3))
+        assert torch.get_num_threads() == before + 2
+    finally:
+        torch.set_num_threads(before)
+    assert (again / "temporal.safetensors").read_bytes() == (folder / "temporal.safetensors").read_bytes()
+
+
+def test_an_untaught_model_errs_by_the_codes_variance():
+    torch.manual_seed(0)
+    driver = Driver(TemporalSettings(window=2, channels=8), 3, {"shirt": 4})
+    codes = 5 + 3 * torch.randn(50, 4)
+    driver.scale(torch.randn(50, 3), codes)
+    assert relative_error(driver, track(range(50)), range(50), codes) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_what_cannot_be_driven_is_refused(sample_avatar, tmp_path):
+    with pytest.raises(UserError, match="temporal.safetensors: the file is missing"):
+        load_driver(sample_avatar)
+    with pytest.raises(UserError, match="no garment"):
+        train_temporal(sample_avatar / "baseline", TemporalSettings(steps=1))
+    (tmp_path / "temporal.safetensors").write_bytes(b"rubbish")
+    with pytest.raises(UserError, match="temporal.safetensors: not a file of toile's tensors"):
+        load_driver(tmp_path)
+
+
+def test_a_model_of_other_settings_is_refused_and_said_how_to_make_anew(driven, tmp_path):
+    folder, _ = driven
+    tensors, facts = read_tensors(folder / "temporal.safetensors")
+    facts["settings"]["pose_noise"] = 0.5
+    write_tensors(tmp_path / "temporal.safetensors", tensors, facts)
+    with pytest.raises(
+        UserError, match=r"temporal.safetensors: pose_noise: .*; `toile train RUN .* --temporal` makes the model anew"
+    ):
+        load_driver(tmp_path)
+
+
+def test_windows_hold_the_poses_of_frames_without_pictures(sample_avatar, sample_run, tmp_path):
+    capture = shutil.copytree(capture_folder(sample_run), tmp_path / "capture")
+    run = shutil.copytree(sample_run, tmp_path / "run")
+    config = (run / "config.toml").read_text().replace(str(capture_folder(sample_run)), str(capture))
+    (run / "config.toml").write_text(config)
+    shutil.rmtree(capture / "frames" / "000001" / "images")
+    found = run_track(load_avatar(sample_avatar), open_body(run))
+    assert pictured_frames(run) == [0, 2, 3] and found.frames.tolist() == [0, 1, 2, 3] and found.step == 1
+    driver = Driver(TemporalSettings(window=2, channels=8), found.features.shape[1], {"tshirt": 4})
+    wake(driver, found)
+    found.features.requires_grad_()
+    driver.errors(driver.windows_of(found, torch.tensor(found.rows({2}))), torch.randn(1, 4)).sum().backward()
+    assert found.features.grad.abs().sum(1).nonzero().ravel().tolist() == [1, 2]

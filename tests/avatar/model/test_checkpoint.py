@@ -1,0 +1,134 @@
+"""Checkpoints and the files of an avatar: whole, few, and refused with one clear message when they do not fit."""
+
+import json
+
+import pytest
+import torch
+
+from toile.avatar.model.checkpoint import (  # fmt: skip
+    Checkpoints,
+    begin,
+    check_same,
+    load_model,
+    load_optimiser,
+    read_facts,
+    read_tensors,
+    write_tensors,
+)
+from toile.avatar.settings import preset
+from toile.errors import UserError
+
+
+@pytest.fixture
+def model():
+    torch.manual_seed(0)
+    return torch.nn.Linear(3, 2)
+
+
+@pytest.fixture
+def optimiser(model):
+    optimiser = torch.optim.AdamW(model.parameters(), lr=0.1)
+    model(torch.ones(3)).sum().backward()
+    optimiser.step()
+    return optimiser
+
+
+def test_tensors_and_facts_come_back_to_the_bit(tmp_path):
+    tensors = {
+        "a": torch.tensor([0.1, float("nan"), -0.0]),
+        "b": torch.arange(6).reshape(2, 3).T,
+        "c": torch.tensor(True),
+    }
+    facts = {"loss": 0.1 + 0.2, "steps": [1, 2], "unit": "\u00b5"}
+    write_tensors(tmp_path / "x.safetensors", tensors, facts)
+    found, notes = read_tensors(tmp_path / "x.safetensors")
+    assert notes == facts and list(tmp_path.iterdir()) == [tmp_path / "x.safetensors"]
+    for name, tensor in tensors.items():
+        assert found[name].dtype == tensor.dtype and torch.equal(found[name].nan_to_num(7), tensor.nan_to_num(7))
+
+
+def test_weights_and_moments_come_back(model, optimiser, tmp_path):
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.write(5, model, optimiser, {"step": 5})
+    tensors, facts = checkpoints.latest()
+    other = torch.nn.Linear(3, 2)
+    load_model(other, tensors)
+    assert facts == {"step": 5} and torch.equal(other.weight, model.weight)
+    fresh = torch.optim.AdamW(other.parameters(), lr=0.1)
+    load_optimiser(fresh, tensors)
+    for net, opt in ((model, optimiser), (other, fresh)):
+        opt.zero_grad()
+        net(torch.arange(3.0)).square().sum().backward()
+        opt.step()
+    assert torch.equal(other.weight, model.weight) and torch.equal(other.bias, model.bias)
+
+
+def test_two_checkpoints_are_kept_and_an_abandoned_course_goes(model, optimiser, tmp_path):
+    checkpoints = Checkpoints(tmp_path)
+    for number in (0, 5, 10, 15):
+        checkpoints.write(number, model, optimiser, {"step": number})
+    assert checkpoints.numbers() == [10, 15]
+    checkpoints.write(12, model, optimiser, {"step": 12})
+    assert checkpoints.numbers() == [10, 12] and checkpoints.latest()[1] == {"step": 12}
+
+
+def test_damaged_checkpoint_is_refused(model, optimiser, tmp_path):
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.write(3, model, optimiser, {})
+    path = tmp_path / "00000003.safetensors"
+    for content in (path.read_bytes()[:-9], b"", b"\x80\x04N."):
+        path.write_bytes(content)
+        with pytest.raises(UserError, match="00000003.safetensors: not a file of toile's tensors"):
+            checkpoints.latest()
+
+
+def test_checkpoint_of_another_architecture_is_refused(model, optimiser, tmp_path):
+    Checkpoints(tmp_path).write(3, model, optimiser, {})
+    tensors, _ = Checkpoints(tmp_path).latest()
+    with pytest.raises(UserError, match=r"here: weight: shape \(2, 3\), this avatar has \(2, 4\)"):
+        load_model(torch.nn.Linear(4, 2), tensors, "here")
+    with pytest.raises(UserError, match=r"0.bias: shape None"):
+        load_model(torch.nn.Sequential(torch.nn.Linear(3, 2)), tensors)
+
+
+def test_another_scene_or_setting_is_named(tmp_path):
+    asked = {"scene": "walk", "topology": {"layer body": "12"}, "settings": preset("draft").model_dump(mode="json")}
+    assert begin(tmp_path, asked) and begin(tmp_path, asked)
+    with pytest.raises(UserError, match='avatar.json: scene: holds "walk", asked is "talk": take another folder'):
+        begin(tmp_path, asked | {"scene": "talk"})
+    with pytest.raises(UserError, match='topology.layer body: holds "12", asked is "34"'):
+        begin(tmp_path, asked | {"topology": {"layer body": "34"}})
+    finer = preset("fine").model_dump(mode="json")
+    with pytest.raises(UserError, match='settings.quality: holds "draft", asked is "fine"'):
+        begin(tmp_path, asked | {"settings": finer})
+
+
+def test_finished_training_is_not_begun_again(tmp_path):
+    begin(tmp_path, {"scene": "walk"})
+    (tmp_path / "avatar.json").write_text(json.dumps({"scene": "walk", "steps": {"body": 3}}))
+    assert not begin(tmp_path, {"scene": "walk"})
+
+
+def test_long_values_are_shortened():
+    with pytest.raises(UserError) as error:
+        check_same("f", {"frames": list(range(1000))}, {"frames": [1]})
+    assert len(str(error.value)) < 200
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (None, "the file is missing: the folder holds no avatar"),
+        ("{", "not JSON"),
+        ("[1]", "not an avatar's facts"),
+        ("{}", "has not finished"),
+        ('{"steps": {}, "settings": {"lr": "fast"}}', "lr: Input should be a valid number"),
+        ('{"steps": {}, "settings": {"speed": 1}}', "speed: Extra inputs are not permitted"),
+        ('{"steps": {}}', "not an avatar's facts"),
+    ],
+)
+def test_bad_facts_are_refused(text, message, tmp_path):
+    if text is not None:
+        (tmp_path / "avatar.json").write_text(text)
+    with pytest.raises(UserError, match=message):
+        read_facts(tmp_path)

@@ -1,0 +1,66 @@
+"""What frames a training may see, and what the command refuses."""
+
+import pytest
+
+from toile.avatar.command import changes
+from toile.avatar.settings import AvatarSettings, preset
+from toile.avatar.train.make import held_out
+from toile.config import QUALITIES
+from toile.errors import UserError
+
+
+def test_last_tenth_is_held_out():
+    assert held_out(None, list(range(0, 240, 6))) == [216, 222, 228, 234]
+    assert held_out(None, [3, 4, 5]) == [5]
+    assert held_out(None, [3]) == []
+    assert held_out("none", [3, 4]) == []
+
+
+def test_holdout_takes_the_pictured_frames_of_a_range():
+    assert held_out("6-13", [0, 6, 12, 18]) == [6, 12]
+    assert held_out("18", [0, 6, 12, 18]) == [18]
+
+
+@pytest.mark.parametrize("text", ["x", "4-", "-4", "4-2", "1-5", "", "4,5"])
+def test_bad_holdout_is_refused(text):
+    with pytest.raises(UserError, match="--holdout"):
+        held_out(text, [0, 6, 12, 18])
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        (dict(minutes=0.0), "--minutes 0"),
+        (dict(minutes=float("nan")), "--minutes nan"),
+        (dict(minutes=float("inf")), "--minutes inf"),
+        (dict(lr=0.0), "--lr 0"),
+        (dict(lr=float("nan")), "--lr nan"),
+        (dict(steps="3,4"), "--steps 3,4"),
+        (dict(steps="3,4,x"), "--steps 3,4,x"),
+        (dict(steps="3,4,-1"), "--steps 3,4,-1"),
+        (dict(steps="3,4,5", minutes=2.0), "--minutes 2 is given too"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(UserError, match=message):
+        changes(**dict(minutes=None, steps=None, lr=None, seed=0) | options)
+
+
+def test_options_change_the_settings():
+    changed = changes(None, "3,4,5", 0.01, 7)
+    assert changed == {"seed": 7, "lr": 0.01, "body_steps": 3, "garment_steps": 4, "joint_steps": 5}
+    assert {"seed", "lr", "body_steps"} <= AvatarSettings.model_fields.keys()
+
+
+def test_unknown_quality_is_refused():
+    with pytest.raises(UserError, match="--quality rough: expected one of draft, standard, fine"):
+        preset("rough")
+
+
+def test_presets_grow():
+    sizes = [preset(quality) for quality in QUALITIES]
+    for name in ("texture_size", "geometry_size"):
+        values = [getattr(settings.data, name) for settings in sizes]
+        assert values == sorted(values)
+    steps = [sum(phase.steps for phase in settings.phases()) for settings in sizes]
+    assert steps == sorted(steps)

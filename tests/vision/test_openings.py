@@ -1,0 +1,67 @@
+"""Loops traced in pictures: a tube of cloth that hangs free, with nothing under it for a label border to lie on."""
+
+import numpy as np
+import pytest
+
+from tests.support.rig import ring_of_cameras
+from tests.support.shapes import tube
+from toile import kernels
+from toile.config import DressSettings, SegmentSettings
+from toile.scene import Frame, Mesh, Segmented
+from toile.surface.loops import LoopMatch
+from toile.vision.evidence import Evidence, depth_views
+from toile.vision.openings import Rivals, trace_opening
+from toile.vision.visibility import DepthView
+
+IDS, CLOTH = np.array([1, 2], np.uint8), 2
+
+
+def cloth(low):
+    """A tube of radius 0.2 m from `low` (a height, or one a direction) to 1.3 m."""
+    V, F = tube(40, 96, 0.2, 1.0)
+    bottom = low(np.arctan2(V[:, 1], V[:, 0])) if callable(low) else low
+    V[:, 2] = bottom + V[:, 2] * (1.3 - bottom)
+    return V, F
+
+
+def wavy(angle):
+    return 0.7 + 0.008 * np.sin(3 * angle)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """Evidence of the true cloth, and Rivals."""
+    V, F = cloth(wavy)
+    cameras = ring_of_cameras(8, distortion=(0.0,) * 5)
+    views = {name: DepthView(camera, V, F) for name, camera in cameras.items()}
+    labels = {name: np.where(view.face >= 0, CLOTH, 0).astype(np.uint8) for name, view in views.items()}
+    frame = Frame(0, Mesh(V, F), None, {}, {}, labels)
+    segmented = Segmented(np.zeros(0, np.uint8), np.full(len(F), CLOTH, np.uint8), np.zeros((len(V), 2)), IDS, {}, {})
+    return Evidence(frame, depth_views(frame, cameras, V, F), Mesh(V, F), IDS, None, SegmentSettings()), Rivals(
+        V, F, segmented, CLOTH
+    )
+
+
+def lowest_loop(V, F):
+    return min(kernels.boundary_loops(F), key=lambda loop: V[loop, 2].mean())
+
+
+@pytest.mark.parametrize("low", [0.69, 0.70, 0.71])
+def test_a_free_opening_is_found_within_a_pixel_from_up_to_18_millimetres_off(seen, low):
+    """A pixel is 5 mm wide at the cloth."""
+    V, F = cloth(low)
+    loop = lowest_loop(V, F)
+    none = LoopMatch(V[loop], np.zeros(len(loop), bool), np.full(len(loop), np.nan))
+    match = trace_opening(Mesh(V, F), loop, *seen, none, DressSettings())
+    off = match.target[:, 2] - wavy(np.arctan2(match.target[:, 1], match.target[:, 0]))
+    assert match.observed.mean() > 0.95
+    assert np.abs(off).mean() < 0.005
+    assert np.abs(np.hypot(*match.target[:, :2].T) - 0.2).mean() < 0.007
+
+
+def test_a_loop_that_no_camera_sees_stands(seen):
+    V, F = cloth(0.7)
+    loop = lowest_loop(V, F)
+    stands = LoopMatch(V[loop] + 0.01, np.zeros(len(loop), bool), np.full(len(loop), np.nan))
+    dark = Evidence(None, {}, Mesh(V, F), IDS, None, SegmentSettings())
+    assert trace_opening(Mesh(V, F), loop, dark, seen[1], stands, DressSettings()) is stands
