@@ -23,6 +23,8 @@ def plan(capture: Path):
     from .pipeline.plan import plan as make_plan
 
     opened = open_capture(capture)
+    for warning in opened.warnings:
+        typer.echo(f"warning: {warning}", err=True)
     typer.echo(f"{opened.scene.name}: {len(opened.frames)} frames, {len(opened.cameras)} cameras")
     for step in make_plan(opened):
         typer.echo(f"  {'run ' if step.runs else 'skip'}  {step.stage:<12} {step.why}")

@@ -131,10 +131,10 @@ def test_a_bad_field_is_refused_by_file_and_name(tmp_path, small, field, value, 
 
 
 def test_pickles_and_absent_files_are_refused(tmp_path, small):
-    with pytest.raises(UserError, match="not a body model"):
+    with pytest.raises(UserError, match="pickled objects"):
         load_body_model(save(tmp_path, small | dict(joint_names=np.array([{}, []], dtype=object))))
     with pytest.raises(UserError, match="no such body model"):
         load_body_model(tmp_path / "nothing.npz")
     (tmp_path / "text.npz").write_text("not a zip")
-    with pytest.raises(UserError, match="not a body model"):
+    with pytest.raises(UserError, match="not a .npz"):
         load_body_model(tmp_path / "text.npz")

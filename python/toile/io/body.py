@@ -6,13 +6,13 @@ R_k = R_parent exp(r_k), x_k = x_parent + R_parent (J_k - J_parent). Every pose 
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import UserError
 from ..scene import BodyModel
+from .bounded import read_npz
 
 PACKAGED = {"anny": Path(__file__).parents[1] / "assets" / "anny.npz"}
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -67,12 +67,11 @@ class Fields:
     def __init__(self, path):
         self.path = path
         try:
-            with np.load(path, allow_pickle=False) as file:
-                self.arrays = {name: file[name] for name in file.files}
-        except FileNotFoundError:
-            raise UserError(f"{path}: no such body model; packaged: {', '.join(PACKAGED)}") from None
-        except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-            raise UserError(f"{path}: not a body model (.npz of plain arrays): {error}") from None
+            self.arrays = read_npz(path)
+        except UserError as error:
+            if not Path(path).exists():
+                raise UserError(f"{path}: no such body model; packaged: {', '.join(PACKAGED)}") from None
+            raise error
 
     def __contains__(self, name):
         return name in self.arrays

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
+from .bounded import read_bytes
 
 MAX_BYTES = 200_000_000
 TO_OURS = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x left, y up, z front -> x left, y back, z up
@@ -44,11 +45,7 @@ class Bvh:
 def read_bvh(path):
     """Parses a BVH file; UserError names the file and what is wrong."""
     path = Path(path)
-    if not path.is_file():
-        raise UserError(f"{path}: no such motion file")
-    if path.stat().st_size > MAX_BYTES:
-        raise UserError(f"{path}: larger than {MAX_BYTES} bytes")
-    head, found, tail = path.read_text(errors="replace").partition("MOTION")
+    head, found, tail = read_bytes(path, MAX_BYTES).decode("utf-8", errors="replace").partition("MOTION")
     if not found or "HIERARCHY" not in head:
         raise UserError(f"{path}: not a BVH file, HIERARCHY or MOTION is missing")
     try:
@@ -57,7 +54,7 @@ def read_bvh(path):
         count, frame_time = int(words[1]), float(words[4])
         values = np.array(words[5:], dtype=np.float64)
         width = sum(map(len, channels))
-        if count < 1 or not frame_time > 0 or len(values) != count * width or not np.isfinite(values).all():
+        if count < 1 or not 0 < frame_time < 1e4 or len(values) != count * width or not np.isfinite(values).all():
             raise ValueError(f"{len(values)} numbers for {count} frames of {width} channels")
     except (ValueError, IndexError, KeyError) as reason:
         raise UserError(f"{path}: broken BVH: {reason}") from reason

@@ -1,12 +1,12 @@
 """cameras.json."""
 
-import json
-
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import UserError
 from ..scene import Camera
+from .bounded import read_json
+from .image import MAX_PIXELS
 
 
 class _Entry(BaseModel):
@@ -34,13 +34,9 @@ def first_error(path, error):
 def read_cameras(path, metres=1.0):
     """{name: Camera}; translations are scaled by `metres` a unit."""
     try:
-        entries = _CamerasFile(**json.loads(path.read_text(encoding="utf-8"))).cameras
-    except FileNotFoundError:
-        raise UserError(f"{path}: the file is missing") from None
+        entries = _CamerasFile(**read_json(path, dict)).cameras
     except ValidationError as error:
         raise first_error(path, error) from None
-    except (ValueError, TypeError) as error:
-        raise UserError(f"{path}: not JSON of cameras: {error}") from None
     cameras = {}
     for i, entry in enumerate(entries):
         if entry.name in cameras:
@@ -59,6 +55,8 @@ def _camera(path, i, entry, metres):
     K, distortion, T = array("K", (3, 3)), array("distortion", (5,)), array("T_camera_world", (4, 4))
     if entry.width <= 0 or entry.height <= 0 or K[0, 0] <= 0 or K[1, 1] <= 0:
         raise UserError(f"{path}: cameras.{i} ({entry.name}): width, height and focal lengths must be positive")
+    if entry.width * entry.height > MAX_PIXELS:
+        raise UserError(f"{path}: cameras.{i} ({entry.name}): more than {MAX_PIXELS} pixels")
     R = T[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
         raise UserError(f"{path}: cameras.{i}.T_camera_world ({entry.name}): its upper left is not a rotation")

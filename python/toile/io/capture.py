@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,13 +10,29 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import UserError
-from ..kernels import boundary_loops
 from ..scene import Camera, Frame, Garment, Mesh, Scene
+from .bounded import read_toml
 from .camera import first_error, read_cameras
 from .image import read_image
 from .keypoints import read_keypoints
 from .mesh import read_mesh
+from .template import read_template
 
+RESERVED = (
+    "body",
+    "confidence",
+    "diagnostics",
+    "done",
+    "face",
+    "frames",
+    "garment",
+    "inner",
+    "labels",
+    "pose",
+    "shape",
+    "surface",
+    "track",
+)
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 CHECKED = 3  # frames that are read before a run begins
@@ -29,7 +44,7 @@ class _Table(BaseModel):
 
 class _SceneTable(_Table):
     name: str
-    fps: float = Field(default=30, gt=0)
+    fps: float = Field(default=30, gt=0, le=100_000, allow_inf_nan=False)
     units: str = "m"
     up: str = "z"
 
@@ -43,7 +58,7 @@ class _FaceTable(_Table):
 
 
 class _GarmentTable(_Table):
-    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)
     template: str
     label: str
 
@@ -70,7 +85,9 @@ class Capture:
     scene: Scene
     cameras: dict[str, Camera]
     frames: tuple[int, ...]
-    templates: dict[str, Mesh]
+    templates: dict[str, Mesh]  # cleaned, see io/template.py
+    kept: dict[str, np.ndarray]  # of each template, the vertices of its file that it has (g,)
+    warnings: tuple[str, ...] = ()
 
     def frame(self, number):
         """Reads one frame. UserError names the file and the field."""
@@ -130,13 +147,9 @@ def open_capture(path):
     root = Path(path)
     file = root / "scene.toml"
     try:
-        table = _SceneFile(**tomllib.loads(file.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise UserError(f"{file}: the file is missing") from None
+        table = _SceneFile(**read_toml(file))
     except ValidationError as error:
         raise first_error(file, error) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{file}: not TOML: {error}") from None
     scene = _scene(root, file, table)
     cameras = _cameras(root, table.cameras.file, METRES[scene.units])
     frames = tuple(
@@ -144,8 +157,10 @@ def open_capture(path):
     )
     if not frames:
         raise UserError(f"{root / 'frames'}: no frames (folders named 000000, 000001, ...)")
-    templates = {g.name: _template(root, g, METRES[scene.units]) for g in scene.garments}
-    return Capture(root, scene, cameras, frames, templates)
+    found = {g.name: read_template(root / g.template, g.name) for g in scene.garments}
+    templates = {name: _scaled(t.mesh, METRES[scene.units]) for name, t in found.items()}
+    warnings = tuple(warning for t in found.values() for warning in t.warnings)
+    return Capture(root, scene, cameras, frames, templates, {name: t.kept for name, t in found.items()}, warnings)
 
 
 def check_capture(capture, frames):
@@ -194,6 +209,10 @@ def _scene(root, file, table):
     for i, garment in enumerate(table.garment):
         if garment.label not in table.labels:
             raise UserError(f"{file}: garment.{i}.label: '{garment.label}' is not in [labels]")
+        if garment.name in RESERVED:
+            raise UserError(
+                f"{file}: garment.{i}.name: '{garment.name}' is reserved, it names a layer or array of a run"
+            )
         if names.index(garment.name) != i:
             raise UserError(f"{file}: garment.{i}.name: '{garment.name}' stands there twice")
         _inside(root, file, f"garment.{i}.template", garment.template)
@@ -219,14 +238,6 @@ def _cameras(root, name, metres):
     path = _inside(root, root / "scene.toml", "cameras.file", name)
     needed = any((root / "frames").glob("*/images/*")) or any((root / "frames").glob("*/keypoints.json"))
     return read_cameras(path, metres) if needed or path.exists() else {}
-
-
-def _template(root, garment, metres):
-    path = root / garment.template
-    mesh = _scaled(read_mesh(path), metres)
-    if not boundary_loops(mesh.faces):
-        raise UserError(f"{path}: the template of garment '{garment.name}' has no open loops")
-    return mesh
 
 
 def _scaled(mesh, metres):

@@ -1,45 +1,51 @@
-"""Images, masks and label maps, checked against their camera."""
+"""Images, masks and label maps: PNG or JPEG, checked against their camera before they are decoded."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
 
 import numpy as np
 
 from ..errors import UserError
+from .bounded import check_file, reason_of
 
 MAX_PIXELS = 100_000_000
+MAX_BYTES = 1 << 30
+FORMATS = ("PNG", "JPEG")
 
 
 def read_rgba(path):
     """A picture of any size as (H,W,4) uint8, upright as its camera's note says; opaque where it has no alpha."""
-    from PIL import Image, ImageOps
+    from PIL import ImageOps
 
-    try:
-        with Image.open(path) as image:
-            width, height = image.size
-            if width * height > MAX_PIXELS:
-                raise UserError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
-            return np.array(ImageOps.exif_transpose(image).convert("RGBA"))
-    except UserError:
-        raise
-    except FileNotFoundError:
-        raise UserError(f"{path}: the file is missing") from None
-    except Exception as error:
-        raise UserError(f"{path}: cannot be read as an image: {error}") from None
+    with _opened(path) as image:
+        return np.array(ImageOps.exif_transpose(image).convert("RGBA"))
 
 
 def read_image(path, size, mode):
     """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
+    with _opened(path) as image:
+        width, height = image.size
+        if (height, width) != tuple(size):
+            raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
+        if mode == "L" and image.mode not in ("L", "P", "1"):
+            raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
+        return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
+
+
+@contextmanager
+def _opened(path):
+    """The image, of which only the header has been read; whatever is wrong with it becomes a UserError."""
     from PIL import Image
 
+    check_file(path, MAX_BYTES)
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=FORMATS) as image:
             width, height = image.size
             if width * height > MAX_PIXELS:
                 raise UserError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
-            if (height, width) != tuple(size):
-                raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
-            if mode == "L" and image.mode not in ("L", "P", "1"):
-                raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
-            return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
+            yield image
     except UserError:
         raise
     except Exception as error:
-        raise UserError(f"{path}: cannot be read as an image: {error}") from None
+        raise UserError(f"{path}: cannot be read as a PNG or JPEG image: {reason_of(error)}") from None

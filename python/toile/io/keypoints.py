@@ -1,20 +1,19 @@
 """keypoints.json."""
 
-import json
-
 import numpy as np
 
 from ..errors import UserError
 from ..scene import Keypoints
+from .bounded import read_json
 
 
 def read_keypoints(path, cameras):
     """2D keypoints of one frame, for the cameras that are known."""
+    data = read_json(path, dict)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
         names = tuple(str(n) for n in data["names"])
         points = {camera: np.array(rows, dtype=np.float64).reshape(-1, 3) for camera, rows in data["points"].items()}
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
         raise UserError(f"{path}: expected {{names, points: {{camera: [[u, v, confidence], ...]}}}}: {error}") from None
     for camera, rows in points.items():
         if camera not in cameras:

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from ..errors import UserError
 from ..scene import Mesh
+from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 
 MAX_FACES = 20_000_000
+OBJ_BYTES = 512 << 20
+KINDS = (".ply", ".obj", ".off", ".stl")
+NO_UV = -1  # a face's corner without one
 
 
 def read_mesh(path):
     """A Mesh, its vertices in file order. UserError names the file and the first bad vertex or face."""
-    path = Path(path)
+    path = check_file(path, MESH_BYTES)
+    if path.suffix.lower() not in KINDS:
+        raise UserError(f"{path}: not a mesh that is read: {', '.join(KINDS)}")
     try:
         mesh = _read_obj(path) if path.suffix.lower() == ".obj" else _read_by_trimesh(path)
     except UserError:
         raise
     except Exception as error:
-        raise UserError(f"{path}: cannot be read as a mesh: {error}") from None
+        raise UserError(f"{path}: cannot be read as a mesh: {reason_of(error)}") from None
     return check_mesh(path, mesh)
 
 
@@ -53,41 +57,75 @@ def _read_by_trimesh(path):
     )
 
 
+class _Obj:
+    """The `v`, `vt` and `f` lines of an OBJ as they are read; polygons become fans."""
+
+    def __init__(self):
+        self.v, self.vt, self.f, self.ft = [], [], [], []
+        self.v_line, self.vt_line, self.f_line = [], [], []  # line numbers, for refusals
+
+    def read(self, number, words):
+        """One line that was split into words. ValueError: it is not OBJ."""
+        if words[0] == "v":
+            self.v.append([float(words[k]) for k in (1, 2, 3)])
+            self.v_line.append(number)
+        elif words[0] == "vt":
+            self.vt.append([float(words[k]) for k in (1, 2)])
+            self.vt_line.append(number)
+        elif words[0] == "f":
+            corners = [_corner(w, len(self.v), len(self.vt)) for w in words[1:]]
+            for a, b in zip(corners[1:], corners[2:]):
+                self.f.append([corners[0][0], a[0], b[0]])
+                self.ft.append([corners[0][1], a[1], b[1]])
+                self.f_line.append(number)
+
+    def mesh(self, path):
+        v, vt = np.array(self.v, np.float64).reshape(-1, 3), np.array(self.vt, np.float64).reshape(-1, 2)
+        f, ft = np.array(self.f, np.int64).reshape(-1, 3), np.array(self.ft, np.int64).reshape(-1, 3)
+        has_uv = len(vt) > 0 and (ft != NO_UV).all()
+        _refuse(path, self.v_line, ~np.isfinite(v).all(1), "a vertex that is not finite")
+        _refuse(path, self.vt_line, ~np.isfinite(vt).all(1), "a UV that is not finite")
+        _refuse(
+            path, self.f_line, _outside(f, len(v)), f"the face names a vertex that is not there ({len(v)} vertices)"
+        )
+        if has_uv:
+            _refuse(path, self.f_line, _outside(ft, len(vt)), f"the face names a UV that is not there ({len(vt)} UVs)")
+        return Mesh(v, f.astype(np.int32), vt if has_uv else None, ft.astype(np.int32) if has_uv else None)
+
+
 def _read_obj(path):
-    """`v`, `vt` and `f` lines; polygons become fans."""
-    v, vt, f, ft = [], [], [], []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    obj = _Obj()
+    for number, line in enumerate(read_bytes(path, OBJ_BYTES).decode("utf-8", errors="replace").split("\n"), 1):
         words = line.split()
-        if not words:
-            continue
         try:
-            if words[0] == "v":
-                v.append([float(w) for w in words[1:4]])
-            elif words[0] == "vt":
-                vt.append([float(w) for w in words[1:3]])
-            elif words[0] == "f":
-                corners = [_corner(w, len(v), len(vt)) for w in words[1:]]
-                for a, b in zip(corners[1:], corners[2:]):
-                    f.append([corners[0][0], a[0], b[0]])
-                    ft.append([corners[0][1], a[1], b[1]])
-        except ValueError:
+            if words:
+                obj.read(number, words)
+        except (ValueError, IndexError):
             raise UserError(f"{path}: line {number}: {line.strip()[:60]!r} is not OBJ") from None
-    faces, face_uv = np.array(f, np.int32).reshape(-1, 3), np.array(ft, np.int32).reshape(-1, 3)
-    has_uv = len(vt) > 0 and len(face_uv) > 0 and (face_uv >= 0).all()
-    return Mesh(
-        np.array(v, np.float64).reshape(-1, 3),
-        faces,
-        uv=np.array(vt, np.float64) if has_uv else None,
-        face_uv=face_uv if has_uv else None,
-    )
+    return obj.mesh(path)
 
 
 def _corner(word, vertices, uvs):
-    """ "7/3/1" -> (6, 2); negative indices count from the end."""
-    parts = word.split("/")
-    v = int(parts[0])
-    t = int(parts[1]) if len(parts) > 1 and parts[1] else 0
-    return v - 1 if v > 0 else vertices + v, (t - 1 if t > 0 else uvs + t) if t else -1
+    """ "7/3/1" -> (6, 2); negative indices count from the end. ValueError for 0, and for one before the first."""
+    v, t, *_ = [*word.split("/"), ""]
+    return _index(v, vertices), _index(t, uvs) if t else NO_UV
+
+
+def _index(text, count):
+    i = int(text)
+    if i == 0 or i < -count or i > MAX_FACES * 3:
+        raise ValueError
+    return i - 1 if i > 0 else count + i
+
+
+def _outside(indices, count):
+    return ((indices < 0) | (indices >= count)).any(1)
+
+
+def _refuse(path, lines, bad, what):
+    """UserError that names the line of the first that is `bad` (n,)."""
+    if bad.any():
+        raise UserError(f"{path}: line {lines[int(bad.argmax())]}: {what}")
 
 
 def write_ply(path, vertices, faces):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import UserError
+from .bounded import read_npz
 from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
 
 MAX_FRAMES = 1_000_000
@@ -82,11 +82,7 @@ def _of_bvh(path, model, J, fps, translation):
 
 
 def _of_npz(path, joints, fps):
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            fields = {name: data[name] for name in ("rotations", "translation", "face", "fps") if name in data}
-    except (OSError, ValueError, zipfile.BadZipFile, KeyError) as error:
-        raise UserError(f"{path}: cannot be read as a motion: {error}") from None
+    fields = read_npz(path, names=("rotations", "translation", "face", "fps"))
     for name in ("rotations", "translation", "fps"):
         if name not in fields:
             raise UserError(f"{path}: {name} is missing")

@@ -13,9 +13,11 @@ INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no
 class Truth:
     """CAPTURE/truth/truth.zarr, read a frame at a time; surfaces are (V, F) in metres."""
 
-    def __init__(self, path):
+    def __init__(self, path, kept=None):
+        """`kept` {garment: vertices of its template's file (g,) that the template has}; the truth's maps have all."""
         import zarr
 
+        self.kept = kept or {}
         self.path, self.group = path, zarr.open_group(str(path), mode="r")
         self.rows = {int(f): i for i, f in enumerate(self.group["frames"][:])}
 
@@ -41,8 +43,12 @@ class Truth:
 
     def places(self, name, number):
         """Where the vertices of the pipeline's template truly are (g,3)."""
-        group, (V, F) = self.group[f"garment/{name}"], self.garment(name, number)
-        return np.einsum("gk,gki->gi", group["map_bary"][:], V[F[group["map_face"][:]]])
+        group, (V, F), kept = (
+            self.group[f"garment/{name}"],
+            self.garment(name, number),
+            self.kept.get(name, slice(None)),
+        )
+        return np.einsum("gk,gki->gi", group["map_bary"][:][kept], V[F[group["map_face"][:][kept]]])
 
     def outer(self, number, garments, bare=False):
         """V, F, label per face of body and garments; garments {name: label}, inner to outer. `bare`: without what lies
@@ -97,7 +103,7 @@ def open_truth(capture, garments=()):
     path = capture.root / "truth" / "truth.zarr"
     if not path.exists():
         return None
-    truth = Truth(path)
+    truth = Truth(path, capture.kept)
     truth.check(garments)
     return truth
 

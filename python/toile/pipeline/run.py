@@ -206,6 +206,8 @@ class _Run:
         paths = [self.prepared / "colours.npz", *(self.prepared / f"template.{n}.npz" for n in names)]
         if not all(p.exists() for p in paths):
             samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
+            for warning in self.capture.warnings:
+                self.status.add(stage="dress", ok=False, warning=warning)
             colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
             save_record(paths[0], colours)
             chosen = dress.chosen(samples, self.config.dress)

@@ -1,0 +1,123 @@
+"""Files from outside, read within bounds: ordinary files only, of a size and a depth that fit in memory.
+
+Every refusal is a UserError that names the file. Pipes and devices are refused unopened, for reading one may wait for ever.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import stat
+import tomllib
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import UserError
+
+TEXT_BYTES = 256 << 20
+ARRAY_BYTES = 2 << 30  # of all arrays of one .npz, inflated
+MESH_BYTES = 1 << 30
+
+
+def check_file(path, most=None):
+    """The path of an ordinary file of at most `most` bytes, or a UserError."""
+    path = Path(path)
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        raise UserError(f"{path}: the file is missing") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read: {reason_of(error)}") from None
+    if not stat.S_ISREG(found.st_mode):
+        raise UserError(f"{path}: not an ordinary file")
+    if most is not None and found.st_size > most:
+        raise UserError(f"{path}: {found.st_size} bytes, at most {most} are read")
+    return path
+
+
+def read_bytes(path, most=TEXT_BYTES):
+    """The bytes of an ordinary file."""
+    try:
+        return check_file(path, most).read_bytes()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason_of(error)}") from None
+
+
+def read_text(path, most=TEXT_BYTES):
+    """UTF-8 text, its line ends as they are."""
+    try:
+        return read_bytes(path, most).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not UTF-8 text: {error.reason} at byte {error.start}") from None
+
+
+def read_json(path, kind=None):
+    """What a JSON file holds; with `kind` (dict, list) that and nothing else."""
+    text = read_text(path)
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise UserError(f"{path}: not JSON: nested too deeply") from None
+    except ValueError as error:
+        raise UserError(f"{path}: not JSON: {error}") from None
+    if kind is not None and not isinstance(value, kind):
+        raise UserError(f"{path}: holds a {type(value).__name__}, expected a {kind.__name__}")
+    return value
+
+
+def read_toml(path):
+    """The tables of a TOML file."""
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise UserError(f"{path}: not TOML: nested too deeply") from None
+    except ValueError as error:
+        raise UserError(f"{path}: not TOML: {error}") from None
+
+
+def read_npz(path, most=ARRAY_BYTES, names=None):
+    """{name: array} of a .npz file without pickles, of `names` only if given.
+
+    The sizes that the archive and each array's header give are checked before anything is inflated.
+    """
+    check_file(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
+            members = {name: m for name, m in members.items() if names is None or name in names}
+            total = sum(m.file_size for m in members.values())
+            if total > most:
+                raise UserError(f"{path}: its arrays have {total} bytes, at most {most} are read")
+            return {name: _array(path, name, archive, member) for name, member in members.items()}
+    except UserError:
+        raise
+    except (OSError, ValueError, EOFError, RuntimeError, SyntaxError, zlib.error, zipfile.BadZipFile) as error:
+        raise UserError(f"{path}: not a .npz of plain arrays: {reason_of(error)}") from None
+
+
+def _array(path, name, archive, member):
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise UserError(f"{path}: {name}: an unknown compression")
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        if version not in ((1, 0), (2, 0)):
+            raise UserError(f"{path}: {name}: not an array of numbers or text")
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+        if dtype.hasobject:
+            raise UserError(f"{path}: {name}: holds pickled objects, expected plain arrays")
+        if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != member.file_size - file.tell():
+            raise UserError(f"{path}: {name}: {dtype} {shape} is not what its {member.file_size} bytes hold")
+    with archive.open(member) as file:
+        return np.lib.format.read_array(file, allow_pickle=False)
+
+
+def reason_of(error):
+    """What an exception says, in one line: an OSError's without its number and file."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return (text or type(error).__name__).splitlines()[0]

@@ -1,0 +1,77 @@
+"""Garment templates of a capture: meshes that are cleaned or refused before any stage sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import UserError
+from ..kernels import boundary_loops
+from ..scene import Mesh
+from .mesh import read_mesh
+
+UV_SLACK = 1e-4  # exporters round: so far outside 0..1 a UV is moved onto its border
+
+
+@dataclass(frozen=True)
+class Template:
+    """A garment's rest mesh. `kept` (g,) are the file's vertices that it has, in their order; `warnings` say what was left out."""
+
+    mesh: Mesh
+    kept: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+
+def read_template(path, garment):
+    """The Template of the garment of that name; vertices of no face are left out. UserError names the file, and the vertex,
+    face or UV."""
+    mesh = read_mesh(path)
+    _check_faces(path, mesh)
+    kept = np.unique(mesh.faces)
+    warnings = ()
+    if len(kept) < len(mesh.vertices):
+        number = np.full(len(mesh.vertices), -1, np.int32)
+        number[kept] = np.arange(len(kept), dtype=np.int32)
+        lost = np.flatnonzero(number < 0)
+        mesh = Mesh(mesh.vertices[kept], number[mesh.faces], mesh.uv, mesh.face_uv)
+        some = f"vertex {lost[0]} belongs" if len(lost) == 1 else f"vertices {_some(lost)} belong"
+        warnings = (f"{path}: {some} to no face of garment '{garment}': left out",)
+    loops = boundary_loops(mesh.faces)
+    if not loops:
+        raise UserError(f"{path}: the template of garment '{garment}' has no open loops")
+    _check_seams(path, mesh, np.concatenate(loops), kept)
+    return Template(Mesh(mesh.vertices, mesh.faces, _checked_uv(path, mesh.uv), mesh.face_uv), kept, warnings)
+
+
+def _check_faces(path, mesh):
+    a, b, c = mesh.faces.T
+    twice = np.flatnonzero((a == b) | (b == c) | (c == a))
+    if len(twice):
+        raise UserError(f"{path}: face {twice[0]} names a vertex twice")
+
+
+def _check_seams(path, mesh, border, kept):
+    """Coincident vertices of the border are a seam that was never sewn, which would count as an opening."""
+    _, first, count = np.unique(mesh.vertices[border], axis=0, return_index=True, return_counts=True)
+    if (count > 1).any():
+        at = mesh.vertices[border[first[count > 1][0]]]
+        pair = kept[border[(mesh.vertices[border] == at).all(1)][:2]]
+        raise UserError(
+            f"{path}: vertices {pair[0]} and {pair[1]} lie at one place of its border: weld them, UVs have seams of their own"
+        )
+
+
+def _checked_uv(path, uv):
+    if uv is None:
+        return None
+    bad = np.flatnonzero(~((uv >= -UV_SLACK) & (uv <= 1 + UV_SLACK)).all(1))
+    if len(bad):
+        u, v = uv[bad[0]]
+        raise UserError(f"{path}: UV {bad[0]} is ({u:g}, {v:g}), expected 0 to 1")
+    return np.clip(uv, 0, 1)
+
+
+def _some(indices):
+    """The first of many numbers, in words."""
+    return ", ".join(map(str, indices[:3])) + (f" and {len(indices) - 3} more" if len(indices) > 3 else "")

@@ -1,0 +1,57 @@
+"""Templates as exporters leave them: cleaned with a word of what was dropped, or refused by file and line."""
+
+import numpy as np
+import pytest
+
+from toile.errors import UserError
+from toile.io.mesh import read_mesh
+from toile.io.template import read_template
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
+
+
+def written(tmp_path, text):
+    (tmp_path / "shirt.obj").write_text(text)
+    return tmp_path / "shirt.obj"
+
+
+def test_an_unreferenced_vertex_is_left_out_with_a_warning_and_the_rest_keeps_its_order(tmp_path):
+    clean = read_template(written(tmp_path, SQUARE), "shirt")
+    lines = SQUARE.splitlines()
+    stray = [lines[0], "v 9 9 9", *lines[1:8], "f 1/1 3/2 4/3", "f 1/1 4/3 5/4"]
+    found = read_template(written(tmp_path, "\n".join(stray)), "shirt")
+    assert np.array_equal(found.mesh.vertices, clean.mesh.vertices)
+    assert np.array_equal(found.mesh.faces, clean.mesh.faces)
+    assert np.array_equal(found.mesh.face_uv, clean.mesh.face_uv)
+    assert found.kept.tolist() == [0, 2, 3, 4] and clean.kept.tolist() == [0, 1, 2, 3]
+    assert clean.warnings == () and len(found.warnings) == 1
+    assert "shirt.obj" in found.warnings[0] and "vertex 1 " in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("vt 1 1\n", "vt nan 1\n", "line 7: a UV that is not finite"),
+        ("vt 1 1\n", "vt 1 1.5\n", r"UV 2 is \(1, 1.5\)"),
+        ("v 1 1 0\n", "v 1 inf 0\n", "line 3: a vertex that is not finite"),
+        ("f 1/1 3/3 4/4", "f 1/1 3/3 4/9", "line 10: the face names a UV"),
+        ("f 1/1 3/3 4/4", "f 1/1 3/3 8/4", "line 10: the face names a vertex"),
+        ("f 1/1 3/3 4/4", "f 1/1 3/3 0/4", "line 10"),
+        ("f 1/1 3/3 4/4", "f 1/1 3/3 -9/4", "line 10"),
+        ("f 1/1 3/3 4/4", "f 1/1 3/3 3/4", "face 1 names a vertex twice"),
+        ("f 1/1 3/3 4/4", "v 0 0 0\nv 1 1 0\nf 5/1 6/3 4/4", "vertices 0 and 4 lie at one place"),
+    ],
+)
+def test_a_template_that_cannot_be_mended_is_refused_by_line(tmp_path, old, new, message):
+    assert old in SQUARE
+    with pytest.raises(UserError, match=f"shirt.obj: {message}"):
+        read_template(written(tmp_path, SQUARE.replace(old, new)), "shirt")
+
+
+def test_a_uv_that_an_exporter_rounded_out_of_the_square_lies_on_its_border(tmp_path):
+    found = read_template(written(tmp_path, SQUARE.replace("vt 1 1\n", "vt 1.00001 1\n")), "shirt")
+    assert found.mesh.uv.max() == 1
+
+
+def test_a_scan_keeps_its_unreferenced_vertices(tmp_path):
+    assert len(read_mesh(written(tmp_path, SQUARE + "v 5 5 5\n")).vertices) == 5
