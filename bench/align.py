@@ -19,8 +19,9 @@ from toile import kernels
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
 from toile.io.run import OK
-from toile.measure.truth import mean_measures, open_truth, to_polyline
+from toile.measure.truth import mean_measures, open_truth
 from toile.surface.layers import capture_folder
+from toile.surface.operators import distance_to_polyline
 
 INTERIOR = 0.03  # from the loops [m]
 
@@ -70,9 +71,9 @@ def curves(truth, name, loops, V, number):
     T, F = truth.garment(name, number)
     borders, place, found = [T[loop] for loop in kernels.boundary_loops(F)], truth.places(name, number), {}
     for loop, at in loops.items():
-        own = min(borders, key=lambda rim: to_polyline(place[at], rim).mean())
+        own = min(borders, key=lambda loop: distance_to_polyline(place[at], loop).mean())
         step = np.roll(V[at], -1, 0) - V[at]
-        distance = np.mean([to_polyline(V[at] + s * step, own) for s in (0.125, 0.375, 0.625, 0.875)], axis=0)
+        distance = np.mean([distance_to_polyline(V[at] + s * step, own) for s in (0.125, 0.375, 0.625, 0.875)], axis=0)
         found[loop] = float(1e3 * np.average(distance, weights=np.linalg.norm(step, axis=1)))
     return found
 

@@ -19,7 +19,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "vision": BASE | {"surface"},
     "stages": BASE | {"config", "surface", "vision"},
     "pipeline": BASE | {"config", "io", "stages", "surface", "vision"},
-    "measure": BASE | {"io"},
+    "measure": BASE | {"io", "surface"},
     "align": BASE | {"config", "console", "io", "measure", "pipeline", "surface", "vision"},
     "avatar": {"config", "errors"},
     "avatar/render": BASE,
@@ -30,7 +30,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     | {"avatar", "avatar/drive", "avatar/model", "avatar/render", "avatar/train", "io", "measure", "surface"},
     "avatar/edit": BASE
     | {"avatar", "avatar/drive", "avatar/measure", "avatar/model", "avatar/render", "io", "surface"},
-    "studio": BASE | {"io", "pipeline"},
+    "studio": BASE | {"io", "pipeline", "surface"},
     "console": {"errors"},
 }
 # files that only parse and call, and the old places of public names: they may import any room

@@ -79,17 +79,7 @@ class Camera:
 
     def distort(self, xy):
         """Ideal normalised coordinates (..., 2) to distorted ones (Brown 1971, OpenCV's order of coefficients)."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = xy[..., 0], xy[..., 1]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return np.stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-            ],
-            axis=-1,
-        )
+        return distort(xy, self.distortion)
 
     def project(self, points):
         """World points (..., 3) -> pixels (..., 2) and depth (...) [m]; what lies behind has depth <= 0."""
@@ -98,6 +88,27 @@ class Camera:
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
         xy = self.distort(p[..., :2] / safe[..., None])
         return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
+
+
+def distort(xy, coefficients, derivative=False):
+    """Ideal normalised coordinates (..., 2) to distorted ones, and d distorted / d xy (..., 2, 2) where asked for.
+
+    `coefficients` (..., 5): k1 k2 p1 p2 k3 of Brown 1971 in OpenCV's order, broadcast against the points."""
+    k1, k2, p1, p2, k3 = np.moveaxis(coefficients, -1, 0)
+    x, y = xy[..., 0], xy[..., 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    distorted = np.stack([x * radial + dx, y * radial + dy], -1)
+    if not derivative:
+        return distorted
+    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d x = slope x
+    D = np.empty(xy.shape + (2,))
+    D[..., 0, 0] = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    D[..., 0, 1] = D[..., 1, 0] = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    D[..., 1, 1] = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    return distorted, D
 
 
 @dataclass(frozen=True)

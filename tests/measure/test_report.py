@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from toile.measure.page import HEAT, heat, plot, short_number, table
-from toile.measure.report import _border, write_report
-from toile.scene import Mesh
+from toile.measure.report import write_report
 
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
@@ -54,9 +53,3 @@ def test_the_title_of_a_plot_stays_inside_it():
     svg = plot("garment " + "x" * 200 + " boundary_mm hem", [(0, 1.0), (1, 2.0)])
     title = re.search(r"<text x='6' y='16'>(.*?)</text>", svg).group(1)
     assert len(title) <= 50 and title.endswith("boundary hem")
-
-
-def test_only_vertices_of_open_edges_are_on_the_border_of_a_scan():
-    corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 1]], dtype=np.float64)
-    pyramid = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
-    assert _border(Mesh(corners, pyramid)).tolist() == [True] * 4 + [False]

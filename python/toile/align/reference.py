@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..surface.sampling import evenly
+
 SEEN = 0.3  # share of the reference's frames in which a point must have been seen to count in full
 RECENT = 8  # frames before it that an anchor is first laid upon
 
@@ -22,11 +24,8 @@ class Reference:
 
 def chosen(frames, first, anchors, samples):
     """(anchors, samples): frames spread evenly over the `first` chunk, and over all of `frames`, without those."""
-    spread = lambda of, count: [
-        of[i] for i in np.unique(np.linspace(0, len(of) - 1, min(count, len(of))).round().astype(int))
-    ]
-    near = spread(first, anchors)
-    return near, [n for n in spread(frames, samples) if n not in near]
+    near = evenly(first, anchors)
+    return near, [n for n in evenly(frames, samples) if n not in near]
 
 
 def make_reference(matcher, pyramids, posed, anchors, rounds):

@@ -12,6 +12,7 @@ from ..io.files import replace_file, write_text
 from ..measure.page import cards, document, figure, heat, table
 from ..pipeline.plan import blocks
 from ..surface.layers import capture_of, open_body, read_layers
+from ..surface.sampling import evenly
 from ..surface.uv import UvMap
 from ..vision.unwrapping import mean_texture
 from .prints import PrintReader, logarithms
@@ -25,7 +26,7 @@ SIDES = ("before", "after")
 
 def write_report(run, out, frames, progress):
     """Compares the textures of `frames` in both runs, which have pictures in both; returns {garment: measures}."""
-    frames = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, FRAMES).round().astype(int))]
+    frames = evenly(frames, FRAMES)
     anchors = [n in blocks(frames)[0] for n in frames]
     textures, layers = {}, {}
     for side, path in zip(SIDES, (run, out)):
@@ -100,9 +101,7 @@ def _section(name, measures, found, frames, out):
         pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
     for label, picture in pictures.items():
         _save(Path(out) / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
-    rows = "".join(
-        _row(found, k, frames[k]) for k in np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int)
-    )
+    rows = "".join(_row(found, k, frames[k]) for k in evenly(range(len(frames)), SHOWN))
     change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
     lines = [
         (key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()

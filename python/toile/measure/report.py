@@ -13,6 +13,7 @@ from .. import kernels
 from ..errors import UserError
 from ..io.capture import open_capture
 from ..io.run import Status
+from ..surface.operators import border_vertices
 from .evaluate import evaluate
 from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number
 
@@ -133,7 +134,7 @@ class _Page:
             return []
         index = kernels.SurfaceIndex(scan.vertices, scan.faces)
 
-        border = _border(scan)
+        border = border_vertices(scan.faces, len(scan.vertices))
 
         def coloured(group):
             V, F = group["vertices"][row], group["faces"][:]
@@ -151,15 +152,6 @@ class _Page:
             for name, parts in surfaces.items()
             for side, angle in (("front", 0), ("back", np.pi))
         ]
-
-
-def _border(mesh):
-    """Vertices (n,) of edges that belong to one face only."""
-    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edge, count = np.unique(edges, axis=0, return_counts=True)
-    border = np.zeros(len(mesh.vertices), bool)
-    border[edge[count == 1]] = True
-    return border
 
 
 def _scale():

@@ -6,6 +6,7 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
+from ..surface.operators import distance_to_polyline
 
 INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
 
@@ -72,8 +73,8 @@ class Truth:
         place = self.places(name, number)
         borders, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}
         for loop, at in loops.items():
-            own = min(borders, key=lambda rim: to_polyline(place[at], rim).mean())
-            boundary[loop] = millimetres(to_polyline(V[at], own))
+            own = min(borders, key=lambda loop: distance_to_polyline(place[at], loop).mean())
+            boundary[loop] = millimetres(distance_to_polyline(V[at], own))
         measures = {
             "boundary_mm": boundary,
             "surface_mm": millimetres(kernels.SurfaceIndex(T, F).closest(V)[3]),
@@ -138,11 +139,3 @@ def mean_measures(values):
         return {key: mean_measures([v.get(key) for v in nested]) for key in dict.fromkeys(k for v in nested for k in v)}
     numbers = [v for v in values if v is not None]
     return float(np.mean(numbers)) if numbers else None
-
-
-def to_polyline(points, closed):
-    """Distance (k,) to a closed polyline (m,3)."""
-    a, d = closed, np.roll(closed, -1, 0) - closed
-    r = points[:, None] - a
-    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
-    return np.linalg.norm(r - s[..., None] * d, axis=2).min(1)

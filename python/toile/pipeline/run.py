@@ -31,6 +31,7 @@ from ..kernels import InputError, SolveError
 from ..scene import Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
+from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
 from .blocks import Workers, locked
 from .manifest import open_run
@@ -180,8 +181,7 @@ class _Run:
 
     def _samples(self):
         """Frames spread evenly over the run that can be read, with their keypoints in space."""
-        count = min(self.config.samples, len(self.frames))
-        chosen = [self.frames[i] for i in np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int))]
+        chosen = evenly(self.frames, self.config.samples)
         samples, reasons = [], []
         for number in chosen:
             try:
@@ -320,9 +320,7 @@ class _Run:
             good = [n for n in self.frames if (self._folder(n) / "whole").exists()]
             if not good:
                 return InnerShape(self.person.rest, {})
-            count = min(self.config.samples, len(good))
-            chosen = [good[i] for i in np.unique(np.linspace(0, len(good) - 1, count).round().astype(int))]
-            samples = [self._load_first_stages(self._folder(n)) for n in chosen]
+            samples = [self._load_first_stages(self._folder(n)) for n in evenly(good, self.config.samples)]
             return inner.prepare(self.model, self.person, samples, self.templates, self.config.inner)
 
         self._kept("inner", InnerShape, make)

@@ -9,8 +9,9 @@ from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
 from ..surface.curves import isolines, pieces
 from ..surface.loops import LoopMatch, loop_length, match_loops, name_loops
+from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.refinement import NonRigidRefinement
-from ..surface.transfer import carry, smooth_on, transfer_skin, unwrap
+from ..surface.transfer import carry, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
 
 _UNSEEN = 1e-6  # weight of staying where the body carried the template, against one sample's evidence
@@ -86,11 +87,9 @@ def _personalise(model, person, template, samples, settings, over):
 def _filled(template, shift, weight, stiffness, stay):
     """argmin_s sum_i weight_i |s_i - shift_i|^2 + stay |s_i|^2 + stiffness |(L s)_i|^2 with the umbrella Laplacian,
     so that what no sample showed follows its surroundings."""
-    from scipy.sparse import coo_matrix, diags
+    from scipy.sparse import diags
 
-    n, e = len(shift), kernels.unique_edges(template.faces)
-    A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
-    L = diags(np.asarray(A.sum(1)).ravel()) - A
+    L = umbrella_laplacian(template.faces, len(shift))
     factor = kernels.CholeskyFactor().factorize((diags(weight + stay) + stiffness * (L.T @ L)).tocsc())
     return factor.solve(weight[:, None] * shift)
 

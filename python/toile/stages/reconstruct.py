@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..errors import UserError
-from ..scene import Points3D
+from ..scene import Points3D, distort
 
 _UNDISTORT_STEPS = 20
 
@@ -44,7 +44,7 @@ class _Rig:
         self.K = np.stack([c.K for c in cameras])
         self.R = np.stack([c.T_camera_world[:3, :3] for c in cameras])
         self.t = np.stack([c.T_camera_world[:3, 3] for c in cameras])
-        self.distortion = np.stack([c.distortion for c in cameras])
+        self.distortion = np.stack([c.distortion for c in cameras])[:, None]  # (C,1,5)
         self.centre = -np.einsum("cji,cj->ci", self.R, self.t)
 
     def to_camera(self, X):
@@ -54,30 +54,12 @@ class _Rig:
     def depth(self, X):
         return np.einsum("cj,...kj->...ck", self.R[:, 2], X) + self.t[:, 2, None]
 
-    def distort(self, xy, derivative=False):
-        """Normalised (..., C, k, 2) -> distorted, and d distorted / d xy (..., 2, 2) where asked for."""
-        k1, k2, p1, p2, k3 = (self.distortion[:, i, None] for i in range(5))
-        x, y = xy[..., 0], xy[..., 1]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        out = np.stack([x * radial + dx, y * radial + dy], -1)
-        if not derivative:
-            return out
-        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d x = slope x
-        D = np.empty(xy.shape + (2,))
-        D[..., 0, 0] = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
-        D[..., 0, 1] = D[..., 1, 0] = slope * x * y + 2 * p1 * x + 2 * p2 * y
-        D[..., 1, 1] = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-        return out, D
-
     def project(self, X):
         """World points (..., k, 3) -> pixels (..., C, k, 2); points behind a camera come out infinitely far."""
         p = self.to_camera(X)
         z = p[..., 2:]
         xy = p[..., :2] / np.where(z > 1e-9, z, 1.0)
-        uv = np.einsum("cij,...ckj->...cki", self.K[:, :2, :2], self.distort(xy)) + self.K[:, None, :2, 2]
+        uv = np.einsum("cij,...ckj->...cki", self.K[:, :2, :2], distort(xy, self.distortion)) + self.K[:, None, :2, 2]
         return np.where(z > 1e-9, uv, np.inf)
 
     def project_with_jacobian(self, X):
@@ -85,7 +67,7 @@ class _Rig:
         p = self.to_camera(X)
         z = np.where(np.abs(p[..., 2]) > 1e-9, p[..., 2], 1e-9)
         xy = p[..., :2] / z[..., None]
-        distorted, D = self.distort(xy, derivative=True)
+        distorted, D = distort(xy, self.distortion, derivative=True)
         uv = np.einsum("cij,ckj->cki", self.K[:, :2, :2], distorted) + self.K[:, None, :2, 2]
         P = (self.R[:, None, :2, :] - xy[..., None] * self.R[:, None, 2:, :]) / z[..., None, None]  # d xy / d X
         return uv, np.einsum("cij,ckjl,cklm->ckim", self.K[:, :2, :2], D, P, optimize=True)
@@ -96,7 +78,7 @@ class _Rig:
         xy = target.copy()
         if self.distortion.any():
             for _ in range(_UNDISTORT_STEPS):
-                xy = xy + (target - self.distort(xy))
+                xy = xy + (target - distort(xy, self.distortion))
         d = np.concatenate([xy, np.ones(xy.shape[:-1] + (1,))], axis=-1)
         d = np.einsum("cji,ckj->cki", self.R, d)
         return d / np.linalg.norm(d, axis=-1, keepdims=True)

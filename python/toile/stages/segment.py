@@ -9,6 +9,7 @@ from .. import kernels
 from ..errors import UserError
 from ..scene import Mesh, Segmented
 from ..surface.curves import Curve, isolines, pieces, resample, smooth, tangents
+from ..surface.operators import adjacency, sides
 from ..vision.colours import ColourModel, fit_colours
 from ..vision.evidence import Crop, Evidence, depth_views, mean_over_views, soft_labels, spread_views, visibility
 from ..vision.strip import Strip
@@ -38,7 +39,7 @@ def prepare(scene, cameras, samples, faces, settings):
         soft = {name: Crop(soft_labels(frame.labels[name], ids, settings)) for name in views}
         share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
         votes += share * weight[:, None]
-    prior = _spread(votes, kernels.unique_edges(faces), rounds=1) + 1e-9
+    prior = _with_neighbours(votes, faces) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
     prior /= prior.sum(1, keepdims=True)
     return SegmentModel(ids, _fit(seen, prior, faces, ids, settings), prior)
@@ -124,13 +125,11 @@ def _fit(seen, prior, faces, ids, settings):
     )
 
 
-def _spread(values, edges, rounds):
-    """Sums over each vertex and its neighbours, `rounds` times."""
+def _with_neighbours(values, F, rounds=1):
+    """Sums of values (n, ...) over each vertex and its neighbours, `rounds` times."""
+    A = adjacency(sides(F), len(values))
     for _ in range(rounds):
-        out = values.copy()
-        np.add.at(out, edges[:, 0], values[edges[:, 1]])
-        np.add.at(out, edges[:, 1], values[edges[:, 0]])
-        values = out
+        values = values + A @ values
     return values
 
 
@@ -201,7 +200,7 @@ def _refine_border(labels, column, evidence, settings):
     scan = evidence.scan
     V, F, inside = scan.vertices, scan.faces, labels == column
     distance = np.where(inside, settings.ramp, -settings.ramp)
-    soft = _spread(inside.astype(float), scan.edges, 2) / _spread(np.ones(len(V)), scan.edges, 2)
+    soft = _with_neighbours(inside.astype(float), F, 2) / _with_neighbours(np.ones(len(V)), F, 2)
     coarse = [c for c in isolines(V, F, soft) if c.length > 0.02]
     outside = np.flatnonzero(~inside)
     if not coarse or len(outside) == 0:

@@ -8,7 +8,8 @@ from .. import kernels
 from ..errors import UserError
 from ..scene import GarmentTemplate
 from ..surface.loops import name_loops
-from ..surface.transfer import carry, smooth_on, transfer_skin, unwrap
+from ..surface.operators import smooth_on
+from ..surface.transfer import carry, transfer_skin, unwrap
 
 
 def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offset=0.003):

@@ -5,6 +5,7 @@ import numpy as np
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Tracked
+from ..surface.operators import smooth_on
 from ..surface.refinement import NonRigidRefinement
 
 
@@ -30,7 +31,7 @@ def prepare(model, frames, settings):
         offsets += np.where(seen, model.unskin(V, J, fit.rotations, fit.translation) - rest, 0)
         weight += seen
     mean = offsets / np.maximum(weight, 1) * (weight >= max(len(frames) // 2, 1))
-    return Person(shape, rest + _smooth(mean, model.f, settings.rest_smoothing), J)
+    return Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J)
 
 
 class Tracker:
@@ -129,16 +130,3 @@ def _refuse_unmatched(numbers, fits):
     for number, fit in zip(numbers, fits):
         if fit.stop == "unmatched":
             raise UserError(f"frame {number}: the body model finds neither scan nor keypoints within reach")
-
-
-def _smooth(values, F, steps):
-    """Umbrella averaging of a field per vertex."""
-    from scipy.sparse import coo_matrix, diags
-
-    e = kernels.unique_edges(F)
-    i, j = np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]]
-    A = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(values),) * 2).tocsr()
-    mean = diags(1 / np.maximum(np.asarray(A.sum(1)).ravel(), 1)) @ A
-    for _ in range(steps):
-        values = 0.5 * (values + mean @ values)
-    return values

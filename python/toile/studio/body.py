@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..scene import BodyModel
+from ..surface.operators import smooth_on
 from .surface import smooth_noise, vertex_normals
 
 OFFSET_MM = (5.0, 15.0)  # largest displacement outside the model's span, drawn from this range
@@ -140,12 +141,7 @@ def other_weights(idx, val, faces, bones):
     n = len(idx)
     W = np.zeros((n, bones))
     np.add.at(W, (np.arange(n)[:, None], idx), val)
-    e = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    A = sp.coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
-    A.data[:] = 1
-    mean = sp.diags(1 / np.maximum(np.asarray(A.sum(1)).ravel(), 1)) @ A
-    for _ in range(WEIGHT_SMOOTHING):
-        W = 0.5 * W + 0.5 * (mean @ W)
+    W = smooth_on(faces, W, WEIGHT_SMOOTHING)
     keep = np.argsort(-W, axis=1, kind="stable")[:, :INFLUENCES]
     kept = np.take_along_axis(W, keep, 1)
     return keep.astype(np.int32), kept / kept.sum(1, keepdims=True)

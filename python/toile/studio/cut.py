@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..surface.operators import adjacency, neighbour_mean, sides, umbrella
 from .body import skin_component
 from .surface import border_edges, vertex_normals
 from .template import remesh
@@ -101,20 +102,15 @@ def largest_part(V, F):
 
 def smoothed(values, F):
     """SMOOTHING umbrella steps; border vertices only along the border."""
-    import scipy.sparse as sp
+    from scipy.sparse import diags
 
-    n = len(values)
-    e = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
-    border = np.zeros(n, bool)
-    border = border_edges(F)[0]
-    border[border] = True
-    e = np.concatenate([e[~border[e[:, 0]]], e[:, ::-1][~border[e[:, 1]]], border, border[:, ::-1]])
-    A = sp.coo_matrix((np.ones(len(e)), (e[:, 0], e[:, 1])), shape=(n, n)).tocsr()
-    A.data[:] = 1
-    mean = sp.diags(1 / np.asarray(A.sum(1)).ravel()) @ A
-    for _ in range(SMOOTHING):
-        values = 0.5 * values + 0.5 * (mean @ values)
-    return values
+    n, edges = len(values), border_edges(F)[0]
+    on_border = np.zeros(n, bool)
+    on_border[edges] = True
+    inner = diags((~on_border).astype(float)) @ adjacency(sides(F), n)
+    A = (inner + adjacency(edges, n)).tocsr()
+    A.sort_indices()
+    return umbrella(neighbour_mean(A), values, SMOOTHING)
 
 
 def outside(V, over_V, over_F, offset):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..surface.operators import border_sides, sides
+
 
 def vertex_normals(V, F):
     """Area-weighted unit normals (n,3); zero where a vertex has no area."""
@@ -32,7 +34,7 @@ def barycentric(p, T):
 
 def open_loops(F):
     """Boundary loops as vertex cycles, longest first, ties by lowest index."""
-    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
+    half = sides(F)
     seen = set(map(tuple, half))
     after = {a: b for a, b in map(tuple, half) if (b, a) not in seen}
     loops = []
@@ -46,13 +48,9 @@ def open_loops(F):
 
 def border_edges(F):
     """Boundary edges (e,2) and the face of each."""
-    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]])
-    owner = np.tile(np.arange(len(F)), 3)
-    _, inverse, count = np.unique(np.sort(half, 1), axis=0, return_inverse=True, return_counts=True)
-    open_edge = count[inverse.ravel()] == 1
-    return half[open_edge], owner[open_edge]
+    open_side = border_sides(F)
+    return sides(F)[open_side], np.tile(np.arange(len(F)), 3)[open_side]
 
 
 def unique_edges(F):
-    e = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), 1)
-    return np.unique(e, axis=0)
+    return np.unique(np.sort(sides(F), 1), axis=0)

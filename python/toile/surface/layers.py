@@ -13,6 +13,7 @@ from ..io.body import load_body_model
 from ..io.capture import open_capture
 from ..io.run import OK
 from ..scene import blended_transforms
+from .sampling import evenly
 
 BLEND = 8  # joints that move one vertex of a garment, at most
 
@@ -62,7 +63,7 @@ class RunBody:
         total, kept, rows = 0.0, [], self.rows(frames)
         if len(rows) == 0:
             raise UserError(f"{self.path}: none of the frames asked for is registered")
-        spread = set(np.linspace(0, len(rows) - 1, SHAPES).round().astype(int)) if modes else ()
+        spread = set(evenly(range(len(rows)), SHAPES)) if modes else ()
         for i, row in enumerate(rows):
             shape = self.unposed(name, skin_idx, skin_val, row)
             total = total + shape

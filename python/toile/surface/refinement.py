@@ -3,6 +3,7 @@
 import numpy as np
 
 from .. import kernels
+from .operators import border_vertices, offset_to_polyline
 
 # step by step: factor of the stiffness, and reach of the scan [m]
 _STEPS = ((60, 0.05), (20, 0.04), (6, 0.03), (2, 0.02), (1, 0.02), (1, 0.02))
@@ -38,7 +39,7 @@ class NonRigidRefinement:
     def solve(self, scan, start, boundary, steps=len(_STEPS)):
         """Fitted vertices (n,3) from `start` (n,3) to a Mesh; `boundary` [(vertex indices, closed polyline (k,3))]; only
         the last `steps` of the schedule for a start within millimetres."""
-        border = _border_vertices(scan.faces, len(scan.vertices))
+        border = border_vertices(scan.faces, len(scan.vertices))
         V, face = np.array(start, dtype=np.float64), ()
         for stiffness, gate in self.steps[-steps:]:
             face, point, bary, distance = scan.index.closest(V, guess=face)
@@ -49,7 +50,7 @@ class NonRigidRefinement:
             w = ((facing > _COSINE) & (distance < gate) & ~beyond).astype(np.float64)
             t = np.einsum("ni,ni->n", n, point - V)[:, None] * n
             for vertices, curve in boundary:
-                w[vertices], t[vertices] = _LOOP, _to_curve(V[vertices], curve)
+                w[vertices], t[vertices] = _LOOP, offset_to_polyline(V[vertices], curve)
             V = V + self._factored(stiffness, w + 1e-6).solve(w[:, None] * t)
         return V
 
@@ -58,21 +59,3 @@ class NonRigidRefinement:
         A = stiffness * self.bending
         A.data[self.diagonal] += weights
         return self.factor.factorize(A)
-
-
-def _border_vertices(F, n):
-    half = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).astype(np.int64)
-    edge, count = np.unique(half.min(1) * n + half.max(1), return_counts=True)
-    border = np.zeros(n, bool)
-    border[np.concatenate(np.divmod(edge[count == 1], n))] = True
-    return border
-
-
-def _to_curve(points, curve):
-    """Offsets (k,3) to the nearest points of a closed polyline (m,3)."""
-    a, d = curve, np.roll(curve, -1, 0) - curve
-    r = points[:, None] - a
-    s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
-    offset = s[..., None] * d - r
-    best = np.einsum("kmi,kmi->km", offset, offset).argmin(1)
-    return offset[np.arange(len(points)), best]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .. import kernels
+from .operators import smooth_on
 
 _CARRY_NEIGHBOURS = 24
 
@@ -25,19 +26,6 @@ def transfer_skin(model, V, F, smoothing):
     skin = smooth_on(F, np.einsum("gc,gck->gk", bary, dense[model.f[face]]), smoothing)
     skin[skin < 1e-4] = 0
     return skin / skin.sum(1, keepdims=True)
-
-
-def smooth_on(F, values, steps):
-    """Umbrella smoothing (half-way to the neighbours' mean) of values (g, ...) on a mesh."""
-    from scipy.sparse import coo_matrix
-
-    e = kernels.unique_edges(F)
-    n = len(values)
-    A = coo_matrix((np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)).tocsr()
-    degree = np.maximum(np.asarray(A.sum(1)).ravel(), 1).reshape((n,) + (1,) * (values.ndim - 1))
-    for _ in range(steps):
-        values = 0.5 * values + 0.5 * (A @ values) / degree
-    return values
 
 
 def carry(points, start, end, reach):

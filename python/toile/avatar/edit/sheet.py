@@ -16,6 +16,7 @@ import torch
 from torch.utils.data import default_collate
 
 from ...io.files import replace_file
+from ...surface.sampling import evenly
 from ..drive.untangling import Untangler
 from ..measure.heldout import SAMPLES, WINDOW, HeldOut
 from ..measure.sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
@@ -60,7 +61,7 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     facts = read_facts(folder)
     known = sorted({*facts["frames"], *facts["holdout"]})
     asked = known if frames is None else list(frames)
-    held = HeldOut(folder, spread(asked, MEASURED) if frames is None else asked, run)
+    held = HeldOut(folder, evenly(asked, MEASURED) if frames is None else asked, run)
     shows = Shows(held, layer, made, marked)
     found = {}  # (frame, camera): {avatar: Off}
     for i in range(held.count):
@@ -73,7 +74,7 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     everything = {name: None for name in TITLES}
     everything |= {name: total(off[name] for off in found.values()).measures() for name in held.avatars}
     camera = max(range(shows.cameras), key=shows.visible)
-    chosen = spread(range(len(held.frames)), SHOWN)
+    chosen = evenly(range(len(held.frames)), SHOWN)
     image = sheet(
         [(per_frame[f], *shows.pictures(f * shows.cameras + camera)) for f in chosen], shows.camera_name(camera)
     )
@@ -82,11 +83,6 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
         shutil.rmtree(cache, ignore_errors=True)
     labels = {"labels": "truth" if held.truth else "captured", "mm_per_pixel": float(np.mean(shows.spacing))}
     return {"frames": held.frames} | labels | everything | {"per_frame": per_frame}
-
-
-def spread(values, count):
-    """At most `count` of the values, evenly spaced, the first and the last among them."""
-    return [values[i] for i in np.unique(np.linspace(0, len(values) - 1, count).round().astype(int))]
 
 
 def total(offs):

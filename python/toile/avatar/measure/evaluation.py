@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...measure.truth import mean_measures
+from ...surface.sampling import evenly
 from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
 from .sheet import write_sheets
 
@@ -95,11 +96,11 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
         progress("evaluate", i, held.count)
         tally.add(picture)
         spacing.append(picture.mm_per_pixel)
-        if picture.frame in held.spread(SHOWN):
+        if picture.frame in evenly(held.frames, SHOWN):
             shown[picture.frame].append(picture)
     progress("evaluate", held.count, held.count)
     if sheets:
-        middle = held.spread(SHOWN)[len(shown) // 2]
+        middle = evenly(held.frames, SHOWN)[len(shown) // 2]
         write_sheets(sheets_folder(folder, driven), shown.values(), tally.garments, (middle, held.unseen_views(middle)))
     result = _result(held, tally, float(np.mean(spacing)))
     result["all"]["driven"] = held.summary(tally) if driven else None

@@ -14,6 +14,7 @@ from ...errors import UserError
 from ...measure.truth import millimetres, open_truth, outside_of
 from ...scene import HIDDEN
 from ...surface.layers import capture_of, open_body, pictured_frames
+from ...surface.sampling import evenly
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import pose_distance
 from ..train.data import AvatarData
@@ -85,10 +86,6 @@ class HeldOut:
     def count(self):
         return len(next(iter(self.data.values())))
 
-    def spread(self, count):
-        """At most `count` of the frames, evenly spaced."""
-        return [self.frames[i] for i in np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int))]
-
     def nearest_pose(self, frame):
         """Distance [degrees] of a frame's pose to the nearest that was trained on; None where the run has none of them."""
         poses = self.registered.rotations
@@ -154,7 +151,7 @@ class HeldOut:
         name, data = next(iter(self.data.items()))
         cameras, first = len(data.cameras), data.frames.index(frame) * len(data.cameras)
         step, views = np.pi / max(cameras, 6), []
-        for i in np.unique(np.linspace(0, cameras - 1, count).round().astype(int)):
+        for i in evenly(range(cameras), count):
             sample = data[first + int(i)]
             moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
             seen = self._show(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})

@@ -9,6 +9,8 @@ import torch
 from scipy.sparse import coo_matrix, diags
 from torch import nn
 
+from ...surface.operators import adjacency, neighbour_mean, sides
+
 
 class Linear(nn.Module):
     """A fixed sparse matrix (m,n) applied to every sample's (n,3); not part of the saved state.
@@ -77,13 +79,9 @@ class Facing(nn.Module):
 
 def uniform_laplacian(faces, n):
     """L v = v - mean of its neighbours, as `Linear` (n,n): 0 for a vertex without neighbours, and for translations."""
-    f = np.asarray(faces, dtype=np.int64)
-    i = np.concatenate([f[:, [0, 1, 2]].ravel(), f[:, [1, 2, 0]].ravel()])
-    j = np.concatenate([f[:, [1, 2, 0]].ravel(), f[:, [0, 1, 2]].ravel()])
-    adjacent = coo_matrix((np.ones(len(i)), (i, j)), shape=(n, n)).tocsr()
-    adjacent.data[:] = 1.0
-    degree = np.asarray(adjacent.sum(1)).ravel()
-    return Linear((diags((degree > 0).astype(float)) - diags(1 / np.maximum(degree, 1)) @ adjacent).tocsr())
+    A = adjacency(sides(np.asarray(faces, dtype=np.int64)), n)
+    connected = (np.asarray(A.sum(1)).ravel() > 0).astype(float)
+    return Linear((diags(connected) - neighbour_mean(A)).tocsr())
 
 
 def joint_centroids(skin_idx, skin_val, joints):

@@ -19,6 +19,7 @@ from lightning_fabric.strategies import DDPStrategy
 from ...errors import UserError
 from ...pipeline.blocks import locked
 from ...surface.layers import capture_of, open_body, pictured_frames
+from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
 from ..model.avatar import Avatar
 from ..model.checkpoint import begin, read_assets, read_facts, save_assets, save_avatar, topology
@@ -166,8 +167,8 @@ def fitting_scale(run, settings, frames):
     rows, scale = body.rows(frames), settings.pixel_scale
     garments = [f"garment/{garment.name}/vertices" for garment in capture.scene.garments]
     shown = garments if garments and settings.crop == "garment" else ["track/vertices", *garments]
-    for row in np.unique(np.linspace(0, len(rows) - 1, FITTED).round().astype(int)):
-        V = np.concatenate([body.store[name][rows[row]] for name in shown])
+    for row in evenly(rows, FITTED):
+        V = np.concatenate([body.store[name][row] for name in shown])
         for camera in capture.cameras.values():
             uv, depth = pinhole(camera).project(V)
             uv = np.clip(uv[depth > 0], 0, [camera.width, camera.height])

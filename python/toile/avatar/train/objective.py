@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch.utils.data import default_collate
 
+from ...surface.sampling import evenly
 from ..model.avatar import Decoded
 from . import losses
 
@@ -24,7 +25,7 @@ class Objective(torch.nn.Module):
     @torch.no_grad()
     def prepare(self, data, to_device):
         """Sets what networks' inputs are relative to, before the first step: of ambient occlusion, and of windows of poses."""
-        rows = torch.linspace(0, len(data) - 1, min(OCCLUSION_SAMPLES, len(data))).long().unique().tolist()
+        rows = evenly(range(len(data)), OCCLUSION_SAMPLES)
         found = []
         for row in rows:
             batch = to_device(default_collate([data[row]]))
