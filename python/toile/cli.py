@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .console import frame_numbers, numbers_of, progress_bars, shard_of, table
-from .errors import UserError
+from .console import SEEDS, WORKERS, frame_numbers, numbers_of, positive, progress_bars, shard_of, table
+from .errors import UserError, first_line
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+app = typer.Typer(  # without markup: it would take the units in brackets for styles
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, help=__doc__
+)
+LINE = 1000  # characters of a message that are shown
+STOPPED = 130
+RESUMED = ("register", "align", "train", "studio")  # the same command goes on with what was stopped
 
 
 @app.command()
@@ -39,8 +45,10 @@ def register(
     quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
     budget: Annotated[float | None, typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
-    step: Annotated[int, typer.Option(help="every n-th of those frames")] = 1,
-    workers: Annotated[int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers")] = 1,
+    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    workers: Annotated[
+        int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers", min=1, max=WORKERS)
+    ] = 1,
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
@@ -53,7 +61,7 @@ def register(
 
     if retry not in (None, "failed"):
         raise UserError(f"--retry {retry}: expected failed")
-    part = shard_of(shard)
+    part, budget = shard_of(shard), positive("--budget", budget)
     opened = open_capture(capture)
     numbers = frame_numbers(frames, opened.frames, step)
     if budget is not None:
@@ -138,7 +146,7 @@ def animate(
         int | None, typer.Option(help="of the pictures [px]; default the camera's", min=16, max=8192)
     ] = None,
     meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
-    seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by")] = 0,
+    seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
 ):
     """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
     from .avatar.drive.animate import animate as run_animation
@@ -252,20 +260,28 @@ def main():
     app.command()(studio)
     try:
         code = app(standalone_mode=False)
+        if code == STOPPED:  # typer's answer to Ctrl-C
+            raise KeyboardInterrupt
     except (UserError, InputError) as error:
-        print(f"toile: {error}", file=sys.stderr)
-        code = 1
+        code = told(str(error), 1)
     except (typer.Abort, KeyboardInterrupt):
-        print("toile: stopped", file=sys.stderr)
-        code = 130
+        again = len(sys.argv) > 1 and sys.argv[1] in RESUMED
+        code = told(f"stopped; go on with: toile {shlex.join(sys.argv[1:])}" if again else "stopped", STOPPED)
+    except (OSError, MemoryError) as error:  # a full disk, a folder that may not be written
+        code = told(first_line(error), 1)
     except Exception as error:
-        if hasattr(error, "exit_code") and hasattr(error, "format_message"):
-            print(f"toile: {error.format_message()}", file=sys.stderr)
-            code = 1
+        if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # of the command line's own parser
+            code = told(error.format_message(), 1)
         else:
             import traceback
 
             traceback.print_exc()
-            print(f"toile: internal error: {type(error).__name__}: {error}", file=sys.stderr)
-            code = 3
+            code = told(f"internal error: {type(error).__name__}: {error}", 3)
     sys.exit(code or 0)
+
+
+def told(message, code):
+    """The exit code, once the message stands on one line of stderr."""
+    line = " ".join(message.split())
+    print(f"toile: {line[:LINE]}", file=sys.stderr)
+    return code

@@ -8,19 +8,15 @@ from contextlib import contextmanager
 from .errors import UserError
 
 FRAMES = 1_000_000  # frame numbers have six digits
+WORKERS = 1024
+SEEDS = 2**32  # seeds are below
 
 
 def numbers_of(text):
     """ "1-3,7" -> (1, 2, 3, 7), None for None."""
     if text is None:
         return None
-    last = max((int(n) for n in re.findall(r"\d+", text)), default=0)
-    if last >= FRAMES:
-        raise UserError(f"--frames {text}: {last} is no frame number, they have six digits")
-    numbers = frame_numbers(text, range(last + 1))
-    if not numbers:
-        raise UserError(f"--frames {text}: there is no number in this range")
-    return numbers
+    return tuple(dict.fromkeys(n for first, last in ranges(text) for n in range(first, last + 1)))
 
 
 def frame_numbers(text, available, step=1):
@@ -29,20 +25,48 @@ def frame_numbers(text, available, step=1):
         raise UserError(f"--step {step}: expected at least 1")
     if text is None:
         return tuple(available)[::step]
-    numbers, there = [], set(available)
-    for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        if not first.isdigit() or (last and not last.isdigit()):
-            raise UserError(f"--frames {text}: '{part}' is not a number or a range")
-        numbers += [n for n in range(int(first), int(last or first) + 1) if not last or n in there]
+    there = set(available)
+    numbers = [n for first, last in ranges(text) for n in range(first, last + 1) if first == last or n in there]
+    if not numbers:
+        raise UserError(f"--frames {text}: none of them is there")
     return tuple(dict.fromkeys(numbers))[::step]
+
+
+def ranges(text):
+    """ "1-50,60" -> [(1, 50), (60, 60)]."""
+    found = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*([0-9]+)(?:-([0-9]+))?\s*", part)
+        if not match:
+            raise UserError(f"--frames {shown(text)}: '{shown(part)}' is not a number or a range such as 1-50")
+        first, last = match[1], match[2] or match[1]
+        if max(len(first), len(last)) > len(str(FRAMES - 1)):
+            raise UserError(f"--frames {shown(text)}: '{shown(part)}' is no frame number, they have six digits")
+        if int(first) > int(last):
+            raise UserError(f"--frames {shown(text)}: '{part.strip()}' runs backwards")
+        found.append((int(first), int(last)))
+    return found
+
+
+def shown(text, length=40):
+    """What a user gave, short enough to be shown on one line."""
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= length else f"{text[:length]}..."
+
+
+def positive(option, value):
+    """The number given for an option, or a UserError."""
+    if value is not None and not 0 < value < float("inf"):
+        raise UserError(f"{option} {value:g}: expected a positive number")
+    return value
 
 
 def shard_of(text):
     """ "2/3" -> (2, 3)."""
     i, _, n = text.partition("/")
-    if not (i.isdecimal() and n.isdecimal() and 1 <= int(i) <= int(n)):
-        raise UserError(f"--shard {text}: expected i/n with 1 <= i <= n")
+    digits = all(part.isascii() and part.isdecimal() and len(part) < 7 for part in (i, n))
+    if not (digits and 1 <= int(i) <= int(n)):
+        raise UserError(f"--shard {shown(text)}: expected i/n with 1 <= i <= n")
     return int(i), int(n)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated, get_args
 
 import typer
 
+from ..console import SEEDS
 from ..errors import UserError
 
 
@@ -31,7 +33,7 @@ def train(
     ] = None,
     window: Annotated[int, typer.Option(help="poses that the window model sees")] = 15,
     lr: Annotated[float | None, typer.Option(help="learning rate of AdamW; default the quality's")] = None,
-    seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU")] = 0,
+    seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU", min=0, max=SEEDS - 1)] = 0,
 ):
     """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train."""
     from rich.console import Console
@@ -73,7 +75,7 @@ def temporal_settings(model, window, seed):
     models = get_args(TemporalSettings.model_fields["model"].annotation)
     if model not in (None, *models):
         raise UserError(f"--temporal-model {model}: expected {' or '.join(models)}")
-    if window < 1:
+    if not 1 <= window <= 10_000:
         raise UserError(f"--window {window}: expected at least one pose")
     return TemporalSettings(window=window, seed=seed, **({"model": model} if model else {}))
 
@@ -89,7 +91,7 @@ def changes(minutes, steps, lr, seed):
         changed["lr"] = lr
     if steps is not None:
         counts = steps.split(",")
-        if len(counts) != 3 or not all(count.strip().isdecimal() for count in counts):
+        if len(counts) != 3 or not all(re.fullmatch(r"[0-9]{1,9}", count.strip()) for count in counts):
             raise UserError(f"--steps {steps}: expected three numbers BODY,GARMENT,JOINT")
         if minutes is not None:
             raise UserError(f"--steps {steps}: --minutes {minutes:g} is given too")

@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
+from ..console import SEEDS, WORKERS
+
 
 def studio(
     out: Annotated[Path, typer.Argument(help="folder of the new capture; goes on with OUT.part")],
     frames: Annotated[int, typer.Option(help="number of frames, 30 a second")] = 20,
     cameras: Annotated[int, typer.Option(help="number of cameras in the ring")] = 8,
     size: Annotated[int, typer.Option(help="width and height of the pictures [px]")] = 512,
-    seed: Annotated[int, typer.Option(help="same seed, same bits")] = 0,
+    seed: Annotated[int, typer.Option(help="same seed, same bits", min=0, max=SEEDS - 1)] = 0,
     renderer: Annotated[str, typer.Option(help="raster: the own rasteriser; mitsuba: path tracing")] = "raster",
     samples: Annotated[int, typer.Option(help="paths a pixel, mitsuba only")] = 64,
     subject: Annotated[str, typer.Option(help="fitted, logo or loose")] = "fitted",
@@ -29,7 +31,9 @@ def studio(
     garment: Annotated[str, typer.Option(help="newton, cut (from the body), or a shirt as .obj")] = "newton",
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
     trousers: Annotated[bool, typer.Option("--trousers", help="a garment of their own, cut from the body")] = False,
-    workers: Annotated[int, typer.Option(help="processes that share the frames; 0: as many as processors")] = 0,
+    workers: Annotated[
+        int, typer.Option(help="processes that share the frames; 0: as many as processors", min=0, max=WORKERS)
+    ] = 0,
 ):
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
     from rich.console import Console

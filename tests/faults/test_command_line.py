@@ -1,0 +1,96 @@
+"""The command line: units stand in every help, bad options are named, a stop says how to go on."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from toile import cli
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+
+
+def run_cli(monkeypatch, *arguments):
+    """The exit code of `toile ARGUMENTS` in this process; what was printed is for capsys."""
+    monkeypatch.setattr("sys.argv", ["toile", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    return stop.value.code or 0
+
+
+def commands(monkeypatch, capsys):
+    run_cli(monkeypatch, "--help")  # registers all
+    capsys.readouterr()
+    return typer.main.get_command(cli.app).commands
+
+
+def test_every_help_shows_its_units(monkeypatch, capsys):
+    units = 0
+    for name, command in commands(monkeypatch, capsys).items():
+        assert run_cli(monkeypatch, name, "--help") == 0
+        shown = " ".join(capsys.readouterr().out.split())
+        for parameter in command.params:
+            for unit in re.findall(r"\[[^\]]*\]", parameter.help or ""):
+                assert unit in shown, f"toile {name} --help: {parameter.name} lost its {unit}"
+                units += 1
+    assert units >= 5
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--frames", "5-1"], "--frames 5-1: '5-1' runs backwards"),
+        (["--frames", "1-"], "--frames 1-: '1-' is not a number or a range"),
+        (["--frames", "-3"], "--frames -3"),
+        (["--frames", ""], "--frames"),
+        (["--frames", "²"], "--frames ²"),
+        (["--frames", "9" * 5000], "six digits"),
+        (["--frames", "100-200"], "--frames 100-200: none of them is there"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "-1"], "--workers"),
+        (["--workers", "1000000"], "--workers"),
+        (["--step", "0"], "--step"),
+        (["--budget", "-1"], "--budget -1: expected a positive number"),
+        (["--budget", "nan"], "--budget nan: expected a positive number"),
+        (["--budget", "inf"], "--budget inf: expected a positive number"),
+        (["--shard", "3/2"], "--shard 3/2"),
+        (["--shard", "1/" + "9" * 5000], "--shard"),
+        (["--quality", "best"], "best"),
+        (["--retry", "all"], "--retry all"),
+    ],
+    ids=lambda value: " ".join(value)[:24] if isinstance(value, list) else "",
+)
+def test_a_bad_option_is_named(monkeypatch, capsys, tmp_path, options, said):
+    assert run_cli(monkeypatch, "register", SAMPLE, tmp_path / "run", *options) == 1
+    message = capsys.readouterr().err.strip()
+    assert len(message.splitlines()) == 1 and said in message and len(message) < 1100
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("fps", ["inf", "nan", "-1", "0", "1e300"])
+def test_frames_a_second_that_are_none_name_their_field(monkeypatch, capsys, tmp_path, fps):
+    (tmp_path / "scene.toml").write_text((SAMPLE / "scene.toml").read_text().replace("fps = 30", f"fps = {fps}"))
+    assert run_cli(monkeypatch, "plan", tmp_path) == 1
+    assert "scene.toml: scene.fps: " in capsys.readouterr().err
+
+
+def test_ctrl_c_stops_with_one_line_that_says_how_to_go_on(tmp_path):
+    arguments = ["register", str(SAMPLE), str(tmp_path / "run"), "--quality", "draft", "--workers", "2"]
+    program = [sys.executable, "-m", "toile", *arguments]
+    with open(tmp_path / "said", "w") as said:
+        child = subprocess.Popen(program, stderr=said, stdout=said, start_new_session=True)
+        deadline = time.monotonic() + 120
+        while not (tmp_path / "run" / "config.toml").exists() and time.monotonic() < deadline:
+            assert child.poll() is None
+            time.sleep(0.02)
+        os.killpg(child.pid, signal.SIGINT)
+        assert child.wait(60) == 130
+    last = (tmp_path / "said").read_text().strip().splitlines()[-1]
+    assert last == f"toile: stopped; go on with: toile {' '.join(arguments)}"
+    assert "Traceback" not in (tmp_path / "said").read_text()
