@@ -12,7 +12,7 @@ BASE = {"errors", "scene", "kernels"}
 ROOMS = {  # a room: those that it imports; none of them comes back to it
     "kernels": set(),
     "errors": set(),
-    "config": {"errors"},
+    "config": {"errors", "kernels"},
     "scene": {"errors", "kernels"},
     "io": BASE,
     "surface": BASE | {"io"},

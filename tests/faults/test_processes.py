@@ -19,7 +19,7 @@ from toile.pipeline import run as pipeline
 from toile.pipeline.plan import blocks
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
-CONFIG = preset("draft").model_copy(update={"samples": 1})
+CONFIG = preset("draft").model_copy(update={"preparation_frames": 1})
 FRAMES = (48, 49, 50, 51)  # two blocks of temporal state
 
 
@@ -74,7 +74,7 @@ def test_killed_workers_leave_a_run_that_goes_on_with_the_same_bits(capture, und
     code = (
         "from pathlib import Path; from toile import pipeline; from toile.config import preset\n"
         "if __name__ == '__main__':\n"
-        "    config = preset('draft').model_copy(update={'samples': 1})\n"
+        "    config = preset('draft').model_copy(update={'preparation_frames': 1})\n"
         f"    pipeline.register(Path({str(capture)!r}), Path({str(tmp_path / 'run')!r}), config, {FRAMES}, workers=2)\n"
     )
     (tmp_path / "program.py").write_text(code)

@@ -19,7 +19,7 @@ from toile.pipeline import run as pipeline
 from toile.pipeline.plan import plan
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
-CONFIG = preset("standard").model_copy(update={"samples": 2})
+CONFIG = preset("standard").model_copy(update={"preparation_frames": 2})
 FRAMES = (0, 1, 2)
 
 
@@ -123,7 +123,7 @@ def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
     out = tmp_path / "killed"
     code = (
         "import sys; from pathlib import Path; from toile import pipeline; from toile.config import preset;"
-        f"pipeline.register(Path({str(SAMPLE)!r}), Path({str(out)!r}), preset('standard').model_copy(update={{'samples': 2}}), {FRAMES})"
+        f"pipeline.register(Path({str(SAMPLE)!r}), Path({str(out)!r}), preset('standard').model_copy(update={{'preparation_frames': 2}}), {FRAMES})"
     )
     child = subprocess.Popen([sys.executable, "-c", code])
     deadline = time.monotonic() + 120

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.shapes import tube
 from toile import kernels
-from toile.config import DressSettings, SegmentSettings
+from toile.config import DressSettings, RefinementSettings, SegmentSettings
 from toile.errors import UserError
 from toile.scene import BodyModel, Frame, Garment, Mesh, Person, Segmented, Tracked
 from toile.stages.dress import Dresser, prepare
@@ -122,7 +122,7 @@ def test_missing_loop_is_said(scene):
 
 def test_settling_onto_itself_moves_nothing():
     V, F = sleeve(0.1)
-    moved = NonRigidRefinement(V, F, 0.05).solve(Mesh(V, F), V, [])
+    moved = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(V, F), V, [])
     assert np.abs(moved - V).max() < 1e-9
 
 
@@ -131,8 +131,8 @@ def test_settling_follows_a_rigid_motion_of_the_world():
     S, T = sleeve(0.104, rings=60, sectors=80)
     c, s = np.cos(0.5), np.sin(0.5)
     R, t = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([1.0, -2, 3])
-    a = NonRigidRefinement(V, F, 0.05).solve(Mesh(S, T), V, [])
-    b = NonRigidRefinement(V, F, 0.05).solve(Mesh(S @ R.T + t, T), V @ R.T + t, [])
+    a = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(S, T), V, [])
+    b = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(S @ R.T + t, T), V @ R.T + t, [])
     np.testing.assert_allclose(b, a @ R.T + t, atol=2e-4)  # a symmetric start ties for closest faces
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.support.shapes import sphere, tube
 from toile import kernels
-from toile.config import DressSettings
+from toile.config import LoopSettings
 from toile.surface.curves import Curve, isolines, resample, tangents
 from toile.surface.loops import match_loops, name_loops
 
@@ -50,14 +50,14 @@ def circle(radius, z, count=90, arc=2 * np.pi):
 def test_loop_finds_its_opening_and_leaves_the_opposite_one():
     own = Curve(circle(0.21, 0.03, 400), True)
     strange = Curve(circle(0.205, 0.01, 400)[::-1], True)  # the other way round: garment on its other side
-    (match,), _ = match_loops([circle(0.2, 0.0)], [own, strange], DressSettings())
+    (match,), _ = match_loops([circle(0.2, 0.0)], [own, strange], LoopSettings())
     np.testing.assert_allclose(match.target, circle(0.21, 0.03), atol=1e-3)
     assert match.observed.all()
 
 
 def test_gap_in_opening_is_bridged_and_reported():
     opening = circle(0.21, 0.02, 300, arc=2 * np.pi * 0.75)
-    (match,), _ = match_loops([circle(0.2, 0.0)], [Curve(opening, False)], DressSettings())
+    (match,), _ = match_loops([circle(0.2, 0.0)], [Curve(opening, False)], LoopSettings())
     assert 0.7 < match.observed.mean() < 0.85
     assert np.abs(np.hypot(*match.target[:, :2].T) - 0.21).max() < 0.006
     assert np.abs(match.target[:, 2] - 0.02).max() < 0.006
@@ -65,7 +65,7 @@ def test_gap_in_opening_is_bridged_and_reported():
 
 def test_missing_opening_leaves_loop_unobserved_in_place():
     low, high = circle(0.2, 0.0), circle(0.2, 0.5)
-    (a, b), _ = match_loops([low, high], [Curve(circle(0.2, 0.51, 300), True)], DressSettings())
+    (a, b), _ = match_loops([low, high], [Curve(circle(0.2, 0.51, 300), True)], LoopSettings())
     assert not a.observed.any() and np.array_equal(a.target, low)
     assert b.observed.all()
 

@@ -6,7 +6,7 @@ import pytest
 from tests.support.rig import ring_of_cameras
 from tests.support.shapes import tube
 from toile import kernels
-from toile.config import DressSettings, SegmentSettings
+from toile.config import LoopSettings, SegmentSettings
 from toile.scene import Frame, Mesh, Segmented
 from toile.surface.loops import LoopMatch
 from toile.vision.evidence import Evidence, depth_views
@@ -52,7 +52,7 @@ def test_a_free_opening_is_found_within_a_pixel_from_up_to_18_millimetres_off(se
     V, F = cloth(low)
     loop = lowest_loop(V, F)
     none = LoopMatch(V[loop], np.zeros(len(loop), bool), np.full(len(loop), np.nan))
-    match = trace_opening(Mesh(V, F), loop, *seen, none, DressSettings())
+    match = trace_opening(Mesh(V, F), loop, *seen, none, LoopSettings())
     off = match.target[:, 2] - wavy(np.arctan2(match.target[:, 1], match.target[:, 0]))
     assert match.observed.mean() > 0.95
     assert np.abs(off).mean() < 0.005
@@ -64,4 +64,4 @@ def test_a_loop_that_no_camera_sees_stands(seen):
     loop = lowest_loop(V, F)
     stands = LoopMatch(V[loop] + 0.01, np.zeros(len(loop), bool), np.full(len(loop), np.nan))
     dark = Evidence(None, {}, Mesh(V, F), IDS, None, SegmentSettings())
-    assert trace_opening(Mesh(V, F), loop, dark, seen[1], stands, DressSettings()) is stands
+    assert trace_opening(Mesh(V, F), loop, dark, seen[1], stands, LoopSettings()) is stands

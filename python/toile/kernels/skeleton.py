@@ -1,6 +1,7 @@
 """Pose and shape of a body model from a scan, 3D keypoints and earlier frames."""
 
 import operator
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -50,17 +51,27 @@ class SkeletonSolver:
         + sum_k |log L_k|^2 / joint_sigma_k^2 + joint limits + shape_weight |beta|^2 + temporal terms
 
     rho is Geman-McClure, q_v the closest scan point within `reach` whose normal agrees. Levenberg-Marquardt on dense
-    normal equations with analytic derivatives; the same bits for any number of threads. `joint_sigma` (K,) [rad]
-    replaces the table of spreads about rest (0 locks a joint at its start, infinity frees it), `joint_limit` (K,) [rad]
-    that of largest angles; `vertex_weights` (n,) the mask of what scans show. For the other options see
+    normal equations with analytic derivatives; the same bits for any number of threads. `joint_sigma` [rad],
+    (K,) or {beginning of a joint's name: value}, replaces the spreads about rest (0 locks a joint at its start, infinity
+    frees it), `joint_limit` [rad] the largest angles; joints that a table does not name get `other_joint_sigma` and
+    `other_joint_limit`, the root is free. `vertex_weights` (n,) is the mask of what scans show. For the other options see
     `SkeletonOptions` (cpp/kernels/skeleton.h); an unknown name is a TypeError.
     """
 
-    def __init__(self, body_model, joint_sigma=None, joint_limit=None, vertex_weights=None, **options):
+    def __init__(
+        self,
+        body_model,
+        joint_sigma=None,
+        joint_limit=None,
+        vertex_weights=None,
+        other_joint_sigma=OTHER_SIGMA,
+        other_joint_limit=OTHER_LIMIT,
+        **options,
+    ):
         names, n = body_model.joint_names, len(body_model.v_template)
         self.body_model = body_model
-        sigma = by_prefix(names, JOINT_SIGMA, OTHER_SIGMA) if joint_sigma is None else joint_sigma
-        limit = by_prefix(names, JOINT_LIMIT, OTHER_LIMIT) if joint_limit is None else joint_limit
+        sigma = _by_joint(names, joint_sigma, JOINT_SIGMA, other_joint_sigma)
+        limit = _by_joint(names, joint_limit, JOINT_LIMIT, other_joint_limit)
         if vertex_weights is None:
             vertex_weights = np.ones(n)
             for segment in UNSEEN:
@@ -143,6 +154,13 @@ class SkeletonSolver:
 def skeleton(body_model, scan_V, scan_F, keypoints=None, start=None, **options):
     """`SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)`."""
     return SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)
+
+
+def _by_joint(names, given, table, other):
+    """Values (K,): those given, by joint or by the beginnings of names; else those of the table."""
+    if given is not None and not isinstance(given, Mapping):
+        return given
+    return by_prefix(names, table if given is None else [("root", np.inf), *given.items()], other)
 
 
 def by_prefix(names, table, other):

@@ -181,7 +181,7 @@ class _Run:
 
     def _samples(self):
         """Frames spread evenly over the run that can be read, with their keypoints in space."""
-        chosen = evenly(self.frames, self.config.samples)
+        chosen = evenly(self.frames, self.config.preparation_frames)
         samples, reasons = [], []
         for number in chosen:
             try:
@@ -320,7 +320,8 @@ class _Run:
             good = [n for n in self.frames if (self._folder(n) / "whole").exists()]
             if not good:
                 return InnerShape(self.person.rest, {})
-            samples = [self._load_first_stages(self._folder(n)) for n in evenly(good, self.config.samples)]
+            chosen = evenly(good, self.config.preparation_frames)
+            samples = [self._load_first_stages(self._folder(n)) for n in chosen]
             return inner.prepare(self.model, self.person, samples, self.templates, self.config.inner)
 
         self._kept("inner", InnerShape, make)

@@ -14,9 +14,6 @@ from ..surface.refinement import NonRigidRefinement
 from ..surface.transfer import carry, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
 
-_UNSEEN = 1e-6  # weight of staying where the body carried the template, against one sample's evidence
-_COVERED = 1e-2  # for a garment worn under another: what is hidden is no gap, but ends in the dark
-
 
 def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
@@ -73,11 +70,11 @@ def _personalise(model, person, template, samples, settings, over):
     total, weight, lengths = 0, 0, []
     for frame, tracked, segmented, evidence in samples:
         dressed, matches = dresser.register(frame, tracked, segmented, evidence)
-        lengths.append([_observed_length(m) for m in matches])
+        lengths.append([_observed_length(m, settings.measured_share) for m in matches])
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
         w = (dressed.confidence == OBSERVED)[:, None]
         total, weight = total + w * (rest - template.rest), weight + w
-    stay = _COVERED if over else _UNSEEN
+    stay = settings.covered_weight if over else settings.unseen_weight
     shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
     _report_fit(template, np.array(lengths), settings)
     fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
@@ -94,8 +91,8 @@ def _filled(template, shift, weight, stiffness, stay):
     return factor.solve(weight[:, None] * shift)
 
 
-def _observed_length(match: LoopMatch):
-    return loop_length(match.target) if match.observed.mean() > 0.6 else np.nan
+def _observed_length(match: LoopMatch, least):
+    return loop_length(match.target) if match.observed.mean() > least else np.nan
 
 
 def _report_fit(template, lengths, settings):
@@ -108,7 +105,7 @@ def _report_fit(template, lengths, settings):
                 "its border is extrapolated",
                 stacklevel=4,
             )
-        elif abs(np.median(seen) / own - 1) > settings.ambiguous_size:
+        elif abs(np.median(seen) / own - 1) > settings.size_tolerance:
             warnings.warn(
                 f"garment {template.name}: loop {name} is {np.median(seen) / own:.2f} times as long in the capture as "
                 "in the template: is it of another size?",
@@ -123,10 +120,10 @@ class Dresser:
     def __init__(self, body_model, person, template, settings, over=()):
         self.model, self.person, self.template, self.settings, self.over = body_model, person, template, settings, over
         self.known = np.concatenate(template.loops).astype(np.int32)
-        self.biharmonic = kernels.BiharmonicSolver(template.rest, template.faces, self.known)
-        self.refinement = NonRigidRefinement(
-            template.rest, template.faces, settings.stiffness, settings.refinement_steps
+        self.biharmonic = kernels.BiharmonicSolver(
+            template.rest, template.faces, self.known, **settings.biharmonic.model_dump()
         )
+        self.refinement = NonRigidRefinement(template.rest, template.faces, settings.refinement)
         names = np.array(body_model.joint_names)
         largest = np.asarray(body_model.weights_val).argmax(1)
         strongest = np.asarray(body_model.weights_idx)[np.arange(len(largest)), largest]
@@ -147,18 +144,20 @@ class Dresser:
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
         rivals = Rivals(V, F, segmented, t.label, self.over)
-        matches, strange = match_loops([posed[l] for l in t.loops], _openings_of(segmented, t.label, V, F, rivals), s)
+        openings = _openings_of(segmented, t.label, V, F, rivals)
+        matches, strange = match_loops([posed[l] for l in t.loops], openings, s.loop)
         start = self._lay(posed, matches)
         inside = (segmented.scan_faces == t.label) & evidence.seen
-        if inside.sum() < 100:
+        if inside.sum() < s.min_faces:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
         cloth = Mesh(V, F[inside])
         vertices = self.refinement.solve(cloth, start, self._boundary(matches))
         if s.trace_openings and evidence.views:
             garment = Mesh(vertices, t.faces)
-            matches = [trace_opening(garment, l, evidence, rivals, m, s) for l, m in zip(t.loops, matches)]
-            vertices = self.refinement.solve(cloth, self._lay(vertices, matches), self._boundary(matches), steps=2)
+            matches = [trace_opening(garment, l, evidence, rivals, m, s.loop) for l, m in zip(t.loops, matches)]
+            start_again, boundary = self._lay(vertices, matches), self._boundary(matches)
+            vertices = self.refinement.solve(cloth, start_again, boundary, s.traced_steps)
         confidence, distance = self._confidence(vertices, cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
@@ -173,7 +172,7 @@ class Dresser:
     def _boundary(self, matches):
         """What loops are drawn to: openings where they are seen; where another garment hides one, the place that the pose gives."""
         pairs = list(zip(self.template.loops, matches))
-        seen = [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop_observed]
+        seen = [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop.min_observed]
         return seen + [(l, m.target) for l, m in pairs if self.over and not m.observed.any()]
 
     def _confidence(self, vertices, cloth):
@@ -183,9 +182,9 @@ class Dresser:
         s = self.settings
         _, _, _, distance = cloth.index.closest(vertices)
         confidence = np.full(len(vertices), HIDDEN, np.uint8)
-        seen = distance < s.observed
+        seen = distance < s.observed_distance
         if seen.any():
-            confidence[cKDTree(vertices[seen]).query(vertices)[0] < s.interpolated] = INTERPOLATED
+            confidence[cKDTree(vertices[seen]).query(vertices)[0] < s.interpolated_distance] = INTERPOLATED
         confidence[seen] = OBSERVED
         return confidence, distance
 

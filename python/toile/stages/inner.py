@@ -9,7 +9,7 @@ from ..surface.layering import Layering
 
 def prepare(model, person, samples, templates, settings):
     """The fused rest shape from sampled frames [(Tracked, Segmented, {name: Dressed})]."""
-    solver = kernels.InnerSolver(model, person.shape, person.J)
+    solver = kernels.InnerSolver(model, person.shape, person.J, **settings.solver.model_dump())
     frames = [
         (t.rotations, t.translation, t.vertices, _visible(t, s, templates), _meshes(templates, d))
         for t, s, d in samples
@@ -23,9 +23,16 @@ class InnerLayer:
 
     def __init__(self, model, person, inner_shape, templates, settings):
         self.model, self.shape, self.templates = model, inner_shape, templates
-        self.solver = kernels.InnerSolver(model, person.shape, person.J, tolerance=settings.tolerance)
+        options = settings.solver.model_dump() | {"tolerance": settings.tolerance}
+        self.solver = kernels.InnerSolver(model, person.shape, person.J, **options)
         garments = [(t.name, t.faces, len(t.rest)) for t in templates]
-        self.layering = Layering(model.skin_faces, len(model.v_template), garments, settings.margin)
+        self.layering = Layering(
+            model.skin_faces,
+            len(model.v_template),
+            garments,
+            rounds=settings.layering_rounds,
+            **settings.untangle.model_dump(),
+        )
 
     def solve(self, tracked, segmented, dressed):
         """The inner body of one frame, then every garment out of the body and of the garments under it."""

@@ -30,7 +30,7 @@ def triangulate(keypoints, cameras, settings):
     uv = np.where(seen[..., None], uv, 0.0)
 
     X, inlier = _best_of_pairs(rig, uv, seen, settings)
-    for _ in range(settings.iterations):
+    for _ in range(settings.gauss_newton_steps):
         X, information, residual = _gauss_newton_step(rig, X, uv, inlier, settings)
         error = np.linalg.norm(residual, axis=-1)
         inlier = seen & (error < settings.inlier_pixels) & (rig.depth(X) > 0)
@@ -88,7 +88,7 @@ def _view_pairs(count, settings):
     pairs = np.stack(np.triu_indices(count, 1), axis=1)
     if count <= settings.exhaustive_views:
         return pairs
-    draw = np.random.default_rng(settings.seed).choice(len(pairs), min(settings.pairs, len(pairs)), replace=False)
+    draw = np.random.default_rng(settings.seed).choice(len(pairs), min(settings.drawn_pairs, len(pairs)), replace=False)
     return pairs[np.sort(draw)]
 
 

@@ -68,7 +68,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None):
     for garment in scene.garments if settings.refine_border else ():
         column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
         distance, curves, shift = _refine_border(labels, column, evidence, settings)
-        p = np.clip(0.5 + 0.5 * distance / settings.ramp, 0, 1)
+        p = np.clip(0.5 + 0.5 * distance / settings.opening.ramp, 0, 1)
         rest = np.delete(np.arange(len(model.ids)), column)
         others = probability[:, rest]
         others = np.where(others.sum(1, keepdims=True) > 0, others, _runner_up(cost, rest))
@@ -109,7 +109,7 @@ def _fit(seen, prior, faces, ids, settings):
                 continue
             column = np.searchsorted(ids, frame.labels[name]).clip(0, len(ids) - 1)
             known = (view.face >= 0) & (ids[column] == frame.labels[name])
-            known &= ~occlusion_border(view.depth, 0.03, 1)
+            known &= ~occlusion_border(view.depth, settings.evidence.depth_step, settings.evidence.depth_border)
             rgb.append(frame.images[name][known])
             given.append(column[known])
             place.append(view.face[known])
@@ -156,9 +156,11 @@ def _solve(cost, mesh, colour, settings):
     edges, V = mesh.edges, mesh.vertices
     length = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
     difference = np.linalg.norm(colour[edges[:, 0]] - colour[edges[:, 1]], axis=1)
-    weights = settings.smoothness * np.clip(length / max(length.mean(), 1e-12), 0, 2)
-    weights = weights / (1 + (difference / settings.contrast) ** 2) + 0.1
-    return np.asarray(kernels.mrf(cost - cost.min(1, keepdims=True), edges, weights).labels)
+    weights = settings.smoothness * np.clip(length / max(length.mean(), 1e-12), 0, settings.max_edge_ratio)
+    weights = weights / (1 + (difference / settings.colour_contrast) ** 2) + settings.smoothness_floor
+    return np.asarray(
+        kernels.mrf(cost - cost.min(1, keepdims=True), edges, weights, **settings.mrf.model_dump()).labels
+    )
 
 
 def _dissolve_islands(labels, mesh, least):
@@ -194,35 +196,35 @@ def _runner_up(cost, rest):
 
 def _refine_border(labels, column, evidence, settings):
     """The garment's border by the pictures' edges. Returns the signed distance (n,) [m] of scan vertices to it,
-    positive on the garment, clipped at `ramp`; the border's curves in space; and their shifts [m]."""
+    positive on the garment, clipped at `opening.ramp`; the border's curves in space; and their shifts [m]."""
     from scipy.spatial import cKDTree
 
-    scan = evidence.scan
+    scan, own = evidence.scan, settings.opening
     V, F, inside = scan.vertices, scan.faces, labels == column
-    distance = np.where(inside, settings.ramp, -settings.ramp)
+    distance = np.where(inside, own.ramp, -own.ramp)
     soft = _with_neighbours(inside.astype(float), F, 2) / _with_neighbours(np.ones(len(V)), F, 2)
-    coarse = [c for c in isolines(V, F, soft) if c.length > 0.02]
+    coarse = [c for c in isolines(V, F, soft) if c.length > own.min_length]
     outside = np.flatnonzero(~inside)
     if not coarse or len(outside) == 0:
         return distance, (), np.zeros(0)
     rivals = cKDTree(V[outside])
     at, across, shift, openings = [], [], [], []
     for curve in coarse:
-        curve = resample(curve, settings.opening_spacing)
-        curve = Curve(smooth(curve.points, curve.closed, 3.0), curve.closed)
+        curve = resample(curve, own.spacing)
+        curve = Curve(smooth(curve.points, curve.closed, own.presmoothing), curve.closed)
         rival = labels[outside[rivals.query(curve.points)[1]]]
         left, strip = _strip(curve, scan)
         offset, opening, sides = Strip(curve, strip).minimal_path(evidence, column, rival)
         at.append(curve.points)
         across.append(left)
         shift.append(offset)
-        openings += pieces(opening, np.minimum(-sides[:, 0], sides[:, 1]) > settings.opening_log_odds)
+        openings += pieces(opening, np.minimum(-sides[:, 0], sides[:, 1]) > own.min_log_odds)
     at, across, shift = np.concatenate(at), np.concatenate(across), np.concatenate(shift)
-    d, k = cKDTree(at).query(V, distance_upper_bound=settings.opening_reach + settings.ramp)
+    d, k = cKDTree(at).query(V, distance_upper_bound=own.reach + own.ramp)
     near = np.flatnonzero(np.isfinite(d))
     k = k[near]
     signed = np.einsum("ni,ni->n", V[near] - at[k], across[k]) - shift[k]
-    distance[near] = np.clip(signed, -settings.ramp, settings.ramp)
+    distance[near] = np.clip(signed, -own.ramp, own.ramp)
     return distance, tuple(openings), shift
 
 
@@ -246,7 +248,8 @@ def _tracked_labels(surface, probability, evidence, place, settings):
     p = _interpolate(probability, evidence.shown.faces[face], bary)
     cost, colour, seen = evidence.costs(surface.vertices, surface.normals)
     cost += place
-    near = distance < settings.tolerance
-    cost[~seen] = -2 * np.log(p[~seen] + 0.02)
-    cost[near] = -4 * np.log(p[near] + 1e-3)
-    return _solve(cost, surface, colour, settings.model_copy(update={"smoothness": 0.5 * settings.smoothness}))
+    near = distance < settings.depth_tolerance
+    cost[~seen] = -settings.unseen_weight * np.log(p[~seen] + settings.unseen_floor)
+    cost[near] = -settings.near_weight * np.log(p[near] + settings.near_floor)
+    smoothness = settings.tracked_smoothness * settings.smoothness
+    return _solve(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))

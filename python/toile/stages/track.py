@@ -15,7 +15,7 @@ def prepare(model, frames, settings):
     One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
     most frames saw it the mean of the offsets is added, smoothed, to the shape.
     """
-    solver = kernels.SkeletonSolver(model)
+    solver = kernels.SkeletonSolver(model, **_options(settings))
     fits = solver.solve_shared([_evidence(frame, points) for frame, points in frames])
     _refuse_unmatched([frame.number for frame, _ in frames], fits)
     shape = np.asarray(fits[0].shape)
@@ -39,7 +39,9 @@ class Tracker:
 
     def __init__(self, model, person, settings):
         self.model, self.person, self.settings = model, person, settings
-        self.skeleton = kernels.SkeletonSolver(model, solve_shape=False, surface_samples=settings.samples)
+        self.skeleton = kernels.SkeletonSolver(
+            model, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
+        )
         self.surface = _Surface(model, person.rest, settings)
 
     def track(self, frame, points, previous=None):
@@ -69,7 +71,7 @@ class Tracker:
         K = len(self.model.parents)
         seen = points.points[~np.isnan(points.points).any(1)]
         middle = np.median(seen, axis=0) - np.median(self.person.J, axis=0) if len(seen) else np.zeros(3)
-        start = kernels.SkeletonSolver(self.model).solve(keypoints=points)
+        start = kernels.SkeletonSolver(self.model, **_options(self.settings)).solve(keypoints=points)
         if start.stop == "unmatched":
             return np.zeros((K, 3)), middle, self.person.shape
         return np.asarray(start.rotations), np.asarray(start.translation), self.person.shape
@@ -93,7 +95,7 @@ class _Surface:
 
     def __init__(self, model, rest, settings):
         self.model, self.settings = model, settings
-        self.refinement = NonRigidRefinement(rest, model.f, settings.stiffness, settings.refinement_steps)
+        self.refinement = NonRigidRefinement(rest, model.f, settings.refinement)
 
     def fit(self, scan, start):
         """-> vertices (n,3) and confidence (n,)."""
@@ -105,16 +107,21 @@ class _Surface:
 
     def _confidence(self, V, scan):
         """Observed where the scan is near and faces the same way; interpolated beside that; else hidden."""
-        face, _, _, distance = scan.index.closest(V, self.settings.interpolated)
+        face, _, _, distance = scan.index.closest(V, self.settings.interpolated_distance)
         normals = kernels.vertex_normals(V, self.model.f)
-        same_side = np.einsum("ni,ni->n", normals, scan.face_normals[face]) > 0.3
+        same_side = np.einsum("ni,ni->n", normals, scan.face_normals[face]) > self.settings.min_cosine
         near = (face >= 0) & same_side
         confidence = np.where(
-            near & (distance < self.settings.observed), OBSERVED, np.where(near, INTERPOLATED, HIDDEN)
+            near & (distance < self.settings.observed_distance), OBSERVED, np.where(near, INTERPOLATED, HIDDEN)
         )
         for segment in ("eyes", "eye_sockets", "mouth_interior", "tongue"):
             confidence[self.model.segments.get(segment, [])] = HIDDEN
         return confidence.astype(np.uint8)
+
+
+def _options(settings):
+    """TrackSettings as the SkeletonSolver takes them."""
+    return settings.skeleton.model_dump()
 
 
 def _evidence(frame, points):

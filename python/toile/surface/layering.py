@@ -6,8 +6,6 @@ import numpy as np
 
 from .. import kernels
 
-_ROUNDS = 3  # a push out of one layer may lead into another
-
 
 @dataclass(frozen=True)
 class Layered:
@@ -22,10 +20,12 @@ class Layered:
 
 class Layering:
     """`garments` [(name, faces, number of vertices)], inner to outer, over a skin of `n` vertices; the solvers are kept
-    between frames. `margin` [m] of a garment off what lies under it."""
+    between frames. `margin` [m] of a garment off what lies under it; `rounds` of several layers, since a push out of one
+    may lead into another; other options are those of kernels.UntangleSolver."""
 
-    def __init__(self, skin_faces, n, garments, margin):
-        self.skin_faces, self.n, self.garments, self.margin, self.solvers = skin_faces, n, list(garments), margin, {}
+    def __init__(self, skin_faces, n, garments, margin, rounds=3, **options):
+        self.skin_faces, self.n, self.garments, self.rounds, self.solvers = skin_faces, n, list(garments), rounds, {}
+        self.options = {"margin": margin, **options}
 
     def solve(self, skin_V, cloth):
         """`cloth` {name: (g,3)} -> Layered: each garment out of the skin and of the garments under it."""
@@ -52,7 +52,7 @@ class Layering:
     def _out_of(self, name, F, n, V, under):
         """V out of all layers `under` it, and the first round's results, a layer each."""
         first = []
-        for turn in range(_ROUNDS if len(under) > 1 else 1):
+        for turn in range(self.rounds if len(under) > 1 else 1):
             start = V
             for other, U, U_F in under:
                 found = self._solver((name, other), F, n, U_F, len(U)).solve(V, U)
@@ -71,5 +71,5 @@ class Layering:
 
     def _solver(self, key, F, n, under_F, under_n):
         if key not in self.solvers:
-            self.solvers[key] = kernels.UntangleSolver(F, n, np.ascontiguousarray(under_F), under_n, margin=self.margin)
+            self.solvers[key] = kernels.UntangleSolver(F, n, np.ascontiguousarray(under_F), under_n, **self.options)
         return self.solvers[key]

@@ -7,10 +7,6 @@ import numpy as np
 from .. import kernels
 from .curves import Curve, resample, tangents
 
-_TURN = 0.05  # distance that a difference of one in unit direction is worth [m]
-_SLIDE = 0.3  # weight of a residual along the loop against one across it
-_STRETCH = 0.05  # cost of stretching a loop's edge against distance to the opening
-
 
 @dataclass(frozen=True)
 class LoopMatch:
@@ -47,58 +43,62 @@ def match_loops(loops, curves, settings):
 
     Each step pulls every loop vertex towards the nearest opening point that runs its way and is nearer to this loop than
     to any other; a closed spline of decreasing stiffness fills the gaps. Returns a LoopMatch a loop, and the length
-    of opening that no loop claimed [m].
+    of opening that no loop claimed [m]. `settings` are LoopSettings.
     """
     from scipy.spatial import cKDTree
 
-    openings = [resample(c, 0.002) for c in curves if c.length > 0.02]
+    s = settings
+    openings = [resample(c, s.spacing) for c in curves if c.length > s.min_length]
     if not openings:
         return [LoopMatch(l, np.zeros(len(l), bool), np.full(len(l), np.nan)) for l in loops], 0.0
     P, T = np.concatenate([r.points for r in openings]), np.concatenate([tangents(r) for r in openings])
-    at, fillers = [loop.copy() for loop in loops], [Filler(len(loop)) for loop in loops]
+    at, fillers = [loop.copy() for loop in loops], [Filler(len(loop), s) for loop in loops]
     owner = np.concatenate([np.full(len(l), i) for i, l in enumerate(loops)])
-    for step in range(settings.loop_iterations):
-        fade = step / max(settings.loop_iterations - 1, 1)
-        reach = settings.loop_reach * (1 - fade) + 0.3 * settings.loop_reach * fade
-        bending = settings.loop_bending * 10 ** (-2 * fade)
+    for step in range(s.steps):
+        fade = step / max(s.steps - 1, 1)
+        reach = s.reach * (1 - fade) + s.final_reach * s.reach * fade
+        bending = s.bending * 10 ** (-s.bending_decades * fade)
         claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
         for i, loop in enumerate(loops):
-            target, observed, _ = _nearest_opening(at[i], P[claimed == i], T[claimed == i], reach, settings.loop_cosine)
+            target, observed, _ = _nearest_opening(at[i], P[claimed == i], T[claimed == i], reach, s)
             if observed.sum() >= 3:
                 at[i] = loop + fillers[i](target - loop, observed, at[i], bending)
     matches, used = [], np.zeros(len(P), bool)
     claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
     for i in range(len(loops)):
-        _, observed, distance = _nearest_opening(at[i], P[claimed == i], T[claimed == i], 0.015, settings.loop_cosine)
+        _, observed, distance = _nearest_opening(at[i], P[claimed == i], T[claimed == i], s.matched_distance, s)
         matches.append(LoopMatch(at[i], observed, distance))
-    used = cKDTree(np.concatenate(at)).query(P)[0] < 0.02
-    return matches, float(0.002 * (~used).sum())
+    used = cKDTree(np.concatenate(at)).query(P)[0] < s.claimed_distance
+    return matches, float(s.spacing * (~used).sum())
 
 
-def _nearest_opening(at, P, T, reach, cosine):
+def _nearest_opening(at, P, T, reach, settings):
     """Per loop vertex the nearest of opening points P with directions T: target (k,3), found (k,), distance (k,)."""
     from scipy.spatial import cKDTree
 
     k = len(at)
     if len(P) == 0:
         return at, np.zeros(k, bool), np.full(k, np.nan)
-    way = tangents(Curve(at, True))
-    _, j = cKDTree(np.concatenate([P, _TURN * T], 1)).query(np.concatenate([at, _TURN * way], 1))
+    way, turn = tangents(Curve(at, True)), settings.turn
+    _, j = cKDTree(np.concatenate([P, turn * T], 1)).query(np.concatenate([at, turn * way], 1))
     d = np.linalg.norm(P[j] - at, axis=1)
-    found = (d < reach) & (np.einsum("ki,ki->k", way, T[j]) > cosine)
+    found = (d < reach) & (np.einsum("ki,ki->k", way, T[j]) > settings.min_cosine)
     target = np.where(found[:, None], P[j], at)
     # loop vertices beyond the end of an open curve all find its last point, which itself belongs to one of them
-    _, back = cKDTree(np.concatenate([at, _TURN * way], 1)).query(np.concatenate([P, _TURN * T], 1)[j])
+    _, back = cKDTree(np.concatenate([at, turn * way], 1)).query(np.concatenate([P, turn * T], 1)[j])
     edge = loop_length(at) / k
     found &= np.linalg.norm(at[back] - at, axis=1) < edge
-    found &= np.abs(np.einsum("ki,ki->k", target - at, way)) < np.maximum(0.5 * d, 0.3 * edge)
+    found &= np.abs(np.einsum("ki,ki->k", target - at, way)) < np.maximum(
+        settings.max_slant * d, settings.max_slide * edge
+    )
     return target, found, np.where(found, d, np.nan)
 
 
 class Filler:
-    """Displacements of a closed curve of k points from those that are known; the matrix' pattern is kept."""
+    """Displacements of a closed curve of k points from those that are known; the matrix' pattern is kept. `settings` are
+    LoopSettings."""
 
-    def __init__(self, k):
+    def __init__(self, k, settings):
         i, c = np.arange(k), np.arange(3)
         beside = (i[:, None] + np.arange(-2, 3)) % k
         along = np.broadcast_to(3 * i[:, None, None] + c, (k, 5, 3)), 3 * beside[..., None] + c
@@ -106,7 +106,7 @@ class Filler:
             np.broadcast_to(3 * i[:, None, None] + c[:, None], (k, 3, 3)),
             np.broadcast_to(3 * i[:, None, None] + c, (k, 3, 3)),
         )
-        self.k = k
+        self.k, self.settings = k, settings
         self.entries = tuple(np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(along, blocks))
         self.factor = kernels.CholeskyFactor()
 
@@ -117,9 +117,9 @@ class Filler:
         is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known stay by `stay`."""
         from scipy.sparse import coo_matrix
 
-        way = tangents(Curve(at, True))
-        P = known[:, None, None] * (np.eye(3) - (1 - _SLIDE) * way[:, :, None] * way[:, None, :])
-        stretch = _STRETCH + 1e-3 * bending
+        way, s = tangents(Curve(at, True)), self.settings
+        P = known[:, None, None] * (np.eye(3) - (1 - s.slide) * way[:, :, None] * way[:, None, :])
+        stretch = s.stretch + s.stretch_share * bending
         stencil = bending * np.array([1, -4, 6, -4, 1]) + stretch * np.array([0, -1, 2, -1, 0])
         values = np.concatenate([np.tile(np.repeat(stencil, 3), self.k), (P + stay * np.eye(3)).ravel()])
         A = coo_matrix((values, self.entries), shape=(3 * self.k,) * 2).tocsc()

@@ -8,11 +8,6 @@ from ..scene import Mesh
 from .threads import each
 from .visibility import DepthView, occlusion_border
 
-_OUTLIER = -4.0  # least log likelihood ratio that one picture may give
-_OFF = 0.005  # a point this far from the scan is off it [m]
-_ABOUT = 0.06  # pictures are read this far beyond the surface's outline [m]
-_FREE = 0.02  # a point this far before the surface floats [m]
-
 
 def depth_views(frame, cameras, V, F):
     """The DepthView of the surface from each camera whose label image the frame has."""
@@ -40,7 +35,9 @@ def soft_labels(image, ids, settings):
 
 def visibility(views, points, normals, settings):
     """{name: pixels (n,2), weights (n,), clearance (n,)} of points (n,3), see DepthView.visibility."""
-    seen = each(lambda view: view.visibility(points, normals, settings.tolerance, settings.min_cosine), views.values())
+    seen = each(
+        lambda view: view.visibility(points, normals, settings.depth_tolerance, settings.min_cosine), views.values()
+    )
     return dict(zip(views, seen))
 
 
@@ -96,16 +93,16 @@ class Evidence:
 
     def _picture(self, view, labels, image):
         """The Crops of one view: all channels, and RGB."""
-        s = self.settings
-        rows, columns = view.crop(_ABOUT, int(4 * s.label_blur))
+        s, own = self.settings, self.settings.evidence
+        rows, columns = view.crop(own.picture_margin, int(4 * s.label_blur))
         labels, depth = labels[rows, columns], view.depth[rows, columns]
         likelihood, rgb = np.zeros(depth.shape + (self.L,), np.float32), np.zeros(depth.shape + (3,), np.float32)
         if self.colours is not None and image is not None:
             image = image[rows, columns]
-            clear = (labels > 0) & ~occlusion_border(depth, 0.03, 1)
+            clear = (labels > 0) & ~occlusion_border(depth, own.depth_step, own.depth_border)
             likelihood[clear] = self.colours.evidence(image[clear])
             rgb = image / np.float32(255)
-        empty = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), 1.0)[..., None]
+        empty = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), own.empty_blur)[..., None]
         corner = columns.start, rows.start
         every = np.concatenate([likelihood, soft_labels(labels, self.ids, s), rgb, empty], 2)
         return Crop(every, corner), Crop(rgb, corner)
@@ -134,7 +131,7 @@ class Evidence:
         `free` points may float before the surface: any label given speaks against `column` there; that a picture shows
         the label farther behind them says nothing; and where a point lies off the scan, no view faces it and a picture
         shows the background, there is no cloth."""
-        s = self.settings
+        s, own = self.settings, self.settings.evidence
         total, weight, carved = (np.zeros(len(points)) for _ in range(3))
         share = np.zeros((len(points), 2))
         said = each(lambda name: self._said(name, points, normals, column, rival, free), self.views)
@@ -144,35 +141,35 @@ class Evidence:
             share[on] += w[:, None] * given
             weight[on] += w
         share = share / np.maximum(weight, 1e-9)[:, None] + s.label_error_share / self.L
-        total += np.where(weight > 0, 0.5 * np.log(share[:, 0] / share[:, 1]), 0.0)
+        total += np.where(weight > 0, own.given_weight * np.log(share[:, 0] / share[:, 1]), 0.0)
         if free:
-            carved *= self._off_scan(points, carved > 0.6) * np.clip(1 - weight, 0, 1)
-            total += _OUTLIER * np.clip((carved - 0.6) / 0.35, 0, 1)
+            carved *= self._off_scan(points, carved > own.empty_share) * np.clip(1 - weight, 0, 1)
+            total -= own.max_log_odds * np.clip((carved - own.empty_share) / own.empty_ramp, 0, 1)
         return total
 
     def _said(self, name, points, normals, column, rival, free):
         """What one view adds to `odds`: the points it sees, their weights, log likelihood ratios, and shares of `column`
         and of what speaks against it; the points that float, and how empty its picture is there."""
-        s, L, picture = self.settings, self.L, self.maps[name]
-        uv, w, clear = self.views[name].visibility(points, normals, s.tolerance, s.min_cosine)
+        s, own, L, picture = self.settings, self.settings.evidence, self.L, self.maps[name]
+        uv, w, clear = self.views[name].visibility(points, normals, s.depth_tolerance, s.min_cosine)
         before, empty = np.zeros(0, int), np.zeros(0)
         if free:
-            before = np.flatnonzero(clear > _FREE)
+            before = np.flatnonzero(clear > own.floating_distance)
             said = picture.read(uv[before])
             empty = said[:, -1]
-            w[before[said[:, L + column] > 0.5]] = 0
+            w[before[said[:, L + column] > own.behind_share]] = 0
         on = np.flatnonzero(w)
         said, each_one, other = picture.read(uv[on]), np.arange(len(on)), rival[on]
         given = said[:, L : 2 * L]
         against = given.sum(1) - given[:, column] if free else given[each_one, other]
-        likelier = np.clip(said[:, column] - said[each_one, other], _OUTLIER, -_OUTLIER)
+        likelier = np.clip(said[:, column] - said[each_one, other], -own.max_log_odds, own.max_log_odds)
         return on, w[on], likelier, np.stack([given[:, column], against], 1), before, empty
 
     def _off_scan(self, points, among):
         """Which of the points (n,) `among` (n,) lie off what the views see of the scan."""
         off = among.copy()
         if among.any():
-            off[among] = self.shown.index.closest(points[among], _OFF)[0] < 0
+            off[among] = self.shown.index.closest(points[among], self.settings.evidence.off_scan_distance)[0] < 0
         return off
 
     def edges(self, points, normals, s):
@@ -188,10 +185,10 @@ class Evidence:
 
     def _edge(self, name, points, normals, s):
         """The edge's place (k,) [m] by one view, and its weight (k,)."""
-        k, m = points.shape[:2]
-        flank = np.abs(s) > 0.55 * s[-1]
+        (k, m), own = points.shape[:2], self.settings.evidence
+        flank = np.abs(s) > own.edge_flank * s[-1]
         flat = points.reshape(-1, 3), normals.reshape(-1, 3)
-        uv, w, _ = self.views[name].visibility(*flat, self.settings.tolerance, self.settings.min_cosine)
+        uv, w, _ = self.views[name].visibility(*flat, self.settings.depth_tolerance, self.settings.min_cosine)
         rgb = self.rgb[name].read(uv).reshape(k, m, 3)
         out, inner = rgb[:, flank & (s < 0)].mean(1), rgb[:, flank & (s > 0)].mean(1)
         step = inner - out
@@ -200,5 +197,7 @@ class Evidence:
         rest = rgb - out[:, None] - share[..., None] * step[:, None]  # colours off the mixing line: print, folds
         spoilt = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
         at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
-        good = w.reshape(k, m).min(1) * np.exp(-((0.1 / np.maximum(contrast, 1e-6)) ** 2))
-        return at, good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / 0.1) ** 2)) * (np.abs(at) < 0.6 * s[-1])
+        good = w.reshape(k, m).min(1) * np.exp(-((own.edge_contrast / np.maximum(contrast, 1e-6)) ** 2))
+        return at, good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / own.edge_disorder) ** 2)) * (
+            np.abs(at) < own.edge_shift * s[-1]
+        )

@@ -8,9 +8,6 @@ from ..surface.curves import Curve, resample, smooth, tangents
 from ..surface.loops import Filler, LoopMatch
 from .strip import Strip
 
-_BOUND = 0.01  # way that a loop follows background alone [m]
-_STAY = 0.05  # weight of staying against a seen opening
-
 
 class Rivals:
     """Which label a garment's opening parts it from: that of the nearest face of the scan that is not the garment's. `over`:
@@ -39,42 +36,43 @@ class Rivals:
 
 
 def trace_opening(garment, loop, evidence, rivals, match, settings):
-    """The LoopMatch of one loop of the garment, a Mesh that already lies within `opening_reach` of its opening.
+    """The LoopMatch of one loop of the garment, a Mesh that already lies within `opening.reach` of its opening;
+    `settings` are LoopSettings.
 
     Along a strip that continues the garment past its loop, the pictures tell where cloth ends. Where they do not, the
     loop follows its seen neighbours; where they hardly do anywhere, `match` stands."""
-    spacing = evidence.settings.opening_spacing
+    spacing, smoothness = evidence.settings.opening.spacing, evidence.settings.opening.presmoothing
     curve = resample(Curve(garment.vertices[loop], True), spacing)
-    curve = Curve(smooth(curve.points, True, 0.008 / spacing), True)
-    offset, opening, sides = Strip(curve, _strip(garment, curve), free=True).minimal_path(
+    curve = Curve(smooth(curve.points, True, settings.smoothing / spacing), True)
+    offset, opening, sides = Strip(curve, _strip(garment, curve, smoothness), free=True).minimal_path(
         evidence, rivals.column, rivals(curve.points)
     )
-    seen = (_sure(offset, sides) > settings.loop_log_odds) & ~rivals.hide(curve.points)
-    if seen.mean() < settings.loop_observed:
+    seen = (_sure(offset, sides, settings.background_way) > settings.min_log_odds) & ~rivals.hide(curve.points)
+    if seen.mean() < settings.min_observed:
         return match
     at = garment.vertices[loop]
     nearest = np.linalg.norm(at[:, None] - curve.points, axis=2).argmin(1)
     way = tangents(Curve(at, True))
     wanted = opening.points[nearest] - at
     wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
-    observed = seen[nearest]
-    move = Filler(len(at))(wanted, observed, at, settings.loop_bending / 100, _STAY)
+    observed, bending = seen[nearest], settings.bending / 10**settings.bending_decades
+    move = Filler(len(at), settings)(wanted, observed, at, bending, settings.stay_weight)
     return LoopMatch(at + move, observed, np.where(observed, np.linalg.norm(wanted - move, axis=1), np.nan))
 
 
-def _sure(offset, sides):
+def _sure(offset, sides, way):
     """How sure (k,) an opening is. Background seen past it bounds it, though nothing may show the cloth before it: that is
     believed for a short way, since a strip that leaves the cloth sideways meets background too."""
     outer, inner = -sides[:, 0], sides[:, 1]
-    return np.where(np.abs(offset) < _BOUND, 0.5 * (inner + outer), np.minimum(inner, outer))
+    return np.where(np.abs(offset) < way, 0.5 * (inner + outer), np.minimum(inner, outer))
 
 
-def _strip(garment, curve):
+def _strip(garment, curve, smoothness):
     """The Strip's map: the garment's own surface on the left, its tangent plane beyond the loop."""
     index, N, F = garment.index, garment.normals, garment.faces
     face, _, bary, _ = index.closest(curve.points)
     normal = np.einsum("kc,kci->ki", bary, N[F[face]])
-    normal = smooth(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9), True, 3.0)
+    normal = smooth(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9), True, smoothness)
     left = np.cross(normal, tangents(curve))
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
 

@@ -4,9 +4,6 @@ import numpy as np
 
 from ..surface.curves import Curve, smooth
 
-_FLANK = 0.012  # of the strip on either side that is asked whether an opening is seen [m]
-_ROUNDED = 0.003  # by which the rounded step of a scan lies under the opening of cloth [m]
-
 
 class Strip:
     """A strip of surface about a curve, and layers above and below it: a scan rounds off the step at a cloth's opening,
@@ -21,30 +18,26 @@ class Strip:
     def minimal_path(self, evidence, column, rival):
         """Offsets (k,) [m] to the left of the curve, the opening as a curve in space, and the mean log odds (k,2) for the
         garment beyond it and short of it: at an opening that is seen the first is negative, the second positive."""
-        settings, closed, k = evidence.settings, self.curve.closed, len(self.curve.points)
-        step = settings.opening_step
-        s = np.arange(-1, 1 + 1e-9, step / settings.opening_reach) * settings.opening_reach
+        settings, closed, k = evidence.settings.opening, self.curve.closed, len(self.curve.points)
+        step, sigma = settings.step, settings.smoothing / settings.spacing
+        s = np.arange(-1, 1 + 1e-9, step / settings.reach) * settings.reach
         wide = self._odds(s, np.zeros(1), np.zeros(k), evidence, column, rival)
-        cost = _path_costs(wide, step)[:, 0] + 0.02 * (s / step) ** 2 * (
-            step / settings.opening_reach
-        )  # stay where nothing speaks
+        cost = _path_costs(wide, step / settings.evidence_length)[:, 0]
+        cost = cost + settings.stay_cost * (s / step) ** 2 * (step / settings.reach)
         j = np.arange(len(s))
-        path = _closed_path(cost, (j[:, None] - j) ** 2.0, settings.opening_stiffness, closed)
-        sides = _sides(wide[:, 0], path, int(round(_FLANK / step)))
-        offset = smooth(
-            s[path] + _parabola(cost, path) * step, closed, settings.opening_smoothing / settings.opening_spacing
-        )
+        path = _closed_path(cost, (j[:, None] - j) ** 2.0, settings.stiffness, closed)
+        sides = _sides(wide[:, 0], path, int(round(settings.flank / step)))
+        offset = smooth(s[path] + _parabola(cost, path) * step, closed, sigma)
 
-        h = np.arange(settings.opening_depth[0], settings.opening_depth[1] + 1e-9, settings.opening_layer)
-        h = np.array([_ROUNDED]) if self.free else h
-        r = np.arange(-6, 7) * step
-        cost = _path_costs(self._odds(r, h, offset, evidence, column, rival), step)
-        cost += settings.opening_lift * ((h[:, None] - _ROUNDED) / settings.opening_layer) ** 2
+        h = np.arange(settings.depth[0], settings.depth[1] + 1e-9, settings.layer)
+        h = np.array([settings.rounding]) if self.free else h
+        r = np.arange(-settings.layer_steps, settings.layer_steps + 1) * step
+        cost = _path_costs(self._odds(r, h, offset, evidence, column, rival), step / settings.evidence_length)
+        cost += settings.lift * ((h[:, None] - settings.rounding) / settings.layer) ** 2
         i, j = np.divmod(np.arange(len(h) * len(r)), len(r))
-        apart = (j[:, None] - j) ** 2 + 40.0 * (i[:, None] - i) ** 2
-        path = _closed_path(cost.reshape(k, -1), apart, settings.opening_stiffness, closed)
+        apart = (j[:, None] - j) ** 2 + settings.layer_stiffness * (i[:, None] - i) ** 2
+        path = _closed_path(cost.reshape(k, -1), apart, settings.stiffness, closed)
         i, j = np.divmod(path, len(r))
-        sigma = settings.opening_smoothing / settings.opening_spacing
         offset, height = (smooth(x, closed, sigma) for x in (offset + r[j], h[i]))
         offset = offset + self._subpixel(offset, height, evidence, sigma)
         points, normals = self.surface(offset[:, None])
@@ -61,20 +54,21 @@ class Strip:
 
     def _subpixel(self, offset, height, evidence, sigma):
         """Shifts (k,) [m] that halve the pictures' edge ramps: a class of colours takes a mixed pixel for its own."""
-        settings = evidence.settings
-        s = np.arange(-settings.edge_reach, settings.edge_reach + 1e-9, settings.opening_step)
+        settings = evidence.settings.opening
+        s = np.arange(-settings.edge_reach, settings.edge_reach + 1e-9, settings.step)
         points, normals = self.surface(offset[:, None] + s)
         shift, weight = evidence.edges(points + height[:, None, None] * normals, normals, s)
         weight = weight + 1e-6
         mean = smooth(weight * shift, self.curve.closed, sigma) / smooth(weight, self.curve.closed, sigma)
         sure = smooth(weight, self.curve.closed, sigma)
-        return mean * sure / (sure + 0.03)
+        return mean * sure / (sure + settings.edge_prior)
 
 
-def _path_costs(odds, step):
-    """Costs of a cut at each place (last axis): the garment's evidence to its right, less that to its left."""
+def _path_costs(odds, share):
+    """Costs of a cut at each place (last axis): the garment's evidence to its right, less that to its left; `share` of it
+    that one place counts."""
     below = np.cumsum(odds, axis=2)
-    return (2 * below - odds - below[..., -1:]) * (step / 0.004)
+    return (2 * below - odds - below[..., -1:]) * share
 
 
 def _sides(odds, path, width):

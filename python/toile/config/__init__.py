@@ -1,0 +1,39 @@
+"""Settings: what decides the results of a command, as small models that presets, files and options fill alike."""
+
+from .changes import changed, read_config, read_set
+from .presets import QUALITIES, configured, preset
+from .settings import Settings, listed, setting
+from .stages import (
+    Config,
+    DressSettings,
+    EvidenceSettings,
+    InnerSettings,
+    LoopSettings,
+    OpeningSettings,
+    ReconstructSettings,
+    RefinementSettings,
+    SegmentSettings,
+    TrackSettings,
+)
+
+__all__ = [
+    "QUALITIES",
+    "Config",
+    "DressSettings",
+    "EvidenceSettings",
+    "InnerSettings",
+    "LoopSettings",
+    "OpeningSettings",
+    "ReconstructSettings",
+    "RefinementSettings",
+    "SegmentSettings",
+    "Settings",
+    "TrackSettings",
+    "changed",
+    "configured",
+    "listed",
+    "preset",
+    "read_config",
+    "read_set",
+    "setting",
+]

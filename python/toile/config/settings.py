@@ -1,0 +1,43 @@
+"""What a setting is: a field of a model with a default, a unit and a meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+UNITS = ("m", "m^2", "cm^-2", "mm", "px", "rad", "s", "nat^-1", "sigma", "count", "1", "name", "switch")
+
+
+class Settings(BaseModel):
+    """A group of settings. An unknown name is an error, a value is kept as it was given."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def setting(default: Any, unit: str, meaning: str, **limits: Any) -> Any:
+    """A field of Settings. unit: one of UNITS, "1" for shares and weights. limits: those of pydantic (ge, gt, le, lt)."""
+    return Field(default, description=meaning, json_schema_extra={"unit": unit}, **limits)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One setting: its dotted name, default, unit and meaning."""
+
+    name: str
+    default: Any
+    unit: str
+    meaning: str
+
+
+def listed(settings: Settings, prefix: str = "") -> Iterator[Listed]:
+    """Every setting of a model and of the models in it, with the values that `settings` has."""
+    for name, field in type(settings).model_fields.items():
+        value = getattr(settings, name)
+        if isinstance(value, Settings):
+            yield from listed(value, f"{prefix}{name}.")
+        else:
+            extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+            yield Listed(f"{prefix}{name}", value, str(extra.get("unit", "")), field.description or "")

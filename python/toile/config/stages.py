@@ -1,0 +1,244 @@
+"""Settings of the stages of `toile register`: one small model each."""
+
+from __future__ import annotations
+
+from .kernels import (
+    BiharmonicSettings,
+    InnerSolverSettings,
+    MrfSettings,
+    SkeletonSettings,
+    UntangleSettings,
+)
+from .settings import Settings, setting
+
+
+class ReconstructSettings(Settings):
+    """Triangulation of 2D keypoints."""
+
+    pixel_sigma: float = setting(2.0, "px", "noise of a keypoint", gt=0)
+    inlier_pixels: float = setting(8.0, "px", "reprojection error of an inlier: four times the noise", gt=0)
+    min_confidence: float = setting(0.1, "1", "below, a keypoint counts as unseen", ge=0, le=1)
+    min_views: int = setting(2, "count", "inlier views that a point needs; one more where four or more saw it", ge=2)
+    min_angle: float = setting(0.03, "rad", "between the rays of a pair: flatter ones cross anywhere", gt=0)
+    exhaustive_views: int = setting(16, "count", "up to so many views all pairs are tried", ge=2)
+    drawn_pairs: int = setting(120, "count", "beyond, this many drawn pairs", ge=1)
+    gauss_newton_steps: int = setting(5, "count", "on the reprojection error of the inliers", ge=1)
+    seed: int = setting(0, "count", "of the drawn pairs", ge=0)
+
+
+class RefinementSettings(Settings):
+    """Non-rigid refinement of a surface that already lies within centimetres of the scan."""
+
+    stiffness: float = setting(0.05, "1", "of the surface's bending against its distance to the scan", gt=0)
+    steps: int = setting(6, "count", "of the schedule; fewer are faster and stop farther from the scan", ge=1, le=6)
+    stiffness_factors: tuple[float, float, float, float, float, float] = setting(
+        (60.0, 20.0, 6.0, 2.0, 1.0, 1.0), "1", "of each step: stiff first, so that no vertex takes a stranger's point"
+    )
+    reaches: tuple[float, float, float, float, float, float] = setting(
+        (0.05, 0.04, 0.03, 0.02, 0.02, 0.02), "m", "of each step: scan points farther than this say nothing"
+    )
+    min_cosine: float = setting(0.6, "1", "least agreement of normals, which tells front from back", ge=-1, le=1)
+    loop_weight: float = setting(
+        0.01, "1", "of a loop vertex against a surface vertex: its start is laid there, more pins noise", ge=0
+    )
+
+
+class TrackSettings(Settings):
+    """Pose and surface of the single layer."""
+
+    surface_samples: int = setting(
+        5000, "count", "vertices of the body that look for the scan when a frame's pose is fitted", ge=1
+    )
+    refinement: RefinementSettings = RefinementSettings(stiffness=0.02)
+    rest_smoothing: int = setting(5, "count", "umbrella steps on the personal offsets, which carry scan noise", ge=0)
+    min_cosine: float = setting(
+        0.3, "1", "least agreement of a vertex' normal with its scan point's: else it is another limb's", ge=-1, le=1
+    )
+    observed_distance: float = setting(0.004, "m", "a tracked vertex this close to the scan is observed", gt=0)
+    interpolated_distance: float = setting(0.02, "m", "within this it is interpolated, beyond hidden", gt=0)
+    skeleton: SkeletonSettings = SkeletonSettings()
+
+
+class EvidenceSettings(Settings):
+    """What pictures say of a point in space."""
+
+    depth_step: float = setting(
+        0.03, "m", "a step of depth this high parts two surfaces, whose colours mix beside it", gt=0
+    )
+    depth_border: int = setting(1, "px", "so wide a border of such a step is not read", ge=0)
+    picture_margin: float = setting(0.06, "m", "pictures are read this far beyond the surface's outline", gt=0)
+    max_log_odds: float = setting(
+        4.0, "1", "one picture's log likelihood ratio counts up to this: it may be wrong", gt=0
+    )
+    given_weight: float = setting(0.5, "1", "of the given labels' log odds: their errors are alike in all views", ge=0)
+    floating_distance: float = setting(0.02, "m", "a point this far before the surface floats", gt=0)
+    behind_share: float = setting(
+        0.5, "1", "a label that fills more of the picture behind a floating point says nothing of it", ge=0, le=1
+    )
+    off_scan_distance: float = setting(0.005, "m", "a point this far from the scan is off it", gt=0)
+    empty_blur: float = setting(1.0, "px", "uncertainty of the silhouette", gt=0)
+    empty_share: float = setting(0.6, "1", "background about a pixel from which on it speaks against cloth", ge=0, le=1)
+    empty_ramp: float = setting(0.35, "1", "by so much more background it speaks fully", gt=0)
+    edge_flank: float = setting(
+        0.55, "1", "share of a colour profile's half length beyond which its end colours are read", gt=0, lt=1
+    )
+    edge_contrast: float = setting(0.1, "1", "difference of RGB (0..1) that makes an edge worth reading", gt=0)
+    edge_disorder: float = setting(
+        0.1, "1", "share of that difference which prints and folds may add to a profile that is believed", gt=0
+    )
+    edge_shift: float = setting(0.6, "1", "largest shift of an edge, as a share of the profile's half length", gt=0)
+
+
+class OpeningSettings(Settings):
+    """A garment's border, searched along strips of the surface about it."""
+
+    reach: float = setting(0.030, "m", "search range to either side", gt=0)
+    step: float = setting(0.002, "m", "of the search", gt=0)
+    spacing: float = setting(0.004, "m", "of samples along the border", gt=0)
+    min_length: float = setting(0.02, "m", "shorter borders are specks of labels", ge=0)
+    presmoothing: float = setting(3.0, "count", "Gaussian along the border before the search, in samples", gt=0)
+    stiffness: float = setting(0.15, "1", "cost of a unit step of the border between neighbouring samples", ge=0)
+    stay_cost: float = setting(0.02, "1", "of a unit step away: stay where nothing speaks", ge=0)
+    evidence_length: float = setting(0.004, "m", "of a strip whose log odds count once: nearer points are alike", gt=0)
+    flank: float = setting(0.012, "m", "of the strip on either side that is asked whether an opening is seen", gt=0)
+    smoothing: float = setting(0.012, "m", "Gaussian along the border that was found", gt=0)
+    depth: tuple[float, float] = setting((-0.003, 0.012), "m", "layers searched, from below to above the scan")
+    layer: float = setting(0.003, "m", "between layers", gt=0)
+    layer_steps: int = setting(6, "count", "search steps to either side in those layers", ge=1)
+    rounding: float = setting(0.003, "m", "by which the rounded step of a scan lies under the opening of cloth")
+    lift: float = setting(0.5, "1", "cost of the first layer off that; it grows with the square", ge=0)
+    layer_stiffness: float = setting(40.0, "1", "cost of a change of layer against a unit step along the surface", ge=0)
+    min_log_odds: float = setting(0.05, "1", "least log odds on either side of an opening that is seen", ge=0)
+    edge_reach: float = setting(0.016, "m", "half length of the colour profiles that place it within a pixel", gt=0)
+    edge_prior: float = setting(0.03, "1", "weight of no shift against the profiles'", ge=0)
+    ramp: float = setting(0.012, "m", "half width of the probability's ramp about the border", gt=0)
+
+
+class SegmentSettings(Settings):
+    """Labels from pictures, votes and colours."""
+
+    views: int = setting(0, "count", "pictures a frame that are read, spread about the person; 0: all", ge=0)
+    refine_border: bool = setting(
+        True, "switch", "place a garment's border between scan vertices by the pictures' edges"
+    )
+    label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
+    label_blur: float = setting(3.0, "px", "uncertainty of a given border", gt=0)
+    colour_pixels: int = setting(400_000, "count", "drawn from the samples for the colour models", ge=1)
+    colour_iterations: int = setting(4, "count", "of expectation maximisation", ge=0)
+    prior_floor: float = setting(
+        0.03, "1", "least probability of a label at a place on the tracked surface", gt=0, lt=1
+    )
+    depth_tolerance: float = setting(
+        0.012, "m", "of the depth test: farther behind the surface a point is hidden", gt=0
+    )
+    min_cosine: float = setting(0.15, "1", "views more grazing than this see nothing", ge=0, lt=1)
+    colour_weight: float = setting(1.5, "1", "of what colours say", ge=0)
+    label_weight: float = setting(1.0, "1", "of what given labels say", ge=0)
+    prior_weight: float = setting(0.5, "1", "of how often a place carried a label in the sampled frames", ge=0)
+    previous_weight: float = setting(0.3, "1", "cost of leaving the previous frame's label", ge=0)
+    smoothness: float = setting(2.0, "1", "Potts cost of an edge of mean length on flat colour", ge=0)
+    smoothness_floor: float = setting(0.1, "1", "added for every edge, so that no label flickers along a print", ge=0)
+    max_edge_ratio: float = setting(
+        2.0, "1", "edges longer than so many mean ones cost no more: one web is no wall", gt=0
+    )
+    colour_contrast: float = setting(
+        0.08, "1", "difference of RGB (0..1) between neighbours that halves that cost", gt=0
+    )
+    tracked_smoothness: float = setting(
+        0.5, "1", "share of it on the tracked surface, whose labels come smoothed", ge=0
+    )
+    near_weight: float = setting(4.0, "1", "of the scan's log probability at a tracked vertex near it", ge=0)
+    near_floor: float = setting(1e-3, "1", "probability that is added there: no label is impossible", gt=0)
+    unseen_weight: float = setting(2.0, "1", "the same where no picture shows the vertex", ge=0)
+    unseen_floor: float = setting(0.02, "1", "probability that is added there", gt=0)
+    min_region: float = setting(0.004, "m^2", "smaller islands of a label are dissolved", ge=0)
+    seed: int = setting(0, "count", "of the drawn pixels", ge=0)
+    evidence: EvidenceSettings = EvidenceSettings()
+    opening: OpeningSettings = OpeningSettings()
+    mrf: MrfSettings = MrfSettings()
+
+
+class LoopSettings(Settings):
+    """A template's loops, laid on the openings that a frame shows."""
+
+    reach: float = setting(0.10, "m", "an opening of the scan farther than this from a loop is not its own", gt=0)
+    final_reach: float = setting(0.3, "1", "share of that reach in the last step", gt=0, le=1)
+    matched_distance: float = setting(0.015, "m", "an opening this close to a loop that was laid is seen there", gt=0)
+    claimed_distance: float = setting(0.02, "m", "openings farther than this from every loop are strange", gt=0)
+    min_cosine: float = setting(0.4, "1", "least agreement of directions of loop and opening", ge=-1, le=1)
+    turn: float = setting(0.05, "m", "distance that a difference of one in unit direction is worth", ge=0)
+    spacing: float = setting(0.002, "m", "of samples along the openings", gt=0)
+    min_length: float = setting(0.02, "m", "shorter openings are specks of labels", ge=0)
+    steps: int = setting(8, "count", "of matching", ge=1)
+    bending: float = setting(30.0, "1", "cost of bending a loop's displacement against its distance, at first", ge=0)
+    bending_decades: float = setting(2.0, "1", "powers of ten by which it falls to the last step", ge=0)
+    slide: float = setting(
+        0.3, "1", "weight of a residual along the loop against one across it: loops slide", ge=0, le=1
+    )
+    stretch: float = setting(0.05, "1", "cost of stretching a loop's edge against its distance", ge=0)
+    stretch_share: float = setting(1e-3, "1", "of the bending's cost that is added to it", ge=0)
+    max_slant: float = setting(
+        0.5, "1", "way along the loop that a match may lie off, as a share of its distance", ge=0
+    )
+    max_slide: float = setting(0.3, "1", "the same as a share of the loop's edge; the larger counts", ge=0)
+    smoothing: float = setting(0.008, "m", "Gaussian along a loop before pictures are searched beside it", gt=0)
+    min_log_odds: float = setting(0.3, "1", "log odds on either side of an opening that count as seen", ge=0)
+    min_observed: float = setting(0.25, "1", "least observed share of a loop that is drawn to its opening", ge=0, le=1)
+    background_way: float = setting(
+        0.01, "m", "way that a loop follows background alone: a strip that leaves the cloth meets it too", ge=0
+    )
+    stay_weight: float = setting(0.05, "1", "of staying, where no opening is seen, against a seen one", ge=0)
+
+
+class DressSettings(Settings):
+    """Garments from labelled scans."""
+
+    trace_openings: bool = setting(
+        True, "switch", "find openings that hang free of the scan in the pictures, and refine again"
+    )
+    refinement: RefinementSettings = RefinementSettings()
+    traced_steps: int = setting(2, "count", "last steps of the refinement that follow such an opening", ge=1, le=6)
+    min_faces: int = setting(100, "count", "faces of the scan that carry the garment, else the frame fails", ge=1)
+    fit_reach: float = setting(0.04, "m", "reach of the body's shape when a template is carried to the person", gt=0)
+    skin_smoothing: int = setting(10, "count", "umbrella steps on transferred skinning weights", ge=0)
+    fit_frames: int = setting(6, "count", "sampled frames that personalise the rest shape, 0 for none", ge=0)
+    fit_stiffness: float = setting(
+        0.3, "1", "smoothness of the personal displacement against one sample's evidence", ge=0
+    )
+    unseen_weight: float = setting(
+        1e-6, "1", "of staying where the body carried the template, against one sample's evidence", gt=0
+    )
+    covered_weight: float = setting(
+        1e-2, "1", "the same of a garment worn under another: what is hidden is no gap, but ends in the dark", gt=0
+    )
+    observed_distance: float = setting(0.006, "m", "a vertex this close to the labelled scan is observed", gt=0)
+    interpolated_distance: float = setting(0.05, "m", "within this of an observed one it is interpolated", ge=0)
+    contact: float = setting(0.012, "m", "a hand vertex this close to the garment touches it", ge=0)
+    contact_share: float = setting(0.05, "1", "of one hand's vertices that makes an unsupported contact", ge=0, le=1)
+    size_tolerance: float = setting(0.15, "1", "loop lengths off by more than this share are reported", ge=0)
+    measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
+    loop: LoopSettings = LoopSettings()
+    biharmonic: BiharmonicSettings = BiharmonicSettings()
+
+
+class InnerSettings(Settings):
+    """The body under the garments, and the garments out of it."""
+
+    tolerance: float = setting(2e-4, "m", "a frame's fit ends when no vertex moves by more", gt=0)
+    solver: InnerSolverSettings = InnerSolverSettings()
+    untangle: UntangleSettings = UntangleSettings()
+    layering_rounds: int = setting(3, "count", "of several layers: a push out of one may lead into another", ge=1)
+
+
+class Config(Settings):
+    """All settings of a run, as RUN/config.toml keeps them."""
+
+    quality: str = setting("standard", "name", "draft, standard or fine: the preset that the others start from")
+    preparation_frames: int = setting(
+        10, "count", "spread over the run, that make the person, the colours and the templates", ge=1
+    )
+    reconstruct: ReconstructSettings = ReconstructSettings()
+    track: TrackSettings = TrackSettings()
+    segment: SegmentSettings = SegmentSettings()
+    dress: DressSettings = DressSettings()
+    inner: InnerSettings = InnerSettings()

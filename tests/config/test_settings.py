@@ -1,0 +1,179 @@
+"""Settings: every one says what it is, and no change of one is lost or misread."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+import toile
+from toile import _core
+from toile.config import (
+    QUALITIES,
+    Config,
+    DressSettings,
+    Settings,
+    changed,
+    configured,
+    listed,
+    preset,
+    read_config,
+    read_set,
+)
+from toile.config.settings import UNITS
+from toile.errors import UserError
+
+SOURCE = Path(toile.__file__).parent
+KERNELS = {
+    "track.skeleton": _core.SkeletonOptions,
+    "inner.solver": _core.InnerOptions,
+    "inner.untangle": _core.UntangleOptions,
+    "segment.mrf": _core.MrfOptions,
+    "dress.biharmonic": _core.BiharmonicOptions,
+}
+
+
+def group_of(settings, name):
+    for part in name.split("."):
+        settings = getattr(settings, part)
+    return settings
+
+
+def refused(*changes, **options):
+    with pytest.raises(UserError) as caught:
+        configured(None, *changes, **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_every_setting_has_a_unit_and_a_meaning_of_its_own():
+    every = list(listed(Config()))
+    assert len(every) > 150
+    for one in every:
+        assert one.unit in UNITS, one.name
+        assert len(one.meaning) > 5 and not re.search(r"\[.*\]$", one.meaning), one.name
+
+
+def groups(settings):
+    yield type(settings)
+    for name in type(settings).model_fields:
+        if isinstance(getattr(settings, name), Settings):
+            yield from groups(getattr(settings, name))
+
+
+def test_every_setting_is_read_somewhere():
+    code = "\n".join(p.read_text() for p in SOURCE.rglob("*.py") if p.parent != SOURCE / "config")
+    kernels = {type(group_of(Config(), name)) for name in KERNELS}
+    for group in set(groups(Config())) - kernels:
+        for name in group.model_fields:
+            if name != "quality":  # the name of the preset
+                assert re.search(rf"\.{name}\b", code), f"{group.__name__}.{name}"
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_kernel_options_have_the_core_s_names_and_defaults(name):
+    core, face = KERNELS[name](), {"joint_sigma", "other_joint_sigma", "joint_limit", "other_joint_limit"}
+    for option, value in group_of(Config(), name).model_dump().items():
+        if option not in face:
+            assert value == getattr(core, option), option
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_what_a_run_saved_gives_the_same_settings_again(quality, tmp_path):
+    config = configured(quality, {"dress.contact": 0.02, "segment.opening.depth": (-0.001, 0.01)})
+    saved = {"capture": "/somewhere", "frames": [1, 2], "settings": config.model_dump(mode="json")}
+    (tmp_path / "config.toml").write_text(tomli_w.dumps(saved))
+    assert configured(None, read_config(tmp_path / "config.toml")) == config
+
+
+def test_a_preset_yields_to_the_file_and_the_file_to_set(tmp_path):
+    (tmp_path / "mine.toml").write_text('quality = "draft"\n[dress]\ncontact = 0.02\nfit_frames = 4\n')
+    file, given = read_config(tmp_path / "mine.toml"), read_set(["dress.contact=0.03"])
+    config = configured(None, file, given)
+    assert (config.quality, config.segment.views, config.dress.fit_frames, config.dress.contact) == (
+        "draft",
+        4,
+        4,
+        0.03,
+    )
+    assert configured("standard", file).segment.views == 0
+    assert configured(None, file) == configured("draft", {"dress": {"contact": 0.02, "fit_frames": 4}})
+
+
+def test_dotted_names_and_tables_are_one():
+    a = configured(None, {"track": {"refinement": {"stiffness": 0.1}, "rest_smoothing": 2}})
+    b = configured(None, {"track.refinement.stiffness": 0.1, "track.rest_smoothing": 2})
+    assert a == b and a.track.refinement.steps == Config().track.refinement.steps
+
+
+def test_an_unknown_name_is_refused_with_the_nearest():
+    assert refused({"dress.contat": 1}) == "dress.contat: no such setting; nearest: dress.contact"
+    assert refused({"dres": {"contact": 1}}) == "dres: no such setting; nearest: dress"
+    assert refused({"contact": 1}).endswith("nearest: dress.contact")
+    assert refused({"segment": {"evidence": {"dept_step": 1}}}).endswith("nearest: segment.evidence.depth_step")
+    assert "there are quality" in refused({"qqq": 1})
+    assert refused({"wokers": 2}, also=("workers",)).endswith("nearest: workers")
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"dress.contact": "abc"}, "dress.contact = 'abc': should be a valid number"),
+        ({"dress.contact": "0.01"}, "dress.contact = '0.01': should be a valid number"),
+        ({"segment.views": True}, "segment.views = True: should be a valid integer"),
+        ({"segment.views": 1.5}, "segment.views = 1.5: should be a valid integer"),
+        ({"dress.contact": float("nan")}, "dress.contact = nan: should be a finite number"),
+        ({"dress.contact": -1}, "dress.contact = -1: should be greater than or equal to 0"),
+        ({"dress": 3}, "dress = 3: expected a table, its settings are dress.NAME"),
+        ({"dress": {"contact": {"a": 1}}}, "dress.contact = {'a': 1}: should be a valid number"),
+        ({"segment.opening.depth": [1]}, "segment.opening.depth.1 = (1,): Field required"),
+        ({"quality": "best"}, "--quality best: expected one of draft, standard, fine"),
+        ({"quality": 3}, "--quality 3: expected one of draft, standard, fine"),
+    ],
+)
+def test_a_value_that_a_setting_cannot_have_is_refused_by_name(change, message):
+    assert refused(change) == message
+
+
+def test_set_reads_toml_and_takes_the_rest_as_text():
+    assert read_set(["dress.contact=0.01", "dress.fit_frames = 3", "data.crop=garment", "a=[1, 2]"]) == {
+        "dress": {"contact": 0.01, "fit_frames": 3},
+        "data": {"crop": "garment"},
+        "a": [1, 2],
+    }
+    for word in ("dress.contact", "=3", " "):
+        with pytest.raises(UserError, match="expected NAME=VALUE"):
+            read_set([word])
+    with pytest.raises(UserError, match="is given as a value too"):
+        read_set(["dress=1", "dress.contact=2"])
+
+
+def test_a_file_that_is_no_toml_is_refused_by_name(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text("[dress\n")
+    with pytest.raises(UserError, match=f"--config {re.escape(str(path))}: cannot be read as TOML"):
+        read_config(path)
+    path.write_text("a = " + "[" * 100_000)
+    with pytest.raises(UserError, match="cannot be read as TOML"):
+        read_config(path)
+    with pytest.raises(UserError, match="No such file"):
+        read_config(tmp_path / "missing.toml")
+
+
+def test_joints_of_a_table_are_added_to_its_others():
+    sigma = configured(None, read_set(["track.skeleton.joint_sigma.spine=0.3"])).track.skeleton.joint_sigma
+    assert sigma["spine"] == 0.3 and sigma["head"] == Config().track.skeleton.joint_sigma["head"]
+    assert refused({"track.skeleton.joint_sigma.spine": "x"}).startswith("track.skeleton.joint_sigma.spine = 'x'")
+
+
+def test_a_change_leaves_what_it_changes():
+    before = DressSettings()
+    after = changed(before, {"loop.bending": 3.0})
+    assert before == DressSettings() and after.loop.bending == 3 and after.contact == before.contact
+
+
+def test_presets_are_what_their_tables_say():
+    assert preset("standard") == Config()
+    assert preset("draft") != preset("standard") != preset("fine")
+    assert tomllib.loads(tomli_w.dumps(preset("draft").model_dump(mode="json")))["quality"] == "draft"
