@@ -62,11 +62,13 @@ class PrintReader:
         return self.store[f"{place}/vertices"][row], self.store[f"confidence/{name}"][row]
 
     def _view(self, frame, name, camera):
-        labels = frame.labels.get(name)
+        image, labels = frame.images.get(name), frame.labels.get(name)
         mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+        if image is None:  # a view that shows nothing
+            image, mask = np.zeros((*camera.size, 3), np.uint8), np.zeros(camera.size, bool)
         flat = None if labels is None else undistorted(camera, labels, True)
         mask = undistorted(camera, mask.astype(np.uint8), True) > 0
-        return self.unwrapper.view(pinhole(camera), undistorted(camera, frame.images[name]), mask, flat)
+        return self.unwrapper.view(pinhole(camera), undistorted(camera, image), mask, flat)
 
 
 def logarithms(colours):

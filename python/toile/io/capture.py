@@ -113,18 +113,25 @@ class Capture:
             raise UserError(f"{folder}: no such frame")
         return folder
 
-    def _images(self, folder, mode):
-        """{camera: array} of one kind: for every camera or for none."""
+    def pictured(self, number):
+        """Names of the cameras that have a picture of a frame, in the cameras' order."""
+        return tuple(self._files(self._folder(number) / "images"))
+
+    def _files(self, folder):
+        """{camera: path} of one kind, for the cameras that have it, in their order."""
         if not folder.is_dir():
             return {}
-        paths = {p.stem: p for p in sorted(folder.iterdir()) if p.suffix.lower() in (".png", ".jpg", ".jpeg")}
-        for name in paths:
-            if name not in self.cameras:
-                raise UserError(f"{paths[name]}: no camera '{name}' in cameras.json")
-        for name in self.cameras:
-            if paths and name not in paths:
-                raise UserError(f"{folder}: camera '{name}' is missing")
-        return {name: read_image(path, self.cameras[name].size, mode) for name, path in paths.items()}
+        paths = {}
+        for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg")):
+            if path.stem not in self.cameras:
+                raise UserError(f"{path}: no camera '{path.stem}' in cameras.json")
+            if path.stem in paths:
+                raise UserError(f"{path}: {paths[path.stem].name} is there too")
+            paths[path.stem] = path
+        return {name: paths[name] for name in self.cameras if name in paths}
+
+    def _images(self, folder, mode):
+        return {name: read_image(path, self.cameras[name].size, mode) for name, path in self._files(folder).items()}
 
     def _check_labels(self, folder, labels):
         known = np.array([0, *self.scene.labels.values()])

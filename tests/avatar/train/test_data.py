@@ -107,6 +107,18 @@ def test_registered_vertices_fall_on_the_mask_and_the_garment_on_its_label(data)
     assert np.mean(on_label) > 0.8, on_label  # the rest lies behind arms
 
 
+def test_a_camera_without_a_picture_gives_no_sample_and_a_view_without_labels_none_of_the_scenes(data, other, tmp_path):
+    run, capture = other
+    (capture / "frames" / "000000" / "images" / "cam05.jpg").unlink()
+    (capture / "frames" / "000002" / "labels" / "cam03.png").unlink()
+    some = AvatarData(run, SETTINGS, tmp_path / "cache", frames=[0, 2])
+    assert len(some) == 15 and some.rows_of(0) == list(range(7)) and len(some.rows_of(2)) == 8
+    assert [int(some[i]["camera"]) for i in some.rows_of(0)] == [0, 1, 2, 3, 4, 6, 7]
+    labels = some[some.rows_of(2)[3]]["labels"]
+    assert not set(labels.unique().tolist()) & set(some.scene.labels.values()) and labels.max() > 0
+    assert torch.equal(some[some.rows_of(2)[2]]["labels"], data[8 + 2]["labels"])
+
+
 def test_a_view_and_the_mean_over_views_agree_where_one_view_alone_saw_a_texel(data):
     samples = [data[i] for i in range(8)]
     for name in data.names:
@@ -186,12 +198,15 @@ def test_a_capture_whose_garments_have_changed_is_refused(other):
         AvatarData(run, SETTINGS, run / "cache")
 
 
-def test_a_missing_picture_of_a_listed_camera_is_named(other):
+def test_a_changed_picture_is_prepared_anew(other, tmp_path):
     run, capture = other
-    path = sorted((capture / "frames" / "000000" / "images").iterdir())[3]
-    path.unlink()
-    with pytest.raises(UserError, match=path.stem):
-        AvatarData(run, SETTINGS, run / "cache", frames=[0])
+    before = AvatarData(run, SETTINGS, tmp_path / "cache", frames=[0])
+    same = AvatarData(run, SETTINGS, tmp_path / "cache", frames=[0])
+    path = capture / "frames" / "000000" / "images" / "cam03.jpg"
+    path.write_bytes((path.parent / "cam04.jpg").read_bytes())
+    after = AvatarData(run, SETTINGS, tmp_path / "cache", frames=[0])
+    assert before.folder == same.folder != after.folder
+    assert not torch.equal(before[3]["image"], after[3]["image"])
 
 
 @pytest.mark.parametrize("value", [0, 255])

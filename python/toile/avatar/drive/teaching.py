@@ -87,8 +87,8 @@ def codes_of(avatar, data):
     """Mean codes (F,Z) of the frames of `data`, garments side by side, and {garment: Z}."""
     codes = []
     with torch.no_grad():
-        for i in range(0, len(data), len(data.cameras)):  # a code sees all of a frame's views: one sample a frame
-            found = avatar.encode(default_collate([data[i]]))
+        for number in data.frames:  # a code sees all of a frame's views: one sample a frame
+            found = avatar.encode(default_collate([data[data.rows_of(number)[0]]]))
             codes.append(torch.cat([mean[0] for mean, _ in found.values()]))
     return torch.stack(codes), {name: mean.shape[1] for name, (mean, _) in found.items()}
 

@@ -65,19 +65,19 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     shows = Shows(held, layer, made, marked)
     found = {}  # (frame, camera): {avatar: Off}
     for i in range(held.count):
-        found[divmod(i, shows.cameras)] = shows.off(i)
+        found[shows.data.samples[i]] = shows.off(i)
         progress("compare", i + 1, held.count)
     per_frame = []
-    for f, number in enumerate(held.frames):
-        off = {name: total(found[f, c][name] for c in range(shows.cameras)).measures() for name in held.avatars}
+    for number in held.frames:
+        views = [found[shows.data.samples[i]] for i in shows.data.rows_of(number)]
+        off = {name: total(view[name] for view in views).measures() for name in held.avatars}
         per_frame.append({"frame": number} | off)
     everything = {name: None for name in TITLES}
     everything |= {name: total(off[name] for off in found.values()).measures() for name in held.avatars}
-    camera = max(range(shows.cameras), key=shows.visible)
+    camera = shows.data.samples[max(shows.data.rows_of(held.frames[0]), key=shows.visible)][1]
     chosen = evenly(range(len(held.frames)), SHOWN)
-    image = sheet(
-        [(per_frame[f], *shows.pictures(f * shows.cameras + camera)) for f in chosen], shows.camera_name(camera)
-    )
+    pictures = [(per_frame[f], *shows.pictures(shows.picture_of(held.frames[f], camera))) for f in chosen]
+    image = sheet(pictures, shows.camera_name(camera))
     replace_file(folder / "edit.png", lambda part: save_picture(part, image))
     for cache in (folder / "evaluation", folder / "baseline" / "evaluation"):
         shutil.rmtree(cache, ignore_errors=True)
@@ -98,7 +98,7 @@ class Shows:
     def __init__(self, held, layer, made, marked):
         self.held, self.label = held, layer.label
         self.first = next(iter(held.data))
-        self.cameras = len(held.data[self.first].cameras)
+        self.data = held.data[self.first]
         self.spacing = []  # of the pixels at the person [mm]
         skin = held.registered.body.model.skin_faces
         self.untangled = {name: Untangler(avatar.layers, skin) for name, avatar in held.avatars.items()}
@@ -110,11 +110,16 @@ class Shows:
             self.region["baseline"] = {surface.name: torch.as_tensor(marked.region[None].astype(np.float32))}
 
     def camera_name(self, camera):
-        return self.held.data[self.first].cameras[camera].name
+        return self.data.cameras[camera].name
+
+    def picture_of(self, number, camera):
+        """The sample of a frame from this camera, from the first that has a picture of it where this has none."""
+        rows = self.data.rows_of(number)
+        return next((i for i in rows if self.data.samples[i][1] == camera), rows[0])
 
     def visible(self, i):
         """How much of the edit picture i shows [px]."""
-        size = self.held.data[self.first][i]["mask"].shape
+        size = self.data[i]["mask"].shape
         return float(self._drawn("layered", i, self.cover, size)[0].sum())
 
     def off(self, i):
@@ -134,7 +139,7 @@ class Shows:
 
     def _labelled(self, i):
         """Sample i and the pixels (H,W) bool that are labelled as the garment, and as the person."""
-        sample = self.held.data[self.first][i]
+        sample = self.data[i]
         K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
         labels = self.held.registered.labels(int(sample["frame"]), K, T, sample["labels"].numpy())
         person = (labels > 0) & (sample["mask"].numpy() > 0.5)
@@ -142,7 +147,7 @@ class Shows:
 
     def _decoded(self, name, i, texture):
         """(avatar, batch, {layer: Decoded}) of picture i, garments out of what lies under them."""
-        first, data, avatar = self.held.data[self.first][i], self.held.data[name], self.held.avatars[name]
+        first, data, avatar = self.data[i], self.held.data[name], self.held.avatars[name]
         sample = data[i] | {key: first[key] for key in WINDOW}
         batch = {key: value.to(self.held.device) for key, value in default_collate([sample]).items()}
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)), texture=texture)

@@ -149,10 +149,9 @@ class HeldOut:
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
         name, data = next(iter(self.data.items()))
-        cameras, first = len(data.cameras), data.frames.index(frame) * len(data.cameras)
-        step, views = np.pi / max(cameras, 6), []
-        for i in evenly(range(cameras), count):
-            sample = data[first + int(i)]
+        step, views = np.pi / max(len(data.cameras), 6), []
+        for i in evenly(data.rows_of(frame), count):
+            sample = data[int(i)]
             moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
             seen = self._show(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})
             views.append(_last(seen.image + PAPER * (1 - seen.mask)))

@@ -15,6 +15,7 @@ from torch.utils.data import Dataset
 
 from ...errors import UserError
 from ...io.files import replace_file, write_text
+from ...io.inputs import files_under, stamps
 from ...io.run import OK
 from ...surface.layers import capture_of, open_body, pictured_frames, read_layers, surface_layer
 from ...surface.uv import UvMap
@@ -41,7 +42,7 @@ class AvatarData(Dataset):
       image (3,H,W) 0..1, mask (H,W), labels (H,W) int64, K (3,3), T_camera_world (4,4) of the undistorted crop
       window.rotations (L,K,3), window.face (L,q,3), window.face_seen (L,q) with settings.window
 
-    UserError: no frame has pictures; a picture is missing; topologies and UVs that do not fit.
+    Cameras without a picture of a frame give no sample of it. UserError: no frame has pictures; topologies and UVs that do not fit.
     """
 
     def __init__(self, run, settings, folder, frames=None, layered=True, progress=None):
@@ -61,15 +62,21 @@ class AvatarData(Dataset):
         self.layers = read_layers(*shapes) if layered else [surface_layer(*shapes)]
         self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
         self.row = {int(n): i for i, n in enumerate(self.body.store["frames"][:])}
+        names = list(self.capture.cameras)
+        self.samples = [(n, names.index(name)) for n in self.frames for name in self.capture.pictured(n)]
         self.folder = Path(folder) / self._key(layered)
         self._prepare(progress or (lambda done, total: None))
         self._summarise()
 
     def __len__(self):
-        return len(self.frames) * len(self.cameras)
+        return len(self.samples)
+
+    def rows_of(self, number):
+        """Samples of a frame, one a picture."""
+        return [i for i, (frame, _) in enumerate(self.samples) if frame == number]
 
     def __getitem__(self, i):
-        number, camera = self.frames[i // len(self.cameras)], i % len(self.cameras)
+        number, camera = self.samples[i]
         out = {"frame": torch.tensor(number), "camera": torch.tensor(camera)}
         file = load_file(self._path(number))
         out |= {name: torch.from_numpy(file[name]) for name in file if name.split(".")[0] in REGISTERED}
@@ -90,15 +97,28 @@ class AvatarData(Dataset):
         return [layer.name for layer in self.layers]
 
     def _key(self, layered):
-        """The cache's folder: what its files depend on. Of the registration the poses and three whole frames."""
+        """The cache's folder: what its files depend on. Of the registration the poses and three whole frames, of the pictures
+        names, sizes and times."""
         settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes"})
         parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
         digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
         digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())
+        digest.update(json.dumps(self._pictures()).encode())
         for number in (self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]):
             for values in self._registered(number).values():
                 digest.update(values.tobytes())
         return digest.hexdigest()[:16]
+
+    def _pictures(self):
+        """Sizes and times of the files that the samples are made of."""
+        root = self.capture.root
+        folders = [root / "frames" / f"{n:06d}" / kind for n in self.frames for kind in ("images", "masks", "labels")]
+        return stamps(root, [path for folder in folders for path in files_under(folder)])
+
+    @cached_property
+    def unlabelled(self):
+        """The id of a person's pixels in pictures without labels: none of the scene's, 0 where it has all."""
+        return np.uint8(next((i for i in range(1, 256) if i not in self.scene.labels.values()), 0))
 
     def _path(self, number, camera=None):
         name = "frame" if camera is None else f"camera.{self.cameras[camera].name}"
@@ -156,13 +176,11 @@ class AvatarData(Dataset):
 
     def _prepare_frame(self, number, unwrapper):
         frame = self.capture.pictures(number)
-        missing = [name for name in self.capture.cameras if name not in frame.images]
-        if missing:
-            raise UserError(f"{self.capture.root}/frames/{number:06d}/images: camera '{missing[0]}' is missing")
         values, shown = self._registered(number), self._shown(number)
         confidence = [values[f"confidence.{name}"] for name in self.names]
         unwrapper.frame([values[f"vertices.{name}"].astype(np.float64) for name in self.names], confidence)
-        seen = [self._prepare_view(number, c, frame, unwrapper, shown) for c in range(len(self.cameras))]
+        cameras = [self.samples[i][1] for i in self.rows_of(number)]
+        seen = [self._prepare_view(number, c, frame, unwrapper, shown) for c in cameras]
         for name, views in zip(self.names, zip(*seen)):
             values |= self._packed(name, mean_texture(views, self.settings.texture_size), "mean_")
             values[f"confidence.{name}"] = values[f"confidence.{name}"].astype(np.float32) / 2
@@ -181,7 +199,7 @@ class AvatarData(Dataset):
         picture = take(camera, frame.images[name], mask, labels, self.settings.pixel_scale, crop)
         values = {
             "image": picture.image, "mask": picture.mask,
-            "labels": picture.mask.astype(np.uint8) if picture.labels is None else picture.labels,
+            "labels": picture.mask * self.unlabelled if picture.labels is None else picture.labels,
             "K": picture.camera.K.astype(np.float32), "T_camera_world": picture.camera.T_camera_world.astype(np.float32),
         }  # fmt: skip
         for layer, texels in zip(self.names, unwrapped):

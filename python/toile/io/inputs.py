@@ -1,0 +1,26 @@
+"""What input files were when they were read: sizes, times and contents, so that a change is noticed and named."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+
+def files_under(folder):
+    """Ordinary files in a folder and below, in order."""
+    return sorted(p for p in Path(folder).rglob("*") if p.is_file())
+
+
+def stamps(root, paths):
+    """{path inside `root`: (bytes, time of the last change [ns])} of files."""
+    return {_inside(root, path): (found.st_size, found.st_mtime_ns) for path in paths for found in [path.stat()]}
+
+
+def contents(path):
+    """sha256 of a file's bytes."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _inside(root, path):
+    return Path(path).relative_to(root).as_posix()
