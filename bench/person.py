@@ -8,6 +8,8 @@ import scipy.sparse as sp
 from scipy.sparse import csgraph
 from scipy.spatial.transform import Rotation
 
+from toile.io.body import load_body_model
+
 from .loop import edges_of, limit_surface
 
 SUBDIVISIONS = 2  # of the cage: edges of 4-6 mm on the torso, 0.04 mm of sagitta
@@ -44,7 +46,7 @@ class SyntheticPerson:
         self.bones = list(self.model.bone_labels)
         self.phenotypes = list(self.model.phenotype_labels)
         self.rest = self.pose()
-        self.all_faces = self.model.get_triangular_faces().numpy().astype(np.int64)
+        self.all_faces = load_body_model("anny").f.astype(np.int64)  # anny's own depend on the processor
         self.faces = largest_part(self.all_faces, len(self.rest))
 
     def pose(self, rotations=None, phenotype=None, translation=(0, 0, 0)):

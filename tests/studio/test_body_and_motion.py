@@ -25,6 +25,37 @@ def test_skinning_weights_differ_from_the_pipelines_and_sum_to_one(body):
     assert np.array_equal(body.model.f, model.f)
 
 
+def test_a_processor_on_which_anny_cuts_its_quads_otherwise_makes_the_same_body(body, monkeypatch):
+    from toile.studio import body as studio
+
+    load = studio.load_anny
+
+    def elsewhere(**options):
+        model = load(**options)
+        faces = model.get_triangular_faces()
+        other = faces.clone()
+        flipped = 0
+        for i in range(0, len(faces) - 1, 2):  # a quad's two triangles follow each other and share its diagonal
+            shared = [v for v in faces[i].tolist() if v in faces[i + 1].tolist()]
+            if flipped < 12 and len(shared) == 2:
+                a, c = (v for t in faces[i : i + 2].tolist() for v in t if v not in shared)
+                k = faces[i].tolist().index(a)
+                b, d = faces[i].tolist()[(k + 1) % 3], faces[i].tolist()[(k + 2) % 3]
+                other[i], other[i + 1] = other.new_tensor([a, b, c]), other.new_tensor([a, c, d])
+                flipped += 1
+        assert flipped == 12
+        model.get_triangular_faces = lambda: other
+        model.faces = other
+        return model
+
+    monkeypatch.setattr(studio, "load_anny", elsewhere)
+    there = studio.make_body("fitted", np.random.default_rng(1))
+    assert np.array_equal(there.model.f, body.model.f) and np.array_equal(there.skin_faces, body.skin_faces)
+    assert (
+        np.abs(there.rest - body.rest).max() < 1e-12 and np.abs(there.dense_weights - body.dense_weights).max() < 1e-12
+    )
+
+
 @pytest.mark.parametrize("name", ["walk", "rom", "talk", "talk+rom"])
 def test_motions_start_near_the_a_pose_and_are_continuous(body, name):
     from toile.studio import motion

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from ..io.body import load_body_model
 from ..scene import BodyModel
 from ..surface.operators import smooth_on
 from .surface import smooth_noise, vertex_normals
@@ -70,7 +71,7 @@ def make_body(subject, rng):
     rest, J = anny_rest(anny_model, phenotype)
     neutral, _ = anny_rest(anny_model, dict.fromkeys(phenotype, 0.5) | {"age": 0.67})
     neutral = neutral - [0, 0, neutral[:, 2].min()]
-    faces = anny_model.get_triangular_faces().numpy().astype(np.int32)
+    faces = load_body_model("anny").f  # anny cuts its quads along other diagonals on another processor
     names = tuple(anny_model.bone_labels)
     idx, val = anny_model.vertex_bone_indices.numpy(), anny_model.vertex_bone_weights.numpy()
     offset = model_offset(neutral, rest, faces, idx, val, names, rng)
