@@ -20,7 +20,7 @@ class Mesh:
     faces: np.ndarray
     uv: np.ndarray | None = None  # (t,2)
     face_uv: np.ndarray | None = None  # (m,3) into uv
-    face_labels: np.ndarray | None = None  # (m,) label ids, where a scan carries its own
+    face_labels: np.ndarray | None = None  # (m,) uint8 label ids, 0 for none, where a scan carries its own
 
     # Made when first asked for, and kept for all stages.
 
@@ -163,6 +163,11 @@ class Frame:
     images: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W,3) uint8 RGB
     masks: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W) bool
     labels: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W) uint8 ids
+
+    @property
+    def scan_labels(self):
+        """Label ids (m,) of the scan's faces; None where it carries none."""
+        return None if self.scan is None else self.scan.face_labels
 
 
 @dataclass(frozen=True)

@@ -102,3 +102,55 @@ def test_label_that_no_picture_carries_is_refused_by_name(ball):
     wrong = Scene("ball", 30, "m", "z", "anny", {"skin": 1, "shirt": 2, "coat": 7}, (Garment("coat", "t.obj", "coat"),))
     with pytest.raises(UserError, match="labels.coat = 7"):
         prepare(wrong, cameras, [(frame, tracked)], faces, SegmentSettings())
+
+
+def with_scan_labels(frame, images=False):
+    """The ball's scan with labels of its own, wrong in blobs and missing in one; pictures and label images on demand."""
+    V, F = frame.scan.vertices, frame.scan.faces
+    centre, rng = V[F].mean(1), np.random.default_rng(1)
+    labels = true_label(centre).astype(np.uint8)
+    for wrong in (1, 2, 1, 2, 1, 2, 0):
+        labels[np.linalg.norm(centre - centre[rng.integers(len(F))], axis=1) < 0.04] = wrong
+    scan = Mesh(V, F, face_labels=labels)
+    return Frame(0, scan, None, frame.images, {}, frame.labels) if images else Frame(0, scan)
+
+
+def test_labels_of_the_scan_alone_do_without_cameras_and_colours(ball):
+    scene, _, frame, tracked, faces = ball
+    frame = with_scan_labels(frame)
+    model = prepare(scene, {}, [(frame, tracked)], faces, SegmentSettings())
+    assert model.colours is None
+    result = labelled(scene, {}, model, frame, tracked, faces)
+    assert (result.vertices != true_label(tracked.vertices)).mean() < 0.02 and result.diagnostics["seen"] > 0.98
+    opening = isolines(frame.scan.vertices, frame.scan.faces, result.scan_probability[:, 1].astype(float))[0]
+    assert opening.closed and np.abs(opening.points[:, 2] - OPENING).mean() < 0.004  # faces are 17 mm long
+    assert len(result.openings[2]) == 1 and np.abs(result.openings[2][0].points[:, 2] - OPENING).mean() < 0.004
+
+
+def test_labels_of_scan_and_pictures_together_leave_less_wrong_than_either(ball):
+    scene, cameras, frame, tracked, faces = ball
+    wrong = []
+    for one, views in ((frame, cameras), (with_scan_labels(frame), {}), (with_scan_labels(frame, True), cameras)):
+        seen = evidence(
+            one,
+            views,
+            prepare(scene, views, [(one, tracked)], faces, SegmentSettings()),
+            tracked,
+            faces,
+            SegmentSettings(),
+        )
+        wrong.append((seen.scan_costs()[0].argmin(1) != np.where(true_label(one.scan.vertices) == 2, 1, 0)).mean())
+    assert wrong[2] < min(wrong[:2])
+
+
+def test_a_frame_without_labels_takes_those_of_its_places(ball):
+    scene, cameras, frame, tracked, faces = ball
+    model = prepare(scene, {}, [(with_scan_labels(frame), tracked)], faces, SegmentSettings())
+    result = labelled(scene, cameras, model, Frame(1, frame.scan), tracked, faces)
+    assert (result.vertices != true_label(tracked.vertices)).mean() < 0.03 and result.diagnostics["seen"] == 0
+
+
+def test_a_scene_without_any_labels_is_refused(ball):
+    scene, cameras, frame, tracked, faces = ball
+    with pytest.raises(UserError, match="label images or labels on its scan"):
+        prepare(scene, cameras, [(Frame(0, frame.scan), tracked)], faces, SegmentSettings())

@@ -96,6 +96,8 @@ class Capture:
         if (folder / "scan.ply").exists():
             scan = _scaled(read_mesh(folder / "scan.ply"), METRES[self.scene.units])
             self._check_height(folder / "scan.ply", scan)
+            if scan.face_labels is not None:
+                self._check_ids(folder / "scan.ply", scan.face_labels)
         found = read_keypoints(keypoints, self.cameras) if keypoints.exists() else None
         return replace(self.pictures(number), scan=scan, keypoints=found)
 
@@ -103,7 +105,8 @@ class Capture:
         """Reads images, masks and labels of one frame, and nothing else of it."""
         folder = self._folder(number)
         labels = self._images(folder / "labels", "L")
-        self._check_labels(folder / "labels", labels)
+        for name, image in labels.items():
+            self._check_ids(folder / "labels" / f"{name}.png", image)
         masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
         return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
 
@@ -133,12 +136,10 @@ class Capture:
     def _images(self, folder, mode):
         return {name: read_image(path, self.cameras[name].size, mode) for name, path in self._files(folder).items()}
 
-    def _check_labels(self, folder, labels):
-        known = np.array([0, *self.scene.labels.values()])
-        for name, image in labels.items():
-            strange = np.setdiff1d(np.unique(image), known)
-            if len(strange):
-                raise UserError(f"{folder / name}.png: label id {strange[0]} is not in scene.toml's [labels]")
+    def _check_ids(self, path, labels):
+        strange = np.setdiff1d(np.unique(labels), [0, *self.scene.labels.values()])
+        if len(strange):
+            raise UserError(f"{path}: label id {strange[0]} is not in scene.toml's [labels]")
 
     def _check_height(self, path, scan):
         extent = float(np.ptp(scan.vertices[np.unique(scan.faces)], axis=0).max())
@@ -183,11 +184,11 @@ def check_capture(capture, frames):
         except UserError as error:
             errors.append(error)
             continue
-        labelled |= bool(frame.labels) or (frame.scan is not None and frame.scan.face_labels is not None)
+        labelled |= bool(frame.labels) or frame.scan_labels is not None
         for image in frame.labels.values():
             seen |= set(np.unique(image).tolist())
-        if frame.scan is not None and frame.scan.face_labels is not None:
-            seen |= set(np.unique(frame.scan.face_labels).tolist())
+        if frame.scan_labels is not None:
+            seen |= set(np.unique(frame.scan_labels).tolist())
     if len(errors) == len(frames[:CHECKED]):
         raise errors[0]
     for garment in capture.scene.garments:

@@ -48,13 +48,36 @@ def _read_by_trimesh(path):
     import trimesh
 
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
-    data = loaded.metadata.get("_ply_raw", {}).get("face", {}).get("data", {}) if loaded.metadata else {}
-    labels = data["label"] if isinstance(data, dict) and "label" in data else None
-    return Mesh(
-        np.array(loaded.vertices, dtype=np.float64),
-        np.array(loaded.faces, dtype=np.int32).reshape(-1, 3),
-        face_labels=None if labels is None else np.asarray(labels, np.uint8).ravel(),
-    )
+    vertices = np.array(loaded.vertices, dtype=np.float64)
+    faces = np.array(loaded.faces, dtype=np.int32).reshape(-1, 3)
+    labels = _ply_labels(path, (loaded.metadata or {}).get("_ply_raw", {}), len(vertices), faces)
+    return Mesh(vertices, faces, face_labels=labels)
+
+
+def _ply_labels(path, elements, n, faces):
+    """The property `label` (m,) uint8 of a PLY's faces; that of its vertices as the faces' (two corners of three, else the
+    first); None without either."""
+    for element, count in (("face", len(faces)), ("vertex", n)):
+        labels = _ply_property(elements.get(element, {}).get("data"), "label")
+        if labels is None:
+            continue
+        labels = np.asarray(labels).ravel()
+        if len(labels) != count:
+            raise UserError(f"{path}: label: {len(labels)} values for {count} triangles; only triangles carry labels")
+        if labels.dtype.kind not in "iu" or labels.min(initial=0) < 0 or labels.max(initial=0) > 255:
+            raise UserError(f"{path}: label: expected whole numbers from 0 to 255 (uchar), one a {element}")
+        labels = labels.astype(np.uint8)
+        if element == "vertex" and (faces < n).all():
+            a, b, c = labels[faces].T
+            labels = np.where(b == c, b, a)
+        return labels
+    return None
+
+
+def _ply_property(data, name):
+    """A property of a PLY's element as trimesh read it: a structured array of binary files, a dictionary of others."""
+    names = data if isinstance(data, dict) else getattr(getattr(data, "dtype", None), "names", None) or ()
+    return data[name] if name in names else None
 
 
 class _Obj:

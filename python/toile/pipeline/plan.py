@@ -20,10 +20,12 @@ def plan(capture):
     scene, names = capture.scene, [g.name for g in capture.scene.garments]
     first = capture.frame(capture.frames[0])
     cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
+    given = [("labels/*.png", bool(first.labels)), ("label of scan.ply", first.scan_labels is not None)]
+    labels = " and ".join(name for name, there in given if there) or "labels"
     return [
         Step("reconstruct", first.keypoints is not None, "keypoints.json" if first.keypoints else "no keypoints.json"),
         Step("track", True, f'[body] model = "{scene.body_model}"'),
-        Step("segment", bool(names), f"{cloth}; labels/*.png" if names else cloth),
+        Step("segment", bool(names), f"{cloth}; {labels}" if names else cloth),
         Step("dress", bool(names), cloth),
         Step("inner", bool(names), cloth),
         Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),

@@ -1,5 +1,5 @@
-"""Labels of a captured surface: given label images, colour models and neighbours in space and time, fused by an MRF;
-the border of each garment is then placed between scan vertices by the pictures' own edges."""
+"""Labels of a captured surface: labels given in images or on the scan, colour models and neighbours in space and time,
+fused by an MRF; the border of each garment is then placed between scan vertices by the pictures' own edges."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,16 @@ from ..scene import Mesh, Segmented
 from ..surface.curves import Curve, isolines, pieces, resample, smooth, tangents
 from ..surface.operators import adjacency, sides
 from ..vision.colours import ColourModel, fit_colours
-from ..vision.evidence import Crop, Evidence, depth_views, mean_over_views, soft_labels, spread_views, visibility
+from ..vision.evidence import (
+    Crop,
+    Evidence,
+    depth_views,
+    label_shares,
+    mean_over_views,
+    soft_labels,
+    spread_views,
+    visibility,
+)
 from ..vision.strip import Strip
 from ..vision.visibility import occlusion_border
 
@@ -28,25 +37,37 @@ class SegmentModel:
 def prepare(scene, cameras, samples, faces, settings):
     """Fits the colour models on sampled frames [(Frame, Tracked)]; `faces` (m,3) of the tracked surface."""
     ids = np.array(sorted(set(scene.labels.values())), dtype=np.uint8)
-    if not any(frame.labels for frame, _ in samples):
-        raise UserError("labels: none of the sampled frames has label images, and the scene names a garment")
+    if not any(frame.labels or frame.scan_labels is not None for frame, _ in samples):
+        raise UserError(
+            "labels: no sampled frame has label images or labels on its scan, and the scene names a garment"
+        )
     _check_ids(scene, samples)
     n, L = len(samples[0][1].vertices), len(ids)
     votes = np.zeros((n, L))
     seen = [(frame, depth_views(frame, cameras, tracked.vertices, faces)) for frame, tracked in samples]
     for (frame, views), (_, tracked) in zip(seen, samples):
-        N = kernels.vertex_normals(tracked.vertices, faces)
-        soft = {name: Crop(soft_labels(frame.labels[name], ids, settings)) for name in views}
-        share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
-        votes += share * weight[:, None]
+        if views:
+            N = kernels.vertex_normals(tracked.vertices, faces)
+            soft = {name: Crop(soft_labels(frame.labels[name], ids, settings)) for name in views}
+            share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
+            votes += share * weight[:, None]
+        if frame.scan_labels is not None:
+            votes += _scan_votes(frame.scan, tracked.vertices, ids, settings)
     prior = _with_neighbours(votes, faces) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
     prior /= prior.sum(1, keepdims=True)
     return SegmentModel(ids, _fit(seen, prior, faces, ids, settings), prior)
 
 
+def _scan_votes(scan, points, ids, settings):
+    """Shares (n,L) of the scan's own labels at points (n,3), 0 away from it."""
+    face, _, bary, distance = scan.index.closest(points)
+    shares = _interpolate(label_shares(scan, ids), scan.faces[face], bary)
+    return shares * (distance < settings.tolerance)[:, None]
+
+
 def evidence(frame, cameras, model, tracked, faces, settings):
-    """What the frame's pictures say, seen past the scan and the tracked surface."""
+    """What the frame's pictures say, seen past the scan and the tracked surface, and what labels its scan carries."""
     scan = Mesh(tracked.vertices, faces) if frame.scan is None else frame.scan
     V, F = scan.vertices, scan.faces
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
@@ -92,11 +113,13 @@ def _check_ids(scene, samples):
     for frame, _ in samples:
         for image in frame.labels.values():
             found[np.unique(image)] = True
+        if frame.scan_labels is not None:
+            found[np.unique(frame.scan_labels)] = True
     for garment in scene.garments:
         if not found[scene.labels[garment.label]]:
             raise UserError(
                 f"scene.toml: labels.{garment.label} = {scene.labels[garment.label]}: "
-                f"no label image of the sampled frames carries this id (garment {garment.name})"
+                f"nothing in the sampled frames carries this id (garment {garment.name})"
             )
 
 

@@ -1,4 +1,4 @@
-"""What the pictures of one frame say about any point: labels given, labels by colour, colours."""
+"""What one frame says about any point: labels given by its pictures and by its scan, labels by colour, colours."""
 
 import cv2
 import numpy as np
@@ -58,6 +58,15 @@ def mean_over_views(pictures, seen):
     return total / np.maximum(weight, 1e-9)[:, None], weight
 
 
+def label_shares(mesh, ids):
+    """Share (n,L) by area of the faces about each vertex that carry each label; rows sum to less than 1 where some carry
+    none."""
+    area = np.repeat(kernels.face_areas(mesh.vertices, mesh.faces), 3)
+    n, corners, labels = len(mesh.vertices), mesh.faces.ravel(), np.repeat(mesh.face_labels, 3)
+    whole = np.maximum(np.bincount(corners, area, n), 1e-30)
+    return np.stack([np.bincount(corners, area * (labels == i), n) / whole for i in ids], 1)
+
+
 class Crop:
     """Values (h,w,C) float32 of a view's pixels about the surface, from pixel `corner` (column, row) on. Beyond them the
     outermost go on."""
@@ -71,7 +80,10 @@ class Crop:
 
 
 class Evidence:
-    """Per view a Crop of 2L+4 channels: log likelihoods of the labels by colour, shares of the blurred labels, RGB, and
+    """What a frame's pictures and the labels that its scan carries say; either may be missing. The errors of the two have
+    nothing in common, so their costs and log odds are added.
+
+    Per view a Crop of 2L+4 channels: log likelihoods of the labels by colour, shares of the blurred labels, RGB, and
     how empty the picture is; and one of RGB alone.
 
     `scan` is a Mesh, `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings. `seen` (m,)
@@ -81,6 +93,7 @@ class Evidence:
     def __init__(self, frame, views, scan, ids, colours, settings):
         self.views, self.scan, self.settings, self.ids, self.colours = views, scan, settings, ids, colours
         self.L = len(ids)
+        self.shares = None if scan.face_labels is None else label_shares(scan, ids)
         self._scan_visibility = visibility(views, scan.vertices, scan.normals, settings)
         seen = np.zeros(len(scan.vertices), bool)
         for _, w, _ in self._scan_visibility.values():
@@ -108,31 +121,40 @@ class Evidence:
         return Crop(every, corner), Crop(rgb, corner)
 
     def scan_costs(self):
-        """`costs` of the scan's vertices."""
-        return self._costs(self._scan_visibility)
+        """`costs` of the scan's vertices, with what its own labels say; a labelled vertex is seen."""
+        cost, colour, seen = self._costs(self._scan_visibility, len(self.scan.vertices))
+        if self.shares is None:
+            return cost, colour, seen
+        return cost + self._given(self.shares), colour, seen | (self.shares.sum(1) > 0)
 
     def costs(self, points, normals):
-        """Unary costs (n,L), mean RGB (n,3) in 0..1, and whether any view sees the point (n,)."""
-        return self._costs(visibility(self.views, points, normals, self.settings))
+        """Unary costs (n,L) by the pictures, mean RGB (n,3) in 0..1, and whether any view sees the point (n,)."""
+        return self._costs(visibility(self.views, points, normals, self.settings), len(points))
 
-    def _costs(self, seen):
+    def _costs(self, seen, n):
         """Errors are alike in all views, so views are averaged, not added."""
-        s, L = self.settings, self.L
+        L = self.L
+        if not self.views:
+            return np.zeros((n, L)), np.zeros((n, 3)), np.zeros(n, bool)
         mean, weight = mean_over_views(self.maps, seen)
-        given = np.log((1 - s.label_error_share) * mean[:, L : 2 * L] + s.label_error_share / L)
-        cost = -s.colour_weight * mean[:, :L] - s.label_weight * given
+        cost = self._given(mean[:, L : 2 * L]) - self.settings.colour_weight * mean[:, :L]
         cost[weight == 0] = 0
         return cost, mean[:, 2 * L : 2 * L + 3], weight > 0
 
+    def _given(self, shares):
+        """Costs (n,L) of the labels by the shares (n,L) of those that were given, some of them wrong."""
+        wrong = self.settings.label_error_share
+        return -self.settings.label_weight * np.log((1 - wrong) * shares + wrong / self.L)
+
     def odds(self, points, normals, column, rival, free=False):
         """Log odds (n,) of label `column` against each point's label `rival`, by colour and by the labels given. Summed
-        over views with weights below 1.
+        over views with weights below 1, and over the scan's own labels at points that lie on it.
 
         `free` points may float before the surface: any label given speaks against `column` there; that a picture shows
         the label farther behind them says nothing; and where a point lies off the scan, no view faces it and a picture
         shows the background, there is no cloth."""
         s, own = self.settings, self.settings.evidence
-        total, weight, carved = (np.zeros(len(points)) for _ in range(3))
+        total, (weight, carved) = self._scan_odds(points, column, rival, free), np.zeros((2, len(points)))
         share = np.zeros((len(points), 2))
         said = each(lambda name: self._said(name, points, normals, column, rival, free), self.views)
         for on, w, likelier, given, before, empty in said:
@@ -146,6 +168,20 @@ class Evidence:
             carved *= self._off_scan(points, carved > own.empty_share) * np.clip(1 - weight, 0, 1)
             total -= own.max_log_odds * np.clip((carved - own.empty_share) / own.empty_ramp, 0, 1)
         return total
+
+    def _scan_odds(self, points, column, rival, free):
+        """What the scan's own labels add to `odds`."""
+        odds = np.zeros(len(points))
+        if self.shares is None:
+            return odds
+        own = self.settings.evidence
+        face, _, bary, _ = self.scan.index.closest(points, own.off_scan_distance)
+        on = np.flatnonzero(face >= 0)
+        given = np.einsum("nc,ncl->nl", bary[on], self.shares[self.scan.faces[face[on]]])
+        against = given.sum(1) - given[:, column] if free else given[np.arange(len(on)), rival[on]]
+        least = self.settings.label_error_share / self.L
+        odds[on] = own.given_weight * np.log((given[:, column] + least) / (against + least))
+        return odds
 
     def _said(self, name, points, normals, column, rival, free):
         """What one view adds to `odds`: the points it sees, their weights, log likelihood ratios, and shares of `column`
