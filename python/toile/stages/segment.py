@@ -63,7 +63,7 @@ def _scan_votes(scan, points, ids, settings):
     """Shares (n,L) of the scan's own labels at points (n,3), 0 away from it."""
     face, _, bary, distance = scan.index.closest(points)
     shares = _interpolate(label_shares(scan, ids), scan.faces[face], bary)
-    return shares * (distance < settings.tolerance)[:, None]
+    return shares * (distance < settings.depth_tolerance)[:, None]
 
 
 def evidence(frame, cameras, model, tracked, faces, settings):
