@@ -170,11 +170,16 @@ class Frame:
         return None if self.scan is None else self.scan.face_labels
 
 
+INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that lie within the skin
+
+
 @dataclass(frozen=True)
 class BodyModel:
     """A skinned body with a linear shape basis: SMPL-style kinematics over world-aligned local rotations.
 
     Keypoint k is joint `keypoint_joint[k]` when that is >= 0, else the mean of vertices `keypoint_vertices[k]`.
+    `joint_roles` (K,) says what each joint is in the packaged model's words, whatever the model calls it; without them the
+    names are the roles.
     """
 
     v_template: np.ndarray  # (n,3) [m]
@@ -191,7 +196,19 @@ class BodyModel:
     keypoint_names: tuple[str, ...] = ()
     keypoint_joint: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))  # (q,)
     keypoint_vertices: tuple[np.ndarray, ...] = ()
-    segments: dict[str, np.ndarray] = field(default_factory=dict)  # name -> vertex indices
+    segments: dict[str, np.ndarray] = field(default_factory=dict)  # name -> vertex indices, see io.body.SEGMENTS
+    joint_roles: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        object.__setattr__(self, "joint_roles", self.joint_roles or self.joint_names)
+
+    @cached_property
+    def inside(self):
+        """bool (n,): vertices of segments that no camera and no scan sees."""
+        inside = np.zeros(len(self.v_template), bool)
+        for name in INSIDE:
+            inside[self.segments.get(name, [])] = True
+        return inside
 
     @cached_property
     def skin_faces(self):
@@ -208,8 +225,9 @@ class BodyModel:
 
         return core_model(self)
 
-    def joint(self, name):
-        return self.joint_names.index(name)
+    def joint(self, role):
+        """Index of the joint of this role; None where the model has none."""
+        return self.joint_roles.index(role) if role in self.joint_roles else None
 
     def rest(self, shape):
         """Rest vertices (n,3) and joints (K,3) for shape coefficients (S,)."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.support.smpl import smpl_fields
 from toile.errors import UserError
 from toile.io.body import load_body_model
 
@@ -138,3 +139,33 @@ def test_pickles_and_absent_files_are_refused(tmp_path, small):
     (tmp_path / "text.npz").write_text("not a zip")
     with pytest.raises(UserError, match="not a .npz"):
         load_body_model(tmp_path / "text.npz")
+
+
+def test_a_foreign_skeleton_s_hands_are_those_of_the_packaged_model(tmp_path, anny_model):
+    model = load_body_model(save(tmp_path, smpl_fields()))
+    for name in ("hand_left", "hand_right"):
+        ours, theirs = set(anny_model.segments[name].tolist()), set(model.segments[name].tolist())
+        assert len(ours & theirs) > 0.97 * len(ours | theirs), name
+    assert [model.joint_names[model.joint(role)] for role in ("head", "upperarm01.L", "lowerleg01.R", "foot.L")] == [
+        "head",
+        "left_shoulder",
+        "right_knee",
+        "left_ankle",
+    ]
+
+
+def test_segments_and_roles_of_the_file_come_before_what_names_tell(tmp_path):
+    roles = np.array(["root", *["spine"] * 23])
+    fields = smpl_fields() | dict(joint_roles=roles)
+    fields |= dict(segment_names=["hand_left"], segment_vertices=[3, 5], segment_starts=[0, 2])
+    model = load_body_model(save(tmp_path, fields))
+    assert model.segments["hand_left"].tolist() == [3, 5] and "hand_right" not in model.segments
+    assert model.joint_roles == tuple(roles) and model.joint("head") is None
+
+
+def test_eyes_that_a_joint_moves_lie_within_the_skin(tmp_path, small, anny_model):
+    names = np.array(["pelvis", "left_eye_smplhf"])
+    model = load_body_model(save(tmp_path, small | dict(joint_names=names)))
+    assert model.inside.tolist() == [False, True, False, True]
+    assert not load_body_model(save(tmp_path, small)).inside.any()
+    assert 1000 < anny_model.inside.sum() < 2000

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.support.smpl import smpl_fields
 from toile.errors import UserError
 from toile.io.body import load_body_model
 from toile.io.motion import read_motion
@@ -105,6 +106,24 @@ def test_a_bvh_turns_its_own_joints_and_reports_those_it_lacks(model, tmp_path):
     assert np.abs(others).max() < 1e-9
     assert np.allclose(motion.translation, [0, 0, 0.9])
     assert "upperarm01.L" in motion.missing and "spine04" not in motion.missing
+
+
+LIMB = (
+    BVH.replace("Spine", "LeftArm")
+    .replace("0 90 0 0 0 0 0 0", "0 90 0 0 0 0 0 30")
+    .replace("OFFSET 0 10 0", "OFFSET 9 0 0")
+)
+
+
+def test_a_bvh_turns_the_joints_of_the_same_roles_in_another_skeleton(model, tmp_path):
+    (tmp_path / "a.bvh").write_text(LIMB)
+    other = load_body_model(saved(tmp_path / "smpl.npz", **smpl_fields()))
+    ours, theirs = read(tmp_path / "a.bvh", model), read(tmp_path / "a.bvh", other)
+    arm, shoulder = model.joint("upperarm01.L"), other.joint_names.index("left_shoulder")
+    assert np.abs(ours.rotations[0, arm]).max() > 0.3
+    np.testing.assert_allclose(theirs.rotations[:, shoulder], ours.rotations[:, arm], atol=1e-12)
+    assert np.abs(np.delete(theirs.rotations, shoulder, 1)).max() < 1e-9
+    np.testing.assert_allclose(theirs.translation, ours.translation, atol=1e-12)
 
 
 def test_a_real_bvh_keeps_the_feet_near_the_ground(model, shared_data):

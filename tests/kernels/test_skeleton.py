@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.support.smpl import JOINTS, smpl_fields
 from toile.io.body import load_body_model
 from toile.kernels import InputError, SkeletonSolver, vertex_normals
+from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA, by_prefix
 
 MOVING = {
     "spine": 0.08,
@@ -28,6 +30,15 @@ def model():
 @pytest.fixture(scope="module")
 def solver(model):
     return SkeletonSolver(model)
+
+
+def test_spreads_and_limits_follow_what_joints_are_not_what_they_are_called(model, tmp_path):
+    np.savez(tmp_path / "smpl.npz", **smpl_fields())
+    other = load_body_model(tmp_path / "smpl.npz")
+    for table, rest in ((JOINT_SIGMA, OTHER_SIGMA), (JOINT_LIMIT, OTHER_LIMIT)):
+        ours = dict(zip(model.joint_names, by_prefix(model.joint_roles, table, rest)))
+        theirs = dict(zip(other.joint_names, by_prefix(other.joint_roles, table, rest)))
+        assert theirs == {name: ours[twin] for name, twin in JOINTS.items()}
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from tests.support.shapes import tube
 from toile import kernels
 from toile.config import DressSettings, RefinementSettings, SegmentSettings
 from toile.errors import UserError
+from toile.io.body import load_body_model
 from toile.scene import BodyModel, Frame, Garment, Mesh, Person, Segmented, Tracked
 from toile.stages.dress import Dresser, prepare
 from toile.stages.template import cut, make_template
@@ -101,6 +102,27 @@ def test_cloth_that_the_scan_lacks_is_not_called_observed(scene):
     missing = result.vertices[:, 0] > 0.15
     assert (result.confidence[missing] < 2).mean() > 0.9
     assert (result.confidence[result.vertices[:, 0] < 0.08] == 2).mean() > 0.9
+
+
+def test_a_hand_on_the_cloth_is_told_whatever_the_skeleton_calls_it(scene, tmp_path):
+    model, person, frame, tracked, segmented, _, _ = scene
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    W = np.zeros((len(model.v_template), 2))
+    np.put_along_axis(W, model.weights_idx, model.weights_val, 1)
+    fields = dict(v_template=model.v_template, f=model.f, J=model.J, parents=model.parents, weights=W)
+
+    def contact(*names):
+        np.savez(tmp_path / "body.npz", **fields, joint_names=np.array(names))
+        body = load_body_model(tmp_path / "body.npz")
+        dresser = Dresser(body, person, template, DressSettings(contact=0.02))
+        return body, dresser.dress(frame, tracked, segmented, dark(frame)).diagnostics["unsupported_contact"]
+
+    for names in (("root", "wrist.L"), ("pelvis", "left_wrist"), ("Hips", "RightHand")):
+        assert contact(*names)[1] == 1, names
+    body, told = contact("root", "stick")
+    assert told == 0
+    with pytest.warns(UserWarning, match="contact of hands is not watched"):
+        prepare(body, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
 
 
 def test_template_without_open_loop_is_refused_by_file():

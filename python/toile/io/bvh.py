@@ -1,4 +1,4 @@
-"""Motion from BVH files (y up, facing +z, as CMU's), retargeted by joint names onto a body with anny's joints."""
+"""Motion from BVH files (y up, facing +z, as CMU's), retargeted by the roles of joints onto a body model."""
 
 from __future__ import annotations
 
@@ -9,27 +9,15 @@ import numpy as np
 
 from ..errors import UserError
 from .bounded import read_bytes
+from .joints import joint_roles
 
 MAX_BYTES = 200_000_000
 TO_OURS = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x left, y up, z front -> x left, y back, z up
 
-JOINTS = {  # anny joint -> names that BVH files use, lower case
-    "root": ("hips", "hip", "pelvis"),
-    "spine04": ("spine", "lowerback", "abdomen"),
-    "spine02": ("spine1", "chest", "spine2"),
-    "neck01": ("neck1", "neck"),
-    "head": ("head",),
-    "clavicle": ("shoulder", "collar"),
-    "upperarm01": ("arm", "shldr", "upperarm"),
-    "lowerarm01": ("forearm", "lowerarm"),
-    "wrist": ("hand",),
-    "upperleg01": ("upleg", "thigh", "upperleg"),
-    "lowerleg01": ("leg", "shin", "lowerleg"),
-    "foot": ("foot",),
-}
+MIDDLE = ("root", "spine04", "spine02", "neck01", "head")  # roles (io.joints) that a file's joints are looked for in
+SIDED = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
 BONES = {"upperarm01": "lowerarm01", "lowerarm01": "wrist", "upperleg01": "lowerleg01", "lowerleg01": "foot"}
 ENDS = {"wrist": "lowerarm01", "foot": "lowerleg01"}  # end joints follow their limb
-SIDED = tuple(JOINTS)[5:]
 
 
 @dataclass(frozen=True)
@@ -116,19 +104,10 @@ def play(values, parents, channels):
 
 
 def matches(bvh):
-    """anny joint -> BVH joint index, and the anny joints that the file lacks."""
-    plain = {n.lower().replace("_", "").replace(":", ""): i for i, n in reversed(list(enumerate(bvh.names)))}
-    found, missing = {}, []
-    for joint, names in JOINTS.items():
-        for side, words in (("L", ("left", "l")), ("R", ("right", "r"))) if joint in SIDED else ((None, ("",)),):
-            keys = [w + n for n in names for w in words]
-            hit = next((plain[k] for k in keys if k in plain), None)
-            full = joint if side is None else f"{joint}.{side}"
-            if hit is None:
-                missing.append(full)
-            else:
-                found[full] = hit
-    return found, missing
+    """{role: index of the BVH's joint}, and the roles that the file lacks."""
+    at = {role: i for i, role in reversed(list(enumerate(joint_roles(bvh.names))))}
+    wanted = [*MIDDLE, *(f"{role}.{side}" for role in SIDED for side in "LR")]
+    return {role: at[role] for role in wanted if role in at}, [role for role in wanted if role not in at]
 
 
 def starts_at(bvh):
@@ -161,7 +140,7 @@ def rotate_z(angle):
 def retarget(world, bvh, model, J, found, lowest=None):
     """Local rotations (T,K,3,3) of a body `model` with rest joints J (K,3): limbs take the file's bone directions, trunk
     and head its turns from its rest. `lowest` [rad]: upper arms are lifted to hang at most so far below their rest."""
-    names, parents = model.joint_names, model.parents
+    names, parents = model.joint_roles, model.parents
     T = len(world)
     G, align = np.empty((T, len(names), 3, 3)), {}
     for k, name in enumerate(names):
@@ -170,12 +149,12 @@ def retarget(world, bvh, model, J, found, lowest=None):
             G[:, k] = above
             continue
         joint, dot, side = name.partition(".")
-        if joint in BONES and f"{BONES[joint]}.{side}" in found:
+        if joint in BONES and f"{BONES[joint]}.{side}" in found and f"{BONES[joint]}.{side}" in names:
             ours = J[names.index(f"{BONES[joint]}.{side}")] - J[k]
             theirs = TO_OURS @ bvh.offsets[found[f"{BONES[joint]}.{side}"]]
             align[name] = shortest(ours, theirs)
         G[:, k] = world[:, found[name]] @ align.get(f"{ENDS.get(joint, joint)}.{side}", np.eye(3))
-        if joint == "upperarm01" and lowest is not None:
+        if joint == "upperarm01" and lowest is not None and f"lowerarm01.{side}" in names:
             G[:, k] = raised(G[:, k], above, J[names.index(f"lowerarm01.{side}")] - J[k], lowest)
     local = G.copy()
     for k, p in enumerate(parents):
@@ -212,9 +191,9 @@ def raised(G, above, bone, lowest):
 
 
 def floor_path(bvh, pick, model, J, found):
-    """Root shifts (T,3) [m] from the first of `pick`, scaled by leg length; zero where the file has no legs."""
+    """Root shifts (T,3) [m] from the first of `pick`, scaled by leg length; zero where the file or the model has no legs."""
     leg = [found.get(f"{j}.L") for j in ("lowerleg01", "foot")]
-    if None in leg:
+    if None in leg or not {"upperleg01.L", "lowerleg01.L", "foot.L"} <= set(model.joint_roles):
         return np.zeros((len(pick), 3))
     ours = sum(np.linalg.norm(J[model.joint(a)] - J[model.joint(b)])
                for a, b in (("upperleg01.L", "lowerleg01.L"), ("lowerleg01.L", "foot.L")))  # fmt: skip

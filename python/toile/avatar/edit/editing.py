@@ -133,8 +133,8 @@ def place_of(avatar, layer, change, run):
         if not all(0 <= x <= 1 for x in at):
             raise UserError(f"--at {change.at}: expected numbers from 0 to 1")
         return paint.place_at(layer, at, width, up)
-    names = body_model_of(run, avatar.scene.body_model, avatar.scene.up).joint_names
-    return paint.place_in_front(layer, paint.front_of(avatar.skeleton.J.numpy(), names, up), width, up)
+    roles = body_model_of(run, avatar.scene.body_model, avatar.scene.up).joint_roles
+    return paint.place_in_front(layer, paint.front_of(avatar.skeleton.J.numpy(), roles, up), width, up)
 
 
 def bright(avatar, layer):

@@ -132,11 +132,13 @@ def metres_per_uv(layer):
     return float(np.sqrt(kernels.face_areas(layer.rest, layer.faces).sum() / max(flat, 1e-12)))
 
 
-def front_of(J, names, up):
-    """Where the person looks in the rest pose (3,), from joints (K,3) named left and right."""
-    left, right = ([k for k, name in enumerate(names) if name.endswith(end)] for end in (".L", ".R"))
+def front_of(J, roles, up):
+    """Where the person looks in the rest pose (3,), from joints (K,3) of roles on the left and on the right."""
+    left, right = ([k for k, name in enumerate(roles) if name.endswith(end)] for end in (".L", ".R"))
     if not (left and right):
-        raise UserError("edit: the body model's joints do not say where the front is (NAME.L, NAME.R): give --at U,V")
+        raise UserError(
+            "edit: the body model's joints do not say where the front is (left_..., right_...): give --at U,V"
+        )
     across = np.mean(J[left], 0) - np.mean(J[right], 0)
     across -= (across @ up) * up
     return np.cross(across / np.linalg.norm(across), up)

@@ -11,7 +11,7 @@ from torch.utils.data import default_collate
 
 from ... import kernels
 from ...errors import UserError
-from ...measure.truth import millimetres, open_truth, outside_of
+from ...measure.truth import millimetres, open_truth
 from ...scene import HIDDEN
 from ...surface.layers import capture_of, open_body, pictured_frames
 from ...surface.sampling import evenly
@@ -184,7 +184,7 @@ class RegisteredRun:
 
     def __init__(self, path):
         self.body = open_body(path)
-        self.store, self.outside = self.body.store, outside_of(self.body.model)
+        self.store, self.outside = self.body.store, ~self.body.model.inside
         self.capture = capture_of(path)
         self.row = {int(n): i for i, n in enumerate(self.store["frames"][:])}
         self.rotations = self.store["pose/rotations"][:]

@@ -281,13 +281,13 @@ class AvatarData(Dataset):
 
     def _face(self, faces):
         """Mean facial keypoints, and the head joint's index; (None, None) where the scene has no face or none was seen."""
-        names = self.body.model.joint_names
+        head = self.body.model.joint("head")
         seen = np.isfinite(faces).all(-1).any(0) if faces.size else np.zeros(0, bool)
-        if not self.scene.face_keypoints or not seen.any() or "head" not in names:
+        if not self.scene.face_keypoints or not seen.any() or head is None:
             return None, None
         mean = np.zeros(faces.shape[1:])
         mean[seen] = np.nanmean(faces[:, seen], axis=0)
-        return mean, names.index("head")
+        return mean, head
 
 
 def _save(path, values):

@@ -1,0 +1,93 @@
+"""What joints are called: names of other skeletons (SMPL, game engines, BVH) as roles, which are the packaged model's own
+joint names ("upperarm01.L"), so that one table of spreads, one list of hands and one retargeting serve them all."""
+
+from __future__ import annotations
+
+import re
+
+OWN = re.compile(
+    r"(root|head|spine0\d|neck0\d)"
+    r"|(pelvis|upperleg0\d|lowerleg0\d|foot|toe\d-\d|clavicle|shoulder01|upperarm0\d|lowerarm0\d|wrist|eye"
+    r"|metacarpal\d|finger\d-\d)\.[LR]"
+)
+MIDDLE = {  # role -> names, the preferred first; lower case, letters and digits alone
+    "root": ("hips", "hip", "pelvis", "root"),
+    "spine04": ("spine", "lowerback", "abdomen", "spine01"),
+    "spine02": ("spine1", "chest", "spine2", "spine02"),
+    "neck01": ("neck1", "neck", "neck01"),
+    "head": ("head",),
+    "jaw": ("jaw",),
+}
+BONES = {  # of either side, in skeletons that name bones
+    "clavicle": ("shoulder", "collar", "clavicle"),
+    "upperarm01": ("arm", "shldr", "upperarm"),
+    "lowerarm01": ("forearm", "lowerarm"),
+    "wrist": ("hand", "wrist"),
+    "upperleg01": ("upleg", "thigh", "upperleg"),
+    "lowerleg01": ("leg", "shin", "lowerleg", "calf"),
+    "foot": ("foot",),
+    "toe1-1": ("toebase", "toe", "ball"),
+    "eye": ("eye", "eyesmplhf"),
+}
+LIMBS = {  # of either side, in skeletons that name the joints between bones, as SMPL does
+    "clavicle": ("collar", "clavicle"),
+    "upperarm01": ("shoulder",),
+    "lowerarm01": ("elbow",),
+    "wrist": ("wrist",),
+    "upperleg01": ("hip",),
+    "lowerleg01": ("knee",),
+    "foot": ("ankle",),
+    "toe1-1": ("foot", "toe", "toes"),
+    "finger": ("hand",),
+    "eye": ("eye", "eyesmplhf"),
+}
+FAMILIES = (  # roles of joints that no list names
+    ("finger", r"thumb|index|middle|ring\d|pinky|little|finger"),
+    ("toe", r"toe"),
+    ("spine", r"spine|chest"),
+    ("neck", r"neck"),
+)
+SIDES = (
+    re.compile(r"(?P<side>left|right)[\W_]*(?P<stem>.+)", re.I),
+    re.compile(r"(?P<side>[lr])[\W_]+(?P<stem>.+)", re.I),
+    re.compile(r"(?P<side>[LRlr])(?P<stem>[A-Z].*)"),
+    re.compile(r"(?P<stem>.+?)[\W_]+(?P<side>left|right|[lr])", re.I),
+)
+
+
+def joint_roles(names):
+    """A role for each of the joints' names (K,): of those in MIDDLE, BONES and LIMBS every role goes to one joint; a finger,
+    toe, spine or neck besides is called so; what is not known keeps its own name. Sided roles end in ".L" or ".R"."""
+    split = [_split(name.rpartition(":")[2]) for name in names]
+    stems = {stem for stem, side in split if side}
+    sided = LIMBS if stems & {"elbow", "knee"} else BONES
+    roles = [name if OWN.fullmatch(name) else None for name in names]
+    wanted = [(role, words, "") for role, words in MIDDLE.items()]
+    wanted += [(f"{role}.{side}", words, side) for role, words in sided.items() for side in "LR"]
+    for role, words, side in wanted:
+        if role in roles:
+            continue
+        at = next((split.index((word, side)) for word in words if (word, side) in split), None)
+        if at is not None and roles[at] is None:
+            roles[at] = role
+    return tuple(role or _family(*parts) or name for role, parts, name in zip(roles, split, names))
+
+
+def _split(name):
+    """A name's stem in lower case, letters and digits alone, and its side, "L", "R" or ""."""
+    for pattern in SIDES:
+        match = pattern.fullmatch(name)
+        if match:
+            return _plain(match["stem"]), match["side"][0].upper()
+    plain = _plain(name)
+    known = {word for table in (BONES, LIMBS) for words in table.values() for word in words}
+    return (plain[1:], plain[0].upper()) if plain[:1] in ("l", "r") and plain[1:] in known else (plain, "")
+
+
+def _plain(name):
+    return re.sub(r"[\W_]", "", name.lower())
+
+
+def _family(stem, side):
+    found = next((role for role, words in FAMILIES if re.search(words, stem)), None)
+    return found and (f"{found}.{side}" if side else found)
