@@ -32,7 +32,7 @@ class SkeletonSettings(Settings):
     joint_sigma: dict[str, float] = setting(
         {name: value for name, value in JOINT_SIGMA if math.isfinite(value)},
         "rad",
-        "spread about rest of the joints whose names begin so, the first that fits: twist bones, toes and metacarpals "
+        "spread about rest of the joints whose roles (BodyModel.joint_roles) begin so, the first that fits: twist bones, toes and metacarpals "
         "hardly move by themselves, the spine and neck share a bend, eyes are not seen; 0 locks a joint",
     )
     other_joint_sigma: float = setting(
@@ -41,7 +41,7 @@ class SkeletonSettings(Settings):
     joint_limit: dict[str, float] = setting(
         {name: value for name, value in JOINT_LIMIT if math.isfinite(value)},
         "rad",
-        "largest angles of the joints whose names begin so: knees, elbows and fingers fold far, others do not",
+        "largest angles of the joints whose roles (BodyModel.joint_roles) begin so: knees, elbows and fingers fold far, others do not",
     )
     other_joint_limit: float = setting(OTHER_LIMIT, "rad", "the same of all other joints but the root", gt=0)
 
