@@ -46,9 +46,10 @@ def test_template_maps_onto_the_truth_and_its_rim_onto_the_rim(body, shirt):
 
 def test_checks_find_what_breaks_a_bound(body, cut):
     from toile.studio import truth
+    from toile.studio.surface import unique_edges
 
     V, F = cut
-    edges, hands = truth.unique_edges(F), np.arange(10)
+    edges, hands = unique_edges(F), np.arange(10)
     fine = truth.check_frame("shirt", V, F, V, edges, body.rest, body.skin_faces, hands, 0)
     assert fine["strain_max"] == 0 and fine["self_pairs"] == 0
     with pytest.raises(truth.TruthRejected, match="frame 3: .* intersect"):

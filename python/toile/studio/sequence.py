@@ -19,6 +19,7 @@ from .body import TruthBody, make_body
 from .garment import SIZES, put_on
 from .motions import make_motion
 from .outfit import Outfit, Settled, split
+from .surface import unique_edges
 from .touch import HAND, vertices_of
 
 BLOCK = 50  # frames
@@ -154,7 +155,7 @@ class Sequence:
 
     @cached_property
     def _edges(self):
-        return [checks.unique_edges(s.faces) for s in self.settled]
+        return [unique_edges(s.faces) for s in self.settled]
 
     def _check(self, garment, vertices, number):
         """Each garment against the body and the garments under it; the worst of all."""
