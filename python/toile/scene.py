@@ -331,7 +331,7 @@ class GarmentTemplate:
     face_uv: np.ndarray  # (f,3)
     skin: np.ndarray  # (g,K) rows sum to 1
     loops: tuple[np.ndarray, ...]  # open loops as vertex cycles
-    loop_names: tuple[str, ...]  # "neck", "hem", "sleeve_left", "sleeve_right", or "loop0" ...
+    loop_names: tuple[str, ...]  # see surface.loop_names
 
 
 @dataclass(frozen=True)

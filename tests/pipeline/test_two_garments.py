@@ -122,14 +122,6 @@ def test_a_covered_garment_is_carried_to_the_body_not_to_what_covers_it():
     assert np.allclose(under[np.abs(V[:, 2]) > 0.05], 0.1)
 
 
-def test_three_loops_are_a_waist_and_two_ankles():
-    from toile.surface.loops import name_loops
-
-    ring = lambda x, z: np.array([[x + 0.1, 0, z], [x, 0.1, z], [x - 0.1, 0, z]])
-    V = np.concatenate([ring(-0.2, 0.1), ring(0, 1.0), ring(0.2, 0.12)])
-    assert name_loops(V, [np.arange(3), np.arange(3, 6), np.arange(6, 9)]) == ("ankle_right", "waist", "ankle_left")
-
-
 def test_the_true_outer_surface_leaves_out_what_a_garment_covers_of_another(tmp_path, layers):
     import zarr
 

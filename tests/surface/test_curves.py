@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.support.shapes import sphere, tube
-from toile import kernels
+from tests.support.shapes import sphere
 from toile.config import LoopSettings
 from toile.surface.curves import Curve, isolines, resample, tangents
-from toile.surface.loops import match_loops, name_loops
+from toile.surface.loops import match_loops
 
 
 def test_isoline_of_height_on_sphere_is_a_circle_with_high_side_left():
@@ -75,10 +74,3 @@ def test_resampling_keeps_length_and_spacing():
     assert curve.length == pytest.approx(2 * np.pi, rel=1e-4)
     step = np.linalg.norm(np.diff(curve.points, axis=0), axis=1)
     assert step.max() / step.min() < 1.01
-
-
-def test_four_loops_are_named_by_place():
-    V = np.array([[0, 0, 1.5], [0, 0, 0.8], [0.4, 0, 1.3], [-0.4, 0, 1.25]])
-    assert name_loops(V, [np.array([i]) for i in range(4)]) == ("neck", "hem", "sleeve_left", "sleeve_right")
-    V, F = tube()
-    assert name_loops(V, kernels.boundary_loops(F)) == ("loop0", "loop1")

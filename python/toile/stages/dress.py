@@ -8,7 +8,8 @@ from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
 from ..surface.curves import isolines, pieces
-from ..surface.loops import LoopMatch, loop_length, match_loops, name_loops
+from ..surface.loop_names import name_loops
+from ..surface.loops import LoopMatch, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.refinement import NonRigidRefinement
 from ..surface.transfer import carry, transfer_skin, unwrap
@@ -35,7 +36,7 @@ def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
     skin = transfer_skin(model, V, F, settings.skin_smoothing)
     rest = carry(V, model.v_template, _surface_under(model, person, samples, over), settings.fit_reach)
-    names = name_loops(V, loops)
+    names = name_loops(model, V, loops)
     template = GarmentTemplate(garment.name, int(label_id), rest, F, uv, face_uv, skin, loops, names)
     return _personalise(model, person, template, samples, settings, over) if samples else template
 

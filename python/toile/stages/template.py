@@ -7,7 +7,7 @@ import numpy as np
 from .. import kernels
 from ..errors import UserError
 from ..scene import GarmentTemplate
-from ..surface.loops import name_loops
+from ..surface.loop_names import name_loops
 from ..surface.operators import smooth_on
 from ..surface.transfer import carry, transfer_skin, unwrap
 
@@ -29,7 +29,7 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
     uv, face_uv = unwrap(V, F)
     at_rest = carry(V, person.rest, model.v_template, 0.04)
     skin = transfer_skin(model, at_rest, F, 10)
-    return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(V, loops))
+    return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(model, at_rest, loops))
 
 
 def cut(V, F, value, level):

@@ -1,4 +1,4 @@
-"""Open loops of a garment: their names, and their match to the openings of a labelled scan."""
+"""Open loops of a garment: their match to the openings of a labelled scan."""
 
 from dataclasses import dataclass
 
@@ -20,22 +20,6 @@ class LoopMatch:
 
 def loop_length(points):
     return float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
-
-
-def name_loops(V, loops, up=2, left=0):
-    """Names by position: of four loops the highest is the neck, the lowest the hem, the others the sleeves; of three the
-    highest is the waist, the others the ankles."""
-    if len(loops) not in (3, 4):
-        return tuple(f"loop{i}" for i in range(len(loops)))
-    centre = np.array([V[loop].mean(0) for loop in loops])
-    *low, top = np.argsort(centre[:, up])
-    names, kind = [""] * len(loops), "ankle"
-    names[top] = "waist"
-    if len(loops) == 4:
-        names[top], names[low.pop(0)], kind = "neck", "hem", "sleeve"
-    right, left_one = sorted(low, key=lambda i: centre[i, left])
-    names[right], names[left_one] = f"{kind}_right", f"{kind}_left"
-    return tuple(names)
 
 
 def match_loops(loops, curves, settings):
