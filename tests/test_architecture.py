@@ -30,11 +30,20 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     | {"avatar", "avatar/drive", "avatar/model", "avatar/render", "avatar/train", "io", "measure", "surface"},
     "avatar/edit": BASE
     | {"avatar", "avatar/drive", "avatar/measure", "avatar/model", "avatar/render", "io", "surface"},
-    "studio": BASE | {"io", "pipeline", "surface"},
+    "studio": BASE | {"config", "io", "pipeline", "surface"},
     "console": {"errors"},
 }
 # files that only parse and call, and the old places of public names: they may import any room
-DOORS = {"cli", "__init__", "__main__", "capture", "avatar/command", "studio/command", "align/command"}
+DOORS = {
+    "cli",
+    "__init__",
+    "__main__",
+    "capture",
+    "avatar/command",
+    "studio/command",
+    "align/command",
+    "config/command",
+}
 TORCH = {"avatar", "studio"}
 HEAVY = {"torch", "anny", "newton", "warp", "mitsuba"}
 LAYERS = {

@@ -102,7 +102,7 @@ def made(a, subject, progress):
     place = a.out / "captures" / subject
     if not place.exists():
         options = StudioOptions(
-            a.simulated, a.cameras, a.size, seed=500 + SUBJECTS.index(subject), renderer="mitsuba", samples=a.samples,
+            frames=a.simulated, cameras=a.cameras, size=a.size, seed=500 + SUBJECTS.index(subject), renderer="mitsuba", pixel_paths=a.samples,
             subject=subject, motion="talk+rom", image_step=6, span=2.05,
         )  # fmt: skip
         place.parent.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,18 @@ from typing import Annotated
 
 import typer
 
-from .console import SEEDS, WORKERS, frame_numbers, numbers_of, positive, progress_bars, shard_of, table
+from .console import (
+    SEEDS,
+    WORKERS,
+    Changes,
+    ConfigFile,
+    frame_numbers,
+    numbers_of,
+    positive,
+    progress_bars,
+    shard_of,
+    table,
+)
 from .errors import UserError, first_line
 
 app = typer.Typer(  # without markup: it would take the units in brackets for styles
@@ -53,9 +64,11 @@ def register(
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
     retry: Annotated[str | None, typer.Option(help="failed: give the failed frames of a run again")] = None,
+    config: ConfigFile = None,
+    changes: Changes = None,
 ):
     """Register a capture: the body and each garment, every frame, in fixed topologies."""
-    from .config import preset
+    from .config import from_options, preset
     from .io.capture import open_capture
     from .pipeline.run import register as run_pipeline
 
@@ -66,12 +79,9 @@ def register(
     numbers = frame_numbers(frames, opened.frames, step)
     if budget is not None:
         quality = quality_within(budget, quality, opened, numbers)
-    try:
-        config = preset(quality or "standard")
-    except ValueError as error:
-        raise UserError(str(error)) from None
+    settings = from_options(preset, quality, config, changes)
     with progress_bars() as progress:
-        outcome = run_pipeline(capture, run, config, numbers, progress, workers, part, retry == "failed")
+        outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry == "failed")
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed{waiting}")
     for warning in outcome.warnings:
@@ -252,12 +262,14 @@ def main():
     """Entry point with the exit codes of this page."""
     from .align.command import align
     from .avatar.command import train
+    from .config.command import settings
     from .kernels import InputError
     from .studio.command import studio
 
     app.command()(align)
     app.command()(train)
     app.command()(studio)
+    app.command()(settings)
     try:
         code = app(standalone_mode=False)
         if code == STOPPED:  # typer's answer to Ctrl-C

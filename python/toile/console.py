@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import re
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from .errors import UserError
 
 FRAMES = 1_000_000  # frame numbers have six digits
 WORKERS = 1024
 SEEDS = 2**32  # seeds are below
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="settings: a TOML file, or the config.toml of a run to take them from")
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="one setting, above --config; repeatable. `toile settings` lists them"
+    ),
+]
 
 
 def numbers_of(text):

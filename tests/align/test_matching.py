@@ -10,7 +10,7 @@ from toile.align.settings import AlignSettings
 from toile.align.sliding import SlidingSurface
 
 RADIUS, HEIGHT = 0.15, 0.5
-SETTINGS = AlignSettings(spacing=0.006)
+SETTINGS = AlignSettings(lattice_spacing=0.006)
 
 
 def tube(around=60, along=32):
@@ -25,7 +25,7 @@ def tube(around=60, along=32):
 @pytest.fixture(scope="module")
 def matcher():
     V, F = tube()
-    return Matcher(SlidingSurface(V, F, kernels.boundary_loops(F), SETTINGS.spacing), V, SETTINGS)
+    return Matcher(SlidingSurface(V, F, kernels.boundary_loops(F), SETTINGS.lattice_spacing), V, SETTINGS)
 
 
 def dots(points, turn=0.0, seed=0):
@@ -93,7 +93,7 @@ def test_a_slide_is_the_same_in_any_pose_and_numbering(matcher):
     V, F = tube()
     F2 = np.argsort(order)[F].astype(np.int32)
     moved = V[order] @ turned.T + 3
-    other = Matcher(SlidingSurface(moved, F2, kernels.boundary_loops(F2), SETTINGS.spacing), moved, SETTINGS)
+    other = Matcher(SlidingSurface(moved, F2, kernels.boundary_loops(F2), SETTINGS.lattice_spacing), moved, SETTINGS)
     back = lambda f: lambda p: f((p - 3) @ turned)
     found = slide_of(matcher, lambda p: dots(p, 0.012), dots).d
     again = slide_of(other, back(lambda p: dots(p, 0.012)), back(dots)).d
@@ -144,7 +144,7 @@ def test_cloth_that_slipped_returns_to_the_lengths_of_its_template(matcher):
 
 def test_gradients_of_the_lengths_are_their_differences(matcher):
     surface, rng = matcher.surface, np.random.default_rng(2)
-    loose = Lengths(surface, surface.rest, SETTINGS.model_copy(update={"torn": 1e6}))
+    loose = Lengths(surface, surface.rest, SETTINGS.model_copy(update={"edge_outlier": 1e6}))
     posed = surface.rest * [1.2, 1.1, 0.9]
     d, step = np.zeros((len(surface.rest), 2)), 1e-6
 
@@ -156,7 +156,9 @@ def test_gradients_of_the_lengths_are_their_differences(matcher):
         return (
             0.5
             * (
-                loose.areas / (SETTINGS.reach * SETTINGS.stretch) ** 2 * (length / (scale * loose.lengths) - 1) ** 2
+                loose.areas
+                / (SETTINGS.strain_length * SETTINGS.edge_strain) ** 2
+                * (length / (scale * loose.lengths) - 1) ** 2
             ).sum()
         )
 

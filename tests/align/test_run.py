@@ -14,7 +14,15 @@ from toile.align.settings import AlignSettings
 from toile.align.smoothing import over_time
 from toile.errors import UserError
 
-QUICK = AlignSettings(spacing=0.012, blur=(0.024, 0.012), iterations=(2, 1), settling=2, anchors=2, samples=1, rounds=1)
+QUICK = AlignSettings(
+    lattice_spacing=0.012,
+    blurs=(0.024, 0.012),
+    blur_steps=(2, 1),
+    length_steps=2,
+    anchor_frames=2,
+    sample_frames=1,
+    mean_rounds=1,
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +78,8 @@ def test_an_aligned_run_differs_in_its_garments_alone(two_chunks, undisturbed):
     assert (step.max(1) > 1e-4).all() and step.max() < 0.08
     config = tomllib.loads((undisturbed / "config.toml").read_text())
     assert (
-        config["align"]["run"] == str(two_chunks.resolve()) and config["align"]["settings"]["spacing"] == QUICK.spacing
+        config["align"]["run"] == str(two_chunks.resolve())
+        and config["align"]["settings"]["lattice_spacing"] == QUICK.lattice_spacing
     )
     stages = json.loads((undisturbed / "diagnostics" / "000050.json").read_text())
     assert "track" in stages and stages["align tshirt"]["misfit"] <= stages["align tshirt"]["misfit_before"]
@@ -124,7 +133,7 @@ def test_bad_input_is_refused_with_the_reason(two_chunks, undisturbed, tmp_path)
     with pytest.raises(UserError, match="folder of its own"):
         align(two_chunks, two_chunks, QUICK)
     with pytest.raises(UserError, match="other settings"):
-        align(two_chunks, undisturbed, QUICK.model_copy(update={"strain": 0.2}))
+        align(two_chunks, undisturbed, QUICK.model_copy(update={"slide_strain": 0.2}))
     with pytest.raises(UserError, match="no registered.zarr"):
         align(tmp_path, tmp_path / "out", QUICK)
     with pytest.raises(UserError, match="shard 3/2"):

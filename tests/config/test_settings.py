@@ -9,6 +9,9 @@ import tomli_w
 
 import toile
 from toile import _core
+from toile.align.settings import AlignSettings
+from toile.avatar.settings import AvatarSettings, train_preset
+from toile.avatar.settings import preset as avatar_preset
 from toile.config import (
     QUALITIES,
     Config,
@@ -16,6 +19,7 @@ from toile.config import (
     Settings,
     changed,
     configured,
+    from_options,
     listed,
     preset,
     read_config,
@@ -23,6 +27,7 @@ from toile.config import (
 )
 from toile.config.settings import UNITS
 from toile.errors import UserError
+from toile.studio.options import StudioOptions
 
 SOURCE = Path(toile.__file__).parent
 KERNELS = {
@@ -40,16 +45,20 @@ def group_of(settings, name):
     return settings
 
 
-def refused(*changes, **options):
+def refused(change, also=()):
     with pytest.raises(UserError) as caught:
-        configured(None, *changes, **options)
+        configured(change, also)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
-def test_every_setting_has_a_unit_and_a_meaning_of_its_own():
-    every = list(listed(Config()))
-    assert len(every) > 150
+COMMANDS = [Config(), AlignSettings(), train_preset("standard"), StudioOptions()]
+
+
+@pytest.mark.parametrize("settings", COMMANDS, ids=lambda s: type(s).__name__)
+def test_every_setting_has_a_unit_and_a_meaning(settings):
+    every = list(listed(settings))
+    assert len(every) > 15
     for one in every:
         assert one.unit in UNITS, one.name
         assert len(one.meaning) > 5 and not re.search(r"\[.*\]$", one.meaning), one.name
@@ -65,7 +74,7 @@ def groups(settings):
 def test_every_setting_is_read_somewhere():
     code = "\n".join(p.read_text() for p in SOURCE.rglob("*.py") if p.parent != SOURCE / "config")
     kernels = {type(group_of(Config(), name)) for name in KERNELS}
-    for group in set(groups(Config())) - kernels:
+    for group in {group for settings in COMMANDS for group in groups(settings)} - kernels:
         for name in group.model_fields:
             if name != "quality":  # the name of the preset
                 assert re.search(rf"\.{name}\b", code), f"{group.__name__}.{name}"
@@ -81,29 +90,39 @@ def test_kernel_options_have_the_core_s_names_and_defaults(name):
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_what_a_run_saved_gives_the_same_settings_again(quality, tmp_path):
-    config = configured(quality, {"dress.contact": 0.02, "segment.opening.depth": (-0.001, 0.01)})
+    config = changed(preset(quality), {"dress.contact": 0.02, "segment.opening.depth": (-0.001, 0.01)})
     saved = {"capture": "/somewhere", "frames": [1, 2], "settings": config.model_dump(mode="json")}
-    (tmp_path / "config.toml").write_text(tomli_w.dumps(saved))
-    assert configured(None, read_config(tmp_path / "config.toml")) == config
+    path = tmp_path / "config.toml"
+    path.write_text(tomli_w.dumps(saved))
+    assert from_options(preset, None, path, None) == config
+    aligned = AlignSettings(blurs=(0.01,), blur_steps=(2,))
+    path.write_text(tomli_w.dumps(saved | {"align": {"settings": aligned.model_dump(mode="json")}}))
+    assert from_options(lambda _: AlignSettings(), None, path, None, "align") == aligned
+    assert from_options(preset, None, path, None) == config
 
 
 def test_a_preset_yields_to_the_file_and_the_file_to_set(tmp_path):
     (tmp_path / "mine.toml").write_text('quality = "draft"\n[dress]\ncontact = 0.02\nfit_frames = 4\n')
-    file, given = read_config(tmp_path / "mine.toml"), read_set(["dress.contact=0.03"])
-    config = configured(None, file, given)
-    assert (config.quality, config.segment.views, config.dress.fit_frames, config.dress.contact) == (
-        "draft",
-        4,
-        4,
-        0.03,
-    )
-    assert configured("standard", file).segment.views == 0
-    assert configured(None, file) == configured("draft", {"dress": {"contact": 0.02, "fit_frames": 4}})
+    file, mine = tmp_path / "mine.toml", {"dress": {"contact": 0.02, "fit_frames": 4}}
+    config = from_options(preset, None, file, ["dress.contact=0.03"])
+    assert config == changed(preset("draft"), mine, {"dress.contact": 0.03}) and config.quality == "draft"
+    assert from_options(preset, None, file, None) == changed(preset("draft"), mine)
+    assert from_options(preset, "standard", file, None) == changed(preset("standard"), mine)
+    assert from_options(preset, None, file, ["quality=fine"]) == changed(preset("fine"), mine)
+
+
+def test_a_bad_name_is_told_with_where_it_stands(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("[settings]\nquality = 'draft'\n")  # no run's: those have frames
+    with pytest.raises(UserError, match=f"--config {re.escape(str(file))}: settings: no such setting"):
+        from_options(preset, None, file, None)
+    with pytest.raises(UserError, match="--set dress.contat: no such setting; nearest: dress.contact"):
+        from_options(preset, None, None, ["dress.contat=1"])
 
 
 def test_dotted_names_and_tables_are_one():
-    a = configured(None, {"track": {"refinement": {"stiffness": 0.1}, "rest_smoothing": 2}})
-    b = configured(None, {"track.refinement.stiffness": 0.1, "track.rest_smoothing": 2})
+    a = configured({"track": {"refinement": {"stiffness": 0.1}, "rest_smoothing": 2}})
+    b = configured({"track.refinement.stiffness": 0.1, "track.rest_smoothing": 2})
     assert a == b and a.track.refinement.steps == Config().track.refinement.steps
 
 
@@ -162,7 +181,7 @@ def test_a_file_that_is_no_toml_is_refused_by_name(tmp_path):
 
 
 def test_joints_of_a_table_are_added_to_its_others():
-    sigma = configured(None, read_set(["track.skeleton.joint_sigma.spine=0.3"])).track.skeleton.joint_sigma
+    sigma = configured(read_set(["track.skeleton.joint_sigma.spine=0.3"])).track.skeleton.joint_sigma
     assert sigma["spine"] == 0.3 and sigma["head"] == Config().track.skeleton.joint_sigma["head"]
     assert refused({"track.skeleton.joint_sigma.spine": "x"}).startswith("track.skeleton.joint_sigma.spine = 'x'")
 
@@ -177,3 +196,15 @@ def test_presets_are_what_their_tables_say():
     assert preset("standard") == Config()
     assert preset("draft") != preset("standard") != preset("fine")
     assert tomllib.loads(tomli_w.dumps(preset("draft").model_dump(mode="json")))["quality"] == "draft"
+
+
+def test_train_asks_for_the_avatar_and_the_temporal_model():
+    asked = from_options(train_preset, "draft", None, ["data.modes=3", "temporal.channels=9"])
+    assert asked.avatar() == changed(avatar_preset("draft"), {"data.modes": 3})
+    assert type(asked.avatar()) is AvatarSettings and asked.temporal.channels == 9
+
+
+def test_studio_refuses_by_name_whoever_asks():
+    for words, message in (["frames=0"], "frames is 0"), (["subject=naked"], "subject is 'naked'"):
+        with pytest.raises(UserError, match=f"studio: {message}"):
+            from_options(lambda _: StudioOptions(), None, None, words)

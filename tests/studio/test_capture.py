@@ -18,9 +18,9 @@ def digest(folder):
 @pytest.mark.parametrize(
     "bad",
     [
-        {"frames": 0}, {"cameras": -1}, {"size": 8}, {"seed": -1}, {"noise": float("nan")}, {"holes": 1.5},
-        {"label_errors": -0.1}, {"subject": "naked"}, {"motion": "swim"}, {"renderer": "oils"}, {"scan_faces": 0},
-        {"samples": 0}, {"image_step": 0}, {"span": float("nan")}, {"motion": "talk+swim"},
+        {"frames": 0}, {"cameras": -1}, {"size": 8}, {"seed": -1}, {"scan_noise": float("nan")}, {"hole_share": 1.5},
+        {"label_error_share": -0.1}, {"subject": "naked"}, {"motion": "swim"}, {"renderer": "oils"}, {"scan_faces": 0},
+        {"pixel_paths": 0}, {"image_step": 0}, {"span": float("nan")}, {"motion": "talk+swim"},
         {"frames": 59, "motion": "talk+rom"},
     ],
 )  # fmt: skip

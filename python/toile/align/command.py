@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..console import WORKERS
+from ..console import WORKERS, Changes, ConfigFile
 
 
 def align(
@@ -19,14 +19,18 @@ def align(
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")
     ] = "1/1",
+    config: ConfigFile = None,
+    changes: Changes = None,
 ):
     """Slide garments along their surfaces until their prints lie still on them: a run with true interior correspondence."""
+    from ..config import from_options
     from ..console import progress_bars, shard_of
     from .run import align as run_alignment
+    from .settings import AlignSettings
 
-    part = shard_of(shard)
+    part, settings = shard_of(shard), from_options(lambda _: AlignSettings(), None, config, changes, "align")
     with progress_bars() as progress:
-        outcome = run_alignment(run, out, None, workers, part, progress)
+        outcome = run_alignment(run, out, settings, workers, part, progress)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     between = f", {len(outcome.between)} between them" if outcome.between else ""
     typer.echo(f"{out}: {len(outcome.matched)} frames aligned{between}, {len(outcome.failed)} failed{waiting}")

@@ -28,7 +28,7 @@ class Lengths:
         length = np.maximum(np.linalg.norm(e, axis=1), 1e-9)
         c = np.median(length / self.lengths)
         r = length / (c * self.lengths) - 1
-        w = np.exp(-0.5 * (r / s.torn) ** 2) * self.areas / (s.reach * s.stretch) ** 2
+        w = np.exp(-0.5 * (r / s.edge_outlier) ** 2) * self.areas / (s.strain_length * s.edge_strain) ** 2
         u = e / (length * c * self.lengths)[:, None]
         ends = np.stack([np.einsum("es,esa->ea", u, J[self.i]), -np.einsum("es,esa->ea", u, J[self.j])])
         blocks = w[:, None, None] * ends[:, None, :, :, None] * ends[None, :, :, None, :]

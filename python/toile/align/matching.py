@@ -30,12 +30,12 @@ class Matcher:
     """Matches prints on a SlidingSurface whose edges are as long as those of `template` (g,3); `settings` are AlignSettings."""
 
     def __init__(self, surface, template, settings):
-        self.surface, self.settings, self.levels = surface, settings, settings.blur
-        self.sigma = np.array([settings.light, settings.chroma, settings.chroma])
+        self.surface, self.settings, self.levels = surface, settings, settings.blurs
+        self.sigma = np.array([settings.lightness_noise, settings.chroma_noise, settings.chroma_noise])
         self.factor = kernels.CholeskyFactor()
         self.lengths = Lengths(surface, template, settings)
         self._grids = [_Grid(surface, sigma) for sigma in self.levels]
-        self._shades = [self._shade_factor(settings.shade * sigma) for sigma in self.levels]
+        self._shades = [self._shade_factor(settings.shade_blurs * sigma) for sigma in self.levels]
         self._pattern()
 
     def pyramid(self, values, weights):
@@ -73,7 +73,7 @@ class Matcher:
         the slide `start`, without one from what the lengths of edges alone ask for."""
         nothing = np.zeros((len(self.surface.rest), 2))
         d = self.unstretched([posed]) if start is None else start
-        for k, count in enumerate(self.settings.iterations):
+        for k, count in enumerate(self.settings.blur_steps):
             for _ in range(count):
                 data = self._print_equations(k, *self._residual(frame, target, d, k), target[k][2])
                 d = self._step(d, [posed], data)
@@ -84,7 +84,7 @@ class Matcher:
         """The slide, the same for all frames, that leaves the edges' lengths on their `posed` surfaces (f,g,3) least changed;
         its smoothness counts together with that of `slid`, a slide that they have made already."""
         d = np.zeros((len(self.surface.rest), 2))
-        for _ in range(self.settings.settling):
+        for _ in range(self.settings.length_steps):
             d = self._step(d, posed, slid=slid)
         return d
 
@@ -102,7 +102,7 @@ class Matcher:
         A = sparse.csc_matrix((entries, self._indices, self._starts), shape=(len(right),) * 2)
         delta = -self.factor.factorize(A).solve(right[:, None])[:, 0].reshape(-1, 2)
         longest = np.linalg.norm(delta, axis=1, keepdims=True)
-        return d + delta * np.minimum(1, self.settings.stride / np.maximum(longest, 1e-12))
+        return d + delta * np.minimum(1, self.settings.step_length / np.maximum(longest, 1e-12))
 
     def _misfit(self, frame, target, d):
         r, weight = self._residual(frame, target, d, len(self.levels) - 1)
@@ -131,7 +131,7 @@ class Matcher:
 
     def _print_equations(self, k, residual, weight, gradient):
         """Entries of J'WJ and J'Wr of a level's residuals, with Welsch's robust weights."""
-        robust = np.exp(-0.5 * (residual / (self.settings.robust * self.sigma)) ** 2) / self.sigma**2
+        robust = np.exp(-0.5 * (residual / (self.settings.robust_noise * self.sigma)) ** 2) / self.sigma**2
         cell = max(self.levels[k], self.surface.lattice.spacing) ** 2  # one independent reading each
         blocks, right = self._normal(self._grids[k], robust * (weight / cell)[:, None], residual, gradient)
         return np.bincount(self._at, blocks.ravel(), len(self._indices)), right
@@ -163,9 +163,9 @@ class Matcher:
         rows, columns = ends[:, None, :, None, None] + two[:, None], ends[None, :, :, None, None] + two
         self._edge_at = np.searchsorted(entries, (columns * n + rows).ravel())
         self._indices, self._starts = entries % n, np.searchsorted(entries, n * np.arange(n + 1))
-        hold = np.repeat(surface.mass / (s.reach * s.slip) ** 2, 2)
-        hold[1::2][surface.on_loop] += HOLD / s.reach**2  # across a loop nothing slides
-        fixed = (surface.smoothness / (s.strain * s.reach) ** 2 + sparse.diags(hold)).tocoo()
+        hold = np.repeat(surface.mass / (s.strain_length * s.slide_length) ** 2, 2)
+        hold[1::2][surface.on_loop] += HOLD / s.strain_length**2  # across a loop nothing slides
+        fixed = (surface.smoothness / (s.slide_strain * s.strain_length) ** 2 + sparse.diags(hold)).tocoo()
         data = np.zeros(len(entries))
         np.add.at(data, np.searchsorted(entries, fixed.col.astype(np.int64) * n + fixed.row), fixed.data)
         self._regular = sparse.csc_matrix((data, self._indices, self._starts), shape=(n, n))

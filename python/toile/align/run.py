@@ -163,7 +163,7 @@ class _Align:
         layers = [_at_rest(layer, rests.get(layer.name)) for layer in layers]
         of = {layer.name: layer for layer in layers}
         surfaces = {
-            n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), self.settings.spacing)
+            n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), self.settings.lattice_spacing)
             for n in self.garments
         }
         templates = {n: self._template(of[n]) for n in self.garments}
@@ -189,7 +189,9 @@ class _Align:
         return mesh.vertices
 
     def _make_references(self, paths, layers):
-        anchors, samples = chosen(self.pictured, blocks(self.pictured)[0], self.settings.anchors, self.settings.samples)
+        anchors, samples = chosen(
+            self.pictured, blocks(self.pictured)[0], self.settings.anchor_frames, self.settings.sample_frames
+        )
         views = []
         for k, number in enumerate([*anchors, *samples]):
             views.append(self.reader.views(number))
@@ -199,7 +201,7 @@ class _Align:
             offsets = camera_offsets(mine, points)
             pyramids = [matcher.pyramid(*blended(v, offsets, points)) for v in mine]
             posed = [self.reader.vertices(number, name) for number in [*anchors, *samples]]
-            values, weights = make_reference(matcher, pyramids, posed, len(anchors), self.settings.rounds)
+            values, weights = make_reference(matcher, pyramids, posed, len(anchors), self.settings.mean_rounds)
             save_record(paths[name], Reference(layers[name].rest, values, weights, offsets))
         self.progress("reference", len(views) + 1, len(views) + 1)
 

@@ -5,7 +5,7 @@ import numpy as np
 
 def over_time(numbers, slides, wanted, fps, settings):
     """Slides at the frames `wanted` (w,), from those measured at `numbers` (k,), each (g,2): the minimiser over all frames
-    of sum |x - d|^2 + (steady fps)^4 |x''|^2 + (still fps)^2 |x'|^2, an approximating spline. None where nothing was measured."""
+    of sum |x - d|^2 + (slide_time fps)^4 |x''|^2 + (drift_time fps)^2 |x'|^2, an approximating spline. None where nothing was measured."""
     if not len(numbers):
         return None
     first, last = min(min(numbers), min(wanted)), max(max(numbers), max(wanted))
@@ -13,7 +13,7 @@ def over_time(numbers, slides, wanted, fps, settings):
     A = np.zeros((count, count))
     at = np.asarray(numbers) - first
     A[at, at] = 1
-    for order, cost in ((1, (settings.still * fps) ** 2), (2, (settings.steady * fps) ** 4)):
+    for order, cost in ((1, (settings.drift_time * fps) ** 2), (2, (settings.slide_time * fps) ** 4)):
         D = np.diff(np.eye(count), order, axis=0)
         A += cost * D.T @ D
     right = np.zeros((count, slides[0].size))

@@ -9,7 +9,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from ..console import SEEDS
+from ..console import SEEDS, Changes, ConfigFile
 from ..errors import UserError
 
 
@@ -17,8 +17,8 @@ def train(
     run: Annotated[Path, typer.Argument(help="a registered run, made by toile register")],
     avatar: Annotated[Path, typer.Argument(help="folder of the avatar; a training that was stopped there goes on")],
     quality: Annotated[
-        str, typer.Option(help="draft, standard or fine: sizes of the maps, widths, steps")
-    ] = "standard",
+        str | None, typer.Option(help="draft, standard (the default) or fine: sizes of the maps, widths, steps")
+    ] = None,
     minutes: Annotated[float | None, typer.Option(help="as many steps as fit; without, the quality's")] = None,
     steps: Annotated[str | None, typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
     holdout: Annotated[
@@ -31,18 +31,24 @@ def train(
     temporal_model: Annotated[
         str | None, typer.Option(help="of --temporal: window (the default), or damped, a state of its own")
     ] = None,
-    window: Annotated[int, typer.Option(help="poses that the window model sees")] = 15,
+    window: Annotated[int | None, typer.Option(help="poses that the window model sees; default 15")] = None,
     lr: Annotated[float | None, typer.Option(help="learning rate of AdamW; default the quality's")] = None,
-    seed: Annotated[int, typer.Option(help="same seed, same avatar on the same CPU", min=0, max=SEEDS - 1)] = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="same seed, same avatar on the same CPU; default 0", min=0, max=SEEDS - 1)
+    ] = None,
+    config: ConfigFile = None,
+    changes: Changes = None,
 ):
     """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 
-    from .settings import preset
+    from ..config import changed, from_options
+    from .settings import train_preset
 
-    settings = preset(quality).model_copy(update=changes(minutes, steps, lr, seed))
-    drive = temporal_settings(temporal_model, window, seed) if temporal or temporal_model else None
+    own = own_options(minutes, steps, lr, seed) | {"temporal": temporal_options(temporal_model, window, seed)}
+    asked = changed(from_options(train_preset, quality, config, changes), own)
+    settings, drive = asked.avatar(), asked.temporal if temporal or temporal_model else None
     from .train.make import Request, make_avatar
 
     first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
@@ -68,21 +74,22 @@ def train(
         typer.echo(f"{avatar}: trained")
 
 
-def temporal_settings(model, window, seed):
-    """TemporalSettings that the command line asks for; UserError names the option."""
+def temporal_options(model, window, seed):
+    """What options of their own change of TemporalSettings; UserError names the option."""
     from .settings import TemporalSettings
 
     models = get_args(TemporalSettings.model_fields["model"].annotation)
     if model not in (None, *models):
         raise UserError(f"--temporal-model {model}: expected {' or '.join(models)}")
-    if not 1 <= window <= 10_000:
+    if window is not None and not 1 <= window <= 10_000:
         raise UserError(f"--window {window}: expected at least one pose")
-    return TemporalSettings(window=window, seed=seed, **({"model": model} if model else {}))
+    given = {"model": model, "window": window, "seed": seed}
+    return {name: value for name, value in given.items() if value is not None}
 
 
-def changes(minutes, steps, lr, seed):
-    """Settings that the command line changes; UserError names the option."""
-    changed = {"seed": seed}
+def own_options(minutes, steps, lr, seed):
+    """Settings that options of their own change, above --set; UserError names the option."""
+    changed = {} if seed is None else {"seed": seed}
     if minutes is not None and not 0 < minutes < 1e6:
         raise UserError(f"--minutes {minutes:g}: expected a positive number")
     if lr is not None:

@@ -2,53 +2,64 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from ..config import QUALITIES, Settings
+from ..config import QUALITIES, Settings, changed, setting
 from ..errors import UserError
 
 
 class DataSettings(Settings):
     """What is read and unwrapped of a run and its pictures."""
 
-    geometry_size: int = 128  # texels along a side of the position maps
-    texture_size: int = 512
-    modes: int = 64  # principal modes of a garment's unposed shape, the first numbers of its code
-    image: tuple[int, int] = (512, 512)  # (height, width) of the crop [px]
-    pixel_scale: float = 1.0  # pixels of the capture along one of the crop's, at least
-    crop: Literal["person", "garment"] = "person"  # what the crop is centred on
-    window: int = Field(
-        0, ge=0
-    )  # > 0: garments are regressed from so many poses, the frame's own the last; they have no code
+    geometry_size: int = setting(128, "count", "texels along a side of the position maps", ge=8)
+    texture_size: int = setting(512, "count", "texels along a side of the textures", ge=8)
+    modes: int = setting(
+        64, "count", "principal modes of a garment's unposed shape, the first numbers of its code", ge=0
+    )
+    image: tuple[int, int] = setting((512, 512), "px", "height and width of the crop")
+    pixel_scale: float = setting(1.0, "1", "pixels of the capture along one of the crop's, at least", gt=0)
+    crop: Literal["person", "garment"] = setting("person", "name", "person or garment: what the crop is centred on")
+    window: int = setting(
+        0,
+        "count",
+        "garments are regressed from so many poses, the frame's own the last, and have no code; 0: by codes",
+        ge=0,
+    )
 
 
 class NetworkSettings(Settings):
     """Sizes of the networks."""
 
-    latent: int = 64  # of each garment's code, besides its modes
-    width: int = 64  # channels of the widest decoder block; halved with each doubling of the resolution
-    least_width: int = 8  # channels of the finest block
-    shadow_width: int = 4
-    texture_step: int = 1  # texels of the mean texture along one of those that networks read and decode
-    ao_rays: int = 64  # of ambient occlusion, per vertex
-    ao_size: int = 64  # texels along a side of the shadow network's maps
-    view: bool = True  # textures depend on where they are seen from, if the scene has several cameras
-    shadow: bool = True  # quasi-shadows from ambient occlusion
+    latent: int = setting(64, "count", "numbers of each garment's code, besides its modes", ge=1)
+    width: int = setting(64, "count", "channels of the widest decoder block; halved with each doubled resolution", ge=1)
+    least_width: int = setting(8, "count", "channels of the finest block", ge=1)
+    shadow_width: int = setting(4, "count", "channels of the shadow network", ge=1)
+    texture_step: int = setting(
+        1, "count", "texels of the mean texture along one of those that networks read and decode", ge=1
+    )
+    ao_rays: int = setting(64, "count", "rays of ambient occlusion, per vertex", ge=1)
+    ao_size: int = setting(64, "count", "texels along a side of the shadow network's maps", ge=8)
+    view: bool = setting(
+        True, "switch", "textures depend on where they are seen from, if the scene has several cameras"
+    )
+    shadow: bool = setting(True, "switch", "quasi-shadows from ambient occlusion")
 
 
 class LossWeights(Settings):
-    """Weights of METHOD's terms: E_body and E_cloth train the layers apart, E_inv together."""
+    """Weights of the training's terms: E_body and E_cloth train the layers apart, E_inv together."""
 
-    geometry: float = 1.0  # of an error of 1 cm^2
-    laplacian: float = 10.0  # of 1 cm^2
-    texture: float = 30.0  # of a squared error of 1 in a colour of 0..1
-    kl: float = 1e-5  # of 1 nat
-    image: float = 10.0  # of an error of 1 in a colour of 0..1
-    mask: float = 10.0
-    visibility: float = 1.0  # 0: layers are not drawn apart either
-    impute: float = 0.1  # of 1 cm^2; the baseline only: what the pose decides, decoded from another latent
+    geometry: float = setting(1.0, "cm^-2", "of a squared error of positions", ge=0)
+    laplacian: float = setting(10.0, "cm^-2", "of a squared error of their Laplacians", ge=0)
+    texture: float = setting(30.0, "1", "of a squared error of 1 in a colour of 0..1", ge=0)
+    kl: float = setting(1e-5, "nat^-1", "of the codes' divergence from a unit Gaussian", ge=0)
+    image: float = setting(10.0, "1", "of an error of 1 in a colour of 0..1", ge=0)
+    mask: float = setting(10.0, "1", "of an error of 1 in the silhouette", ge=0)
+    visibility: float = setting(1.0, "1", "of the layers drawn apart; 0: they are not drawn apart either", ge=0)
+    impute: float = setting(
+        0.1, "cm^-2", "the baseline only: of what the pose decides, decoded from another latent", ge=0
+    )
 
 
 class Phase(Settings):
@@ -69,34 +80,42 @@ TOGETHER = ("image", "mask", "visibility", "geometry", "laplacian", "kl")  # geo
 class AvatarSettings(Settings):
     """All settings of a training, as AVATAR/avatar.json keeps them."""
 
-    quality: str = "standard"
+    quality: str = setting("standard", "name", "draft, standard or fine: the preset that the others start from")
     data: DataSettings = DataSettings()
     network: NetworkSettings = NetworkSettings()
     weights: LossWeights = LossWeights()
-    body_steps: int = 2000
-    garment_steps: int = 2000
-    joint_steps: int = 6000
-    fit_crop: bool = True  # pictures are scaled down until the crop holds what it is centred on, in every frame
-    batch: int = 4
-    joint_batch: int = 2
-    lr: float = 1e-4  # AdamW
-    joint_rate: float = 0.5  # of lr, in inverse rendering, whose image and mask terms a larger step makes diverge
-    colour_lr: float = 1e-3  # of gain and bias of the cameras
-    decay: float = 0.1  # of the learning rate over a phase: a half cosine to this share
-    warm_up: float = 0.1  # share of a phase with a rising learning rate
-    clip: float = 1.0  # largest norm of the gradient
-    visibility_c: tuple[float, float] = (0.020, 0.005)  # c of the soft visibility, first and last [m]
-    checkpoint_every: int = 250  # steps
-    picture_every: int = 250  # steps
-    diverged: float = 10.0  # a loss beyond this multiple of its recent mean has diverged
-    recent: int = 32  # steps of that mean
-    returns: int = 5  # to the last good checkpoint, each with half the learning rate, before giving up
-    baseline_lr: tuple[float, ...] = (0.5, 1.0, 2.0)  # multiples of lr that the baseline's search tries
-    baseline_modes: int = (
-        0  # of its surface; a code drawn at random, as it is driven by, would bend the body along them
+    body_steps: int = setting(2000, "count", "of the body alone", ge=0)
+    garment_steps: int = setting(2000, "count", "of the garments alone", ge=0)
+    joint_steps: int = setting(6000, "count", "of inverse rendering, all layers together", ge=0)
+    fit_crop: bool = setting(
+        True, "switch", "pictures are scaled down until the crop holds what it is centred on, in every frame"
     )
-    baseline_search: float = 0.05  # share of the steps that each of them gets
-    seed: int = 0
+    batch: int = setting(4, "count", "pictures a step on each device, layers apart", ge=1)
+    joint_batch: int = setting(2, "count", "the same in inverse rendering", ge=1)
+    lr: float = setting(1e-4, "1", "learning rate of AdamW", gt=0, lt=1)
+    joint_rate: float = setting(
+        0.5, "1", "of it in inverse rendering, whose image and mask terms a larger step makes diverge", gt=0
+    )
+    colour_lr: float = setting(1e-3, "1", "learning rate of the cameras' gain and bias", gt=0)
+    final_rate: float = setting(
+        0.1, "1", "share of the learning rate at the end of a phase, along a half cosine", ge=0, le=1
+    )
+    warm_up_share: float = setting(0.1, "1", "of a phase with a rising learning rate", ge=0, le=1)
+    gradient_limit: float = setting(1.0, "1", "largest norm of the gradient", gt=0)
+    visibility_widths: tuple[float, float] = setting((0.020, 0.005), "m", "of the soft visibility, first and last")
+    checkpoint_every: int = setting(250, "count", "steps between checkpoints", ge=1)
+    picture_every: int = setting(250, "count", "steps between pictures for the eye", ge=1)
+    divergence_ratio: float = setting(10.0, "1", "a loss beyond this multiple of its recent mean has diverged", gt=1)
+    divergence_steps: int = setting(32, "count", "steps of that mean", ge=1)
+    max_returns: int = setting(
+        5, "count", "to the last good checkpoint, each with half the learning rate, before giving up", ge=0
+    )
+    baseline_lr: tuple[float, ...] = setting((0.5, 1.0, 2.0), "1", "multiples of lr that the baseline's search tries")
+    baseline_modes: int = setting(
+        0, "count", "of its surface; a code drawn at random, as it is driven by, would bend the body along them", ge=0
+    )
+    baseline_search: float = setting(0.05, "1", "share of the steps that each of them gets", gt=0, le=1)
+    seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
 
     def phases(self, layered=True):
         """METHOD's order. The baseline's one surface gets the steps of both layers apart, then the same together."""
@@ -116,42 +135,57 @@ class AvatarSettings(Settings):
 class TemporalSettings(Settings):
     """The model that gives garments' codes from poses, and its training."""
 
-    model: Literal["window", "damped"] = "window"
-    window: int = Field(15, ge=1)  # poses that the window model sees, the current one included
-    channels: int = 256
-    steps: int = Field(1000, ge=1)  # at most: frames left out say when to stop
-    batch: int = 64  # windows, or stretches of the damped model
-    stretch: int = 60  # frames that the damped model is unrolled over
-    lr: float = 5e-4
-    weight_decay: float = 0.01
-    seed: int = 0
+    model: Literal["window", "damped"] = setting("window", "name", "window, or damped: a state of its own")
+    window: int = setting(15, "count", "poses that the window model sees, the current one included", ge=1, le=10_000)
+    channels: int = setting(256, "count", "of its hidden layers", ge=1)
+    steps: int = setting(1000, "count", "at most: frames left out say when to stop", ge=1)
+    batch: int = setting(64, "count", "windows, or stretches of the damped model, a step", ge=1)
+    stretch: int = setting(60, "count", "frames that the damped model is unrolled over", ge=1)
+    lr: float = setting(5e-4, "1", "learning rate of AdamW", gt=0, lt=1)
+    weight_decay: float = setting(0.01, "1", "of AdamW", ge=0)
+    seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
 
 
-def preset(quality):
+class TrainSettings(AvatarSettings):
+    """What `toile train` can be asked for: the avatar's settings, and those of --temporal."""
+
+    temporal: TemporalSettings = TemporalSettings()
+
+    def avatar(self) -> AvatarSettings:
+        return AvatarSettings.model_construct(**{name: getattr(self, name) for name in AvatarSettings.model_fields})
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "draft": {
+        "data": {"geometry_size": 64, "texture_size": 256, "modes": 32, "image": (256, 256)},
+        "network": {"latent": 32, "width": 32, "ao_rays": 16},
+        "body_steps": 150,
+        "garment_steps": 150,
+        "joint_steps": 300,
+        "lr": 3e-3,
+        "checkpoint_every": 50,
+        "picture_every": 50,
+    },
+    "standard": {},
+    "fine": {
+        "data": {"geometry_size": 256, "texture_size": 1024, "image": (1024, 1024)},
+        "network": {"width": 128, "ao_size": 128},
+        "body_steps": 10_000,
+        "garment_steps": 10_000,
+        "joint_steps": 40_000,
+        "checkpoint_every": 1000,
+        "picture_every": 1000,
+    },
+}
+
+
+def preset(quality: str) -> AvatarSettings:
     """The settings of a quality preset: sizes of the maps, widths, steps."""
+    return train_preset(quality).avatar()
+
+
+def train_preset(quality: str) -> TrainSettings:
+    """The same with those of the temporal model, alike in all qualities."""
     if quality not in QUALITIES:
         raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
-    if quality == "draft":
-        return AvatarSettings(
-            quality=quality,
-            data=DataSettings(geometry_size=64, texture_size=256, modes=32, image=(256, 256)),
-            network=NetworkSettings(latent=32, width=32, ao_rays=16),
-            body_steps=150,
-            garment_steps=150,
-            joint_steps=300,
-            lr=3e-3,
-            checkpoint_every=50,
-            picture_every=50,
-        )
-    if quality == "fine":
-        return AvatarSettings(
-            quality=quality,
-            data=DataSettings(geometry_size=256, texture_size=1024, image=(1024, 1024)),
-            network=NetworkSettings(width=128, ao_size=128),
-            body_steps=10_000,
-            garment_steps=10_000,
-            joint_steps=40_000,
-            checkpoint_every=1000,
-            picture_every=1000,
-        )
-    return AvatarSettings()
+    return changed(TrainSettings(), PRESETS[quality], {"quality": quality})

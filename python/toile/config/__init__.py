@@ -1,6 +1,6 @@
 """Settings: what decides the results of a command, as small models that presets, files and options fill alike."""
 
-from .changes import changed, read_config, read_set
+from .changes import changed, from_options, read_config, read_set
 from .presets import QUALITIES, configured, preset
 from .settings import Settings, listed, setting
 from .stages import (
@@ -31,6 +31,7 @@ __all__ = [
     "TrackSettings",
     "changed",
     "configured",
+    "from_options",
     "listed",
     "preset",
     "read_config",

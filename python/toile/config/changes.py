@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,8 +33,8 @@ def changed(settings: Group, *changes: Changes, source: str = "", also: Iterable
 
 
 def read_config(path: Path | None, table: str = "") -> dict[str, Any]:
-    """The changes that a TOML file asks for; nothing for None. Of a run's config.toml the settings that it was made with:
-    those of `table` ("align") where the file has one. UserError names the file."""
+    """The changes that a TOML file asks for; nothing for None. Of a run's config.toml the settings that it was made with, or
+    those of its `table` ("align"). UserError names the file."""
     if path is None:
         return {}
     try:
@@ -42,8 +42,23 @@ def read_config(path: Path | None, table: str = "") -> dict[str, Any]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UserError(f"--config {path}: cannot be read as TOML: {reason}") from None
-    saved = found[table] if isinstance(found.get(table), dict) and "settings" in found[table] else found
-    return saved["settings"] if isinstance(saved.get("settings"), dict) else found
+    if "frames" not in found or not isinstance(found.get("settings"), dict):
+        return found  # written by hand
+    saved = found.get(table) if table else found
+    if not isinstance(saved, dict) or not isinstance(saved.get("settings"), dict):
+        raise UserError(f"--config {path}: this run has no settings of {table}")
+    return saved["settings"]
+
+
+def from_options(
+    base: Callable[[str], Group], quality: str | None, path: Path | None, words: Iterable[str] | None, table: str = ""
+) -> Group:
+    """The settings that a command was asked for: `base` of a quality, changed by --config and then by --set. Without
+    --quality that of --set counts, then that of the file, then "standard"."""
+    file, given = read_config(path, table), read_set(words)
+    named = [change.pop("quality", None) for change in (given, file)]
+    chosen = quality or named[0] or named[1] or "standard"
+    return changed(changed(base(str(chosen)), file, source=f"--config {path}: "), given, source="--set ")
 
 
 def read_set(words: Iterable[str] | None) -> dict[str, Any]:

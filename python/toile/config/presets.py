@@ -29,22 +29,14 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 def preset(quality: str) -> Config:
     """The settings of a quality. Draft reads four pictures a frame, leaves openings where the labels put them, and fits
-    pose and surfaces in fewer steps to fewer points. ValueError: no such quality."""
+    pose and surfaces in fewer steps to fewer points. UserError: no such quality."""
     if quality not in QUALITIES:
-        raise ValueError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+        raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
     return changed(Config(), PRESETS[quality], {"quality": quality})
 
 
-def configured(
-    quality: str | None, *changes: Mapping[str, Any], source: str = "", also: tuple[str, ...] = ()
-) -> Config:
-    """The preset of a quality with changes, a later one winning. Without a quality the last one that the changes name
-    chooses the preset, "standard" where none does."""
-    named = [change["quality"] for change in changes if "quality" in change]
-    chosen = quality or (named[-1] if named else "standard")
-    rest = [{name: value for name, value in change.items() if name != "quality"} for change in changes]
-    try:
-        base = preset(chosen)
-    except (ValueError, TypeError) as error:
-        raise UserError(str(error)) from None
-    return changed(base, *rest, source=source, also=also)
+def configured(settings: Mapping[str, Any], also: tuple[str, ...] = ()) -> Config:
+    """The preset that `quality` among the settings names, "standard" without, changed by the others. `also`: names that
+    the message of an unknown one may suggest."""
+    rest = dict(settings)
+    return changed(preset(str(rest.pop("quality", "standard"))), rest, also=also)

@@ -33,11 +33,14 @@ class Listed:
 
 
 def listed(settings: Settings, prefix: str = "") -> Iterator[Listed]:
-    """Every setting of a model and of the models in it, with the values that `settings` has."""
+    """Every setting of a model and of the models in it, with the values that `settings` has; a model's own first."""
+    groups = {}
     for name, field in type(settings).model_fields.items():
         value = getattr(settings, name)
         if isinstance(value, Settings):
-            yield from listed(value, f"{prefix}{name}.")
+            groups[name] = value
         else:
             extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
             yield Listed(f"{prefix}{name}", value, str(extra.get("unit", "")), field.description or "")
+    for name, group in groups.items():
+        yield from listed(group, f"{prefix}{name}.")

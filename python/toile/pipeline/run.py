@@ -15,13 +15,15 @@ import json
 import shutil
 import time
 import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..config import Config
+from ..config import Config, changed, configured
 from ..errors import UserError
 from ..io.body import load_body_model
 from ..io.capture import check_capture, open_capture
@@ -37,6 +39,8 @@ from .blocks import Workers, locked
 from .manifest import open_run
 from .plan import blocks
 
+Progress = Callable[[str, int, int], None]
+KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry")  # of `register`, besides its settings
 FRAME_ERRORS = (UserError, InputError, SolveError, OSError, np.linalg.LinAlgError)
 
 
@@ -53,27 +57,43 @@ class Outcome:
     pending: tuple[int, ...] = ()
 
 
-def register(capture_path, run_path, config=None, frames=None, progress=None, workers=1, shard=(1, 1), retry=False):
-    """Registers `frames` (numbers; all by default) of a capture into `run_path` and returns an Outcome.
+def register(
+    capture: str | Path,
+    run: str | Path,
+    config: Config | None = None,
+    frames: Iterable[int] | None = None,
+    progress: Progress | None = None,
+    workers: int = 1,
+    shard: tuple[int, int] = (1, 1),
+    retry: bool = False,
+    **settings: Any,
+) -> Outcome:
+    """Registers `frames` (numbers; all by default) of a capture into the folder `run` and returns an Outcome.
+
+    Settings are those that `toile settings` lists: `quality="draft"` names the preset that the others change, a stage's
+    come as a dictionary, `dress={"contact": 0.01}`, or by dotted names, `**{"dress.contact": 0.01}`. With a `config` they
+    change that one.
 
     `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
     stood. `workers` processes share the work. `shard` (i, n) takes every n-th block from the i-th on, on its own or
     beside other shards of the run; whichever ends last finishes the run. `retry` gives failed frames again, whose files
     may have been mended, with no temporal state of the frames that stand; nothing else is touched. The bits depend on
-    neither workers nor shards. UserError: the capture, or a run folder that holds something else, cannot be used;
-    nothing is left behind.
+    neither workers nor shards. UserError: no such setting (the message names the nearest), or the capture, or a run
+    folder that holds something else, cannot be used; nothing is left behind.
     """
-    config = config or Config()
+    if config is not None and "quality" in settings:
+        raise UserError(f"quality {settings['quality']}: a config is given too")
+    config = configured(settings, KEYWORDS) if config is None else changed(config, settings, also=KEYWORDS)
     if workers < 1 or not 1 <= shard[0] <= shard[1]:
         asked = f"workers {workers}, shard {shard[0]}/{shard[1]}"
         raise UserError(f"{asked}: expected at least one worker and 1 <= i <= n")
-    capture = open_capture(capture_path)
+    capture = open_capture(capture)
     frames = tuple(capture.frames if frames is None else frames)
     unknown = sorted(set(frames) - set(capture.frames))
     if unknown or not frames:
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
     check_capture(capture, frames)
-    run, fresh = Path(run_path), not Path(run_path).exists()
+    run, fresh = Path(run), not Path(run).exists()
     open_run(run, capture, config, frames, retry)
     try:
         return _Run(capture, run, config, frames, progress or (lambda *_: None), workers, shard).go(retry)

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from ..console import SEEDS, WORKERS
+from ..config import changed, from_options
+from ..console import SEEDS, WORKERS, Changes, ConfigFile
+
+RENAMED = {
+    "samples": "pixel_paths",
+    "noise": "scan_noise",
+    "holes": "hole_share",
+    "keypoint_outliers": "keypoint_outlier_share",
+    "label_errors": "label_error_share",
+}
 
 
 def studio(
+    context: typer.Context,
     out: Annotated[Path, typer.Argument(help="folder of the new capture; goes on with OUT.part")],
     frames: Annotated[int, typer.Option(help="number of frames, 30 a second")] = 20,
     cameras: Annotated[int, typer.Option(help="number of cameras in the ring")] = 8,
@@ -34,6 +44,8 @@ def studio(
     workers: Annotated[
         int, typer.Option(help="processes that share the frames; 0: as many as processors", min=0, max=WORKERS)
     ] = 0,
+    config: ConfigFile = None,
+    changes: Changes = None,
 ):
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
     from rich.console import Console
@@ -42,11 +54,18 @@ def studio(
     from ..kernels import threads
     from .make import StudioOptions, make_capture
 
-    options = StudioOptions(
-        frames, cameras, size, seed, renderer, samples, subject, motion, image_step, span, noise, holes, keypoint_noise,
-        keypoint_outliers, label_errors, scan_faces, None if no_garment else garment,
-        trousers,
-    )  # fmt: skip
+    given = {
+        **dict(
+            frames=frames, cameras=cameras, size=size, seed=seed, renderer=renderer, samples=samples, subject=subject
+        ),
+        **dict(
+            motion=motion, image_step=image_step, span=span, noise=noise, holes=holes, keypoint_noise=keypoint_noise
+        ),
+        **dict(keypoint_outliers=keypoint_outliers, label_errors=label_errors, scan_faces=scan_faces, garment=garment),
+        "trousers": trousers,
+    }
+    own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
+    options = changed(from_options(lambda _: StudioOptions(), None, config, changes), own)
     with Progress(console=Console(stderr=True)) as bar:
         tasks = {}
 
@@ -60,3 +79,17 @@ def studio(
         typer.echo(f"discarded {reason}")
     typer.echo(f"{report.path}: {len(options.pictured)} frames, {options.cameras} cameras, seed {report.seed}, "
                f"{len(report.rejected)} seeds discarded")  # fmt: skip
+
+
+def is_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def own_options(given: dict[str, Any], no_garment: bool) -> dict[str, Any]:
+    """Options as StudioOptions has them: lengths in metres, shares named so."""
+    if "noise" in given:
+        given["noise"] *= 1e-3
+    if no_garment:
+        given["garment"] = None
+    return {RENAMED.get(name, name): value for name, value in given.items()}

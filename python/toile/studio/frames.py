@@ -39,7 +39,7 @@ class Stage:
             from .pathtrace import PathTracer
 
             self.tracer = PathTracer(
-                self.look, self.body, self.table.model, [s.faces for s in settled], options.samples
+                self.look, self.body, self.table.model, [s.faces for s in settled], options.pixel_paths
             )
 
     def joints_and_keypoints(self, vertices, rotations, translation):
@@ -73,7 +73,7 @@ class Stage:
             (folder / name).mkdir(parents=True)
         traced = self._traced(outer, number)
         views = [take(outer, c, self.look, s, rng, t) for c, s, t in zip(self.rig, self.sensors, traced)]
-        labels, share = wrong_labels(views, self.rig, options.label_errors, rng)
+        labels, share = wrong_labels(views, self.rig, options.label_error_share, rng)
         block, i = self.sequence.block_of(number)
         points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])[1]
         keypoints = {}
@@ -81,11 +81,11 @@ class Stage:
             write_image(folder / "images" / f"{camera.name}.jpg", view.image)
             write_image(folder / "masks" / f"{camera.name}.png", view.mask.astype(np.uint8) * 255)
             write_image(folder / "labels" / f"{camera.name}.png", label)
-            noise, outliers = options.keypoint_noise, options.keypoint_outliers
+            noise, outliers = options.keypoint_noise, options.keypoint_outlier_share
             seen = noisy(self.table, camera, view.depth, points, noise, outliers, rng)
             keypoints[camera.name] = np.round(seen, 3).tolist()
         write_json(folder / "keypoints.json", {"names": list(self.table.names), "points": keypoints})
-        write_ply(folder / "scan.ply", *scan(outer, options.scan_faces, 1e-3 * options.noise, options.holes, rng))
+        write_ply(folder / "scan.ply", *scan(outer, options.scan_faces, options.scan_noise, options.hole_share, rng))
         return share
 
     def _traced(self, outer, number):

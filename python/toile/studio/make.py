@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -79,13 +79,13 @@ def refuse_existing(out):
 
 def begin(part, options):
     """Keeps the options in a new OUT.part, or checks that it was begun with the same ones; says whether it is new."""
-    asked = {"options": asdict(options), "versions": versions()}
+    asked = {"options": options.model_dump(), "versions": versions()}
     kept = next((p for p in (part / "studio.json", part / "work" / "options.json") if p.exists()), None)
     if kept is None:
         write_text(part / "work" / "options.json", json.dumps(asked))
         return True
     found = json.loads(kept.read_text())
-    found["options"] = asdict(StudioOptions()) | found["options"]  # one that came later had its default
+    found["options"] = StudioOptions().model_dump() | found["options"]  # one that came later had its default
     for table, values in asked.items():
         for name, value in values.items():
             if found[table].get(name) != value:
@@ -221,7 +221,7 @@ def versions():
 
 def studio_json(options, report):
     return {
-        "options": asdict(options), "seed": report.seed, "rejected": report.rejected, "figures": report.figures,
+        "options": options.model_dump(), "seed": report.seed, "rejected": report.rejected, "figures": report.figures,
         "bounds": {"strain_p99": checks.STRAIN_P99, "strain_max": checks.STRAIN_MAX, "step_m": checks.STEP_MAX},
         "self_contact": "off: the cloth may pierce itself; triangle pairs are counted per frame in truth.zarr",
         "label_errors": "drawn anew for every frame, alike in all views",

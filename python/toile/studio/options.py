@@ -2,66 +2,62 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, Literal, Self
 
-import numpy as np
+from pydantic import ValidationError, model_validator
 
+from ..config import Settings, setting
 from ..errors import UserError
 from .cameras import VISIBLE
 from .garment import SIZES
 from .motions import JOIN
 
 MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
-RENDERERS = ("raster", "mitsuba")
 
 
-@dataclass(frozen=True)
-class StudioOptions:
-    """What to capture. Lengths in the unit of the name."""
+class StudioOptions(Settings):
+    """What to capture. UserError names the option that is out of range."""
 
-    frames: int = 20
-    cameras: int = 8
-    size: int = 512  # px, square pictures
-    seed: int = 0
-    renderer: str = "raster"  # raster, mitsuba
-    samples: int = 64  # paths a pixel, mitsuba
-    subject: str = "fitted"  # fitted, logo, loose
-    motion: str = "walk"  # walk, rom, talk, hands-on-cloth, several joined by "+", or a .bvh file
-    image_step: int = 1  # every which simulated frame is captured
-    span: float = VISIBLE  # m of height that the pictures span at the middle of the stage
-    noise: float = 1.0  # mm, scan noise
-    holes: float = 0.05  # share of the scan's area
-    keypoint_noise: float = 2.0  # px
-    keypoint_outliers: float = 0.05
-    label_errors: float = 0.10  # share of foreground pixels
-    scan_faces: int = 60_000
-    garment: str | None = "newton"  # newton, cut, the path of a shirt as .obj, or None
-    trousers: bool = False  # a garment of their own, under the shirt
+    frames: int = setting(20, "count", "simulated, 30 a second", ge=1)
+    cameras: int = setting(8, "count", "in a ring about the stage", ge=1)
+    size: int = setting(512, "px", "width and height of the pictures", ge=32, le=8192)
+    seed: int = setting(0, "count", "same seed, same bits", ge=0)
+    renderer: Literal["raster", "mitsuba"] = setting(
+        "raster", "name", "raster: the own rasteriser; mitsuba: path tracing"
+    )
+    pixel_paths: int = setting(64, "count", "light paths a pixel, mitsuba only", ge=1)
+    subject: str = setting("fitted", "name", "fitted, logo or loose: who wears what print and size")
+    motion: str = setting("walk", "name", "walk, rom, talk, hands-on-cloth, several joined by +, or a .bvh file")
+    image_step: int = setting(1, "count", "every which simulated frame is captured", ge=1)
+    span: float = setting(VISIBLE, "m", "height that the pictures span at the middle of the stage", ge=0.1, le=10)
+    scan_noise: float = setting(0.001, "m", "standard deviation of the scans' points", ge=0)
+    hole_share: float = setting(0.05, "1", "of the scan's area that is cut out", ge=0, le=0.9)
+    keypoint_noise: float = setting(2.0, "px", "standard deviation of the keypoints", ge=0)
+    keypoint_outlier_share: float = setting(0.05, "1", "of the keypoints, half of them swaps", ge=0, le=0.9)
+    label_error_share: float = setting(0.10, "1", "of the foreground pixels", ge=0, le=0.9)
+    scan_faces: int = setting(60_000, "count", "triangles of a scan before holes", ge=1)
+    garment: str | None = setting(
+        "newton", "name", "newton, cut (from the body), or the path of a shirt as .obj; empty: the bare body"
+    )
+    trousers: bool = setting(False, "switch", "a garment of their own, cut from the body, under the shirt")
 
-    def __post_init__(self):
-        positive = ("frames", "cameras", "scan_faces", "samples", "image_step")
-        for name in positive:
-            if getattr(self, name) < 1:
-                raise UserError(f"studio: {name} is {getattr(self, name)}, must be at least 1")
-        if not 32 <= self.size <= 8192:
-            raise UserError(f"studio: size is {self.size}, must be 32 to 8192 pixels")
-        if self.seed < 0:
-            raise UserError(f"studio: seed is {self.seed}, must be at least 0")
-        for name in ("noise", "keypoint_noise"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise UserError(f"studio: {name} is {getattr(self, name)}, must be finite and at least 0")
-        for name in ("holes", "keypoint_outliers", "label_errors"):
-            if not 0 <= getattr(self, name) <= 0.9:
-                raise UserError(f"studio: {name} is {getattr(self, name)}, must be 0 to 0.9")
-        if not 0.1 <= self.span <= 10:
-            raise UserError(f"studio: span is {self.span}, must be 0.1 to 10 m")
-        if self.renderer not in RENDERERS:
-            raise UserError(f"studio: renderer is {self.renderer!r}, must be {' or '.join(RENDERERS)}")
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            name = ".".join(map(str, first["loc"]))
+            what = first["msg"].replace("Input should be", "must be").replace("Value error, ", "")
+            raise UserError(f"studio: {name} is {first['input']!r}, {what}" if name else what) from None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
         if self.subject not in SIZES:
             raise UserError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
         self._check_motion()
+        return self
 
-    def _check_motion(self):
+    def _check_motion(self) -> None:
         if self.motion.lower().endswith(".bvh"):
             return
         parts = self.motion.split("+")

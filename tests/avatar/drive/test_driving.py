@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from tests.support import small_avatar
-from toile.avatar.command import temporal_settings
+from toile.avatar.command import temporal_options
 from toile.avatar.drive.animate import Puppet
 from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, without
 from toile.avatar.drive.teaching import code_reach, relative_error, stop_at, train_temporal
@@ -165,12 +165,13 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
 
 
 def test_the_command_line_names_the_temporal_model():
-    assert temporal_settings(None, 7, 3) == TemporalSettings(model="window", window=7, seed=3)
-    assert temporal_settings("damped", 15, 0) == TemporalSettings(model="damped")
+    assert temporal_options(None, None, None) == {}
+    assert TemporalSettings(**temporal_options(None, 7, 3)) == TemporalSettings(model="window", window=7, seed=3)
+    assert TemporalSettings(**temporal_options("damped", 15, 0)) == TemporalSettings(model="damped")
     with pytest.raises(UserError, match="--temporal-model springs: expected window or damped"):
-        temporal_settings("springs", 15, 0)
+        temporal_options("springs", 15, 0)
     with pytest.raises(UserError, match="--window 0: expected at least one pose"):
-        temporal_settings("window", 0, 0)
+        temporal_options("window", 0, 0)
 
 
 def test_the_same_seed_gives_the_same_bits_for_any_number_of_threads(driven, tmp_path):

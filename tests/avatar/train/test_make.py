@@ -2,7 +2,7 @@
 
 import pytest
 
-from toile.avatar.command import changes
+from toile.avatar.command import own_options
 from toile.avatar.settings import AvatarSettings, preset
 from toile.avatar.train.make import held_out
 from toile.config import QUALITIES
@@ -43,11 +43,11 @@ def test_bad_holdout_is_refused(text):
 )
 def test_bad_options_are_refused(options, message):
     with pytest.raises(UserError, match=message):
-        changes(**dict(minutes=None, steps=None, lr=None, seed=0) | options)
+        own_options(**dict(minutes=None, steps=None, lr=None, seed=0) | options)
 
 
 def test_options_change_the_settings():
-    changed = changes(None, "3,4,5", 0.01, 7)
+    changed = own_options(None, "3,4,5", 0.01, 7)
     assert changed == {"seed": 7, "lr": 0.01, "body_steps": 3, "garment_steps": 4, "joint_steps": 5}
     assert {"seed", "lr", "body_steps"} <= AvatarSettings.model_fields.keys()
 

@@ -82,7 +82,7 @@ class Objective(torch.nn.Module):
             "mask": losses.mask_l1(mask, batch["mask"]),
         }
         if several:
-            first, last = self.settings.visibility_c
+            first, last = self.settings.visibility_widths
             c, labels = first + (last - first) * share, [self.labels[name] for name in decoded]
             seen = [losses.soft_visibility(view.depth, l, labels, c) for view, l in zip(rendered, batch["labels"])]
             terms["visibility"] = torch.stack(seen).mean()

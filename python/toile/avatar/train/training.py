@@ -101,7 +101,7 @@ class Training:
                     planned = self._plan_again(*planned)
                 self._checkpoint(optimiser)
             rate = self._update(phase, optimiser, loss)
-            at.recent = [*at.recent, value][-settings.recent :]
+            at.recent = [*at.recent, value][-settings.divergence_steps :]
             self._note(phase, value, terms, rate)
             at.step, at.total = at.step + 1, at.total + 1
 
@@ -119,8 +119,10 @@ class Training:
         where = f"{phase.name}, step {self.at.step}"
         if not math.isfinite(loss):
             raise Diverged(f"{where}: the loss is not finite")
-        if len(recent) >= SOUND and loss > self.settings.diverged * sum(recent) / len(recent):
-            raise Diverged(f"{where}: the loss {loss:.3g} is beyond {self.settings.diverged:g} x its recent mean")
+        if len(recent) >= SOUND and loss > self.settings.divergence_ratio * sum(recent) / len(recent):
+            raise Diverged(
+                f"{where}: the loss {loss:.3g} is beyond {self.settings.divergence_ratio:g} x its recent mean"
+            )
 
     def _update(self, phase, optimiser, loss):
         """One step of AdamW; returns its learning rate."""
@@ -130,7 +132,9 @@ class Training:
             group["lr"] = group["base"] * share
         optimiser.zero_grad(set_to_none=True)  # what a phase does not train keeps no gradient and stays as it is
         self.fabric.backward(loss)
-        norm = self.fabric.clip_gradients(self.module, optimiser, max_norm=self.settings.clip, error_if_nonfinite=False)
+        norm = self.fabric.clip_gradients(
+            self.module, optimiser, max_norm=self.settings.gradient_limit, error_if_nonfinite=False
+        )
         if not math.isfinite(float(norm)):
             raise Diverged(f"{phase.name}, step {at.step}: the gradient is not finite")
         optimiser.step()
@@ -176,8 +180,10 @@ class Training:
     def _go_back(self, error):
         """After a divergence: the last good checkpoint, another draw of samples, half the learning rate."""
         returns, spent = self.at.returns + 1, self._spent()
-        if returns > self.settings.returns:
-            raise UserError(f"{error}, after {self.settings.returns} returns to a good checkpoint: give a smaller --lr")
+        if returns > self.settings.max_returns:
+            raise UserError(
+                f"{error}, after {self.settings.max_returns} returns to a good checkpoint: give a smaller --lr"
+            )
         tensors = self._restore()
         if tensors is None:
             raise UserError(f"{error} before anything was learnt: look at the run's geometry and pictures")
@@ -305,7 +311,7 @@ def draw(*parts):
 
 
 def rate_at(step, steps, settings):
-    """Share of the learning rate at a step: rises over the first steps, falls by half a cosine to `decay`."""
-    rise = min((step + 1) / max(settings.warm_up * steps, 1), 1.0)
+    """Share of the learning rate at a step: rises over the first steps, falls by half a cosine to `final_rate`."""
+    rise = min((step + 1) / max(settings.warm_up_share * steps, 1), 1.0)
     fall = 0.5 * (1 + math.cos(math.pi * min(step / max(steps, 1), 1.0)))
-    return rise * (settings.decay + (1 - settings.decay) * fall)
+    return rise * (settings.final_rate + (1 - settings.final_rate) * fall)
