@@ -19,7 +19,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "vision": BASE | {"surface"},
     "stages": BASE | {"config", "surface", "vision"},
     "pipeline": BASE | {"config", "io", "stages", "surface", "vision"},
-    "measure": BASE | {"io", "surface"},
+    "measure": BASE | {"io", "surface", "vision"},
     "align": BASE | {"config", "console", "io", "measure", "pipeline", "surface", "vision"},
     "avatar": {"config", "errors"},
     "avatar/render": BASE,

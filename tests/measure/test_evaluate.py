@@ -8,6 +8,7 @@ import zarr
 
 from tests.support.synthetic_run import copy_capture, true_run
 from toile.errors import UserError
+from toile.io.body import load_body_model
 from toile.measure.evaluate import evaluate
 
 
@@ -24,7 +25,7 @@ def test_truth_as_a_run_has_no_error_where_the_measure_is_exact(made):
     assert max(shirt["correspondence_mm"], shirt["jitter_mm"]) < 1e-6
     assert shirt["surface_mm"] < 1e-3
     assert len(shirt["boundary_mm"]) == 4 and max(shirt["boundary_mm"].values()) < 5
-    assert max(all_["inner"].values()) < 1e-3
+    assert max(all_["inner"][name] for name in ("hidden_mm", "visible_mm")) < 1e-3
     assert all_["track_to_scan_mm"] < 5
     assert all_["label_iou"]["tshirt"] > 0.9
 
@@ -38,11 +39,64 @@ def test_garment_shifted_by_5_mm_is_5_mm_off_without_jitter(made):
     assert shirt["jitter_mm"] < 1e-6
 
 
+def test_evidence_is_over_every_outside_vertex_and_over_the_whole_scan(made):
+    """A hand that left the scan: what was found on the scan is as good as before, the whole surface is not."""
+    before = evaluate(made[1])["all"]
+    store = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")
+    model = load_body_model("anny")
+    hand = model.segments["hand_left"]
+    outside = ~model.inside
+    vertices, confidence = store["track/vertices"][:], store["confidence/track"][:]
+    vertices[:, hand] += np.array([0, 0, 0.4])
+    confidence[:, hand] = 0
+    store["track/vertices"][:], store["confidence/track"][:] = vertices, confidence
+    after = evaluate(made[1])["all"]
+    assert after["track_to_scan_mm"] <= before["track_to_scan_mm"] + 0.1
+    moved = outside[hand].sum() / outside.sum()
+    far = after["evidence"]["surface_to_scan_mm"]["mean"] - before["evidence"]["surface_to_scan_mm"]["mean"]
+    assert 0.1 * 400 * moved < far < 400 * moved
+    assert after["evidence"]["scan_to_surface_mm"]["mean"] > before["evidence"]["scan_to_surface_mm"]["mean"] + 0.5
+    assert before["evidence"]["observed"] - after["evidence"]["observed"] == pytest.approx(
+        moved, abs=0.02
+    )  # a cuff may cover some of it
+    assert after["evidence"]["silhouette_iou"] < before["evidence"]["silhouette_iou"]
+
+
+def test_evidence_of_the_truth_is_that_of_the_scans_noise_and_the_detectors(made):
+    found = evaluate(made[1])["all"]["evidence"]
+    assert found["scan_to_surface_mm"]["mean"] < 6 and found["scan_to_surface_mm"]["p95"] < 30
+    assert found["keypoint_px"]["median"] < 12 and found["silhouette_iou"] > 0.85
+
+
+def test_evidence_needs_no_truth_and_says_what_a_frame_lacks(made):
+    shutil.rmtree(made[0] / "truth")
+    for kind in ("masks", "images", "labels"):
+        for folder in made[0].glob(f"frames/*/{kind}"):
+            shutil.rmtree(folder)
+    for file in made[0].glob("frames/*/keypoints.json"):
+        file.unlink()
+    found = evaluate(made[1])["all"]["evidence"]
+    assert found["scan_to_surface_mm"]["mean"] > 0 and found["observed"] > 0.5
+    assert found["silhouette_iou"] is None and found["keypoint_px"] == {"median": None, "p95": None}
+
+
+def test_loops_and_hidden_body_are_measured_over_all_their_vertices(made):
+    result = evaluate(made[1])["all"]
+    shirt, inner = result["garment"]["tshirt"], result["inner"]
+    loops = zarr.open_group(str(made[1] / "registered.zarr"), mode="r").attrs["scene"]["garments"][0]["loops"]
+    sizes = [len(loops[name]) for name in shirt["boundary_mm"]]
+    assert shirt["boundary_all_mm"] == pytest.approx(np.average(list(shirt["boundary_mm"].values()), weights=sizes))
+    assert shirt["observed"] == 1 and set(shirt["loop_observed"].values()) == {1}
+    assert 0.05 < inner["hidden_share"] < 0.6
+    assert inner["hidden_model_mm"] > 3 > inner["hidden_mm"]  # the model of zero shape is another person's
+
+
 def test_measures_are_null_without_truth(made):
     shutil.rmtree(made[0] / "truth")
     all_ = evaluate(made[1])["all"]
     assert all_["joint_mm"] is None and all_["label_iou"] is None
-    assert set(all_["garment"]["tshirt"].values()) == {None}
+    shirt = all_["garment"]["tshirt"]
+    assert {name for name, value in shirt.items() if value is not None} == {"observed", "loop_observed"}
     assert all_["track_to_scan_mm"] is not None
 
 

@@ -64,6 +64,7 @@ def true_run(capture_folder, folder):
         "labels": ((n,), "uint8"),
         "confidence/track": ((n,), "uint8"),
         "confidence/inner": ((n,), "uint8"),
+        "confidence/tshirt": ((g,), "uint8"),
     }
     frames = truth["frames"][:]
     store = Registered.create(run / "registered.zarr", frames, fixed, per_frame, attributes)
@@ -80,6 +81,7 @@ def true_run(capture_folder, folder):
             "labels": np.where(covered, scene.labels["tshirt"], truth["labels"][:]).astype(np.uint8),
             "confidence/track": np.where(covered, 0, 2).astype(np.uint8),
             "confidence/inner": np.where(covered, 0, 2).astype(np.uint8),
+            "confidence/tshirt": np.full(g, 2, np.uint8),
         }
         store.write(int(frame), values, OK)
     return run

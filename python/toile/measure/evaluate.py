@@ -14,19 +14,30 @@ from ..errors import UserError
 from ..io.body import load_body_model
 from ..io.capture import open_capture
 from ..io.run import OK, Status
+from ..scene import OBSERVED
+from .evidence import evidence, nothing
 from .truth import mean_measures, millimetres, open_truth, second_difference
 
 
 def evaluate(run):
     """Measures as {"all": {...}, "per_frame": [...]}; lengths in mm; None where the truth or the thing is missing.
 
-    joint_mm: mean distance of the model's joints to the true ones of the same name. track_to_scan_mm: mean distance of
-    observed tracked vertices to the scan's surface. label_iou: by area over the tracked surface, against the label of the nearest
-    point of the true outer surface (garments, and the body that no garment covers). garment: boundary_mm, a loop's
-    vertices to the nearest true border; surface_mm, vertices to the true garment's surface; correspondence_mm, vertices to
-    their true places through the truth's map; jitter_mm, mean length of the second difference over time of that error
-    (consecutive frames only). inner: vertices to the true body's surface, hidden where confidence is 0.
-    intersections_left: triangle pairs of garments with the inner skin and with one another, by exact predicates. seconds: mean a frame.
+    "all" holds means over the frames that are ok (its p95 is the mean of theirs), but the sum of intersections_left.
+
+    joint_mm: mean distance of the model's joints to the true ones of the same name. track_to_scan_mm: only the tracked
+    vertices that were found on the scan, to its surface: small by definition. evidence: over all outside vertices and the
+    whole scan, see measure/evidence.py. label_iou: by area over the outside of the tracked surface, against the label of
+    the nearest point of the true outer surface (garments, and the body that no garment covers).
+    garment: over all vertices of the template, seen or not. observed, share of them that lie on the labelled scan;
+    boundary_mm, each loop's vertices to the true border that is its own; boundary_all_mm, the same over the vertices of all
+    loops together; loop_observed, share of a loop's vertices that lie on the scan and whose opening was seen; surface_mm,
+    vertices to the true garment's surface; correspondence_mm, vertices to their true places through the truth's map;
+    jitter_mm, mean length of the second difference over time of that error (consecutive frames only).
+    inner: outside vertices to the true body's surface, hidden_mm under the garments (confidence 0), visible_mm elsewhere;
+    hidden_model_mm, the hidden ones of the model alone, posed and shaped by the tracking, before anything was fused of the
+    sequence; hidden_share, of the outside vertices.
+    intersections_left: triangle pairs of garments with the inner skin, whole, and with one another, by exact predicates.
+    seconds: mean a frame.
     """
     run = Path(run)
     return _Evaluation(run).result()
@@ -45,6 +56,7 @@ class _Evaluation:
         path = self.capture.root / body if body.endswith(".npz") else body
         self.model = load_body_model(path, up=self.capture.scene.up)
         self.garments = self.store.attrs["scene"]["garments"]
+        self.rest = self.model.rest(self.store["shape"][:])
         self.truth = open_truth(self.capture, [g["name"] for g in self.garments])
         self.outside = ~self.model.inside
 
@@ -69,7 +81,7 @@ class _Evaluation:
         tracked = self.store["track/vertices"][row]
         out = self._nothing()
         out["joint_mm"] = self._joints(row, number) if true else None
-        out["track_to_scan_mm"] = self._to_scan(row, number, tracked)
+        out |= self._evidence(row, number, tracked)
         if not self.garments:
             return out
         inner = self.store["inner/vertices"][row]
@@ -78,6 +90,10 @@ class _Evaluation:
         layers = [(inner, self.model.skin_faces), *((cloth[n], faces[n]) for n in cloth)]
         pairs = (kernels.intersecting_pairs(*over, *under) for over, under in combinations(layers[::-1], 2))
         out["intersections_left"] = int(sum(len(p) for p in pairs))
+        for garment in self.garments:
+            seen = self.store[f"confidence/{garment['name']}"][row] == OBSERVED
+            shares = {name: float(seen[loop].mean()) for name, loop in garment["loops"].items()}
+            out["garment"][garment["name"]] |= {"observed": float(seen.mean()), "loop_observed": shares}
         if not true:
             return out
         for garment in self.garments:
@@ -86,38 +102,57 @@ class _Evaluation:
             out["garment"][name] |= measures
         out["label_iou"] = self._labels(self.store["labels"][row], tracked, number)
         hidden = self.store["confidence/inner"][row] == 0
+        model = self.model.skin(*self.rest, *self._pose(row))
+        alone = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]
+        share = float((hidden & self.outside).sum() / self.outside.sum())
         out["inner"] = self.truth.body_errors(inner, hidden, self.outside, number)
+        out["inner"] |= {"hidden_model_mm": alone, "hidden_share": share}
         return out
 
     def _nothing(self):
         """The measures of one frame, none of them known."""
-        garment = ("boundary_mm", "surface_mm", "correspondence_mm", "jitter_mm")
+        garment = (
+            "observed",
+            "loop_observed",
+            "boundary_mm",
+            "boundary_all_mm",
+            "surface_mm",
+            "correspondence_mm",
+            "jitter_mm",
+        )
         return {
             "joint_mm": None,
             "track_to_scan_mm": None,
+            "evidence": nothing(),
             "label_iou": None,
             "garment": {g["name"]: dict.fromkeys(garment) for g in self.garments},
-            "inner": {"hidden_mm": None, "visible_mm": None},
+            "inner": dict.fromkeys(("hidden_mm", "visible_mm", "hidden_model_mm", "hidden_share")),
             "intersections_left": None,
         }
 
     def _joints(self, row, number):
-        J = self.model.rest(self.store["shape"][:])[1]
-        _, x = self.model.joint_transforms(J, self.store["pose/rotations"][row], self.store["pose/translation"][row])
-        true, names = self.truth.joints(number)
+        x, (true, names) = self._model_joints(row), self.truth.joints(number)
         at = [self.model.joint_names.index(n) for n in names if n in self.model.joint_names]
         there = [i for i, n in enumerate(names) if n in self.model.joint_names]
         return millimetres(np.linalg.norm(x[at] - true[there], axis=1))
 
-    def _to_scan(self, row, number, tracked):
+    def _evidence(self, row, number, tracked):
+        """What the frame itself shows of the tracked surface; nothing where the capture has lost it."""
         try:
-            scan = self.capture.frame(number).scan
+            frame = self.capture.frame(number)
         except UserError:
-            return None
-        seen = (self.store["confidence/track"][row] == 2) & self.outside
-        if scan is None or not seen.any():
-            return None
-        return millimetres(kernels.SurfaceIndex(scan.vertices, scan.faces).closest(tracked[seen])[3])
+            return {}
+        confidence, joints = self.store["confidence/track"][row], self._model_joints(row)
+        found = evidence(frame, self.capture.cameras, self.model, tracked, joints, confidence, self.outside)
+        seen = (confidence == OBSERVED) & self.outside
+        near = frame.scan.index.closest(tracked[seen])[3] if frame.scan is not None and seen.any() else []
+        return {"track_to_scan_mm": millimetres(near), "evidence": found}
+
+    def _pose(self, row):
+        return self.store["pose/rotations"][row], self.store["pose/translation"][row]
+
+    def _model_joints(self, row):
+        return self.model.joint_transforms(self.rest[1], *self._pose(row))[1]
 
     def _labels(self, labels, tracked, number):
         """IoU by label over the outside of the tracked surface."""

@@ -196,18 +196,22 @@ def _view(V, angle, up):
 
 
 def _excess(name, value, median):
-    """How far a measure is on its bad side, relative to its median; IoU is bad when low."""
-    if "iou" in name:
+    """How far a measure is on its bad side, relative to its median; IoU and what was observed are bad when low."""
+    if _good_when_high(name):
         return (median - value) * 10
     if name == "intersections_left":
         return 50.0 if value else 0.0
     return (value - median) / max(abs(median), 1e-9)
 
 
+def _good_when_high(name):
+    return "iou" in name or "observed" in name
+
+
 def _words(name, value, median):
     if name == "intersections_left" and value:
         return f"{int(value)} triangle pairs of garments with the body or one another still intersect"
-    worse = "below" if "iou" in name else "above"
+    worse = "below" if _good_when_high(name) else "above"
     return f"{name.replace('_', ' ')} is {short_number(value)}, {worse} the run's median of {short_number(median)}"
 
 

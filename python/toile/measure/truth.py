@@ -64,17 +64,19 @@ class Truth:
     def garment_errors(self, name, loops, V, number):
         """Measures of a garment's vertices V (g,3), and their error vectors (g,3). loops {name: vertex indices}.
 
-        boundary_mm: a loop's vertices to the true border that is its own; surface_mm: to the true surface;
+        boundary_mm: each loop's vertices to the true border that is its own; boundary_all_mm: those of all loops;
+        surface_mm: to the true surface;
         correspondence_mm: to the vertices' true places.
         """
         T, F = self.garment(name, number)
         place = self.places(name, number)
-        borders, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}
+        borders, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}  # {loop: distances (k,) [m]}
         for loop, at in loops.items():
             own = min(borders, key=lambda loop: distance_to_polyline(place[at], loop).mean())
-            boundary[loop] = millimetres(distance_to_polyline(V[at], own))
+            boundary[loop] = distance_to_polyline(V[at], own)
         measures = {
-            "boundary_mm": boundary,
+            "boundary_mm": {loop: millimetres(distances) for loop, distances in boundary.items()},
+            "boundary_all_mm": millimetres(np.concatenate([*boundary.values(), []])),
             "surface_mm": millimetres(kernels.SurfaceIndex(T, F).closest(V)[3]),
             "correspondence_mm": millimetres(np.linalg.norm(V - place, axis=1)),
         }
