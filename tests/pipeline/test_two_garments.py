@@ -65,11 +65,13 @@ def test_only_what_is_hidden_of_a_waist_is_tucked_inside_the_shirt(layers):
     T, S = layers["trousers"][0].copy(), layers["shirt"][0]
     waist = T[:, 2] > -0.08
     T[waist, :2] *= 0.13 / 0.11  # bulges through the shirt
-    inside = layering(layers).tuck({"trousers": T, "shirt": S}, {"trousers": waist, "shirt": np.zeros(len(S), bool)})
+    inside = layering(layers).move_inside(
+        {"trousers": T, "shirt": S}, {"trousers": waist, "shirt": np.zeros(len(S), bool)}
+    )
     assert np.array_equal(inside["shirt"], S) and np.array_equal(inside["trousers"][~waist], T[~waist])
     deep = T[:, 2] > -0.05
     assert radii(inside["trousers"][deep]).max() < 0.1195
-    none = layering(layers).tuck(
+    none = layering(layers).move_inside(
         {"trousers": T, "shirt": S}, {"trousers": ~waist & False, "shirt": np.zeros(len(S), bool)}
     )
     assert np.array_equal(none["trousers"], T)

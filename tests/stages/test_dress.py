@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.support.shapes import tube
+from tests.support.shapes import box, tube
 from toile import kernels
 from toile.config import DressSettings, RefinementSettings, SegmentSettings
 from toile.errors import UserError
@@ -89,6 +89,25 @@ def test_sleeve_of_wrong_size_settles_on_scan_and_openings(scene):
         assert gap.mean() < 0.004
     assert (result.confidence == 2).mean() > 0.95
     assert result.diagnostics["unsupported_contact"] == 0
+
+
+def test_a_button_stays_rigid_at_the_cloth_at_rest_and_in_frames(scene):
+    model, person, frame, tracked, segmented, target, F = scene
+    V, T = sleeve(0.110, 0.215, 0.79)
+    B, G = box([0.012, 0.004, 0.012], [0, 0.113, 0.5])
+    mesh = Mesh(np.concatenate([V, B]), np.concatenate([T, G + len(V)]).astype(np.int32))
+    sample = (frame, tracked, segmented, dark(frame))
+    template = prepare(model, person, SLEEVE, 2, mesh, [sample], DressSettings())
+    dressed = Dresser(model, person, template, DressSettings()).dress(*sample)
+    plain = prepare(model, person, SLEEVE, 2, Mesh(V, T), [sample], DressSettings())
+    assert len(template.loops) == 2 and len(dressed.vertices) == len(dressed.confidence) == len(V) + 8
+    np.testing.assert_array_equal(template.rest[:-8], plain.rest)
+    edge = lambda X: np.linalg.norm(X[-8:, None] - X[None, -8:], axis=2)
+    for X in (template.rest, dressed.vertices):
+        np.testing.assert_allclose(edge(X), edge(mesh.vertices), rtol=1e-6, atol=1e-12)
+        offset = kernels.SurfaceIndex(X[:-8], T).closest(X[-8:])[3]
+        assert 0.0005 < offset.min() and offset.max() < 0.006  # 1 to 5 mm as it is drawn
+    assert template.skin[-8:].std(0).max() == 0 and (dressed.confidence[-8:] == 2).all()
 
 
 def test_cloth_that_the_scan_lacks_is_not_called_observed(scene):

@@ -35,3 +35,10 @@ def tube(rings=40, sectors=64, radius=0.2, height=0.6):
         [np.stack([a, b, a + sectors], -1).reshape(-1, 3), np.stack([b, b + sectors, a + sectors], -1).reshape(-1, 3)]
     )
     return V, F.astype(np.int32)
+
+
+def box(size, at):
+    """A closed box (8 vertices, 12 faces) about a place."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners * size + at, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])

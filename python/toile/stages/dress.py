@@ -1,12 +1,14 @@
 """Dress each frame: the template posed by the tracked skeleton, its loops laid on the scan's openings, then registered."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
+from ..surface.attachments import Attachments
 from ..surface.curves import isolines, pieces
 from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, loop_length, match_loops
@@ -34,11 +36,17 @@ def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     if not loops:
         raise UserError(f"{garment.template}: the template of garment {garment.name} has no open loop")
     uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
+    attachments = Attachments(F, len(V))
     skin = transfer_skin(model, V, F, settings.skin_smoothing)
-    rest = carry(V, model.v_template, _surface_under(model, person, samples, over), settings.fit_reach)
+    skin = attachments.spread(V, skin[attachments.cloth])
     names = name_loops(model, V, loops)
-    template = GarmentTemplate(garment.name, int(label_id), rest, F, uv, face_uv, skin, loops, names)
-    return _personalise(model, person, template, samples, settings, over) if samples else template
+    whole = GarmentTemplate(garment.name, int(label_id), V, F, uv, face_uv, skin, loops, names)
+    cloth = attachments.cloth_of(whole)
+    under = _surface_under(model, person, samples, over)
+    cloth = replace(cloth, rest=carry(cloth.rest, model.v_template, under, settings.fit_reach))
+    if samples:
+        cloth = _personalise(model, person, cloth, samples, settings, over)
+    return replace(whole, rest=attachments.follow(V, cloth.rest))
 
 
 def _surface_under(model, person, samples, over):
@@ -84,8 +92,7 @@ def _personalise(model, person, template, samples, settings, over):
     stay = settings.covered_weight if over else settings.unseen_weight
     shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
     _report_fit(template, np.array(lengths), settings)
-    fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
-    return GarmentTemplate(**{**fields, "rest": template.rest + shift})
+    return replace(template, rest=template.rest + shift)
 
 
 def _filled(template, shift, weight, stiffness, stay):
@@ -122,10 +129,12 @@ def _report_fit(template, lengths, settings):
 
 class Dresser:
     """Registers one garment frame by frame; what depends on the template alone is computed once. `over`: label ids of
-    the garments worn over this one, whose openings hide it and are none of its own."""
+    the garments worn over this one, whose openings hide it and are none of its own. Components without a loop follow."""
 
     def __init__(self, body_model, person, template, settings, over=()):
-        self.model, self.person, self.template, self.settings, self.over = body_model, person, template, settings, over
+        self.model, self.person, self.settings, self.over = body_model, person, settings, over
+        self.whole, self.attachments = template, Attachments(template.faces, len(template.rest))
+        self.template = template = self.attachments.cloth_of(template)
         self.known = np.concatenate(template.loops).astype(np.int32)
         self.biharmonic = kernels.BiharmonicSolver(
             template.rest, template.faces, self.known, **settings.biharmonic.model_dump()
@@ -135,10 +144,12 @@ class Dresser:
 
     def dress(self, frame, tracked, segmented, evidence):
         """One frame -> Dressed."""
-        return self.register(frame, tracked, segmented, evidence)[0]
+        cloth, _ = self.register(frame, tracked, segmented, evidence)
+        vertices = self.attachments.follow(self.whole.rest, cloth.vertices)
+        return replace(cloth, vertices=vertices, confidence=self.attachments.spread(self.whole.rest, cloth.confidence))
 
     def register(self, frame, tracked, segmented, evidence):
-        """As `dress`, with the LoopMatch of each loop.
+        """The Dressed of the cloth alone, and the LoopMatch of each loop.
 
         The loops are laid on the scan's openings first, and the garment settles; then each is laid on the opening that the
         pictures show along it, which may hang free of the scan, and the garment settles again."""

@@ -4,6 +4,7 @@ import numpy as np
 
 from .. import kernels
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Inner, InnerShape
+from ..surface.attachments import Attachments
 from ..surface.layering import Layering
 
 
@@ -43,7 +44,9 @@ class InnerLayer:
         )
         V = np.asarray(fit.V)
         hidden = {name: d.confidence < OBSERVED for name, d in dressed.items()}
-        layers = self.layering.solve(V, self.layering.tuck({name: d.vertices for name, d in dressed.items()}, hidden))
+        layers = self.layering.solve(
+            V, self.layering.move_inside({name: d.vertices for name, d in dressed.items()}, hidden)
+        )
         confidence = np.where(visible > 0, np.maximum(tracked.confidence, INTERPOLATED), HIDDEN).astype(np.uint8)
         confidence[(visible > 0) & (tracked.confidence == OBSERVED)] = OBSERVED
         diagnostics = {f"{name}_depth_before_m": depth for name, depth in layers.depth_before.items()}
@@ -58,4 +61,6 @@ def _visible(tracked, segmented, templates):
 
 
 def _meshes(templates, dressed):
-    return [(dressed[t.name].vertices, t.faces) for t in templates]
+    """(vertices, faces) of each garment's cloth."""
+    cloth = [Attachments(t.faces, len(t.rest)) for t in templates]
+    return [(dressed[t.name].vertices[a.cloth], a.faces) for t, a in zip(templates, cloth)]

@@ -1,5 +1,6 @@
 """Makes a garment template from a tracked surface: cut along labels, remeshed, unwrapped, skinned."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,6 @@ def template_command(run, out, name, label_id, model, person, labels):
     model's own rest pose, where `dress.prepare` expects it. Returns a line that says what was made."""
     template = make_template(model, person, name, label_id, labels)
     rest = carry(template.rest, person.rest, model.v_template, 0.04)
-    fields = {f: getattr(template, f) for f in template.__dataclass_fields__}
-    write_template(out, GarmentTemplate(**{**fields, "rest": rest}))
+    write_template(out, replace(template, rest=rest))
     loops = ", ".join(f"{n} ({len(l)} vertices)" for n, l in zip(template.loop_names, template.loops))
     return f"{out}: {name} from {run}: {len(rest)} vertices, {len(template.faces)} faces, loops {loops}"

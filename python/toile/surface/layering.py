@@ -1,10 +1,11 @@
-"""Garments out of the skin and of one another, inner to outer."""
+"""Garments out of the skin and of one another, inner to outer. What is attached to the cloth follows it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import kernels
+from .attachments import Attachments
 
 
 @dataclass(frozen=True)
@@ -24,30 +25,35 @@ class Layering:
     may lead into another; other options are those of kernels.UntangleSolver."""
 
     def __init__(self, skin_faces, n, garments, margin, rounds=3, **options):
-        self.skin_faces, self.n, self.garments, self.rounds, self.solvers = skin_faces, n, list(garments), rounds, {}
+        self.skin_faces, self.n, self.rounds, self.solvers = skin_faces, n, rounds, {}
+        self.attachments = {name: Attachments(F, g) for name, F, g in garments}
+        self.garments = [(name, a.faces, len(a.cloth)) for name, a in self.attachments.items()]
         self.options = {"margin": margin, **options}
 
     def solve(self, skin_V, cloth):
         """`cloth` {name: (g,3)} -> Layered: each garment out of the skin and of the garments under it."""
+        cloth = {name: np.asarray(V) for name, V in cloth.items()}
         under, moved, depth, before, left = [("", np.asarray(skin_V), self.skin_faces)], {}, {}, 0, 0
         for name, F, n in self.garments:
-            V, found = self._out_of(name, F, n, np.asarray(cloth[name]), under)
+            a = self.attachments[name]
+            V, found = self._out_of(name, F, n, cloth[name][a.cloth], under)
             depth[name] = max(float(np.max(r.depth_before, initial=0)) for r in found)
             before += sum(r.intersections_before for r in found)
             left += self._left(V, F, under, found)
-            moved[name] = V
+            moved[name] = a.follow(cloth[name], V)
             under.append((name, V, F))
         return Layered(moved, depth, before, left)
 
-    def tuck(self, cloth, hidden):
-        """`cloth` with what is `hidden` {name: (g,) bool} of a garment drawn inside the garments over it."""
-        cloth = dict(cloth)
+    def move_inside(self, cloth, hidden):
+        """`cloth` with what is `hidden` {name: (g,) bool} of a garment moved inside the garments over it."""
+        attachments = self.attachments
+        moved = {name: np.asarray(V)[attachments[name].cloth] for name, V in cloth.items()}
         for i, (name, F, n) in enumerate(self.garments):
+            concealed = hidden[name][attachments[name].cloth][:, None]
             for over, over_F, over_n in self.garments[i + 1 :]:
-                V = np.asarray(cloth[name])
-                inside_out = self._solver((name, f"in {over}"), F, n, over_F[:, ::-1], over_n).solve(V, cloth[over])
-                cloth[name] = np.where(hidden[name][:, None], inside_out.V, V)
-        return cloth
+                solver = self._solver((name, f"in {over}"), F, n, over_F[:, ::-1], over_n)
+                moved[name] = np.where(concealed, solver.solve(moved[name], moved[over]).V, moved[name])
+        return {name: attachments[name].follow(np.asarray(cloth[name]), V) for name, V in moved.items()}
 
     def _out_of(self, name, F, n, V, under):
         """V out of all layers `under` it, and the first round's results, a layer each."""
