@@ -27,7 +27,7 @@ def make(capture, number):
 
     from toile.io.body import load_body_model
     from toile.scene import blend_skinning
-    from toile.surface.transfer import carry
+    from toile.surface.transfer import move_with_body
 
     truth = zarr.open_group(str(capture.root / "truth" / "truth.zarr"), mode="r")
     row = int(np.flatnonzero(truth["frames"][:] == number)[0])
@@ -41,7 +41,7 @@ def make(capture, number):
     pose = truth["pose/rotations"][row], truth["pose/translation"][row]
     R, x = model.joint_transforms(model.J, *pose)
     posed = blend_skinning(template.vertices, model.J, R, x, model.weights_idx[near], model.weights_val[near])
-    src = carry(posed, model.skin(model.v_template, model.J, *pose), body, REACH)
+    src = move_with_body(posed, model.skin(model.v_template, model.J, *pose), body, REACH)
     scan = capture.frame(number).scan
     centre = scan.vertices[scan.faces].mean(1)
     to_shirt, to_body = (igl.point_mesh_squared_distance(centre, *s)[0] for s in ((shirt, F), (body, body_F)))

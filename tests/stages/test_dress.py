@@ -74,7 +74,7 @@ def scene():
     return model, person, Frame(0, Mesh(target, F)), tracked, segmented, target, F
 
 
-def test_sleeve_of_wrong_size_settles_on_scan_and_openings(scene):
+def test_sleeve_of_wrong_size_is_refined_to_scan_and_openings(scene):
     model, person, frame, tracked, segmented, target, F = scene
     V, T = sleeve(0.110, 0.215, 0.79)
     template = prepare(
@@ -161,13 +161,13 @@ def test_missing_loop_is_said(scene):
         prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one, dark(frame))], DressSettings())
 
 
-def test_settling_onto_itself_moves_nothing():
+def test_refinement_onto_itself_moves_nothing():
     V, F = sleeve(0.1)
     moved = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(V, F), V, [])
     assert np.abs(moved - V).max() < 1e-9
 
 
-def test_settling_follows_a_rigid_motion_of_the_world():
+def test_refinement_follows_a_rigid_motion_of_the_world():
     V, F = sleeve(0.1)
     S, T = sleeve(0.104, rings=60, sectors=80)
     c, s = np.cos(0.5), np.sin(0.5)

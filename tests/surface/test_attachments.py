@@ -67,7 +67,7 @@ def test_a_garment_of_one_piece_is_left_as_it_is():
     V, F = tube(6, 9)
     a = Attachments(F, len(V))
     moved = V + 1
-    assert a.parts == [] and a.follow(V, moved) is moved and a.spread(V, moved) is moved
+    assert a.parts == [] and a.follow(V, moved) is moved and a.extend(V, moved) is moved
     np.testing.assert_array_equal(a.faces, F)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from toile import kernels
-from toile.vision.threads import each
+from toile.vision.threads import parallel_map
 
 
 @pytest.fixture(autouse=True)
@@ -15,15 +15,15 @@ def two_threads():
 
 
 def test_results_come_in_the_order_of_the_items():
-    assert each(lambda x: x * x, range(50)) == [x * x for x in range(50)]
+    assert parallel_map(lambda x: x * x, range(50)) == [x * x for x in range(50)]
 
 
 def test_kernels_inside_have_one_thread_each_and_work_within_work_ends():
-    assert each(lambda _: kernels.threads(), range(8)) == [1] * 8
-    assert each(lambda _: each(lambda x: x, range(3)), range(8)) == [[0, 1, 2]] * 8
+    assert parallel_map(lambda _: kernels.threads(), range(8)) == [1] * 8
+    assert parallel_map(lambda _: parallel_map(lambda x: x, range(3)), range(8)) == [[0, 1, 2]] * 8
     assert kernels.threads() == 2
 
 
 def test_an_error_comes_out():
     with pytest.raises(ValueError, match="item 3"):
-        each(lambda x: x if x < 3 else (_ for _ in ()).throw(ValueError(f"item {x}")), range(5))
+        parallel_map(lambda x: x if x < 3 else (_ for _ in ()).throw(ValueError(f"item {x}")), range(5))

@@ -7,7 +7,16 @@ import pytest
 from toile.scene import Camera
 from toile.surface.layers import Layer
 from toile.surface.uv import UvMap
-from toile.vision.unwrapping import Unwrapped, Unwrapper, crop_about, filled, mean_texture, pinhole, take, undistorted
+from toile.vision.unwrapping import (
+    Unwrapped,
+    Unwrapper,
+    crop_about,
+    filled,
+    mean_texture,
+    pinhole,
+    undistorted,
+    undistorted_crop,
+)
 from toile.vision.visibility import DepthView
 
 SKIN, CLOTH, WALL = np.array([200, 120, 90]), np.array([20, 60, 220]), np.array([90, 255, 90])
@@ -80,7 +89,9 @@ def test_a_pinhole_picture_shows_points_where_its_camera_projects_them():
         for point in points:
             (u, v), _ = real.project(point)
             dot = 255 * np.exp(-0.5 * ((x - u) ** 2 + (y - v) ** 2) / 3**2)
-            picture = take(real, np.repeat(dot[..., None], 3, 2).astype(np.float32), dot > 0, None, scale, crop)
+            picture = undistorted_crop(
+                real, np.repeat(dot[..., None], 3, 2).astype(np.float32), dot > 0, None, scale, crop
+            )
             wanted, _ = picture.camera.project(point)
             grey = picture.image[..., 0].astype(float)
             if not (15 < wanted[0] < crop[3] - 15 and 15 < wanted[1] < crop[2] - 15):
@@ -96,7 +107,7 @@ def test_masks_and_labels_lie_on_the_scaled_cameras_silhouette(scale):
     real = camera(size=(240, 240), roll=0.4)  # rolled: pixels round the tube's straight edges to either side
     image, mask, labels = photograph(real)
     flat = pinhole(real, scale)
-    picture = take(real, image, mask, labels, scale, (0, 0, *flat.size))
+    picture = undistorted_crop(real, image, mask, labels, scale, (0, 0, *flat.size))
     wanted = DepthView(
         picture.camera,
         np.concatenate([layer.rest for layer in LAYERS]),

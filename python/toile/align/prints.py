@@ -50,9 +50,9 @@ class PrintReader:
         frame = self.capture.pictures(number)
         if not frame.images:
             raise UserError(f"{self.capture.root}/frames/{number:06d}: no images")
-        V, sure = zip(*(self._registered(layer, self.rows[number]) for layer in self.layers))
+        V, confidence = zip(*(self._registered(layer, self.rows[number]) for layer in self.layers))
         V = [(moved or {}).get(layer.name, v) for layer, v in zip(self.layers, V)]
-        self.unwrapper.frame(V, sure)
+        self.unwrapper.frame(V, confidence)
         seen = [self._view(frame, name, camera) for name, camera in self.capture.cameras.items()]
         return {layer.name: views for layer, views in zip(self.layers, zip(*seen)) if layer.name in self.names}
 

@@ -22,7 +22,7 @@ class Reference:
     offsets: np.ndarray  # (c,3) the cameras' colours
 
 
-def chosen(frames, first, anchors, samples):
+def anchors_and_samples(frames, first, anchors, samples):
     """(anchors, samples): frames spread evenly over the `first` chunk, and over all of `frames`, without those."""
     near = evenly(first, anchors)
     return near, [n for n in evenly(frames, samples) if n not in near]

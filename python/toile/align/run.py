@@ -28,7 +28,7 @@ from ..surface.layering import Layering
 from ..surface.layers import capture_of, open_body, pictured_frames, read_layers
 from .matching import Matched, Matcher
 from .prints import Places, PrintReader, blended, camera_offsets
-from .reference import Reference, chosen, make_reference
+from .reference import Reference, anchors_and_samples, make_reference
 from .report import write_report
 from .settings import AlignSettings
 from .sliding import SlidingSurface
@@ -189,7 +189,7 @@ class _Align:
         return mesh.vertices
 
     def _make_references(self, paths, layers):
-        anchors, samples = chosen(
+        anchors, samples = anchors_and_samples(
             self.pictured, blocks(self.pictured)[0], self.settings.anchor_frames, self.settings.sample_frames
         )
         views = []

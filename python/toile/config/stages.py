@@ -164,7 +164,7 @@ class LoopSettings(Settings):
     reach: float = setting(0.10, "m", "an opening of the scan farther than this from a loop is not its own", gt=0)
     final_reach: float = setting(0.3, "1", "share of that reach in the last step", gt=0, le=1)
     matched_distance: float = setting(0.015, "m", "an opening this close to a loop that was laid is seen there", gt=0)
-    claimed_distance: float = setting(0.02, "m", "openings farther than this from every loop are strange", gt=0)
+    claimed_distance: float = setting(0.02, "m", "openings farther than this from every loop belong to none", gt=0)
     min_cosine: float = setting(0.4, "1", "least agreement of directions of loop and opening", ge=-1, le=1)
     turn: float = setting(0.05, "m", "distance that a difference of one in unit direction is worth", ge=0)
     spacing: float = setting(0.002, "m", "of samples along the openings", gt=0)

@@ -230,8 +230,8 @@ class _Run:
                 self.status.add(stage="dress", ok=False, warning=warning)
             colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
             save_record(paths[0], colours)
-            chosen = dress.chosen(samples, self.config.dress)
-            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in chosen]
+            fitted = dress.fit_samples(samples, self.config.dress)
+            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in fitted]
             for garment, path in zip(self.scene.garments, paths[1:]):
                 mesh, label, over = (
                     self.capture.templates[garment.name],

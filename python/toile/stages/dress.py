@@ -14,16 +14,16 @@ from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.refinement import NonRigidRefinement
-from ..surface.transfer import carry, transfer_skin, unwrap
+from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
 
 HANDS = "hand_left", "hand_right"  # segments of a body model
 
 
 def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
-    """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, `chosen` ones, are
-    [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged. `over`: label ids of the
-    garments worn over this one.
+    """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, chosen by `fit_samples`,
+    are [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged. `over`: label ids of
+    the garments worn over this one.
 
     Warns where the template does not fit: size by loop lengths, a loop that no frame shows; and where the body model has
     no hands. Raises UserError for a template without open loops."""
@@ -38,12 +38,12 @@ def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
     attachments = Attachments(F, len(V))
     skin = transfer_skin(model, V, F, settings.skin_smoothing)
-    skin = attachments.spread(V, skin[attachments.cloth])
+    skin = attachments.extend(V, skin[attachments.cloth])
     names = name_loops(model, V, loops)
     whole = GarmentTemplate(garment.name, int(label_id), V, F, uv, face_uv, skin, loops, names)
     cloth = attachments.cloth_of(whole)
     under = _surface_under(model, person, samples, over)
-    cloth = replace(cloth, rest=carry(cloth.rest, model.v_template, under, settings.fit_reach))
+    cloth = replace(cloth, rest=move_with_body(cloth.rest, model.v_template, under, settings.fit_reach))
     if samples:
         cloth = _personalise(model, person, cloth, samples, settings, over)
     return replace(whole, rest=attachments.follow(V, cloth.rest))
@@ -58,7 +58,7 @@ def _surface_under(model, person, samples, over):
     return person.rest + share * (model.rest(person.shape)[0] - person.rest)
 
 
-def chosen(samples, settings):
+def fit_samples(samples, settings):
     """Those of the sampled frames that personalise a template."""
     return samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
 
@@ -146,20 +146,20 @@ class Dresser:
         """One frame -> Dressed."""
         cloth, _ = self.register(frame, tracked, segmented, evidence)
         vertices = self.attachments.follow(self.whole.rest, cloth.vertices)
-        return replace(cloth, vertices=vertices, confidence=self.attachments.spread(self.whole.rest, cloth.confidence))
+        return replace(cloth, vertices=vertices, confidence=self.attachments.extend(self.whole.rest, cloth.confidence))
 
     def register(self, frame, tracked, segmented, evidence):
         """The Dressed of the cloth alone, and the LoopMatch of each loop.
 
-        The loops are laid on the scan's openings first, and the garment settles; then each is laid on the opening that the
-        pictures show along it, which may hang free of the scan, and the garment settles again."""
+        The loops are laid on the scan's openings first, and the garment is refined; then each is laid on the opening that
+        the pictures show along it, which may hang free of the scan, and the garment is refined again."""
         t, s = self.template, self.settings
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
         rivals = Rivals(V, F, segmented, t.label, self.over)
         openings = _openings_of(segmented, t.label, V, F, rivals)
-        matches, strange = match_loops([posed[l] for l in t.loops], openings, s.loop)
-        start = self._lay(posed, matches)
+        matches, unclaimed = match_loops([posed[l] for l in t.loops], openings, s.loop)
+        start = self._to_openings(posed, matches)
         inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < s.min_faces:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
@@ -169,15 +169,15 @@ class Dresser:
         if s.trace_openings and evidence.views:
             garment = Mesh(vertices, t.faces)
             matches = [trace_opening(garment, l, evidence, rivals, m, s.loop) for l, m in zip(t.loops, matches)]
-            start_again, boundary = self._lay(vertices, matches), self._boundary(matches)
+            start_again, boundary = self._to_openings(vertices, matches), self._boundary(matches)
             vertices = self.refinement.solve(cloth, start_again, boundary, s.traced_steps)
         confidence, distance = self._confidence(vertices, cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
-        diagnostics = self._diagnostics(vertices, matches, strange, tracked, confidence, distance, start)
+        diagnostics = self._diagnostics(vertices, matches, unclaimed, tracked, confidence, distance, start)
         return Dressed(vertices, confidence, diagnostics), matches
 
-    def _lay(self, vertices, matches):
+    def _to_openings(self, vertices, matches):
         """Biharmonic displacement that takes the loops to their targets."""
         move = np.concatenate([m.target - vertices[l] for m, l in zip(matches, self.template.loops)])
         return vertices + self.biharmonic.solve(move)
@@ -201,14 +201,14 @@ class Dresser:
         confidence[seen] = OBSERVED
         return confidence, distance
 
-    def _diagnostics(self, vertices, matches, strange, tracked, confidence, distance, start):
+    def _diagnostics(self, vertices, matches, unclaimed, tracked, confidence, distance, start):
         t, s = self.template, self.settings
         seen = confidence == OBSERVED
         out = {
             "observed": float(seen.mean()),
             "surface_mm": float(1e3 * distance[seen].mean()) if seen.any() else -1.0,
             "moved_mm": float(1e3 * np.linalg.norm(vertices - start, axis=1).mean()),
-            "strange_opening_mm": 1e3 * strange,
+            "unclaimed_opening_mm": 1e3 * unclaimed,
         }
         for name, match, loop in zip(t.loop_names, matches, t.loops):
             out[f"loop_observed.{name}"] = float(match.observed.mean())

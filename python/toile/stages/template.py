@@ -10,7 +10,7 @@ from ..errors import UserError
 from ..scene import GarmentTemplate
 from ..surface.loop_names import name_loops
 from ..surface.operators import smooth_on
-from ..surface.transfer import carry, transfer_skin, unwrap
+from ..surface.transfer import move_with_body, transfer_skin, unwrap
 
 
 def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offset=0.003):
@@ -28,7 +28,7 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
     if not loops:
         raise UserError(f"labels: the region of {name} (id {label_id}) has no open loop")
     uv, face_uv = unwrap(V, F)
-    at_rest = carry(V, person.rest, model.v_template, 0.04)
+    at_rest = move_with_body(V, person.rest, model.v_template, 0.04)
     skin = transfer_skin(model, at_rest, F, 10)
     return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(model, at_rest, loops))
 
@@ -95,7 +95,7 @@ def template_command(run, out, name, label_id, model, person, labels):
     """`toile template RUN`: the template of garment `name` from a run's labels (T,n), written to `out` in the body
     model's own rest pose, where `dress.prepare` expects it. Returns a line that says what was made."""
     template = make_template(model, person, name, label_id, labels)
-    rest = carry(template.rest, person.rest, model.v_template, 0.04)
+    rest = move_with_body(template.rest, person.rest, model.v_template, 0.04)
     write_template(out, replace(template, rest=rest))
     loops = ", ".join(f"{n} ({len(l)} vertices)" for n, l in zip(template.loop_names, template.loops))
     return f"{out}: {name} from {run}: {len(rest)} vertices, {len(template.faces)} faces, loops {loops}"

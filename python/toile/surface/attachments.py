@@ -54,7 +54,7 @@ class Attachments:
             after[part] = end + (before[part] - start) @ turn.T
         return after
 
-    def spread(self, before, values):
+    def extend(self, before, values):
         """Values (c, ...) of the cloth's vertices on all (n, ...): a part has those of the cloth vertex nearest to it."""
         if not self.parts:
             return values

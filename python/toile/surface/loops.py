@@ -36,7 +36,7 @@ def match_loops(loops, curves, settings):
     if not openings:
         return [LoopMatch(l, np.zeros(len(l), bool), np.full(len(l), np.nan)) for l in loops], 0.0
     P, T = np.concatenate([r.points for r in openings]), np.concatenate([tangents(r) for r in openings])
-    at, fillers = [loop.copy() for loop in loops], [Filler(len(loop), s) for loop in loops]
+    at, interpolations = [loop.copy() for loop in loops], [LoopInterpolation(len(loop), s) for loop in loops]
     owner = np.concatenate([np.full(len(l), i) for i, l in enumerate(loops)])
     for step in range(s.steps):
         fade = step / max(s.steps - 1, 1)
@@ -46,7 +46,7 @@ def match_loops(loops, curves, settings):
         for i, loop in enumerate(loops):
             target, observed, _ = _nearest_opening(at[i], P[claimed == i], T[claimed == i], reach, s)
             if observed.sum() >= 3:
-                at[i] = loop + fillers[i](target - loop, observed, at[i], bending)
+                at[i] = loop + interpolations[i](target - loop, observed, at[i], bending)
     matches, used = [], np.zeros(len(P), bool)
     claimed = owner[cKDTree(np.concatenate(at)).query(P)[1]]
     for i in range(len(loops)):
@@ -78,7 +78,7 @@ def _nearest_opening(at, P, T, reach, settings):
     return target, found, np.where(found, d, np.nan)
 
 
-class Filler:
+class LoopInterpolation:
     """Displacements of a closed curve of k points from those that are known; the matrix' pattern is kept. `settings` are
     LoopSettings."""
 
@@ -94,17 +94,18 @@ class Filler:
         self.entries = tuple(np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(along, blocks))
         self.factor = kernels.CholeskyFactor()
 
-    def __call__(self, wanted, known, at, bending, stay=1e-6):
+    def __call__(self, wanted, known, at, bending, hold=1e-6):
         """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 for wanted, at, d (k,3).
 
         P takes away all but a trace of what runs along the curve `at`: a loop slides along its opening until its own length
-        is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known stay by `stay`."""
+        is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known
+        are held where they are by the weight `hold`."""
         from scipy.sparse import coo_matrix
 
         way, s = tangents(Curve(at, True)), self.settings
         P = known[:, None, None] * (np.eye(3) - (1 - s.slide) * way[:, :, None] * way[:, None, :])
         stretch = s.stretch + s.stretch_share * bending
         stencil = bending * np.array([1, -4, 6, -4, 1]) + stretch * np.array([0, -1, 2, -1, 0])
-        values = np.concatenate([np.tile(np.repeat(stencil, 3), self.k), (P + stay * np.eye(3)).ravel()])
+        values = np.concatenate([np.tile(np.repeat(stencil, 3), self.k), (P + hold * np.eye(3)).ravel()])
         A = coo_matrix((values, self.entries), shape=(3 * self.k,) * 2).tocsc()
         return self.factor.factorize(A).solve(np.einsum("kij,kj->ki", P, wanted).reshape(-1, 1)).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The last millimetres of dressing: a garment that already lies along its scan settles onto it."""
+"""Non-rigid refinement: the last millimetres of a surface that already lies along its scan."""
 
 import numpy as np
 

@@ -28,8 +28,9 @@ def transfer_skin(model, V, F, smoothing):
     return skin / skin.sum(1, keepdims=True)
 
 
-def carry(points, start, end, reach):
-    """Points (g,3) moved by the displacement start -> end (n,3) of the body vertices about them."""
+def move_with_body(points, start, end, reach):
+    """Points (g,3) moved by the displacement start -> end (n,3) of the body vertices about them, a Gaussian mean of `reach`
+    [m] over the nearest."""
     from scipy.spatial import cKDTree
 
     distance, near = cKDTree(start).query(points, k=min(_CARRY_NEIGHBOURS, len(start)))

@@ -5,14 +5,14 @@ import numpy as np
 
 from .. import kernels
 from ..scene import Mesh
-from .threads import each
+from .threads import parallel_map
 from .visibility import DepthView, occlusion_border
 
 
 def depth_views(frame, cameras, V, F):
     """The DepthView of the surface from each camera whose label image the frame has."""
     names = [name for name in frame.labels if name in cameras]
-    return dict(zip(names, each(lambda name: DepthView(cameras[name], V, F), names)))
+    return dict(zip(names, parallel_map(lambda name: DepthView(cameras[name], V, F), names)))
 
 
 def spread_views(cameras, names, centre, most):
@@ -35,7 +35,7 @@ def soft_labels(image, ids, settings):
 
 def visibility(views, points, normals, settings):
     """{name: pixels (n,2), weights (n,), clearance (n,)} of points (n,3), see DepthView.visibility."""
-    seen = each(
+    seen = parallel_map(
         lambda view: view.visibility(points, normals, settings.depth_tolerance, settings.min_cosine), views.values()
     )
     return dict(zip(views, seen))
@@ -49,11 +49,11 @@ def mean_over_views(pictures, seen):
         on = np.flatnonzero(w)
         return on, w[on, None], pictures[name].read(uv[on])
 
-    readings = each(one, pictures)
+    readings = parallel_map(one, pictures)
     n = len(next(iter(seen.values()))[1]) if seen else 0
     total, weight = np.zeros((n, readings[0][2].shape[1] if readings else 0)), np.zeros(n)
-    for on, w, said in readings:
-        total[on] += w * said
+    for on, w, reading in readings:
+        total[on] += w * reading
         weight[on] += w[:, 0]
     return total / np.maximum(weight, 1e-9)[:, None], weight
 
@@ -101,7 +101,9 @@ class Evidence:
         self.seen = seen[scan.faces].any(1)
         self.seen |= not self.seen.any()
         self.shown = Mesh(scan.vertices, scan.faces[self.seen])
-        pictures = each(lambda name: self._picture(views[name], frame.labels[name], frame.images.get(name)), views)
+        pictures = parallel_map(
+            lambda name: self._picture(views[name], frame.labels[name], frame.images.get(name)), views
+        )
         self.maps, self.rgb = ({name: pair[k] for name, pair in zip(views, pictures)} for k in (0, 1))
 
     def _picture(self, view, labels, image):
@@ -156,8 +158,8 @@ class Evidence:
         s, own = self.settings, self.settings.evidence
         total, (weight, carved) = self._scan_odds(points, column, rival, free), np.zeros((2, len(points)))
         share = np.zeros((len(points), 2))
-        said = each(lambda name: self._said(name, points, normals, column, rival, free), self.views)
-        for on, w, likelier, given, before, empty in said:
+        reading = parallel_map(lambda name: self._odds_of_view(name, points, normals, column, rival, free), self.views)
+        for on, w, likelier, given, before, empty in reading:
             carved[before] = np.maximum(carved[before], empty)
             total[on] += w * likelier
             share[on] += w[:, None] * given
@@ -183,7 +185,7 @@ class Evidence:
         odds[on] = own.given_weight * np.log((given[:, column] + least) / (against + least))
         return odds
 
-    def _said(self, name, points, normals, column, rival, free):
+    def _odds_of_view(self, name, points, normals, column, rival, free):
         """What one view adds to `odds`: the points it sees, their weights, log likelihood ratios, and shares of `column`
         and of what speaks against it; the points that float, and how empty its picture is there."""
         s, own, L, picture = self.settings, self.settings.evidence, self.L, self.maps[name]
@@ -191,14 +193,14 @@ class Evidence:
         before, empty = np.zeros(0, int), np.zeros(0)
         if free:
             before = np.flatnonzero(clear > own.floating_distance)
-            said = picture.read(uv[before])
-            empty = said[:, -1]
-            w[before[said[:, L + column] > own.behind_share]] = 0
+            reading = picture.read(uv[before])
+            empty = reading[:, -1]
+            w[before[reading[:, L + column] > own.behind_share]] = 0
         on = np.flatnonzero(w)
-        said, each_one, other = picture.read(uv[on]), np.arange(len(on)), rival[on]
-        given = said[:, L : 2 * L]
+        reading, each_one, other = picture.read(uv[on]), np.arange(len(on)), rival[on]
+        given = reading[:, L : 2 * L]
         against = given.sum(1) - given[:, column] if free else given[each_one, other]
-        likelier = np.clip(said[:, column] - said[each_one, other], -own.max_log_odds, own.max_log_odds)
+        likelier = np.clip(reading[:, column] - reading[each_one, other], -own.max_log_odds, own.max_log_odds)
         return on, w[on], likelier, np.stack([given[:, column], against], 1), before, empty
 
     def _off_scan(self, points, among):
@@ -214,7 +216,7 @@ class Evidence:
         lies where a sharp one would cover the same length."""
         k = len(points)
         total, weight = np.zeros(k), np.zeros(k)
-        for at, good in each(lambda name: self._edge(name, points, normals, s), self.views):
+        for at, good in parallel_map(lambda name: self._edge(name, points, normals, s), self.views):
             total += good * at
             weight += good
         return total / np.maximum(weight, 1e-9), weight

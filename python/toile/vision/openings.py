@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from ..surface.curves import Curve, resample, smooth, tangents
-from ..surface.loops import Filler, LoopMatch
+from ..surface.loops import LoopInterpolation, LoopMatch
 from .strip import Strip
 
 
@@ -47,7 +47,7 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
     offset, opening, sides = Strip(curve, _strip(garment, curve, smoothness), free=True).minimal_path(
         evidence, rivals.column, rivals(curve.points)
     )
-    seen = (_sure(offset, sides, settings.background_way) > settings.min_log_odds) & ~rivals.hide(curve.points)
+    seen = (_seen_log_odds(offset, sides, settings.background_way) > settings.min_log_odds) & ~rivals.hide(curve.points)
     if seen.mean() < settings.min_observed:
         return match
     at = garment.vertices[loop]
@@ -56,13 +56,13 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
     wanted = opening.points[nearest] - at
     wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
     observed, bending = seen[nearest], settings.bending / 10**settings.bending_decades
-    move = Filler(len(at), settings)(wanted, observed, at, bending, settings.stay_weight)
+    move = LoopInterpolation(len(at), settings)(wanted, observed, at, bending, settings.stay_weight)
     return LoopMatch(at + move, observed, np.where(observed, np.linalg.norm(wanted - move, axis=1), np.nan))
 
 
-def _sure(offset, sides, way):
-    """How sure (k,) an opening is. Background seen past it bounds it, though nothing may show the cloth before it: that is
-    believed for a short way, since a strip that leaves the cloth sideways meets background too."""
+def _seen_log_odds(offset, sides, way):
+    """Log odds (k,) that an opening is there. Background seen past it bounds it, though nothing may show the cloth before it:
+    that is believed for a short way, since a strip that leaves the cloth sideways meets background too."""
     outer, inner = -sides[:, 0], sides[:, 1]
     return np.where(np.abs(offset) < way, 0.5 * (inner + outer), np.minimum(inner, outer))
 

@@ -60,8 +60,8 @@ class Strip:
         shift, weight = evidence.edges(points + height[:, None, None] * normals, normals, s)
         weight = weight + 1e-6
         mean = smooth(weight * shift, self.curve.closed, sigma) / smooth(weight, self.curve.closed, sigma)
-        sure = smooth(weight, self.curve.closed, sigma)
-        return mean * sure / (sure + settings.edge_prior)
+        total = smooth(weight, self.curve.closed, sigma)
+        return mean * total / (total + settings.edge_prior)
 
 
 def _path_costs(odds, share):

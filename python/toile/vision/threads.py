@@ -6,7 +6,7 @@ from functools import lru_cache
 from .. import kernels
 
 
-def each(function, items):
+def parallel_map(function, items):
     """[function(item) for item in items], by `kernels.threads()` threads, whose kernels then have one each. It pays where
     the time goes into numpy, OpenCV or the core, which let other threads run."""
     items, count = list(items), kernels.threads()

@@ -58,7 +58,7 @@ def undistorted(camera, picture, nearest=False):
     return cv2.remap(picture, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR)
 
 
-def take(camera, image, mask, labels, scale, crop):
+def undistorted_crop(camera, image, mask, labels, scale, crop):
     """The UndistortedCrop of a captured image (h,w,3), its mask (h,w) bool and labels (h,w) or None."""
     flat = pinhole(camera, scale)
 
@@ -138,7 +138,7 @@ class Unwrapper:
         """Sets the frame: per layer vertices (n,3) and confidence (n,) uint8."""
         self.V = np.concatenate(vertices)
         self.normals = np.concatenate([kernels.vertex_normals(V, m.layer.faces) for V, m in zip(vertices, self.maps)])
-        self.sure = np.concatenate([CONFIDENCE[confidence_ids(c)] for c in confidence])
+        self.confidence = np.concatenate([CONFIDENCE[confidence_ids(c)] for c in confidence])
 
     def view(self, camera, image, mask, labels):
         """An Unwrapped a layer from one undistorted picture and its pinhole camera.
@@ -164,7 +164,7 @@ class Unwrapper:
         pick = np.flatnonzero(self._near(i, drawn.face[clear])[self.face[i]])
         corners, bary = layer.faces[self.face[i][pick]] + self.counts[i], self.bary[i][pick]
         points, normals = (np.einsum("tk,tkx->tx", bary, values[corners]) for values in (self.V, self.normals))
-        sure = np.einsum("tk,tk->t", bary, self.sure[corners])
+        confidence = np.einsum("tk,tk->t", bary, self.confidence[corners])
         uv, z = camera.project(points)
         column, row = (
             np.floor(uv[:, k]).clip(0, side - 1).astype(np.int64) for k, side in ((0, camera.width), (1, camera.height))
@@ -173,10 +173,16 @@ class Unwrapper:
         ray = camera.centre - points
         cosine = np.einsum("ni,ni->n", ray, normals) / np.linalg.norm(ray, axis=1)
         slack = TOLERANCE / np.maximum(cosine, MIN_COSINE)
-        seen = inside & clear[row, column] & (cosine > MIN_COSINE) & (z < drawn.depth[row, column] + slack) & (sure > 0)
+        seen = (
+            inside
+            & clear[row, column]
+            & (cosine > MIN_COSINE)
+            & (z < drawn.depth[row, column] + slack)
+            & (confidence > 0)
+        )
         colours = bilinear(_blurred(image, clear, seen.sum()), uv[seen])
         return Unwrapped(
-            self.texel[i][pick[seen]], np.rint(colours).clip(0, 255).astype(np.uint8), (cosine * sure)[seen]
+            self.texel[i][pick[seen]], np.rint(colours).clip(0, 255).astype(np.uint8), (cosine * confidence)[seen]
         )
 
     def _allowed(self, label, labels, doubt):

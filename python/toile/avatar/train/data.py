@@ -19,7 +19,7 @@ from ...io.inputs import files_under, stamps
 from ...io.run import OK
 from ...surface.layers import capture_of, open_body, pictured_frames, read_layers, surface_layer
 from ...surface.uv import UvMap
-from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, take, undistorted
+from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
 from ..model.poses import pose_distance
 
 THREADS = 2  # frames prepared at a time
@@ -196,7 +196,7 @@ class AvatarData(Dataset):
         whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
         unwrapped = unwrapper.view(pinhole(camera), *whole, flat)
         crop = crop_about(camera, shown, self.settings.image, self.settings.pixel_scale)
-        picture = take(camera, frame.images[name], mask, labels, self.settings.pixel_scale, crop)
+        picture = undistorted_crop(camera, frame.images[name], mask, labels, self.settings.pixel_scale, crop)
         values = {
             "image": picture.image, "mask": picture.mask,
             "labels": picture.mask * self.unlabelled if picture.labels is None else picture.labels,
