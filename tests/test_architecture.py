@@ -154,3 +154,12 @@ def test_kernels_never_include_kernels_and_layers_look_down():
         for room, file in re.findall(r'#include "(\w+)/(\w+)', path.read_text()):
             own_header = layer == room == "kernels" and own == file.split("_")[0]
             assert room in LAYERS[layer] or own_header, f"{path.name} includes {room}/{file}"
+
+
+def test_no_class_name_stands_twice():
+    places = {}
+    for path in python_files():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(name_of(path))
+    assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}

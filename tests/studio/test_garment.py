@@ -104,10 +104,10 @@ def test_a_cut_shirt_stays_clear_of_the_trousers_it_is_cut_over(body, trousers):
 def test_bound_points_move_rigidly_with_the_surface_they_stick_to(body, trousers):
     from scipy.spatial.transform import Rotation
 
-    from toile.studio.outfit import Bound
+    from toile.studio.outfit import AttachedPoints
 
     points = trousers[0][::50]
-    bound = Bound(points, body.rest, body.skin_faces)
+    bound = AttachedPoints(points, body.rest, body.skin_faces)
     R, t = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix(), np.array([0.1, 2.0, -0.4])
     assert np.allclose(bound.at(body.rest), points, atol=1e-12)
     assert np.allclose(bound.at(body.rest @ R.T + t), points @ R.T + t, atol=1e-12)
@@ -116,12 +116,12 @@ def test_bound_points_move_rigidly_with_the_surface_they_stick_to(body, trousers
 def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, trousers):
     import igl
 
-    from toile.studio.outfit import Lip, upper_border
+    from toile.studio.outfit import TurnedInGarment, upper_border
     from toile.studio.surface import open_loops
     from toile.studio.truth import pairs_between
 
     V, F = trousers
-    lip = Lip(V, F, body.rest, body.skin_faces)
+    lip = TurnedInGarment(V, F, body.rest, body.skin_faces)
     P = lip.vertices(V, body.rest)
     assert len(P) == lip.count and np.array_equal(P[: len(V)], V)
     edge = P[len(V) :]

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from toile.studio.cameras import make_cameras
-from toile.studio.pictures import Outer
+from toile.studio.pictures import OuterSurface
 
 mitsuba = pytest.importorskip("mitsuba")
 
 
 @pytest.fixture(scope="module")
 def look(body, cut):
-    from toile.studio.paint import Look
+    from toile.studio.paint import Appearance
 
-    return Look("logo", body, [("tshirt", cut[0])], np.random.default_rng(0))
+    return Appearance("logo", body, [("tshirt", cut[0])], np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def tracer(body, cut, look):
 @pytest.fixture(scope="module")
 def dressed(body, cut):
     lift = np.array([0, 0, -body.rest[:, 2].min()])
-    return Outer(body.rest + lift, body.model.f, cut[0] + lift, cut[1])
+    return OuterSurface(body.rest + lift, body.model.f, cut[0] + lift, cut[1])
 
 
 @pytest.fixture(scope="module")

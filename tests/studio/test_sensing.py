@@ -6,7 +6,7 @@ import pytest
 from toile.studio.cameras import make_cameras
 from toile.studio.keypoints import noisy, seen_by, swap_pairs
 from toile.studio.labels import wrong_labels
-from toile.studio.pictures import View
+from toile.studio.pictures import SyntheticView
 
 RADIUS, CENTRE = 0.6, np.array([0.0, 0.0, 0.92])
 
@@ -26,7 +26,7 @@ def ball_view(camera):
     labels = np.zeros(mask.shape, np.uint8)
     labels[mask] = np.where(points[:, 2] > CENTRE[2], 3, 4)
     depth = np.where(mask, t, np.inf)
-    return View(np.zeros((*mask.shape, 3), np.uint8), mask, labels, depth, points)
+    return SyntheticView(np.zeros((*mask.shape, 3), np.uint8), mask, labels, depth, points)
 
 
 @pytest.fixture(scope="module")
@@ -118,12 +118,12 @@ def test_scan_of_a_ball_is_another_mesh_within_a_third_of_a_millimetre(monkeypat
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("open3d")
     from toile.studio import scans
-    from toile.studio.pictures import Outer
+    from toile.studio.pictures import OuterSurface
 
     monkeypatch.setattr(scans, "DEPTH", 7)
 
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.25)
-    outer = Outer(np.asarray(ball.vertices), np.asarray(ball.faces), None, None)
+    outer = OuterSurface(np.asarray(ball.vertices), np.asarray(ball.faces), None, None)
     V, F = scans.scan(outer, 20_000, 0.0, 0.0, np.random.default_rng(0))
     assert abs(len(F) - 20_000) < 400
     assert np.abs(np.linalg.norm(V, axis=1) - 0.25).mean() < 3e-4

@@ -14,13 +14,13 @@ from .cameras import make_cameras
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
 from .outfit import joined_faces
-from .paint import Look
-from .pictures import Outer, make_sensors, take
+from .paint import Appearance
+from .pictures import OuterSurface, make_sensors, take_picture
 from .scans import scan, write_ply
 from .sequence import Sequence
 
 
-class Stage:
+class CaptureMaker:
     """Person, cameras and sensors of one sequence; each process has its own. Frames are made in any order."""
 
     def __init__(self, part, folder, options, seed):
@@ -32,7 +32,7 @@ class Stage:
         self.body = self.sequence.body
         settled = self.sequence.settled
         self.garment_faces = joined_faces(settled) if settled else None
-        self.look = Look(options.subject, self.body, [(s.name, s.flat) for s in settled], rng)
+        self.look = Appearance(options.subject, self.body, [(s.name, s.flat) for s in settled], rng)
         self.table = KeypointTable(load_body_model("anny"))
         self.tracer = None
         if options.renderer == "mitsuba":
@@ -68,11 +68,11 @@ class Stage:
         options = self.options
         rng = np.random.default_rng([self.seed, 3, number])
         vertices, garment = self.sequence.frame(number)
-        outer = Outer(vertices, self.body.model.f, garment, self.garment_faces)
+        outer = OuterSurface(vertices, self.body.model.f, garment, self.garment_faces)
         for name in ("images", "masks", "labels"):
             (folder / name).mkdir(parents=True)
         traced = self._traced(outer, number)
-        views = [take(outer, c, self.look, s, rng, t) for c, s, t in zip(self.rig, self.sensors, traced)]
+        views = [take_picture(outer, c, self.look, s, rng, t) for c, s, t in zip(self.rig, self.sensors, traced)]
         labels, share = wrong_labels(views, self.rig, options.label_error_share, rng)
         block, i = self.sequence.block_of(number)
         points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])[1]

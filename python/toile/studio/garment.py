@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import UserError
 from .cloth import ClothSimulation
 from .cut import cut_shirt, cut_trousers
-from .outfit import Settled, Under, upper_border
+from .outfit import LayersBelow, Settled, upper_border
 from .surface import open_loops
 
 SIZES = {"fitted": 1.05, "logo": 1.08, "loose": 1.14}
@@ -139,7 +139,7 @@ def put_on(name, source, body, worn, size, translation, progress):
     `name`: tshirt or trousers. `source`: newton, cut, or an .obj (a shirt of four open loops, metres, z up, facing
     -y); trousers are cut."""
     standing = body.pose(np.zeros((len(body.J), 3)), translation)
-    under, on = Under(standing, body.skin_faces, worn), [s.vertices.astype(np.float64) for s in worn]
+    under, on = LayersBelow(standing, body.skin_faces, worn), [s.vertices.astype(np.float64) for s in worn]
     under_V = under.vertices(standing, on)
     if name == "trousers":
         V, F = cut_trousers(body)

@@ -18,7 +18,7 @@ from ..io.files import write_text
 from ..pipeline.blocks import Workers, locked
 from . import truth as checks
 from .cameras import cameras_json
-from .frames import Stage, write_json
+from .frames import CaptureMaker, write_json
 from .motion import FPS
 from .options import StudioOptions
 from .outfit import split
@@ -100,7 +100,7 @@ def fill(part, options, progress, workers):
         made = json.loads((part / "studio.json").read_text())
         return StudioReport(part, made["seed"], made["rejected"], figures=made["figures"])
     report, folder = accepted_sequence(part / "work", options, progress)
-    stage = Stage(part, folder, options, report.seed)
+    stage = CaptureMaker(part, folder, options, report.seed)
     templates = write_scene(part, stage)
     take_frames(stage, folder, progress, workers)
     report.figures, report.per_frame = stage.sequence.measures()
@@ -152,7 +152,7 @@ def take_frames(stage, folder, progress, workers):
     if workers == 1:
         taken = (k for number in numbers for k in stage.capture(number))
     else:
-        pool = Workers(workers, Stage, stage.part, folder, stage.options, stage.seed)
+        pool = Workers(workers, CaptureMaker, stage.part, folder, stage.options, stage.seed)
         taken = pool.each("capture", numbers)
     try:
         for done, _ in enumerate(taken):

@@ -33,7 +33,7 @@ class Settled:
         return Settled(name, flat, rest, sim.faces, sim.rest, sim.first_body, body, vertices, sim.velocities, sim.held)
 
 
-class Bound:
+class AttachedPoints:
     """Points that follow the nearest triangles of a surface as if stuck to them."""
 
     def __init__(self, points, V, F):
@@ -55,7 +55,7 @@ class Bound:
         return a, np.stack([along, np.cross(normal, along), normal], 1)
 
 
-class Lip:
+class TurnedInGarment:
     """A garment as the next one meets it: its upper border turned in under the skin, so that no open edge stands out."""
 
     def __init__(self, V, F, body_V, skin_faces):
@@ -67,7 +67,7 @@ class Lip:
         )[:3]
         T = body_V[skin_faces[face]]
         n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
-        self.edge = Bound(near - LIP_DEPTH * n / np.linalg.norm(n, axis=1, keepdims=True), body_V, skin_faces)
+        self.edge = AttachedPoints(near - LIP_DEPTH * n / np.linalg.norm(n, axis=1, keepdims=True), body_V, skin_faces)
         a, b, c = border, np.roll(border, -1), len(V) + np.arange(len(border))
         self.faces = np.concatenate([F, np.stack([b, a, c], 1), np.stack([b, c, np.roll(c, -1)], 1)]).astype(np.int32)
         self.count = len(V) + len(border)
@@ -82,13 +82,13 @@ def upper_border(V, F):
     return max(open_loops(F), key=lambda loop: V[loop, 2].mean())
 
 
-class Under:
+class LayersBelow:
     """What a garment is worn over: the body's skin, then the garments `worn` (Settled), inner to outer."""
 
     def __init__(self, body_V, skin_faces, worn):
         self.faces, self.lips, count = [skin_faces], [], len(body_V)
         for s in worn:
-            lip = Lip(s.vertices.astype(np.float64), s.faces, body_V, skin_faces)
+            lip = TurnedInGarment(s.vertices.astype(np.float64), s.faces, body_V, skin_faces)
             self.faces.append(lip.faces + count)
             self.lips.append(lip)
             count += lip.count
@@ -103,8 +103,8 @@ class Outfit:
 
     def __init__(self, settled, body_V, skin_faces):
         self.settled = settled
-        self.under = [Under(body_V, skin_faces, settled[:i]) for i in range(len(settled))]
-        self.bands = [Bound(s.vertices[s.held].astype(np.float64), body_V, skin_faces) for s in settled]
+        self.under = [LayersBelow(body_V, skin_faces, settled[:i]) for i in range(len(settled))]
+        self.bands = [AttachedPoints(s.vertices[s.held].astype(np.float64), body_V, skin_faces) for s in settled]
         self.sims = []
         for s, under in zip(settled, self.under):
             sim = ClothSimulation(s.cloth_rest, s.faces, s.first_body, under.faces, held=s.held)

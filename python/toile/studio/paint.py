@@ -32,7 +32,7 @@ SHOES = (0.70, 0.68, 0.66)
 EYES = (0.55, 0.55, 0.54)
 
 
-class Look:
+class Appearance:
     """Colours and parts of one person. `garments`: name and flat vertices (G,3) of each, inner to outer."""
 
     def __init__(self, subject, body, garments, rng):

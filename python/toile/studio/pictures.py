@@ -19,7 +19,7 @@ TRACED_NOISE = 1.0 / 255  # beside the path tracer's own
 
 
 @dataclass(frozen=True)
-class Outer:
+class OuterSurface:
     """The outer surface of one frame: body, then garments, in one list of triangles."""
 
     body: np.ndarray  # (n,3)
@@ -44,7 +44,7 @@ class Outer:
 
 
 @dataclass(frozen=True)
-class View:
+class SyntheticView:
     """What one camera sees. `points` (p,3) lie under the centres of the pixels (rows, cols) of the mask."""
 
     image: np.ndarray  # (H,W,3) uint8
@@ -66,7 +66,7 @@ def make_sensors(count, rng):
     return [Sensor(1 + rng.normal(0, 0.04, 3), float(rng.normal(0, 0.01))) for _ in range(count)]
 
 
-def take(outer, camera, look, sensor, rng, traced=None):
+def take_picture(outer, camera, look, sensor, rng, traced=None):
     """One picture of `outer` by `camera`; `traced` (H,W,3) is what a path tracer saw, sRGB values before the sensor."""
     V, F, N = outer.vertices, outer.faces, outer.normals
     size = (camera.height * SAMPLES, camera.width * SAMPLES)
@@ -95,7 +95,7 @@ def take(outer, camera, look, sensor, rng, traced=None):
     np.minimum.at(near, (row // SAMPLES, col // SAMPLES), depth)
     place = np.zeros((camera.height, camera.width, 3))
     place[row // SAMPLES, col // SAMPLES] = points
-    return View((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask, labels, near, place[mask])
+    return SyntheticView((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask, labels, near, place[mask])
 
 
 def distorted(camera, V):

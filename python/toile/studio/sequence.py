@@ -27,7 +27,7 @@ STEPS = ("body_step_mm", "body_bend_mm", "garment_step_mm")  # what `check_motio
 
 
 @dataclass(frozen=True)
-class Block:
+class FrameBlock:
     """Consecutive frames. Positions are float32: what is checked is what is stored."""
 
     vertices: np.ndarray  # (b,n,3)
@@ -64,7 +64,7 @@ class Sequence:
         return self.folder / f"{number:06d}.npz"
 
     def _block(self, number):
-        return load_record(self._path(number), Block)
+        return load_record(self._path(number), FrameBlock)
 
     @property
     def clothed(self):
@@ -133,7 +133,7 @@ class Sequence:
         vertices = V.astype(np.float32)
         seen = vertices if before is None else np.concatenate([before.vertices[-2:], vertices])
         steps = checks.check_motion(seen, None, first + len(vertices) - len(seen))
-        block = Block(vertices, rotations, translation, None, None, (), steps)
+        block = FrameBlock(vertices, rotations, translation, None, None, (), steps)
         if cloth is None:
             return block
         if before is None:

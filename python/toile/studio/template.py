@@ -16,7 +16,7 @@ NEIGHBOURS = 24
 
 
 @dataclass(frozen=True)
-class Template:
+class MappedTemplate:
     mesh: Mesh  # in the body model's rest pose
     map_face: np.ndarray  # (g,) face of the truth garment under each template vertex
     map_bary: np.ndarray  # (g,3)
@@ -31,7 +31,7 @@ def make_template(flat, F, draped, truth_rest, mean_rest, edge=EDGE):
     at = at + body_shift(at, truth_rest, mean_rest)
     middle = 0.5 * (at.min(0) + at.max(0))
     uv, face_uv = unwrap(V, T)
-    return Template(Mesh(middle + SIZE_OFF * (at - middle), T, uv, face_uv), face, bary)
+    return MappedTemplate(Mesh(middle + SIZE_OFF * (at - middle), T, uv, face_uv), face, bary)
 
 
 def remesh(V, F, edge):

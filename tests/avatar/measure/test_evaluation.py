@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.pictures import SHIRT, pictures
-from toile.avatar.measure.evaluation import Tally
+from toile.avatar.measure.evaluation import PictureErrors
 from toile.errors import UserError
 from toile.measure.truth import mean_measures
 
@@ -31,15 +31,15 @@ def shown():
     return list(pictures())
 
 
-def tally(shown, garments=(SHIRT,)):
-    out = Tally(garments)
+def errors(shown, garments=(SHIRT,)):
+    out = PictureErrors(garments)
     for picture in shown:
         out.add(picture)
     return out
 
 
 def test_more_blur_is_worse_in_every_measure(shown):
-    sums = tally(shown)
+    sums = errors(shown)
     sharp, blurred = sums.measures("layered"), sums.measures("baseline")
     assert sharp.keys() - {"cameras"} == MEASURES
     for name in MEASURES - {"pixels", "band_pixels"}:
@@ -47,7 +47,7 @@ def test_more_blur_is_worse_in_every_measure(shown):
 
 
 def test_the_mean_over_cameras_weighs_pixels(shown):
-    found = tally(shown).measures("layered")
+    found = errors(shown).measures("layered")
     cameras = found["cameras"].values()
     assert found["pixels"] == sum(p.mask.sum() for p in shown) == sum(c["pixels"] for c in cameras)
     assert found["mse"] == pytest.approx(sum(c["mse"] * c["pixels"] for c in cameras) / found["pixels"])
@@ -55,7 +55,7 @@ def test_the_mean_over_cameras_weighs_pixels(shown):
 
 
 def test_several_garments_are_measured_each_by_itself_too(shown):
-    both = Tally((SHIRT, SHIRT + 40), ("shirt", "trousers"))
+    both = PictureErrors((SHIRT, SHIRT + 40), ("shirt", "trousers"))
     split = [
         np.where((p.labels == SHIRT) & (np.arange(p.labels.shape[1]) % 2 > 0), SHIRT + 40, p.labels) for p in shown
     ]
@@ -65,14 +65,14 @@ def test_several_garments_are_measured_each_by_itself_too(shown):
     assert min(pixels) > 0 and set(found["garments"]) == {"shirt", "trousers"}
     each = found["garments"]["shirt"], found["garments"]["trousers"]
     assert found["garment_mse"] == pytest.approx(np.average(each, weights=pixels))
-    assert "garments" not in tally(shown).measures("layered")
+    assert "garments" not in errors(shown).measures("layered")
 
 
 def test_a_frame_by_itself_is_measured_like_its_pictures_alone(shown):
     other = [dataclasses.replace(p, frame=1, rendered={k: v * 0.5 for k, v in p.rendered.items()}) for p in shown]
-    both = tally([*shown, *other])
-    assert both.measures("layered", 0) == tally(shown).measures("layered")
-    assert both.measures("layered", 1) == tally(other).measures("layered")
+    both = errors([*shown, *other])
+    assert both.measures("layered", 0) == errors(shown).measures("layered")
+    assert both.measures("layered", 1) == errors(other).measures("layered")
     assert both.measures("layered", 0)["mse"] < both.measures("layered")["mse"] < both.measures("layered", 1)["mse"]
 
 
@@ -83,17 +83,17 @@ def test_what_lies_outside_the_foreground_does_not_count(shown):
             picture, rendered={name: np.where(outside, value, image) for name, image in picture.rendered.items()}
         )
 
-    assert tally([spoilt(p, 1.0) for p in shown]).measures("layered") == tally(shown).measures("layered")
+    assert errors([spoilt(p, 1.0) for p in shown]).measures("layered") == errors(shown).measures("layered")
 
 
 def test_a_perfect_picture_has_no_error(shown):
     perfect = [dataclasses.replace(p, rendered={"layered": p.captured}) for p in shown]
-    found = tally(perfect).measures("layered")
+    found = errors(perfect).measures("layered")
     assert found["mse"] == found["band_mse"] == 0 and found["ssim"] == pytest.approx(1) and found["psnr"] is None
 
 
 def test_without_a_garment_there_is_no_band(shown):
-    found = tally(shown, garments=()).measures("layered")
+    found = errors(shown, garments=()).measures("layered")
     assert found["band_mse"] is None and found["garment_mse"] is None
     assert found["body_mse"] == pytest.approx(found["mse"], rel=0.2)
     json.dumps(found, allow_nan=False)
@@ -101,7 +101,7 @@ def test_without_a_garment_there_is_no_band(shown):
 
 def test_empty_foreground_is_null_in_json(shown):
     empty = [dataclasses.replace(p, mask=np.zeros_like(p.mask)) for p in shown]
-    found = tally(empty).measures("layered")
+    found = errors(empty).measures("layered")
     assert all(found[name] is None for name in MEASURES - {"pixels", "band_pixels"}) and found["pixels"] == 0
     assert json.loads(json.dumps(found, allow_nan=False))["mse"] is None
 
@@ -111,14 +111,14 @@ def test_colours_beyond_the_sensor_are_clipped(shown):
         dataclasses.replace(p, captured=np.ones_like(p.captured), rendered={"layered": np.full_like(p.captured, 9.0)})
         for p in shown
     ]
-    assert tally(bright).measures("layered")["mse"] == 0
+    assert errors(bright).measures("layered")["mse"] == 0
 
 
 def test_a_picture_that_is_not_finite_is_refused(shown):
     image = shown[0].captured.copy()
     image[0, 0, 0] = np.nan
     with pytest.raises(UserError, match="frame 0, camera cam00.*not finite"):
-        tally([dataclasses.replace(shown[0], rendered={"layered": image})])
+        errors([dataclasses.replace(shown[0], rendered={"layered": image})])
 
 
 def test_the_mean_of_measures_leaves_out_what_is_missing():

@@ -6,9 +6,9 @@ from skimage.metrics import structural_similarity
 
 from toile.avatar.measure.metrics import (
     BAND,
-    Sums,
+    ErrorSums,
     border_band,
-    over,
+    errors_over,
     pixel_sets,
     silhouette_ring,
     squared_error,
@@ -52,13 +52,13 @@ def test_ssim_map_refuses_pictures_of_different_sizes():
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
 def test_identical_pictures_have_no_error(value):
     image = np.full((30, 30, 3), value)
-    sums = over(squared_error(image, image), ssim_map(image, image), np.ones((30, 30), bool))
+    sums = errors_over(squared_error(image, image), ssim_map(image, image), np.ones((30, 30), bool))
     assert (sums.mse, sums.ssim, sums.psnr) == (0.0, 1.0, None)
 
 
 def test_an_offset_has_its_closed_form():
     image, reference = np.full((20, 30, 3), 0.5), np.full((20, 30, 3), 0.5 - 10 / 255)
-    sums = over(squared_error(image, reference), ssim_map(image, reference), np.ones((20, 30), bool))
+    sums = errors_over(squared_error(image, reference), ssim_map(image, reference), np.ones((20, 30), bool))
     assert sums.mse == pytest.approx(100)
     assert sums.psnr == pytest.approx(20 * np.log10(25.5))
     assert squared_error(image, reference) == pytest.approx(np.full((20, 30), 100.0))
@@ -70,17 +70,17 @@ def test_only_the_chosen_pixels_count_and_pictures_weigh_by_their_pixels():
     maps = squared_error(image, reference), ssim_map(image, reference)
     half = np.zeros((10, 10), bool)
     half[:5] = True
-    wrong, right = over(*maps, half), over(*maps, ~half)
+    wrong, right = errors_over(*maps, half), errors_over(*maps, ~half)
     assert (wrong.mse, right.mse) == (255.0**2, 0.0)
     corner = np.zeros((10, 10), bool)
     corner[0, 0] = True
-    both = Sums().add(over(*maps, corner)).add(right)
+    both = ErrorSums().add(errors_over(*maps, corner)).add(right)
     assert both.mse == pytest.approx(255.0**2 / 51)
 
 
 def test_without_pixels_there_is_no_number():
     image = np.zeros((20, 20, 3))
-    sums = over(squared_error(image, image), ssim_map(image, image), np.zeros((20, 20), bool))
+    sums = errors_over(squared_error(image, image), ssim_map(image, image), np.zeros((20, 20), bool))
     assert (sums.mse, sums.ssim, sums.psnr) == (None, None, None)
 
 

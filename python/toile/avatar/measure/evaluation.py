@@ -15,14 +15,14 @@ import numpy as np
 from ...errors import UserError
 from ...measure.truth import mean_measures
 from ...surface.sampling import evenly
-from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
+from .metrics import ErrorSums, errors_over, pixel_sets, squared_error, ssim_map
 from .sheet import write_sheets
 
 SHOWN = 3  # frames whose pictures are drawn
 NAMES = ("layered", "baseline")
 
 
-class Tally:
+class PictureErrors:
     """Errors of pictures, by avatar, frame and camera. `garments`: label ids; of several with `names`, each by itself too."""
 
     def __init__(self, garments, names=()):
@@ -40,7 +40,7 @@ class Tally:
                 )
             image = np.where(mask, np.clip(image, 0, 1), captured)
             maps = squared_error(image, captured), ssim_map(image, captured)
-            sums = {pixels: over(*maps, where) for pixels, where in sets.items()}
+            sums = {pixels: errors_over(*maps, where) for pixels, where in sets.items()}
             self.pictures[name][picture.frame, picture.camera] = sums
 
     def measures(self, name, frame=None, pictures=None):
@@ -56,7 +56,7 @@ class Tally:
 
 def _measures(pictures):
     """mse, ssim, psnr over the foreground, the same as band_*, garment_mse, body_mse; None where there is no pixel."""
-    total = defaultdict(Sums)
+    total = defaultdict(ErrorSums)
     for sums in pictures:
         for pixels, value in sums.items():
             total[pixels].add(value)
@@ -91,19 +91,21 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
     from .heldout import HeldOut
 
     held = (Driven if driven else HeldOut)(Path(folder), frames, run)
-    tally, spacing, shown = Tally(held.garment_labels.values(), held.garment_labels), [], defaultdict(list)
+    errors, spacing, shown = PictureErrors(held.garment_labels.values(), held.garment_labels), [], defaultdict(list)
     for i, picture in enumerate(held.pictures()):
         progress("evaluate", i, held.count)
-        tally.add(picture)
+        errors.add(picture)
         spacing.append(picture.mm_per_pixel)
         if picture.frame in evenly(held.frames, SHOWN):
             shown[picture.frame].append(picture)
     progress("evaluate", held.count, held.count)
     if sheets:
         middle = evenly(held.frames, SHOWN)[len(shown) // 2]
-        write_sheets(sheets_folder(folder, driven), shown.values(), tally.garments, (middle, held.unseen_views(middle)))
-    result = _result(held, tally, float(np.mean(spacing)))
-    result["all"]["driven"] = held.summary(tally) if driven else None
+        write_sheets(
+            sheets_folder(folder, driven), shown.values(), errors.garments, (middle, held.unseen_views(middle))
+        )
+    result = _result(held, errors, float(np.mean(spacing)))
+    result["all"]["driven"] = held.summary(errors) if driven else None
     return result
 
 
@@ -111,15 +113,15 @@ def sheets_folder(folder, driven):
     return Path(folder) / ("driven" if driven else "sheets")
 
 
-def _result(held, tally, mm_per_pixel):
+def _result(held, errors, mm_per_pixel):
     geometry = {n: held.geometry_errors(n) for n in held.frames} if held.truth else {}
     distance = {n: held.nearest_pose(n) for n in held.frames}
 
     def of(name, frame=None):
         if name not in held.avatars:
             return None
-        errors = [g[name] for n, g in geometry.items() if frame in (None, n)]
-        return tally.measures(name, frame) | {"geometry": mean_measures(errors) if errors else None}
+        found = [g[name] for n, g in geometry.items() if frame in (None, n)]
+        return errors.measures(name, frame) | {"geometry": mean_measures(found) if found else None}
 
     everything = {name: of(name) for name in NAMES} | {
         "parameters": {name: avatar.parameters_count() for name, avatar in held.avatars.items()},

@@ -1,6 +1,6 @@
 """Picture errors over chosen pixels: MSE, PSNR, SSIM (Wang et al. 2004), and the pixels that each is taken over.
 
-Pictures are (H,W,3) with values 0..1; MSE is stated on the scale 0..255. A `Sums` adds pictures up, so that a mean
+Pictures are (H,W,3) with values 0..1; MSE is stated on the scale 0..255. A `ErrorSums` adds pictures up, so that a mean
 over many is a mean over their pixels and never over an empty picture.
 """
 
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WINDOW, SIGMA = 11, 1.5  # of the SSIM's Gaussian [px]
+WIDTH, SIGMA = 11, 1.5  # of the SSIM's Gaussian [px]
 C1, C2 = 0.01**2, 0.03**2
 BAND = 10.0  # half width of the band about a garment's border [px]
 RING = 5.0  # width of the ring inside the silhouette [px]
 
 
 @dataclass
-class Sums:
+class ErrorSums:
     """Squared error and SSIM added over pixels. None, never NaN, where there are no pixels."""
 
     squared: float = 0.0
@@ -45,9 +45,9 @@ class Sums:
         return self.ssim_sum / self.pixels if self.pixels else None
 
 
-def over(squared, ssim, pixels):
-    """`Sums` of the maps (H,W) of `squared_error` and `ssim_map` over `pixels` (H,W) bool."""
-    return Sums(float(squared[pixels].sum()), float(ssim[pixels].sum()), int(pixels.sum()))
+def errors_over(squared, ssim, pixels):
+    """`ErrorSums` of the maps (H,W) of `squared_error` and `ssim_map` over `pixels` (H,W) bool."""
+    return ErrorSums(float(squared[pixels].sum()), float(ssim[pixels].sum()), int(pixels.sum()))
 
 
 def squared_error(image, reference):
@@ -58,7 +58,7 @@ def squared_error(image, reference):
 def ssim_map(a, b):
     """Structural similarity (H,W) of two pictures, the mean over their channels.
 
-    Gaussian window of 11x11 with sigma 1.5 and mirrored borders, population covariances, C1 = 0.01^2, C2 = 0.03^2 for
+    Gaussian weights of 11x11 with sigma 1.5 and mirrored borders, population covariances, C1 = 0.01^2, C2 = 0.03^2 for
     a range of 1 (equation 13 of Wang et al. 2004).
     """
     a, b = (np.atleast_3d(np.asarray(x, dtype=np.float64)) for x in (a, b))
@@ -73,7 +73,7 @@ def ssim_map(a, b):
 def _blur(x):
     import cv2
 
-    at = np.arange(WINDOW) - WINDOW // 2
+    at = np.arange(WIDTH) - WIDTH // 2
     g = np.exp(-0.5 * (at / SIGMA) ** 2)
     g /= g.sum()
     return np.atleast_3d(cv2.sepFilter2D(x, cv2.CV_64F, g, g, borderType=cv2.BORDER_REFLECT)).reshape(x.shape)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 
 from ..render.renderer import Surface, render
-from .metrics import Sums, over, pixel_sets, squared_error, ssim_map
+from .metrics import ErrorSums, errors_over, pixel_sets, squared_error, ssim_map
 
 SEEN = 0.5  # share of a pixel's texture that other cameras saw, from which on it counts
 
@@ -20,7 +20,7 @@ def photometric(data, garments):
 
     garments: label ids; the band is that of the captured labels.
     """
-    total, band = Sums(), Sums()
+    total, band = ErrorSums(), ErrorSums()
     for samples in _frames(data):
         for i, sample in enumerate(samples):
             picture = _render(data.layers, sample, _others(samples, data.layers, i))
@@ -29,8 +29,8 @@ def photometric(data, garments):
             image, captured = (x.numpy().transpose(1, 2, 0) * seen[..., None] for x in (colour, sample["image"]))
             sets = pixel_sets(seen, sample["labels"].numpy(), garments)
             maps = squared_error(image, captured), ssim_map(image, captured)
-            total.add(over(*maps, sets["all"]))
-            band.add(over(*maps, sets["band"]))
+            total.add(errors_over(*maps, sets["all"]))
+            band.add(errors_over(*maps, sets["band"]))
     if not total.pixels:
         return None
     return {"mse": total.mse, "ssim": total.ssim, "psnr": total.psnr, "band_mse": band.mse, "pixels": total.pixels}
