@@ -14,9 +14,10 @@ from toile import kernels
 from toile.config import preset
 from toile.console import progress_bars
 from toile.io.body import load_body_model
-from toile.io.mesh import read_mesh, write_ply
+from toile.io.mesh import read_mesh, write_mesh
+from toile.io.run import open_run
 from toile.pipeline.run import register
-from toile.scene import Frame
+from toile.scene import Frame, Mesh
 from toile.stages.track import Tracker, prepare
 
 UP, FPS, SCAN_FACES, HOLES = "y", 15, 16000, 0.05
@@ -49,7 +50,7 @@ def write_capture(folder, truth, rng):
     for number, mesh in enumerate(truth[1:], 1):
         frame = folder / "frames" / f"{number:06d}"
         frame.mkdir(parents=True)
-        write_ply(frame / "scan.ply", *scan(mesh, rng))
+        write_mesh(frame / "scan.ply", Mesh(*scan(mesh, rng)))
 
 
 def write_body_model(path, mesh):
@@ -92,11 +93,8 @@ def sample(mesh, count, rng):
 
 def compare(run, truth):
     """Mean distance [mm] between registered vertices and the same vertices of the true meshes, a frame and overall."""
-    import zarr
-
-    store = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    good = [(i, int(n)) for i, n in enumerate(store["frames"][:]) if store["done"][i] == 1]
-    error = {n: np.linalg.norm(store["track/vertices"][i] - truth[n].vertices, axis=1) for i, n in good}
+    found = open_run(run)
+    error = {n: np.linalg.norm(found.track.at(n) - truth[n].vertices, axis=1) for n in found.ok}
     return {
         "correspondence_mm": float(1e3 * np.mean([e.mean() for e in error.values()])),
         "median_mm": float(1e3 * np.median(np.concatenate(list(error.values())))),

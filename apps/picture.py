@@ -4,10 +4,10 @@ a frame that it was not trained on, as a camera saw it and from places where no 
 from pathlib import Path
 
 import numpy as np
-import zarr
 from PIL import Image
 
 from toile.io.capture import open_capture
+from toile.io.run import open_run
 from toile.measure.report import BODY, CLOTH, render
 
 ROOT = Path(__file__).parents[1]
@@ -15,13 +15,13 @@ SIZE = (480, 360)
 
 
 def main():
-    group = zarr.open_group(str(ROOT / "demo" / "run" / "registered.zarr"), mode="r")
+    run = open_run(ROOT / "demo" / "run")
     capture = open_capture(ROOT / "data_samples" / "tshirt-talk")
     images = capture.frame(0).images
     facing = max(images, key=lambda name: -capture.cameras[name].centre[1])  # the person faces -y
-    track = (group["track/vertices"][0], group["track/faces"][:], BODY)
-    body = (group["inner/vertices"][0], group["inner/faces"][:], BODY)
-    shirt = (group["garment/tshirt/vertices"][0], group["garment/tshirt/faces"][:], CLOTH[0])
+    first, shirt = run.ok[0], run.garments["tshirt"]
+    track, body = ((surface.at(first), surface.faces, BODY) for surface in (run.track, run.inner))
+    shirt = shirt.at(first), shirt.faces, CLOTH[0]
     tiles = [np.asarray(Image.fromarray(images[facing]).resize((SIZE[0], SIZE[0])))[:, 60:420]]
     for parts in ([track], [body], [body, shirt]):
         tiles.append(render(parts, 0, size=SIZE))

@@ -9,42 +9,29 @@ is one over their length, which does not change when vertices only spread along 
 
 import argparse
 import json
-from pathlib import Path
 
 import numpy as np
-import zarr
 from scipy.spatial import cKDTree
 
 from toile import kernels
-from toile.io.body import load_body_model
-from toile.io.capture import open_capture
-from toile.io.run import OK
+from toile.io.run import open_run
 from toile.measure.truth import mean_measures, open_truth
-from toile.surface.layers import capture_folder
 from toile.surface.operators import distance_to_polyline
 
 INTERIOR = 0.03  # from the loops [m]
 
 
 def measure(run, truth, name):
-    group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
-    loops = {
-        k: np.array(v) for g in group.attrs["scene"]["garments"] if g["name"] == name for k, v in g["loops"].items()
-    }
-    rows = [i for i in np.flatnonzero(group["done"][:] == OK) if int(group["frames"][i]) in truth]
-    F, frames = group[f"garment/{name}/faces"][:], [int(n) for n in group["frames"][:][rows]]
-    inner = (
-        group["inner/vertices"],
-        load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"]).skin_faces,
-    )
+    garment, skin = run.garments[name], run.body_model.skin_faces
+    frames, loops, F = [n for n in run.ok if n in truth], garment.loops, garment.faces
     parts, errors, pairs = [], [], 0
-    for row, number in zip(rows, frames):
-        V = group[f"garment/{name}/vertices"][row]
+    for number in frames:
+        V = garment.at(number)
         measures, error = truth.garment_errors(name, loops, V, number)
         place = truth.places(name, number)
         parts.append(measures | {"boundary_curve_mm": curves(truth, name, loops, V, number)})
         errors.append((error, np.einsum("gi,gai->ga", error, tangents(place, F))))
-        pairs += len(kernels.intersecting_pairs(V, F, inner[0][row], inner[1]))
+        pairs += len(kernels.intersecting_pairs(V, F, run.inner.at(number), skin))
     interior = cKDTree(place[np.concatenate(list(loops.values()))]).query(place)[0] > INTERIOR
     world, local = (1e3 * np.array(e)[:, interior] for e in zip(*errors))
     steps = [np.linalg.norm(world[i - 1] - 2 * world[i] + world[i + 1], axis=1).mean() for i in consecutive(frames)]
@@ -61,8 +48,8 @@ def measure(run, truth, name):
         "boundary_mm": float(np.mean(list(mean["boundary_mm"].values()))),
         "boundary_curve_mm": float(np.mean(list(mean["boundary_curve_mm"].values()))),
         "surface_mm": mean["surface_mm"],
-        "intersections": pairs / len(rows),
-        "frames": len(rows),
+        "intersections": pairs / len(frames),
+        "frames": len(frames),
     }
 
 
@@ -95,14 +82,15 @@ def consecutive(frames):
 
 
 def compare(before, after):
-    capture = open_capture(capture_folder(before))
+    before, after = open_run(before), open_run(after)
+    capture = before.capture
     names = [g.name for g in capture.scene.garments]
     truth = open_truth(capture, names)
     if truth is None:
         raise SystemExit(f"{capture.root}: no truth to measure against")
     result = {name: {"before": measure(before, truth, name), "after": measure(after, truth, name)} for name in names}
     for name, found in result.items():
-        path = Path(after) / "alignment.json"
+        path = after.path / "alignment.json"
         if path.exists():
             found["prints"] = json.loads(path.read_text())[name]
     return result

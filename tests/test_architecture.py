@@ -148,6 +148,33 @@ def test_only_kernels_import_the_compiled_module():
     assert users == {"kernels"}
 
 
+# of the store's arrays those names that are no everyday words: `frames`, `done`, `shape`, `face`, `labels` stand for more
+KEY = re.compile(r"(registered\.zarr|(track|inner|pose|garment|confidence)/.*)$")
+STORE_FILES = {"io/layout", "io/run", "io/run_writer"}
+TRUTH_FILES = {"measure/truth", "studio/make", "studio/sequence", "studio/truth"}  # truth.zarr has a layout of its own
+TRUTH_BENCHES = {"clothing"}
+
+
+def store_keys(path):
+    """String constants of a file, parts of f-strings too, that name the run's store or an array of it; no docstrings."""
+    tree = ast.parse(path.read_text())
+    prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    found = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in prose)
+    return sorted({node.value for node in found if isinstance(node.value, str) and KEY.match(node.value)})
+
+
+def test_no_file_but_the_runs_own_names_an_array_of_the_store():
+    files = {name_of(p): p for p in python_files() if name_of(p) not in STORE_FILES | TRUTH_FILES}
+    files |= {p.stem: p for p in [*BENCH.rglob("*.py"), *(ROOT / "apps").glob("*.py")] if p.stem not in TRUTH_BENCHES}
+    assert {name: keys for name, path in files.items() if (keys := store_keys(path))} == {}
+    assert all(store_keys(PYTHON / f"{name}.py") for name in STORE_FILES - {"io/run_writer"})  # the test can fail
+
+
+def test_only_the_runs_own_files_and_the_truths_open_a_store():
+    users = {name_of(p) for p in python_files() if "zarr" in imports(p)[1]}
+    assert users == {"io/run", "io/run_writer", "measure/truth", "studio/truth"}
+
+
 def test_kernels_never_include_kernels_and_layers_look_down():
     for path in sorted(CPP.rglob("*.[hc]*")):
         layer, own = path.relative_to(CPP).parts[0], path.relative_to(CPP).parts[1].split(".")[0].split("_")[0]

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from toile.avatar.settings import AvatarSettings, TemporalSettings, preset
-from toile.io.run import OK
-from toile.surface.layers import capture_folder, open_body
+from toile.io.run import is_run, open_run
+from toile.io.run_folder import capture_folder
 
 from .page import write
 from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, changed, read, slug, write_json
@@ -80,7 +80,7 @@ class Subject:
         given = Path(capture)
         self.paper, self.folder = paper, paper.out / given.name
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.given_run = (given / "registered.zarr").exists()
+        self.given_run = is_run(given)
         self.run = given if self.given_run else self.folder / "run"
         self.capture = capture_folder(given) if self.given_run else given
 
@@ -100,10 +100,10 @@ class Subject:
         if not self.given_run:
             numbers = frame_numbers(paper.frames, opened.frames)
             register(self.capture, self.run, config(paper.registration), numbers, paper.progress, paper.workers)
-        store, camera = open_body(self.run).store, next(iter(opened.cameras.values()))
+        run, camera = open_run(self.run), next(iter(opened.cameras.values()))
         return {
-            "capture": str(self.capture), "run": str(self.run), "registered": int((store["done"][:] == OK).sum()),
-            "failed": int((store["done"][:] != OK).sum()), "fps": opened.scene.fps, "cameras": len(opened.cameras),
+            "capture": str(self.capture), "run": str(self.run), "registered": len(run.ok),
+            "failed": len(run.frames) - len(run.ok), "fps": opened.scene.fps, "cameras": len(opened.cameras),
             "pixels": [camera.height, camera.width], "quality": None if self.given_run else paper.registration,
             "studio": studio_options(self.capture),
         }  # fmt: skip

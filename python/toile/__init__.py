@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from .io.body import load_body_model as load_body_model
     from .io.capture import open_capture as open_capture
     from .io.mesh import read_mesh as read_mesh
+    from .io.mesh import write_mesh as write_mesh
+    from .io.run import Run as Run
+    from .io.run import open_run as open_run
     from .pipeline.run import Outcome as Outcome
     from .pipeline.run import register as register
 
@@ -28,10 +31,13 @@ except PackageNotFoundError:  # run from the source tree
 # loaded when they are first asked for, so that the kernels alone stay light
 _HOMES = {
     "open_capture": "io.capture",
+    "open_run": "io.run",
+    "Run": "io.run",
     "register": "pipeline.run",
     "Outcome": "pipeline.run",
     "load_body_model": "io.body",
     "read_mesh": "io.mesh",
+    "write_mesh": "io.mesh",
 }
 __all__ = ["__version__", "kernels", *_HOMES]
 

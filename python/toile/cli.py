@@ -36,7 +36,7 @@ RESUMED = ("register", "align", "train", "studio")  # the same command goes on w
 def plan(capture: Path):
     """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
     from .io.capture import open_capture
-    from .pipeline.plan import blocks
+    from .pipeline.blocks import blocks
     from .pipeline.plan import plan as make_plan
 
     opened = open_capture(capture)
@@ -212,13 +212,9 @@ def template(
     label: Annotated[str, typer.Option(help="its label in the run's scene")],
 ):
     """Make a garment template from a run's tracked surface and labels."""
-    from .io.run import person_of
-    from .stages.template import template_command
+    from .pipeline.template import write_template
 
-    model, person, labels, ids = person_of(run)
-    if label not in ids:
-        raise UserError(f"--label {label}: the run knows {', '.join(ids)}")
-    typer.echo(template_command(run, out, name, ids[label], model, person, labels))
+    typer.echo(write_template(run, out, name, label))
 
 
 def quality_within(budget, quality, capture, numbers):

@@ -2,17 +2,24 @@
 
 import json
 import shutil
+import subprocess
+import sys
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 import zarr
 
+import toile.align.run
+import toile.io.run
 from toile import cli
 from toile.align.run import align
 from toile.align.settings import AlignSettings
 from toile.align.smoothing import over_time
 from toile.errors import UserError
+from toile.io.capture import open_capture
+from toile.io.run import open_run
 
 QUICK = AlignSettings(
     lattice_spacing=0.012,
@@ -117,7 +124,7 @@ def test_other_programs_take_an_aligned_run(undisturbed):
     from toile.measure.evaluate import evaluate
     from toile.surface.layers import read_layers
 
-    assert [layer.name for layer in read_layers(undisturbed)] == ["body", "tshirt"]
+    assert [layer.name for layer in read_layers(open_run(undisturbed))] == ["body", "tshirt"]
     assert evaluate(undisturbed)["all"]["frames_ok"] == 4
 
 
@@ -127,6 +134,30 @@ def test_slides_between_pictures_are_smooth_and_pass_through_what_was_measured()
     between = over_time(numbers, slides, range(20), 30, AlignSettings())
     assert np.abs(between[:19, 0, 0] - np.arange(19)).max() < 0.6
     assert np.allclose(over_time([3], [still], range(6), 30, AlignSettings()), 1)
+
+
+def test_align_opens_a_run_once(two_chunks, tmp_path, monkeypatch, unreported):
+    opened = []
+    real = toile.io.run.open_run
+    for module in (toile.io.run, toile.align.run):
+        monkeypatch.setattr(module, "open_run", lambda path: (opened.append(Path(path)), real(path))[1])
+    captures = []
+    monkeypatch.setattr(toile.io.run, "open_capture", lambda path: (captures.append(path), open_capture(path))[1])
+    align(two_chunks, tmp_path / "out", QUICK)
+    assert opened == [two_chunks, tmp_path / "out"]  # the second for the report of what was made
+    assert len(captures) == 1
+
+
+def test_align_and_all_its_modules_import_without_torch():
+    code = (
+        "import sys, pkgutil, importlib; sys.modules['torch'] = None\n"
+        "import toile.align\n"
+        "names = [m.name for m in pkgutil.iter_modules(toile.align.__path__)]\n"
+        "for name in names: importlib.import_module(f'toile.align.{name}')\n"
+        "print(len(names))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and int(done.stdout) > 8, done.stderr
 
 
 def test_bad_input_is_refused_with_the_reason(two_chunks, undisturbed, tmp_path):

@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from toile import cli, console
-from toile.io.mesh import read_mesh, write_ply
+from toile.io.mesh import read_mesh, write_mesh
+from toile.scene import Mesh
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -48,7 +49,7 @@ def scan_with_nan(capture):
     for frame in frames(capture):
         mesh = read_mesh(frame / "scan.ply")
         mesh.vertices[7] = np.nan
-        write_ply(frame / "scan.ply", mesh.vertices, mesh.faces)
+        write_mesh(frame / "scan.ply", mesh)
     return ["scan.ply", "vertex 7"]
 
 
@@ -82,7 +83,7 @@ def millimetres_too_small(capture):
 def kilometres(capture):
     for frame in frames(capture):
         mesh = read_mesh(frame / "scan.ply")
-        write_ply(frame / "scan.ply", mesh.vertices * 1000, mesh.faces)
+        write_mesh(frame / "scan.ply", Mesh(mesh.vertices * 1000, mesh.faces))
     return ["scan.ply", "units"]
 
 

@@ -16,7 +16,7 @@ from toile import console
 from toile.config import preset
 from toile.errors import UserError
 from toile.pipeline import run as pipeline
-from toile.pipeline.plan import blocks
+from toile.pipeline.blocks import blocks
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 CONFIG = preset("draft").model_copy(update={"preparation_frames": 1})
@@ -98,10 +98,8 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
     assert list(pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES).failed) == [50]
     before = arrays(tmp_path / "run")
     scan.write_bytes(whole)
-    made, make = [], pipeline._Run._make_first_stages
-    monkeypatch.setattr(
-        pipeline._Run, "_make_first_stages", lambda self, n, *rest: (made.append(n), make(self, n, *rest))
-    )
+    made, make = [], pipeline.first_stages
+    monkeypatch.setattr(pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest)))
     assert pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES, retry=True).ok == FRAMES
     after = arrays(tmp_path / "run")
     assert made == [50] and after["done"].tolist() == [1, 1, 1, 1]

@@ -11,7 +11,8 @@ import pytest
 from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.files import load_record, save_record
-from toile.io.mesh import read_mesh, write_ply
+from toile.io.mesh import read_mesh, write_mesh
+from toile.scene import Mesh
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -30,7 +31,7 @@ def test_obj_keeps_vertices_and_uvs_in_topologies_of_their_own(tmp_path):
 def test_ply_keeps_the_order_of_vertices_and_duplicates(tmp_path):
     V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0]], dtype=np.float64)
     F = np.array([[3, 1, 2], [0, 1, 2]])
-    write_ply(tmp_path / "m.ply", V, F)
+    write_mesh(tmp_path / "m.ply", Mesh(V, F))
     mesh = read_mesh(tmp_path / "m.ply")
     assert np.array_equal(mesh.vertices, V) and np.array_equal(mesh.faces, F)
 
@@ -52,7 +53,7 @@ def test_centimetres_are_the_same_capture_in_metres(tmp_path):
             row[3] *= 100
     (capture / "cameras.json").write_text(json.dumps(cameras))
     scan = read_mesh(capture / "frames" / "000000" / "scan.ply")
-    write_ply(capture / "frames" / "000000" / "scan.ply", scan.vertices * 100, scan.faces)
+    write_mesh(capture / "frames" / "000000" / "scan.ply", Mesh(scan.vertices * 100, scan.faces))
     there, here = open_capture(capture), open_capture(SAMPLE)
     name = next(iter(here.cameras))
     point = here.frame(0).scan.vertices[::1000]

@@ -115,7 +115,7 @@ def test_store_is_laid_out_to_the_letter(run):
         assert group[name].chunks == (1, *layout[name][0][1:]), name
     assert group.metadata.zarr_format == 3
     attributes = group.attrs.asdict()
-    assert set(attributes) == {"scene", "joint_names", "body_model"} and len(attributes["joint_names"]) == K
+    assert set(attributes) == {"version", "scene", "joint_names", "body_model"} and len(attributes["joint_names"]) == K
     assert [x["name"] for x in attributes["scene"]["garments"]] == ["tshirt"]
 
 

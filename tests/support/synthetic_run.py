@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import zarr
 from toile import kernels
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
-from toile.io.run import OK, Registered
+from toile.io.run_writer import RunWriter
+from toile.scene import HIDDEN, OBSERVED, Dressed, GarmentTemplate, Inner, Person, Segmented, Tracked
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -31,57 +33,32 @@ def true_run(capture_folder, folder):
     """Writes the run and returns its folder."""
     capture, model = open_capture(capture_folder), load_body_model("anny")
     truth = zarr.open_group(str(capture_folder / "truth" / "truth.zarr"), mode="r")
-    scene, group = capture.scene, truth["garment/tshirt"]
-    template = capture.templates["tshirt"]
-    loops = {f"loop{i}": loop.tolist() for i, loop in enumerate(kernels.boundary_loops(template.faces))}
-    n, g, K = len(model.v_template), len(template.vertices), len(model.J)
-    run = folder / "run"
+    scene, group, K = capture.scene, truth["garment/tshirt"], len(model.J)
+    mesh, run = capture.templates["tshirt"], folder / "run"
+    loops = tuple(kernels.boundary_loops(mesh.faces))
+    names = tuple(f"loop{i}" for i in range(len(loops)))
+    skin = np.eye(1, K).repeat(len(mesh.vertices), axis=0)
+    template = GarmentTemplate(
+        "tshirt", scene.labels["tshirt"], mesh.vertices, mesh.faces, mesh.uv, mesh.face_uv, skin, loops, names
+    )
     run.mkdir()
     (run / "config.toml").write_text(f"capture = {json.dumps(str(capture_folder))}\n")
-    attributes = {
-        "scene": {
-            "name": scene.name,
-            "fps": scene.fps,
-            "up": scene.up,
-            "labels": scene.labels,
-            "garments": [{"name": "tshirt", "label": scene.labels["tshirt"], "loops": loops}],
-        },
-        "joint_names": list(model.joint_names),
-        "body_model": "anny",
-    }
-    fixed = {
-        "shape": np.zeros(4),
-        "track/faces": model.f,
-        "inner/faces": model.f,
-        "garment/tshirt/faces": template.faces,
-    }
-    per_frame = {
-        "track/vertices": ((n, 3), "float64"),
-        "inner/vertices": ((n, 3), "float64"),
-        "garment/tshirt/vertices": ((g, 3), "float64"),
-        "pose/rotations": ((K, 3), "float64"),
-        "pose/translation": ((3,), "float64"),
-        "labels": ((n,), "uint8"),
-        "confidence/track": ((n,), "uint8"),
-        "confidence/inner": ((n,), "uint8"),
-        "confidence/tshirt": ((g,), "uint8"),
-    }
-    frames = truth["frames"][:]
-    store = Registered.create(run / "registered.zarr", frames, fixed, per_frame, attributes)
+    frames, faceless = truth["frames"][:], replace(scene, face_keypoints=False)
+    person = Person(np.zeros(4), model.v_template, model.J)
+    store = RunWriter.create(run, frames, faceless, model, person, [template])
     face, bary = group["map_face"][:], group["map_bary"][:]
-    for row, frame in enumerate(frames):
+    for row, frame in enumerate(frames.tolist()):
         body, cloth = truth["body/vertices"][row].astype(float), group["vertices"][row].astype(float)
         covered = kernels.winding_number(body, cloth, group["faces"][:]) > 0.5
-        values = {
-            "track/vertices": body,
-            "inner/vertices": body,
-            "garment/tshirt/vertices": np.einsum("gk,gki->gi", bary, cloth[group["faces"][:][face]]),
-            "pose/rotations": truth["pose/rotations"][row],
-            "pose/translation": truth["pose/translation"][row],
-            "labels": np.where(covered, scene.labels["tshirt"], truth["labels"][:]).astype(np.uint8),
-            "confidence/track": np.where(covered, 0, 2).astype(np.uint8),
-            "confidence/inner": np.where(covered, 0, 2).astype(np.uint8),
-            "confidence/tshirt": np.full(g, 2, np.uint8),
-        }
-        store.write(int(frame), values, OK)
+        confidence = np.where(covered, HIDDEN, OBSERVED).astype(np.uint8)
+        labels = np.where(covered, scene.labels["tshirt"], truth["labels"][:]).astype(np.uint8)
+        placed = np.einsum("gk,gki->gi", bary, cloth[group["faces"][:][face]])
+        pose, nothing = (truth["pose/rotations"][row], truth["pose/translation"][row]), np.zeros(0)
+        store.write(
+            frame,
+            Tracked(body, *pose, nothing, confidence, {}),
+            Segmented(labels, nothing, nothing, nothing, {}),
+            {"tshirt": Dressed(placed, np.full(len(placed), OBSERVED, np.uint8), {})},
+            Inner(body, confidence, {"tshirt": placed}, 0, {}),
+        )
     return run

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UserError
+from ..surface.layers import Layer, registered_surface
 from ..vision.unwrapping import Unwrapper, pinhole, undistorted
 
 DARK = 0.04  # added to colours 0..1 before their logarithm is taken
@@ -21,7 +22,7 @@ SHARED = 0.2  # weight of other views that a point needs to be compared with the
 class Places:
     """Points on a layer, in the form that an Unwrapper reads."""
 
-    layer: object  # avatar.layers.Layer
+    layer: Layer
     face: np.ndarray  # (N,)
     bary: np.ndarray  # (N,3)
 
@@ -33,9 +34,8 @@ class Places:
 class PrintReader:
     """Reads frames of a run: `layers` inner to outer, body first; `places` {layer name: Places or UvMap}, those to be read."""
 
-    def __init__(self, body, capture, layers, places):
-        self.store, self.capture, self.names = body.store, capture, list(places)
-        self.rows = {int(n): i for i, n in enumerate(body.store["frames"][:])}
+    def __init__(self, run, layers, places):
+        self.run, self.capture, self.names = run, run.capture, list(places)
         self.layers = layers
         nothing = np.zeros(0, np.int64), np.zeros((0, 3))
         maps = [places.get(layer.name) or Places(layer, *nothing) for layer in layers]
@@ -43,23 +43,19 @@ class PrintReader:
 
     def vertices(self, number, name):
         """Registered vertices of a garment (g,3)."""
-        return self.store[f"garment/{name}/vertices"][self.rows[number]]
+        return self.run.garments[name].at(number)
 
     def views(self, number, moved=None):
         """{name: [Unwrapped a camera]} of a frame; `moved` {garment: vertices} in the place of the run's."""
         frame = self.capture.pictures(number)
         if not frame.images:
             raise UserError(f"{self.capture.root}/frames/{number:06d}: no images")
-        V, confidence = zip(*(self._registered(layer, self.rows[number]) for layer in self.layers))
+        surfaces = [registered_surface(self.run, layer) for layer in self.layers]
+        V, confidence = [s.at(number) for s in surfaces], [s.confidence.at(number) for s in surfaces]
         V = [(moved or {}).get(layer.name, v) for layer, v in zip(self.layers, V)]
         self.unwrapper.frame(V, confidence)
         seen = [self._view(frame, name, camera) for name, camera in self.capture.cameras.items()]
         return {layer.name: views for layer, views in zip(self.layers, zip(*seen)) if layer.name in self.names}
-
-    def _registered(self, layer, row):
-        name = layer.name if layer.kind == "garment" else "inner" if "inner/vertices" in self.store else "track"
-        place = f"garment/{name}" if layer.kind == "garment" else name
-        return self.store[f"{place}/vertices"][row], self.store[f"confidence/{name}"][row]
 
     def _view(self, frame, name, camera):
         image, labels = frame.images.get(name), frame.labels.get(name)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import html
 import json
-from pathlib import Path
 
 import numpy as np
 
 from ..io.files import replace_file, write_text
 from ..measure.page import cards, document, figure, heat, table
-from ..pipeline.plan import blocks
-from ..surface.layers import capture_of, open_body, read_layers
+from ..pipeline.blocks import blocks
+from ..surface.layers import read_layers
 from ..surface.sampling import evenly
 from ..surface.uv import UvMap
 from ..vision.unwrapping import mean_texture
@@ -24,15 +23,17 @@ HOT = 60.0  # deviation or error at the upper end of the colours (0..255)
 SIDES = ("before", "after")
 
 
-def write_report(run, out, frames, progress):
-    """Compares the textures of `frames` in both runs, which have pictures in both; returns {garment: measures}."""
+def write_report(run, aligned, frames, progress):
+    """Compares the textures of `frames` of a Run and of the one aligned from it, which have pictures in both; writes
+    pages and pictures into the latter's folder. Returns {garment: measures}."""
+    out = aligned.path
     frames = evenly(frames, FRAMES)
     anchors = [n in blocks(frames)[0] for n in frames]
-    textures, layers = {}, {}
-    for side, path in zip(SIDES, (run, out)):
-        layers = {layer.name: layer for layer in read_layers(run, frames[:1])}
+    textures = {}
+    layers = {layer.name: layer for layer in read_layers(run, frames[:1])}
+    for side, shown in zip(SIDES, (run, aligned)):
         maps = {name: UvMap(layer, SIZE) for name, layer in layers.items() if layer.kind == "garment"}
-        reader = PrintReader(open_body(path), capture_of(path), list(layers.values()), maps)
+        reader = PrintReader(shown, list(layers.values()), maps)
         for k, number in enumerate(frames):
             for name, views in reader.views(number).items():
                 colours, weights = mean_texture(views, SIZE).maps(SIZE)
@@ -47,9 +48,7 @@ def write_report(run, out, frames, progress):
             "texels": int(both.sum()),
         }
         parts.append(_section(name, measures[name], found, frames, out))
-    write_text(
-        out / "alignment.html", document(f"{Path(out).name}: textures before and after alignment", "".join(parts))
-    )
+    write_text(out / "alignment.html", document(f"{out.name}: textures before and after alignment", "".join(parts)))
     write_text(out / "alignment.json", json.dumps(measures, indent=1))
     return measures
 
@@ -100,7 +99,7 @@ def _section(name, measures, found, frames, out):
         spread = heat(np.sqrt((textures.deviation**2).mean(-1)) / HOT)
         pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
     for label, picture in pictures.items():
-        _save(Path(out) / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
+        _save(out / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
     rows = "".join(_row(found, k, frames[k]) for k in evenly(range(len(frames)), SHOWN))
     change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
     lines = [

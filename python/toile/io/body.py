@@ -95,6 +95,15 @@ def _moved_by(roles, parents, weights_idx, weights_val):
     return {name: vertices for name, vertices in segments.items() if len(vertices)}
 
 
+def model_in_capture(capture, name, up):
+    """The body model of this name: a packaged one, or a `.npz` inside the folder `capture`."""
+    if not name.endswith(".npz"):
+        return load_body_model(name, up=up)
+    if not (capture / name).resolve().is_relative_to(capture.resolve()):
+        raise UserError(f"{capture}: body model '{name}' leaves the capture")
+    return load_body_model(capture / name, up=up)
+
+
 class Fields:
     """The arrays of one .npz file; every refusal names the file and the field."""
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from ..errors import UserError
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
+from .files import replace_file
 
 MAX_FACES = 20_000_000
 OBJ_BYTES = 512 << 20
@@ -151,8 +154,34 @@ def _refuse(path, lines, bad, what):
         raise UserError(f"{path}: line {lines[int(bad.argmax())]}: {what}")
 
 
-def write_ply(path, vertices, faces):
-    """Binary PLY."""
-    import trimesh
+def write_mesh(path: Path | str, mesh: Mesh) -> None:
+    """Writes a mesh as a whole file: `.obj` (7 decimals, with its UVs, 6 decimals) or `.ply` (binary, float32 positions, no
+    UVs). UserError: another ending."""
+    path = Path(path)
+    write = {".obj": _obj, ".ply": _ply}.get(path.suffix.lower())
+    if write is None:
+        raise UserError(f"{path}: expected a file that ends in .obj or .ply")
+    replace_file(path, lambda p: p.write_bytes(write(mesh)))
 
-    trimesh.Trimesh(vertices, faces, process=False).export(path)
+
+def _obj(mesh):
+    lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in mesh.vertices]
+    if mesh.uv is None:
+        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    else:
+        lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uv]
+        corners = np.stack([mesh.faces, mesh.face_uv], 2).reshape(-1, 6) + 1
+        lines += ["f {}/{} {}/{} {}/{}".format(*corner) for corner in corners]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _ply(mesh):
+    V, F = mesh.vertices, mesh.faces
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(V)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(F)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(F), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    rows["count"], rows["corners"] = 3, F
+    return header.encode() + np.asarray(V).astype("<f4").tobytes() + rows.tobytes()

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import UserError
 from .bounded import read_npz
 from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
+from .run import is_run, open_run
 
 MAX_FRAMES = 1_000_000
 
@@ -41,7 +42,7 @@ def read_motion(path, model, J, fps, translation):
     UserError names the file and the field.
     """
     path = Path(path)
-    if (path / "registered.zarr").exists():
+    if is_run(path):
         return _of_run(path, len(J))
     if not path.is_file():
         raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
@@ -51,19 +52,14 @@ def read_motion(path, model, J, fps, translation):
 
 
 def _of_run(path, joints):
-    import zarr
-
-    group = zarr.open_group(str(path / "registered.zarr"), mode="r")
-    good = group["done"][:] == 1
-    rotations = group["pose/rotations"][:][good]
+    run = open_run(path)
+    rows, rotations = run.rows(), run.pose.rotations
     if rotations.shape[1:] != (joints, 3):
-        raise UserError(f"{path}: pose/rotations has {rotations.shape[1]} joints, the avatar has {joints}")
-    if not good.any():
+        raise UserError(f"{path}: the run's poses have {rotations.shape[1]} joints, the avatar has {joints}")
+    if not len(rows):
         raise UserError(f"{path}: no frame is registered")
-    face = group["face"][:][good] if "face" in group else None
-    return Motion(
-        group["frames"][:][good], rotations, group["pose/translation"][:][good], face, group.attrs["scene"]["fps"]
-    )
+    face = None if run.face is None else run.face[rows]
+    return Motion(run.frames[rows], rotations[rows], run.pose.translation[rows], face, run.scene.fps)
 
 
 def _of_bvh(path, model, J, fps, translation):

@@ -1,189 +1,292 @@
-"""What a run leaves on disk: the registered store, the state that lets a killed run go on, and its status lines."""
+"""Reads a registered run, lazily and without torch. `layout` says what the store holds, `run_writer` fills it.
+
+run = toile.open_run("run")
+V, F = run.track.at(run.ok[0]), run.track.faces
+"""
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
-from ..errors import UserError
-from ..scene import Person
-from .body import load_body_model
+from ..errors import UserError, first_line
+from ..scene import BodyModel
+from .camera import first_error
+from .capture import Capture, open_capture
+from .layout import DIAGNOSTICS, OK, STORE, VERDICT, VERSION, Attributes, StoredGarment
+from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics
+from .status import Status
 
-PENDING, OK, FAILED = 0, 1, 2
-
-
-class Status:
-    """status.jsonl: one line a stage and frame."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def add(self, **line):
-        with open(self.path, "a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
-
-    def lines(self):
-        """All whole lines; a run that was killed may have left the last one cut."""
-        for text in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else []:
-            try:
-                yield json.loads(text)
-            except ValueError:
-                continue
-
-    def warnings(self):
-        """What was warned of, each once."""
-        return list(dict.fromkeys(line["warning"] for line in self.lines() if "warning" in line))
+LARGEST = 2**31  # bytes of one chunk: a larger one is no person's
 
 
-class Registered:
-    """RUN/registered.zarr: one zarr 3 group, a chunk a frame, `done` written last."""
+class FrameArray:
+    """An array whose first axis is the run's frames, read when indexed by rows; `at` takes a frame's number."""
 
-    def __init__(self, path):
-        import zarr
-
-        self.group = zarr.open_group(str(path), mode="r+")
-        self.row = {int(f): i for i, f in enumerate(self.group["frames"][:])}
-
-    @staticmethod
-    def create(path, frames, fixed, per_frame, attributes):
-        """A store with arrays `fixed` {name: array} and, NaN or zero until written, `per_frame` {name: (shape, dtype)}."""
-        import zarr
-
-        part = path.with_name(f".{path.name}.part")
-        if part.exists():
-            shutil.rmtree(part)
-        group = zarr.open_group(str(part), mode="w", zarr_format=3)
-        group.attrs.update(attributes)
-        for name, values in {"frames": np.asarray(frames, np.int64), **fixed}.items():
-            group.create_array(name, data=np.asarray(values))
-        config = {"write_empty_chunks": True}
-        for name, (shape, dtype) in {**per_frame, "done": ((), "uint8")}.items():
-            fill = np.nan if np.dtype(dtype).kind == "f" else 0
-            group.create_array(
-                name, shape=(len(frames), *shape), chunks=(1, *shape), dtype=dtype, fill_value=fill, config=config
-            )
-        os.replace(part, path)
-        return Registered(path)
-
-    def done(self, frame):
-        return int(self.group["done"][self.row[frame]])
-
-    def write(self, frame, values, done):
-        """One frame: its arrays first, `done` last."""
-        row = self.row[frame]
-        for name, value in values.items():
-            self.group[name][row] = value
-        self.group["done"][row] = done
-
-    def write_diagnostics(self, table):
-        """`diagnostics/STAGE/NAME (T,)` from {frame: {stage: {name: number}}}, NaN where a frame has none; once all frames
-        are done. `whole` tells whether this has been."""
-        names = sorted(
-            {(stage, name) for stages in table.values() for stage, values in stages.items() for name in values}
-        )
-        group = self.group.create_group("diagnostics", overwrite=True)
-        for stage, name in names:
-            column = [table.get(frame, {}).get(stage, {}).get(name, np.nan) for frame in self.row]
-            group.create_array(f"{stage}/{name}", data=np.array(column, np.float64))
-        group.attrs["whole"] = True
-
-    def reopen(self):
-        """Failed frames become pending, and the store is no longer whole."""
-        failed = np.flatnonzero(self.group["done"][:] == FAILED)
-        if len(failed):
-            if "diagnostics" in self.group:
-                self.group["diagnostics"].attrs["whole"] = False
-            for row in failed:
-                self.group["done"][row] = PENDING
+    def __init__(self, run: Run, key: str):
+        self._run, self._key = run, key
 
     @property
-    def whole(self):
-        return "diagnostics" in self.group and bool(self.group["diagnostics"].attrs.get("whole"))
+    def shape(self) -> tuple[int, ...]:
+        return self._run.array(self._key).shape
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: int | slice | Iterable[int]) -> np.ndarray:
+        if isinstance(rows, slice):
+            rows = range(*rows.indices(len(self)))
+            if len(rows) == len(self):
+                try:
+                    return self._run.read(self._key)
+                except UserError:
+                    pass  # row by row, the error names the frame
+        elif np.ndim(rows) == 0:
+            return self._run.read(self._key, int(rows))
+        found = [self._run.read(self._key, int(row)) for row in rows]
+        return np.stack(found) if found else np.zeros((0, *self.shape[1:]), self._run.array(self._key).dtype)
+
+    def at(self, frame: int) -> np.ndarray:
+        """The values of the frame of this number."""
+        return self[self._run.row(frame)]
 
 
-def create_store(path, frames, scene, model, person, templates):
-    """The empty store of a run over `frames`; `templates` are its GarmentTemplates, inner to outer."""
-    n, K = len(model.v_template), len(model.parents)
-    fixed = {"track/faces": model.f, "shape": person.shape}
-    per_frame = {
-        "track/vertices": ((n, 3), "float64"),
-        "pose/rotations": ((K, 3), "float64"),
-        "pose/translation": ((3,), "float64"),
-        "confidence/track": ((n,), "uint8"),
-    }
-    if scene.face_keypoints:
-        q = sum(name.startswith("face.") for name in model.keypoint_names)
-        per_frame["face"] = ((q, 3), "float64")
-    if templates:
-        fixed["inner/faces"] = model.f
-        per_frame |= {
-            "labels": ((n,), "uint8"),
-            "inner/vertices": ((n, 3), "float64"),
-            "confidence/inner": ((n,), "uint8"),
-        }
-    for t in templates:
-        at, g = f"garment/{t.name}", len(t.rest)
-        fixed |= {f"{at}/faces": t.faces, f"{at}/uv": t.uv, f"{at}/face_uv": t.face_uv, f"{at}/skin": t.skin}
-        per_frame |= {f"{at}/vertices": ((g, 3), "float64"), f"confidence/{t.name}": ((g,), "uint8")}
-    return Registered.create(path, frames, fixed, per_frame, _attributes(scene, model, templates))
+class RegisteredSurface:
+    """A surface in one topology: `vertices` (T,n,3) float64 [m] and `confidence` (T,n) uint8, read a frame at a time."""
+
+    def __init__(self, run: Run, place: str, name: str):
+        self._run, self._place, self.name = run, place, name
+        self.vertices, self.confidence = FrameArray(run, f"{place}/vertices"), run.confidence[name]
+
+    @cached_property
+    def faces(self) -> np.ndarray:
+        """(m,3) int32."""
+        return self._run.read(f"{self._place}/faces")
+
+    def at(self, frame: int) -> np.ndarray:
+        """Vertices (n,3) [m] of the frame of this number."""
+        return self.vertices.at(frame)
 
 
-def _attributes(scene, model, templates):
-    garments = [
-        {
-            "name": t.name,
-            "label": t.label,
-            "loops": {name: [int(v) for v in loop] for name, loop in zip(t.loop_names, t.loops)},
-        }
-        for t in templates
-    ]
-    about = {"name": scene.name, "fps": scene.fps, "up": scene.up, "labels": scene.labels}
-    return {
-        "scene": about | {"garments": garments},
-        "joint_names": list(model.joint_names),
-        "body_model": scene.body_model,
-    }
+class RegisteredGarment(RegisteredSurface):
+    """A garment: `label` is its id, `loops` {name: vertex indices in a cycle} its openings."""
+
+    def __init__(self, run: Run, garment: StoredGarment):
+        super().__init__(run, f"garment/{garment.name}", garment.name)
+        self.label = garment.label
+        self.loops = {name: np.array(loop, np.int64) for name, loop in garment.loops.items()}
+
+    @cached_property
+    def uv(self) -> np.ndarray:
+        """(t,2) float64, v up."""
+        return self._run.read(f"{self._place}/uv")
+
+    @cached_property
+    def face_uv(self) -> np.ndarray:
+        """(m,3) int32 into uv."""
+        return self._run.read(f"{self._place}/face_uv")
+
+    @cached_property
+    def skin(self) -> np.ndarray:
+        """(g,K) float64 skinning weights; rows sum to 1."""
+        return self._run.read(f"{self._place}/skin")
 
 
-def frame_arrays(scene, tracked, segmented=None, dressed=None, layer=None):
-    """{array: values} of one frame, and its diagnostics by stage; the last three where the scene names a garment."""
-    values = {
-        "track/vertices": tracked.vertices,
-        "pose/rotations": tracked.rotations,
-        "pose/translation": tracked.translation,
-        "confidence/track": tracked.confidence,
-    }
-    diagnostics = {"track": tracked.diagnostics}
-    if scene.face_keypoints:
-        values["face"] = tracked.face
-    if layer is None:
-        return values, diagnostics
-    values |= {"labels": segmented.vertices, "inner/vertices": layer.vertices, "confidence/inner": layer.confidence}
-    diagnostics |= {"segment": segmented.diagnostics, "inner": layer.diagnostics}
-    for name, vertices in layer.garments.items():
-        values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
-        diagnostics[f"dress {name}"] = dressed[name].diagnostics
-    return values, diagnostics
+class Pose:
+    """`rotations` (T,K,3) about world axes relative to the parent [rad], `translation` (T,3) of the root [m]."""
+
+    def __init__(self, run: Run):
+        self.rotations, self.translation = FrameArray(run, "pose/rotations"), FrameArray(run, "pose/translation")
+
+    def at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (K,3) and translation (3,) of the frame of this number."""
+        return self.rotations.at(frame), self.translation.at(frame)
 
 
-def person_of(run):
-    """(BodyModel, Person, labels (T,n) of the frames that are ok, label table) of a finished run that segmented."""
+class Diagnostics(Mapping):
+    """What the stages measured of themselves: {stage: {name: (T,) float64, NaN where a frame has none}}."""
+
+    def __init__(self, run: Run):
+        self._run = run
+
+    @cached_property
+    def _names(self) -> dict[str, list[str]]:
+        if DIAGNOSTICS not in self._run.group:
+            return {}
+        return {stage: sorted(group.array_keys()) for stage, group in sorted(self._run.group[DIAGNOSTICS].groups())}
+
+    def __getitem__(self, stage: str) -> dict[str, np.ndarray]:
+        return {name: self._run.read(f"{DIAGNOSTICS}/{stage}/{name}") for name in self._names[stage]}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def at(self, frame: int) -> dict:
+        """{stage: {name: number}} of one frame as it was done, {"reason": why} of one that failed; {} before."""
+        return read_diagnostics(self._run.path, frame)
+
+
+class Run:
+    """A run opened for reading. Nothing of a frame is read before it is asked for; `done` is as it was when first read.
+
+    `frames` (T,) int64 numbers; `done` (T,) uint8; `verdict` (T,) uint8 or None; `track`, `inner` (None without garments)
+    and `garments` {name: RegisteredGarment} inner to outer; `pose`; `face` (T,q,3) or None; `labels` (T,n) or None;
+    `confidence` {"track", "inner", garment: (T,n)}; `diagnostics`; `scene`; `body_model`; `capture`. A *row* is the place
+    of a frame along the first axis. UserError: one line that names the run and what is missing or broken.
+    """
+
+    def __init__(self, path: Path, group, attributes: Attributes):
+        self.path, self.group = path, group
+        self.scene, self.joint_names = attributes.scene, tuple(attributes.joint_names)
+        self.body_model_name = attributes.body_model
+        names = [g.name for g in self.scene.garments]
+        self.confidence = {name: FrameArray(self, f"confidence/{name}") for name in self._layers(names)}
+        self.pose, self.diagnostics, self.status = Pose(self), Diagnostics(self), Status.of(path)
+        self.track = RegisteredSurface(self, "track", "track")
+        self.inner = RegisteredSurface(self, "inner", "inner") if names else None
+        self.garments = {g.name: RegisteredGarment(self, g) for g in self.scene.garments}
+
+    def __reduce__(self):
+        return open_run, (self.path,)  # another process opens its own
+
+    @staticmethod
+    def _layers(names: list[str]) -> list[str]:
+        return ["track", "inner", *names] if names else ["track"]
+
+    def array(self, key: str):
+        """The zarr array of this key, unread."""
+        try:
+            found = self.group[key]
+            shape, chunk = found.shape, int(np.prod(found.chunks)) * found.dtype.itemsize
+        except KeyError:
+            raise UserError(f"{self.path / STORE}: {key} is missing") from None
+        except Exception as error:  # zarr raises whatever a damaged file leads it to
+            raise UserError(f"{self.path / STORE}: {key}: cannot be read: {first_line(error)}") from None
+        if chunk > LARGEST or not shape:
+            raise UserError(f"{self.path / STORE}: {key}: a chunk of shape {found.chunks}, refused")
+        return found
+
+    def read(self, key: str, row: int | None = None) -> np.ndarray:
+        """All of an array, or one row of it."""
+        array = self.array(key)
+        try:
+            return array[:] if row is None else array[row]
+        except Exception as error:  # codecs raise as they like
+            where = key if row is None else f"{key}: frame {self.frames[row]}"
+            raise UserError(f"{self.path / STORE}: {where}: cannot be read: {first_line(error)}") from None
+
+    # Frames -----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def frames(self) -> np.ndarray:
+        return self.read("frames")
+
+    @cached_property
+    def done(self) -> np.ndarray:
+        return FrameArray(self, "done")[:]
+
+    @cached_property
+    def verdict(self) -> np.ndarray | None:
+        return FrameArray(self, VERDICT)[:] if VERDICT in self.group else None
+
+    @cached_property
+    def _row(self) -> dict[int, int]:
+        return {int(number): row for row, number in enumerate(self.frames)}
+
+    def row(self, frame: int) -> int:
+        """The row of the frame of this number."""
+        if frame not in self._row:
+            raise UserError(f"{self.path}: frame {frame} is not in the run")
+        return self._row[frame]
+
+    def rows(self, frames: Iterable[int] | None = None) -> np.ndarray:
+        """Rows of the registered frames, of those among the numbers `frames` if given."""
+        good = np.flatnonzero(self.done == OK)
+        return good if frames is None else good[np.isin(self.frames[good], list(frames))]
+
+    @property
+    def ok(self) -> list[int]:
+        """Numbers of the registered frames, in the run's order."""
+        return self.frames[self.rows()].tolist()
+
+    @cached_property
+    def pictured(self) -> list[int]:
+        """Numbers of the registered frames that have pictures."""
+        folder = self.capture.root / "frames"
+        return [number for number in self.ok if any((folder / f"{number:06d}" / "images").glob("*"))]
+
+    # Layers and what they hang on -------------------------------------------------------------------------------------
+
+    @property
+    def body(self) -> RegisteredSurface:
+        """The inner surface; the tracked one of a run without garments."""
+        return self.inner or self.track
+
+    @cached_property
+    def face(self) -> FrameArray | None:
+        return FrameArray(self, "face") if "face" in self.group else None
+
+    @cached_property
+    def labels(self) -> FrameArray | None:
+        return FrameArray(self, "labels") if self.garments else None
+
+    @cached_property
+    def shape(self) -> np.ndarray:
+        """Coefficients (S,) of the person's shape."""
+        return self.read("shape")
+
+    @cached_property
+    def body_model(self) -> BodyModel:
+        """The BodyModel that the run was registered with, whose arrays fit the run's."""
+        model = body_model_of(self.path, self.body_model_name, self.scene.up)
+        n, K = self.track.vertices.shape[1], self.pose.rotations.shape[1]
+        if (len(model.v_template), len(model.parents)) != (n, K):
+            raise UserError(f"{self.path / STORE}: pose and vertices do not fit the body model {self.body_model_name}")
+        return model
+
+    @cached_property
+    def rest_joints(self) -> np.ndarray:
+        """Rest joints (K,3) of the person [m]."""
+        return self.body_model.rest(self.shape)[1]
+
+    @cached_property
+    def config(self) -> dict:
+        """What the run was asked for."""
+        return read_config(self.path)
+
+    @cached_property
+    def capture(self) -> Capture:
+        """The Capture that the run was made of."""
+        return open_capture(capture_folder(self.path))
+
+
+def open_run(path: Path | str) -> Run:
+    """Opens the run of a folder made by `toile register` or `toile align`, for reading."""
     import zarr
 
-    group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
-    if "labels" not in group:
-        raise UserError(f"{run}/registered.zarr: labels: the run has none, its scene names no garment")
-    model = load_body_model(group.attrs["body_model"], up=group.attrs["scene"]["up"])
-    shape = group["shape"][:]
-    rest, J = model.rest(shape)
-    good = np.flatnonzero(group["done"][:] == OK)
-    unposed = [
-        model.unskin(group["track/vertices"][i], J, group["pose/rotations"][i], group["pose/translation"][i])
-        for i in good
-    ]
-    person = Person(shape, np.median(unposed, axis=0) if unposed else rest, J)
-    return model, person, group["labels"][:][good], group.attrs["scene"]["labels"]
+    path = Path(path)
+    if not is_run(path):
+        raise UserError(f"{path}: no {STORE}; is it a run of `toile register`?")
+    store = path / STORE
+    try:
+        group = zarr.open_group(str(store), mode="r")
+        attributes = Attributes(**group.attrs.asdict())
+    except ValidationError as error:
+        raise first_error(store, error) from None
+    except Exception as error:  # zarr raises whatever a damaged file leads it to
+        raise UserError(f"{store}: cannot be read: {first_line(error)}") from None
+    if attributes.version not in (1, VERSION):
+        raise UserError(f"{store}: version {attributes.version} of the layout, expected {VERSION} or 1")
+    return Run(path, group, attributes)
+
+
+def is_run(path: Path | str) -> bool:
+    """Does the folder hold a registered store?"""
+    return (Path(path) / STORE).exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import defaultdict
 from itertools import combinations
 from pathlib import Path
@@ -11,16 +10,15 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..io.body import load_body_model
-from ..io.capture import open_capture
-from ..io.run import OK, Status
-from ..scene import OBSERVED
+from ..io.run import Run, open_run
+from ..scene import HIDDEN, OBSERVED
 from .evidence import evidence, nothing
 from .truth import mean_measures, millimetres, open_truth, second_difference
 
 
-def evaluate(run):
-    """Measures as {"all": {...}, "per_frame": [...]}; lengths in mm; None where the truth or the thing is missing.
+def evaluate(run: Run | Path | str) -> dict:
+    """Measures of a run, opened or a folder, as {"all": {...}, "per_frame": [...]}; lengths in mm; None where the truth
+    or the thing is missing.
 
     "all" holds means over the frames that are ok (its p95 is the mean of theirs), but the sum of intersections_left.
 
@@ -39,33 +37,21 @@ def evaluate(run):
     intersections_left: triangle pairs of garments with the inner skin, whole, and with one another, by exact predicates.
     seconds: mean a frame.
     """
-    run = Path(run)
-    return _Evaluation(run).result()
+    return _Evaluation(run if isinstance(run, Run) else open_run(run)).result()
 
 
 class _Evaluation:
     def __init__(self, run):
-        import zarr
-
-        if not (run / "registered.zarr").exists():
-            raise UserError(f"{run}: no registered.zarr; is it a run of `toile register`?")
-        self.run, self.store = run, zarr.open_group(str(run / "registered.zarr"), mode="r")
-        self.config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
-        self.capture = open_capture(self.config["capture"])
-        body = self.store.attrs["body_model"]
-        path = self.capture.root / body if body.endswith(".npz") else body
-        self.model = load_body_model(path, up=self.capture.scene.up)
-        self.garments = self.store.attrs["scene"]["garments"]
-        self.rest = self.model.rest(self.store["shape"][:])
-        self.truth = open_truth(self.capture, [g["name"] for g in self.garments])
+        self.run, self.capture, self.model = run, run.capture, run.body_model
+        self.rest = self.model.rest(run.shape)
+        self.labels = {name: garment.label for name, garment in run.garments.items()}
+        self.truth = open_truth(self.capture, list(run.garments))
         self.outside = ~self.model.inside
 
     def result(self):
-        numbers, done = self.store["frames"][:], self.store["done"][:]
         per_frame, errors = [], defaultdict(dict)
-        for row, number in enumerate(int(n) for n in numbers):
-            if done[row] == OK:
-                per_frame.append({"frame": number, **self._frame(row, number, errors)})
+        for number in self.run.ok:
+            per_frame.append({"frame": number, **self._frame(number, errors)})
         everything = mean_measures(per_frame or [self._nothing()])
         everything.pop("frame", None)
         for name, by_frame in errors.items():
@@ -73,36 +59,33 @@ class _Evaluation:
         if everything.get("intersections_left") is not None:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
-        everything["frames_ok"], everything["frames_failed"] = len(per_frame), int(len(numbers) - len(per_frame))
+        everything["frames_ok"], everything["frames_failed"] = len(per_frame), len(self.run.frames) - len(per_frame)
         return {"all": everything, "per_frame": per_frame}
 
-    def _frame(self, row, number, errors):
-        true = self.truth is not None and number in self.truth
-        tracked = self.store["track/vertices"][row]
+    def _frame(self, number, errors):
+        run, true = self.run, self.truth is not None and number in self.truth
+        tracked = run.track.at(number)
         out = self._nothing()
-        out["joint_mm"] = self._joints(row, number) if true else None
-        out |= self._evidence(row, number, tracked)
-        if not self.garments:
+        out["joint_mm"] = self._joints(number) if true else None
+        out |= self._evidence(number, tracked)
+        if not run.garments:
             return out
-        inner = self.store["inner/vertices"][row]
-        cloth = {g["name"]: self.store[f"garment/{g['name']}/vertices"][row] for g in self.garments}
-        faces = {g["name"]: self.store[f"garment/{g['name']}/faces"][:] for g in self.garments}
-        layers = [(inner, self.model.skin_faces), *((cloth[n], faces[n]) for n in cloth)]
+        inner, cloth = run.inner.at(number), {name: garment.at(number) for name, garment in run.garments.items()}
+        layers = [(inner, self.model.skin_faces), *((cloth[name], g.faces) for name, g in run.garments.items())]
         pairs = (kernels.intersecting_pairs(*over, *under) for over, under in combinations(layers[::-1], 2))
         out["intersections_left"] = int(sum(len(p) for p in pairs))
-        for garment in self.garments:
-            seen = self.store[f"confidence/{garment['name']}"][row] == OBSERVED
-            shares = {name: float(seen[loop].mean()) for name, loop in garment["loops"].items()}
-            out["garment"][garment["name"]] |= {"observed": float(seen.mean()), "loop_observed": shares}
+        for name, garment in run.garments.items():
+            seen = garment.confidence.at(number) == OBSERVED
+            shares = {loop: float(seen[at].mean()) for loop, at in garment.loops.items()}
+            out["garment"][name] |= {"observed": float(seen.mean()), "loop_observed": shares}
         if not true:
             return out
-        for garment in self.garments:
-            name = garment["name"]
-            measures, errors[name][number] = self.truth.garment_errors(name, garment["loops"], cloth[name], number)
+        for name, garment in run.garments.items():
+            measures, errors[name][number] = self.truth.garment_errors(name, garment.loops, cloth[name], number)
             out["garment"][name] |= measures
-        out["label_iou"] = self._labels(self.store["labels"][row], tracked, number)
-        hidden = self.store["confidence/inner"][row] == 0
-        model = self.model.skin(*self.rest, *self._pose(row))
+        out["label_iou"] = self._labels(run.labels.at(number), tracked, number)
+        hidden = run.inner.confidence.at(number) == HIDDEN
+        model = self.model.skin(*self.rest, *run.pose.at(number))
         alone = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]
         share = float((hidden & self.outside).sum() / self.outside.sum())
         out["inner"] = self.truth.body_errors(inner, hidden, self.outside, number)
@@ -125,38 +108,35 @@ class _Evaluation:
             "track_to_scan_mm": None,
             "evidence": nothing(),
             "label_iou": None,
-            "garment": {g["name"]: dict.fromkeys(garment) for g in self.garments},
+            "garment": {name: dict.fromkeys(garment) for name in self.run.garments},
             "inner": dict.fromkeys(("hidden_mm", "visible_mm", "hidden_model_mm", "hidden_share")),
             "intersections_left": None,
         }
 
-    def _joints(self, row, number):
-        x, (true, names) = self._model_joints(row), self.truth.joints(number)
+    def _joints(self, number):
+        x, (true, names) = self._model_joints(number), self.truth.joints(number)
         at = [self.model.joint_names.index(n) for n in names if n in self.model.joint_names]
         there = [i for i, n in enumerate(names) if n in self.model.joint_names]
         return millimetres(np.linalg.norm(x[at] - true[there], axis=1))
 
-    def _evidence(self, row, number, tracked):
+    def _evidence(self, number, tracked):
         """What the frame itself shows of the tracked surface; nothing where the capture has lost it."""
         try:
             frame = self.capture.frame(number)
         except UserError:
             return {}
-        confidence, joints = self.store["confidence/track"][row], self._model_joints(row)
+        confidence, joints = self.run.track.confidence.at(number), self._model_joints(number)
         found = evidence(frame, self.capture.cameras, self.model, tracked, joints, confidence, self.outside)
         seen = (confidence == OBSERVED) & self.outside
         near = frame.scan.index.closest(tracked[seen])[3] if frame.scan is not None and seen.any() else []
         return {"track_to_scan_mm": millimetres(near), "evidence": found}
 
-    def _pose(self, row):
-        return self.store["pose/rotations"][row], self.store["pose/translation"][row]
-
-    def _model_joints(self, row):
-        return self.model.joint_transforms(self.rest[1], *self._pose(row))[1]
+    def _model_joints(self, number):
+        return self.model.joint_transforms(self.rest[1], *self.run.pose.at(number))[1]
 
     def _labels(self, labels, tracked, number):
         """IoU by label over the outside of the tracked surface."""
-        V, F, label = self.truth.outer(number, {g["name"]: g["label"] for g in self.garments}, bare=True)
+        V, F, label = self.truth.outer(number, self.labels, bare=True)
         truth = label[kernels.SurfaceIndex(V, F).closest(tracked)[0]]
         area = np.zeros(len(tracked))
         np.add.at(area, self.model.f.ravel(), np.repeat(kernels.face_areas(tracked, self.model.f) / 3, 3))
@@ -170,7 +150,7 @@ class _Evaluation:
 
     def _seconds(self):
         total, frames = defaultdict(float), defaultdict(set)
-        for entry in Status(self.run / "status.jsonl").lines():
+        for entry in self.run.status.lines():
             if entry.get("ok"):
                 total[entry["stage"]] += entry["seconds"]
                 frames[entry["stage"]].add(entry["frame"])

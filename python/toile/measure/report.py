@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import html
 import json
-import tomllib
 from pathlib import Path
 
 import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..io.capture import open_capture
-from ..io.run import Status
+from ..io.run import open_run
 from ..surface.operators import border_vertices
 from .evaluate import evaluate
 from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number
@@ -24,38 +22,30 @@ HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
 UNSEEN = (176, 174, 170)  # over holes of the scan
 
 
-def write_report(run, out=None, more=""):
+def write_report(run: Path | str, out: Path | str | None = None, more: str = "") -> Path:
     """Writes the page of a run (default RUN/report.html) and returns its path. UserError where there is no run.
 
     `more`: HTML that stands before the frames, such as the section of an avatar made from the run.
     """
-    run = Path(run)
-    result = evaluate(run)
-    config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
-    page = _Page(run, result, config).html(more)
-    path = Path(out) if out else run / "report.html"
+    opened = open_run(run)
+    page = _Page(opened, evaluate(opened)).html(more)
+    path = Path(out) if out else opened.path / "report.html"
     path.write_text(page, encoding="utf-8")
     return path
 
 
 class _Page:
-    def __init__(self, run, result, config):
-        import zarr
-
-        self.run, self.result, self.config = run, result, config
-        self.store = zarr.open_group(str(run / "registered.zarr"), mode="r")
-        self.scene = self.store.attrs["scene"]
-        self.capture = open_capture(config["capture"])
-        self.numbers = [int(n) for n in self.store["frames"][:]]
+    def __init__(self, run, result):
+        self.run, self.result = run, result
         self.flat = {f["frame"]: flatten({k: v for k, v in f.items() if k != "frame"}) for f in result["per_frame"]}
 
     def html(self, more):
         ok, failed = self.result["all"].get("frames_ok", 0), self.result["all"].get("frames_failed", 0)
-        title = f"{self.scene['name']}: {ok} frames registered" + (f", {failed} failed" if failed else "")
+        title = f"{self.run.scene.name}: {ok} frames registered" + (f", {failed} failed" if failed else "")
         ranked = self._ranked()
         shown = "".join(self._frame(number, why) for number, why in ranked[:WORST])
-        layers = ", ".join(["body", *(g["name"] for g in self.scene["garments"])])
-        settings = html.escape(json.dumps({k: v for k, v in self.config.items()}, indent=1))
+        layers = ", ".join(["body", *self.run.garments])
+        settings = html.escape(json.dumps(self.run.config, indent=1))
         return document(
             title,
             f"<p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
@@ -64,7 +54,7 @@ class _Page:
         )
 
     def _warnings(self):
-        return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in Status(self.run / "status.jsonl").warnings())
+        return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in self.run.status.warnings())
 
     def _plots(self):
         names = list(dict.fromkeys(name for values in self.flat.values() for name in values))
@@ -82,9 +72,11 @@ class _Page:
         for name in {n for values in self.flat.values() for n in values}:
             values = [v[name] for v in self.flat.values() if v.get(name) is not None]
             medians[name] = float(np.median(values)) if values else 0.0
-        for number in self.numbers:
+        for number in self.run.frames.tolist():
             if number not in self.flat:
-                ranked.append((np.inf, number, f"failed: {self._diagnostics(number).get('reason', 'not finished')}"))
+                ranked.append(
+                    (np.inf, number, f"failed: {self.run.diagnostics.at(number).get('reason', 'not finished')}")
+                )
                 continue
             score, why = max(
                 (
@@ -94,14 +86,10 @@ class _Page:
                 ),
                 default=(0.0, "no measure"),
             )
-            contact = _contact(self._diagnostics(number))
+            contact = _contact(self.run.diagnostics.at(number))
             ranked.append((score + (100 if contact else 0), number, f"{contact}; {why}" if contact else why))
         ranked.sort(key=lambda item: (-item[0], item[1]))
         return [(number, why) for _, number, why in ranked]
-
-    def _diagnostics(self, number):
-        path = self.run / "diagnostics" / f"{number:06d}.json"
-        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
     def _frame(self, number, why):
         pictures = "" if number not in self.flat else self._pictures(number)
@@ -111,23 +99,22 @@ class _Page:
         )
 
     def _pictures(self, number):
-        row, up = self.numbers.index(number), self.scene["up"]
-        track = (self.store["track/vertices"][row], self.store["track/faces"][:], BODY)
+        run, up = self.run, self.run.scene.up
+        track = (run.track.at(number), run.track.faces, BODY)
         figures = [("tracked, front", [track], 0), ("tracked, back", [track], np.pi)]
-        if self.scene["garments"]:
-            layers = [(self.store["inner/vertices"][row], self.store["inner/faces"][:], BODY)]
+        if run.garments:
+            layers = [(run.inner.at(number), run.inner.faces, BODY)]
             inner = [("inner, front", list(layers), 0)]
-            for i, garment in enumerate(self.scene["garments"]):
-                group = self.store[f"garment/{garment['name']}"]
-                layers.append((group["vertices"][row], group["faces"][:], CLOTH[i % len(CLOTH)]))
+            for i, garment in enumerate(run.garments.values()):
+                layers.append((garment.at(number), garment.faces, CLOTH[i % len(CLOTH)]))
             figures += inner + [("layers, front", layers, 0), ("layers, back", layers, np.pi)]
-        figures += self._heat(number, row)
+        figures += self._heat(number)
         return "".join(figure(render(parts, angle, up), caption) for caption, parts, angle in figures)
 
-    def _heat(self, number, row):
+    def _heat(self, number):
         """The tracked surface and the garments coloured by their distance to the frame's scan; nothing without one."""
         try:
-            scan = self.capture.frame(number).scan
+            scan = self.run.capture.frame(number).scan
         except UserError:
             return []
         if scan is None:
@@ -136,17 +123,17 @@ class _Page:
 
         border = border_vertices(scan.faces, len(scan.vertices))
 
-        def coloured(group):
-            V, F = group["vertices"][row], group["faces"][:]
+        def coloured(surface):
+            V, F = surface.at(number), surface.faces
             face, _, bary, distance = index.closest(V)
             beyond = (border[scan.faces[face]] | (bary < 1e-6)).all(1)  # the nearest point lies on the scan's border
             colour = heat(distance[F].mean(1) * 1e3 / HEAT_MM)
             colour[beyond[F].any(1)] = UNSEEN
             return V, F, colour
 
-        surfaces = {"tracked": [coloured(self.store["track"])]}
-        if self.scene["garments"]:
-            surfaces["garments"] = [coloured(self.store[f"garment/{g['name']}"]) for g in self.scene["garments"]]
+        surfaces = {"tracked": [coloured(self.run.track)]}
+        if self.run.garments:
+            surfaces["garments"] = [coloured(garment) for garment in self.run.garments.values()]
         return [
             (f"{name} to scan, {side}", parts, angle)
             for name, parts in surfaces.items()

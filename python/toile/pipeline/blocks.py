@@ -1,20 +1,144 @@
-"""Several processes at one run: tasks spread over worker processes, and a lock that only one process holds."""
+"""The resumable runner: frames in blocks, by this process, its workers and other shards, each frame's results in a folder.
+
+A killed job goes on where it stood, with the same bits: what is whole is never made again. Temporal state lives inside
+blocks of 50 absolute frame numbers, so that workers and shards, which take whole blocks, never change a bit.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import threading
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
 from multiprocessing import get_context, parent_process
+from pathlib import Path
+
+import numpy as np
 
 from .. import kernels
+from ..errors import UserError, first_line
+from ..io.files import write_text
+from ..io.status import Status
+from ..kernels import InputError, SolveError
 
-_own = None  # the object whose methods this worker process calls
+Progress = Callable[[str, int, int], None]  # (stage, done, total)
+BLOCK = 50
+FRAME_ERRORS = (UserError, InputError, SolveError, OSError, np.linalg.LinAlgError)
+
+
+def blocks(frames: Sequence[int]) -> list[tuple[int, ...]]:
+    """The frames, in order, cut where the block of 50 absolute numbers changes: no temporal state crosses a cut."""
+    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: number // BLOCK)]
+
+
+@dataclass(frozen=True)
+class FrameFolders:
+    """ROOT/NNNNNN/ for every frame: its results with a file `whole`, or `failed.json` with the reason. Failures are also
+    lines of `status`, as of the stage `stage`."""
+
+    root: Path
+    status: Status
+    stage: str
+
+    def folder(self, frame: int) -> Path:
+        return self.root / f"{frame:06d}"
+
+    def whole(self, frame: int) -> bool:
+        return (self.folder(frame) / "whole").exists()
+
+    def done(self, frame: int) -> bool:
+        return self.whole(frame) or (self.folder(frame) / "failed.json").exists()
+
+    def reason(self, frame: int) -> str | None:
+        """Why a frame failed; None where it did not."""
+        path = self.folder(frame) / "failed.json"
+        return json.loads(path.read_text(encoding="utf-8"))["reason"] if path.exists() else None
+
+    def fail(self, frame: int, error: Exception) -> None:
+        reason = first_line(error)
+        write_text(self.folder(frame) / "failed.json", json.dumps({"reason": reason}))
+        self.status.add(frame=frame, stage=self.stage, seconds=0.0, ok=False, reason=reason)
+
+    def give_again(self) -> None:
+        """Failed frames are no longer done."""
+        for path in self.root.glob("*/failed.json"):
+            path.unlink()
+
+
+@dataclass(frozen=True)
+class BlockJob:
+    """What is done to each frame. `prepare(*arguments)` gives what all frames need: it is called under the folder's lock, and
+    again in every worker. `make(prepared, frame, previous, folders)` makes one frame's results in its folder; `previous`
+    is the frame before it whose results give temporal state, or None. `reach`: how many numbers that one may lie back.
+    `title`: what progress calls it. Functions are named in modules, and arguments pickle: they go to other processes."""
+
+    folder: Path
+    results: FrameFolders
+    prepare: Callable
+    arguments: tuple
+    make: Callable
+    reach: int
+    title: str
+
+
+def run_job(
+    job: BlockJob,
+    frames: Sequence[int],
+    whole: Callable[[], bool],
+    complete: Callable,
+    workers: int = 1,
+    shard: tuple[int, int] = (1, 1),
+    left: Callable[[], Sequence[int]] | None = None,
+    progress: Progress = lambda stage, done, total: None,
+) -> None:
+    """Makes the blocks of this shard, and then, if every frame is done by whichever process, `complete(prepared, workers)`.
+
+    `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
+    the blocks. `prepare` is given `progress(stage, done, total)` in this process."""
+    with Workers(workers, job.prepare, *job.arguments) as pool:
+        with locked(job.folder):
+            if whole():
+                return
+            prepared, wanted = pool.prepared(progress), set(left() if left else frames)
+        own = blocks(frames)[shard[0] - 1 :: shard[1]]
+        for i, _ in enumerate(pool.each(partial(_make_block, job.make, job.reach, job.results, wanted), own)):
+            progress(job.title, i + 1, sum(map(len, own)))
+        with locked(job.folder):
+            if not whole() and all(job.results.done(number) for number in (left() if left else frames)):
+                complete(prepared, pool)
+
+
+def check_shares(workers: int, shard: tuple[int, int]) -> None:
+    """UserError: not at least one worker, or no i-th of n shards."""
+    if workers < 1 or not 1 <= shard[0] <= shard[1]:
+        asked = f"workers {workers}, shard {shard[0]}/{shard[1]}"
+        raise UserError(f"{asked}: expected at least one worker and 1 <= i <= n")
+
+
+def _make_block(make, reach, results, wanted, prepared, numbers):
+    """One block's frames in their order; yields each number when it is behind."""
+    last = None
+    for number in numbers:
+        if number in wanted and not results.done(number):
+            near = last is not None and 0 < number - last <= reach
+            try:
+                make(prepared, number, last if near else None, results)
+            except FRAME_ERRORS as error:
+                results.fail(number, error)
+            else:
+                write_text(results.folder(number) / "whole", "")
+        if results.whole(number):
+            last = number
+        yield number
 
 
 @contextmanager
-def locked(folder):
+def locked(folder: Path) -> Iterator[None]:
     """Holds FOLDER/.lock, made when it is not there; waits while another process holds it. A killed process lets go."""
     import fcntl
 
@@ -25,36 +149,53 @@ def locked(folder):
 
 
 class Workers:
-    """`count` processes, each with an object of its own that `make(*arguments)` gives; started when first needed.
+    """This process, or `count` others, each with what `prepare(*arguments)` gives there.
 
-    The processes are spawned, not forked: OpenMP's threads do not survive a fork. They end when their parent does.
+    The processes are spawned when first needed, not forked: OpenMP's threads do not survive a fork. They end when their
+    parent does.
     """
 
-    def __init__(self, count, make, *arguments):
-        self.count, self.start, self.pool = count, (max(kernels.threads() // count, 1), make, arguments), None
+    def __init__(self, count: int, prepare: Callable, *arguments):
+        self.count, self.prepare, self.arguments = count, prepare, arguments
+        self._pool, self._prepared = None, []
 
-    def each(self, method, items):
-        """Yields what the objects' generator `method(item)` yields, item by item as they are done."""
-        if self.pool is None:
-            self.pool = ProcessPoolExecutor(self.count, get_context("spawn"), _begin, self.start)
-        futures = [self.pool.submit(_call, method, item) for item in items]
-        for future in as_completed(futures):
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def prepared(self, *progress):
+        """What this process has prepared, made once; `prepare` is given the progress as its last argument."""
+        if not self._prepared:
+            self._prepared.append(self.prepare(*self.arguments, *progress))
+        return self._prepared[0]
+
+    def each(self, function: Callable, items: Sequence) -> Iterator:
+        """Yields what the generator `function(prepared, item)` yields, item by item as they are done."""
+        if self.count == 1 or len(items) < 2:
+            for item in items:
+                yield from function(self.prepared(), item)
+            return
+        if self._pool is None:
+            start = max(kernels.threads() // self.count, 1), self.prepare, self.arguments
+            self._pool = ProcessPoolExecutor(self.count, get_context("spawn"), _begin, start)
+        for future in as_completed([self._pool.submit(_call, function, item) for item in items]):
             yield from future.result()
 
-    def close(self):
-        if self.pool is not None:
-            self.pool.shutdown(cancel_futures=True)
+
+_own = []  # what this worker process has prepared
 
 
-def _begin(threads, make, arguments):
-    global _own
+def _begin(threads, prepare, arguments):
     threading.Thread(target=_end_with_parent, daemon=True).start()
     kernels.set_threads(threads)
-    _own = make(*arguments)
+    _own.append(prepare(*arguments))
 
 
-def _call(method, item):
-    return list(getattr(_own, method)(item))
+def _call(function, item):
+    return list(function(_own[0], item))
 
 
 def _end_with_parent():

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
+from ..io.run_folder import read_config
 from .blocks import locked
 
 
-def open_run(run, capture, config, frames, retry):
+def begin_run(run, capture, config, frames, retry):
     """Writes config.toml, or checks that it asks for the same; a retry takes frames whose files were mended."""
-    import tomli_w
-
     from .. import __version__
 
     asked = {
@@ -25,7 +24,21 @@ def open_run(run, capture, config, frames, retry):
         "versions": {"toile": __version__, "numpy": np.__version__},
         "settings": config.model_dump(mode="json"),
     }
-    path = run / "config.toml"
+
+    def mended(found):
+        if retry and isinstance(found.get("inputs"), dict):
+            found["inputs"]["frames"] = asked["inputs"]["frames"]
+        return found
+
+    claim(run, asked, "this run was made from another capture, other frames or other settings", mended)
+
+
+def claim(run, asked, refusal, mended=lambda found: found):
+    """Makes the folder `run` with a config.toml that holds the table `asked`, or checks that its own, `mended`, is the same;
+    else UserError: `refusal`."""
+    import tomli_w
+
+    path, text = run / "config.toml", tomli_w.dumps(asked)
     if (
         run.exists()
         and not path.exists()
@@ -33,13 +46,9 @@ def open_run(run, capture, config, frames, retry):
     ):
         raise UserError(f"{run}: the folder is not empty and holds no run")
     with locked(run):
-        if path.exists():
-            found = tomllib.loads(path.read_text(encoding="utf-8"))
-            if retry and isinstance(found.get("inputs"), dict):
-                found["inputs"]["frames"] = asked["inputs"]["frames"]
-            if found != tomllib.loads(tomli_w.dumps(asked)):
-                raise UserError(f"{path}: this run was made from another capture, other frames or other settings")
-        write_text(path, tomli_w.dumps(asked))
+        if path.exists() and mended(read_config(run)) != tomllib.loads(text):
+            raise UserError(f"{path}: {refusal}")
+        write_text(path, text)
 
 
 def _scene_hash(capture):

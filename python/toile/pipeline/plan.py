@@ -1,9 +1,6 @@
-"""What a run will do: the stages that a capture asks for, and the blocks of frames that share temporal state."""
+"""What a run will do: the stages that a capture asks for."""
 
 from dataclasses import dataclass
-from itertools import groupby
-
-BLOCK = 50
 
 
 @dataclass(frozen=True)
@@ -30,8 +27,3 @@ def plan(capture):
         Step("inner", bool(names), cloth),
         Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),
     ]
-
-
-def blocks(frames):
-    """The frames, in order, cut where the block of 50 absolute numbers changes: no temporal state crosses a cut."""
-    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: number // BLOCK)]

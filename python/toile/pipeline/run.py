@@ -11,13 +11,12 @@ the same bits; what the preparation made stays in RUN/prepared, so that failed f
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -25,23 +24,22 @@ import numpy as np
 
 from ..config import Config, changed, configured
 from ..errors import UserError
-from ..io.body import load_body_model
-from ..io.capture import check_capture, open_capture
-from ..io.files import load_record, save_record, write_text
-from ..io.run import FAILED, OK, PENDING, Registered, Status, create_store, frame_arrays
-from ..kernels import InputError, SolveError
-from ..scene import Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
+from ..io.body import model_in_capture
+from ..io.capture import Capture, check_capture, open_capture
+from ..io.files import load_record, save_record
+from ..io.run import is_run
+from ..io.run_folder import read_diagnostics, write_diagnostics
+from ..io.run_writer import RunWriter
+from ..io.status import Status
+from ..scene import BodyModel, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
-from .blocks import Workers, locked
-from .manifest import open_run
-from .plan import blocks
+from .blocks import FRAME_ERRORS, BlockJob, FrameFolders, Progress, check_shares, locked, run_job
+from .manifest import begin_run
 
-Progress = Callable[[str, int, int], None]
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry")  # of `register`, besides its settings
-FRAME_ERRORS = (UserError, InputError, SolveError, OSError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
@@ -84,9 +82,8 @@ def register(
     if config is not None and "quality" in settings:
         raise UserError(f"quality {settings['quality']}: a config is given too")
     config = configured(settings, KEYWORDS) if config is None else changed(config, settings, also=KEYWORDS)
-    if workers < 1 or not 1 <= shard[0] <= shard[1]:
-        asked = f"workers {workers}, shard {shard[0]}/{shard[1]}"
-        raise UserError(f"{asked}: expected at least one worker and 1 <= i <= n")
+    progress = progress or (lambda *_: None)
+    check_shares(workers, shard)
     capture = open_capture(capture)
     frames = tuple(capture.frames if frames is None else frames)
     unknown = sorted(set(frames) - set(capture.frames))
@@ -94,13 +91,173 @@ def register(
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
     check_capture(capture, frames)
     run, fresh = Path(run), not Path(run).exists()
-    open_run(run, capture, config, frames, retry)
+    begin_run(run, capture, config, frames, retry)
+    results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
+    title = "track, segment, dress" if capture.scene.garments else "track"
+    job = BlockJob(run, results, prepare, (capture.root, run, config, frames), first_stages, 1, title)
     try:
-        return _Run(capture, run, config, frames, progress or (lambda *_: None), workers, shard).go(retry)
+        if retry:
+            _give_again(run, results)
+        last = partial(last_stages, run, frames, results, progress)
+        run_job(job, frames, partial(_whole, run), last, workers, shard, partial(_left, run, frames), progress)
+        return _outcome(run, frames, results)
     except FRAME_ERRORS:
-        if fresh and not any((run / name).exists() for name in ("work", "registered.zarr")):
+        if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
         raise
+
+
+# Preparation: what all frames need, made once and kept in RUN/prepared ------------------------------------------------
+
+
+@dataclass
+class PreparedRun:
+    """What the stages of every frame need; each process loads its own."""
+
+    capture: Capture
+    config: Config
+    model: BodyModel
+    person: Person
+    folder: Path  # RUN/prepared
+    tracker: track.Tracker
+    colours: segment.SegmentModel | None = None  # these where the scene names a garment
+    templates: tuple[GarmentTemplate, ...] = ()
+    dressers: tuple[dress.Dresser, ...] = ()
+
+    @cached_property
+    def inner(self) -> inner.InnerLayer:
+        """Solves the inner layer, once the body's shape is fused."""
+        shape = load_record(self.folder / "inner.npz", InnerShape)
+        return inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
+
+
+def prepare(root, run, config, frames, progress=lambda *_: None) -> PreparedRun:
+    """Makes what RUN/prepared does not hold yet, and loads it."""
+    progress("prepare", 0, 1)
+    capture, folder = open_capture(root), run / "prepared"
+    model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
+    sampled = partial(_samples, capture, config, frames)
+    person = _kept(folder / "person.npz", Person, lambda: track.prepare(model, sampled(), config.track))
+    prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
+    if capture.scene.garments:
+        _prepare_garments(prepared, sampled, Status.of(run))
+    progress("prepare", 1, 1)
+    return prepared
+
+
+def _kept(path, kind, make):
+    """The record of this path, made when it is not there."""
+    if not path.exists():
+        save_record(path, make())
+    return load_record(path, kind)
+
+
+def _samples(capture, config, frames):
+    """Frames spread evenly over the run that can be read, with their keypoints in space."""
+    chosen = evenly(frames, config.preparation_frames)
+    samples, reasons = [], []
+    for number in chosen:
+        try:
+            frame = capture.frame(number)
+            samples.append((frame, _points(capture, config, frame)))
+        except FRAME_ERRORS as error:
+            reasons.append(str(error))
+    if not samples:
+        raise UserError(reasons[0])
+    return samples
+
+
+def _points(capture, config, frame):
+    """Keypoints of a frame in space, None where it has none."""
+    if frame.keypoints is None:
+        return None
+    return reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
+
+
+def _prepare_garments(prepared, sampled, status):
+    """The colour models, and of each garment the template as large as this person's, and its Dresser."""
+    scene, config, model, person = prepared.capture.scene, prepared.config, prepared.model, prepared.person
+    paths = [prepared.folder / f"template.{garment.name}.npz" for garment in scene.garments]
+    colours = prepared.folder / "colours.npz"
+    if not all(path.exists() for path in (colours, *paths)):
+        samples = [(frame, prepared.tracker.track(frame, points)) for frame, points in sampled()]
+        for warning in prepared.capture.warnings:
+            status.add(stage="dress", ok=False, warning=warning)
+        made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
+        save_record(colours, made)
+        labelled = [(f, t, *_segment(prepared, made, f, t, None)) for f, t in dress.fit_samples(samples, config.dress)]
+        for garment, path in zip(scene.garments, paths):
+            save_record(path, _template(prepared, garment, labelled, status))
+    prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
+    prepared.templates = tuple(load_record(path, GarmentTemplate, ("loops",)) for path in paths)
+    prepared.dressers = tuple(
+        dress.Dresser(model, person, template, config.dress, _over(scene, template.name))
+        for template in prepared.templates
+    )
+
+
+def _template(prepared, garment, labelled, status):
+    """The GarmentTemplate of a garment of the scene; what its preparation warned of goes to the status."""
+    capture, over = prepared.capture, _over(prepared.capture.scene, garment.name)
+    label, mesh = capture.scene.labels[garment.label], capture.templates[garment.name]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        settings = prepared.config.dress
+        template = dress.prepare(prepared.model, prepared.person, garment, label, mesh, labelled, settings, over)
+    for warning in caught:
+        status.add(stage="dress", ok=False, warning=str(warning.message))
+    return template
+
+
+def _over(scene, name):
+    """Label ids of the garments that are worn over a garment."""
+    names = [garment.name for garment in scene.garments]
+    return [scene.labels[garment.label] for garment in scene.garments[names.index(name) + 1 :]]
+
+
+def _segment(prepared, colours, frame, tracked, previous):
+    """(Segmented, Evidence) of a frame."""
+    capture, settings, faces = prepared.capture, prepared.config.segment, prepared.model.f
+    evidence = segment.evidence(frame, capture.cameras, colours, tracked, faces, settings)
+    return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous), evidence
+
+
+# Every frame: track, segment, dress -----------------------------------------------------------------------------------
+
+
+def first_stages(prepared, number, previous, results) -> None:
+    """Makes a frame's Tracked, Segmented and Dressed; the frame `previous` gives temporal state."""
+    before, before_labels = None, None
+    if previous is not None:
+        before, before_labels, _ = _load_first_stages(prepared.templates, results.folder(previous))
+    frame, folder, seconds = prepared.capture.frame(number), results.folder(number), {}
+
+    def timed(stage, make):
+        start = time.perf_counter()
+        result = make()
+        seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
+        return result
+
+    points = timed("reconstruct", lambda: _points(prepared.capture, prepared.config, frame))
+    tracked = timed("track", lambda: prepared.tracker.track(frame, points, before))
+    save_record(folder / "track.npz", tracked)
+    if prepared.templates:
+        found = timed("segment", lambda: _segment(prepared, prepared.colours, frame, tracked, before_labels))
+        save_record(folder / "segment.npz", found[0])
+        for template, dresser in zip(prepared.templates, prepared.dressers):
+            dressed = timed("dress", lambda: dresser.dress(frame, tracked, *found))
+            save_record(folder / f"dress.{template.name}.npz", dressed)
+    for stage, value in seconds.items():
+        results.status.add(frame=number, stage=stage, seconds=value, ok=True)
+
+
+def _load_first_stages(templates, folder):
+    """(Tracked, Segmented, {garment: Dressed}) of a frame; the last two None and {} without garments."""
+    tracked = load_record(folder / "track.npz", Tracked)
+    if not templates:
+        return tracked, None, {}
+    dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in templates}
+    return tracked, _load_segmented(folder / "segment.npz"), dressed
 
 
 def _load_segmented(path):
@@ -110,307 +267,116 @@ def _load_segmented(path):
     return replace(segmented, openings=openings)
 
 
-def _worker(root, run, config, frames):
-    """The _Run of a worker process: it loads what the run has prepared."""
-    own = _Run(open_capture(root), run, config, frames, lambda *_: None)
-    own._prepare()
-    return own
+# Once all are dressed: the inner layer, and the store -----------------------------------------------------------------
 
 
-class _Run:
-    """One run over its frames; every result goes through RUN/work, so that it is made once."""
+def last_stages(run, frames, results, progress, prepared, pool) -> None:
+    """The body under the garments, the garments out of it, and every frame's arrays to the store."""
+    scene = prepared.capture.scene
+    if scene.garments:
+        _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(prepared, frames, results))
+    if not is_run(run):
+        RunWriter.create(run, frames, scene, prepared.model, prepared.person, prepared.templates)
+    left = [(number,) for number in _left(run, frames)]
+    for i, _ in enumerate(pool.each(partial(_finish, run, results), left)):
+        progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
+    RunWriter.of(run).write_diagnostics(_diagnostics(run, frames, results.status))
+    shutil.rmtree(run / "work", ignore_errors=True)
 
-    def __init__(self, capture, run, config, frames, progress, workers=1, shard=(1, 1)):
-        self.capture, self.run, self.config, self.frames, self.progress = capture, run, config, frames, progress
-        self.scene, self.work, self.prepared, self.shard = capture.scene, run / "work", run / "prepared", shard
-        name = self.scene.body_model
-        self.model = load_body_model(capture.root / name if name.endswith(".npz") else name, up=self.scene.up)
-        self.status = Status(run / "status.jsonl")
-        self.store = run / "registered.zarr"
-        self.workers = Workers(workers, _worker, capture.root, run, config, frames) if workers > 1 else None
 
-    def go(self, retry=False):
-        try:
-            with locked(self.run):
-                if retry:
-                    self._give_again()
-                if self._whole():
-                    return self._outcome()
-                self._prepare()
-            self._first_pass()
-            with locked(self.run):
-                if not self._whole() and all(self._first_done(number) for number in self._left()):
-                    self._complete()
-                return self._outcome()
-        finally:
-            if self.workers:
-                self.workers.close()
+def _fuse(prepared, frames, results):
+    """The InnerShape, of frames spread evenly over those that are whole."""
+    good = [number for number in frames if results.whole(number)]
+    if not good:
+        return InnerShape(prepared.person.rest, {})
+    chosen = evenly(good, prepared.config.preparation_frames)
+    samples = [_load_first_stages(prepared.templates, results.folder(number)) for number in chosen]
+    return inner.prepare(prepared.model, prepared.person, samples, prepared.templates, prepared.config.inner)
 
-    def _whole(self):
-        return self.store.exists() and Registered(self.store).whole
 
-    def _complete(self):
-        """Once the first pass is behind every frame of the run, whichever process made it."""
-        if self.scene.garments:
-            self._fuse()
-        self._last_pass()
-        self._write_diagnostics(Registered(self.store))
-        shutil.rmtree(self.work, ignore_errors=True)
-
-    def _give_again(self):
-        """Failed frames become pending."""
-        if self._whole():
-            shutil.rmtree(self.work, ignore_errors=True)
-        for failed in self.work.glob("frames/*/failed.json"):
-            failed.unlink()
-        if self.store.exists():
-            Registered(self.store).reopen()
-
-    def _left(self):
-        """Frames that the store does not have."""
-        if not self.store.exists():
-            return self.frames
-        registered = Registered(self.store)
-        return tuple(f for f in self.frames if registered.done(f) == PENDING)
-
-    def _each(self, method, items):
-        """Frame numbers as `method(item)`, which yields them, has done them, here or in the workers."""
-        if self.workers and len(items) > 1:
-            yield from self.workers.each(method, items)
-        else:
-            for item in items:
-                yield from getattr(self, method)(item)
-
-    def _kept(self, name, kind, make, tuples=()):
-        """The record RUN/prepared/NAME.npz, made when it is not there."""
-        path = self.prepared / f"{name}.npz"
-        if not path.exists():
-            save_record(path, make())
-        return load_record(path, kind, tuples)
-
-    # Preparation ------------------------------------------------------------------------------------------------
-
-    def _prepare(self):
-        self.progress("prepare", 0, 1)
-        self.person = self._kept("person", Person, self._make_person)
-        self.tracker = track.Tracker(self.model, self.person, self.config.track)
-        self.templates, self.colours = (), None
-        if self.scene.garments:
-            self._prepare_garments()
-        self.progress("prepare", 1, 1)
-
-    def _samples(self):
-        """Frames spread evenly over the run that can be read, with their keypoints in space."""
-        chosen = evenly(self.frames, self.config.preparation_frames)
-        samples, reasons = [], []
-        for number in chosen:
+def _finish(run, results, prepared, numbers):
+    """Solves the inner layer of these frames and writes them to the store, a chunk a frame; yields each number."""
+    writer = RunWriter.of(run)
+    for number in numbers:
+        made = None
+        if results.whole(number):
             try:
-                frame = self.capture.frame(number)
-                samples.append((frame, self._points(frame)))
+                made = _last_stage(prepared, number, results)
             except FRAME_ERRORS as error:
-                reasons.append(str(error))
-        if not samples:
-            raise UserError(reasons[0])
-        return samples
-
-    def _points(self, frame):
-        if frame.keypoints is None:
-            return None
-        return reconstruct.triangulate(frame.keypoints, self.capture.cameras, self.config.reconstruct)
-
-    def _make_person(self):
-        return track.prepare(self.model, self._samples(), self.config.track)
-
-    def _prepare_garments(self):
-        names = [g.name for g in self.scene.garments]
-        paths = [self.prepared / "colours.npz", *(self.prepared / f"template.{n}.npz" for n in names)]
-        if not all(p.exists() for p in paths):
-            samples = [(f, self.tracker.track(f, points)) for f, points in self._samples()]
-            for warning in self.capture.warnings:
-                self.status.add(stage="dress", ok=False, warning=warning)
-            colours = segment.prepare(self.scene, self.capture.cameras, samples, self.model.f, self.config.segment)
-            save_record(paths[0], colours)
-            fitted = dress.fit_samples(samples, self.config.dress)
-            labelled = [(f, t, *self._segment(colours, f, t, None)) for f, t in fitted]
-            for garment, path in zip(self.scene.garments, paths[1:]):
-                mesh, label, over = (
-                    self.capture.templates[garment.name],
-                    self.scene.labels[garment.label],
-                    self._over(garment.name),
-                )
-                with warnings.catch_warnings(record=True) as caught:
-                    warnings.simplefilter("always")
-                    template = dress.prepare(
-                        self.model, self.person, garment, label, mesh, labelled, self.config.dress, over
-                    )
-                for warning in caught:
-                    self.status.add(stage="dress", ok=False, warning=str(warning.message))
-                save_record(path, template)
-        self.colours = load_record(paths[0], segment.SegmentModel, colours=ColourModel)
-        self.templates = tuple(load_record(p, GarmentTemplate, ("loops",)) for p in paths[1:])
-        self.dressers = {
-            t.name: dress.Dresser(self.model, self.person, t, self.config.dress, self._over(t.name))
-            for t in self.templates
-        }
-
-    def _over(self, name):
-        """Label ids of the garments that are worn over a garment."""
-        names = [g.name for g in self.scene.garments]
-        return [self.scene.labels[g.label] for g in self.scene.garments[names.index(name) + 1 :]]
-
-    def _segment(self, colours, frame, tracked, previous):
-        """(Segmented, Evidence) of a frame."""
-        settings, faces = self.config.segment, self.model.f
-        evidence = segment.evidence(frame, self.capture.cameras, colours, tracked, faces, settings)
-        return segment.segment(self.scene, evidence, colours, tracked, faces, settings, previous), evidence
-
-    # Every frame: track, segment, dress -------------------------------------------------------------------------
-
-    def _first_pass(self):
-        own = blocks(self.frames)[self.shard[0] - 1 :: self.shard[1]]
-        stage, total = "track, segment, dress" if self.templates else "track", sum(map(len, own))
-        for i, _ in enumerate(self._each("first_block", own)):
-            self.progress(stage, i + 1, total)
-
-    def first_block(self, numbers):
-        """The first stages of one block's frames, in their order; frames that the store has are passed over."""
-        left, last = set(self._left()), None
-        for number in numbers:
-            if number in left and not self._first_done(number):
-                self._first_stages(number, last if number - 1 == last else None)
-            last = number
-            yield number
-
-    def _first_done(self, number):
-        return any((self._folder(number) / name).exists() for name in ("whole", "failed.json"))
-
-    def _folder(self, number):
-        return self.work / "frames" / f"{number:06d}"
-
-    def _first_stages(self, number, previous):
-        """Makes a frame's Tracked, Segmented and Dressed; `previous` names the frame whose results give temporal state."""
-        folder = self._folder(number)
-        try:
-            known = previous is not None and (self._folder(previous) / "whole").exists()
-            before = self._load_first_stages(self._folder(previous)) if known else None
-            self._make_first_stages(number, before, folder)
-        except FRAME_ERRORS as error:
-            self._fail(number, error)
+                results.fail(number, error)
+        if made is None:
+            write_diagnostics(run, number, {"reason": results.reason(number)})
+            writer.fail(number)
         else:
-            write_text(folder / "whole", "")
+            write_diagnostics(run, number, _measured(*made))
+            writer.write(number, *made)
+        yield number
 
-    def _make_first_stages(self, number, before, folder):
-        frame, seconds = self.capture.frame(number), {}
 
-        def timed(stage, make):
-            start = time.perf_counter()
-            result = make()
-            seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
-            return result
+def _last_stage(prepared, number, results):
+    """(Tracked, Segmented, {garment: Dressed}, Inner) of a frame; only the first without garments."""
+    tracked, segmented, dressed = _load_first_stages(prepared.templates, results.folder(number))
+    if not prepared.templates:
+        return (tracked,)
+    start = time.perf_counter()
+    layer = prepared.inner.solve(tracked, segmented, dressed)
+    results.status.add(frame=number, stage="inner", seconds=time.perf_counter() - start, ok=True)
+    return tracked, segmented, dressed, layer
 
-        points = timed("reconstruct", lambda: self._points(frame))
-        tracked = timed("track", lambda: self.tracker.track(frame, points, before and before[0]))
-        save_record(folder / "track.npz", tracked)
-        if self.templates:
-            previous = before and before[1]
-            segmented, evidence = timed("segment", lambda: self._segment(self.colours, frame, tracked, previous))
-            save_record(folder / "segment.npz", segmented)
-            for name, dresser in self.dressers.items():
-                dressed = timed("dress", lambda: dresser.dress(frame, tracked, segmented, evidence))
-                save_record(folder / f"dress.{name}.npz", dressed)
-        for stage, value in seconds.items():
-            self.status.add(frame=number, stage=stage, seconds=value, ok=True)
 
-    def _load_first_stages(self, folder):
-        tracked = load_record(folder / "track.npz", Tracked)
-        if not self.templates:
-            return tracked, None, {}
-        dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in self.templates}
-        return tracked, _load_segmented(folder / "segment.npz"), dressed
+def _measured(tracked, segmented=None, dressed=None, layer=None):
+    """A frame's diagnostics {stage: {name: number}}."""
+    if layer is None:
+        return {"track": tracked.diagnostics}
+    garments = {f"dress {name}": dressed[name].diagnostics for name in layer.garments}
+    stages = {"track": tracked, "segment": segmented, "inner": layer}
+    return {stage: made.diagnostics for stage, made in stages.items()} | garments
 
-    def _fail(self, number, error):
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        write_text(self._folder(number) / "failed.json", json.dumps({"reason": reason}))
-        self.status.add(frame=number, stage="frame", seconds=0.0, ok=False, reason=reason)
 
-    # Inner layer and the store ----------------------------------------------------------------------------------
+def _diagnostics(run, frames, status):
+    """{frame: {stage: {name: number}}}: what every stage measured of itself, and its seconds."""
+    table = {}
+    for number in frames:
+        stages = read_diagnostics(run, number)
+        table[number] = {} if "reason" in stages else {stage.replace(" ", "."): v for stage, v in stages.items()}
+    for line in status.lines():
+        if line.get("ok") and line.get("frame") in table:
+            table[line["frame"]].setdefault("seconds", {})[line["stage"]] = line["seconds"]
+    return table
 
-    def _fuse(self):
-        def make():
-            good = [n for n in self.frames if (self._folder(n) / "whole").exists()]
-            if not good:
-                return InnerShape(self.person.rest, {})
-            chosen = evenly(good, self.config.preparation_frames)
-            samples = [self._load_first_stages(self._folder(n)) for n in chosen]
-            return inner.prepare(self.model, self.person, samples, self.templates, self.config.inner)
 
-        self._kept("inner", InnerShape, make)
+# Where a run stands ---------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def inner(self):
-        shape = load_record(self.prepared / "inner.npz", InnerShape)
-        return inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
 
-    def _last_pass(self):
-        if not self.store.exists():
-            create_store(self.store, self.frames, self.scene, self.model, self.person, self.templates)
-        left = [(number,) for number in self._left()]
-        for i, _ in enumerate(self._each("last_frames", left)):
-            self.progress(
-                "inner" if self.templates else "store", len(self.frames) - len(left) + i + 1, len(self.frames)
-            )
+def _whole(run):
+    return is_run(run) and RunWriter.of(run).whole
 
-    def last_frames(self, numbers):
-        """The inner layer of these frames, and their arrays to the store: a chunk a frame, so each process writes its own."""
-        registered = Registered(self.store)
-        for number in numbers:
-            self._finish(registered, number)
-            yield number
 
-    def _finish(self, registered, number):
-        folder, values, diagnostics = self._folder(number), None, {}
-        if (folder / "whole").exists():
-            try:
-                values, diagnostics = self._values(number, *self._load_first_stages(folder))
-            except FRAME_ERRORS as error:
-                self._fail(number, error)
-        if values is None:
-            diagnostics = json.loads((folder / "failed.json").read_text(encoding="utf-8"))
-        write_text(self.run / "diagnostics" / f"{number:06d}.json", json.dumps(diagnostics, indent=1))
-        registered.write(number, values or {}, FAILED if values is None else OK)
+def _left(run, frames):
+    """Frames that the store does not have."""
+    return RunWriter.of(run).pending(frames) if is_run(run) else frames
 
-    def _write_diagnostics(self, registered):
-        """What every stage measured of itself, and its seconds, a frame."""
-        table = {}
-        for number in self.frames:
-            stages = json.loads((self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8"))
-            table[number] = {} if "reason" in stages else {stage.replace(" ", "."): v for stage, v in stages.items()}
-        for line in self.status.lines():
-            if line.get("ok") and line.get("frame") in table:
-                table[line["frame"]].setdefault("seconds", {})[line["stage"]] = line["seconds"]
-        registered.write_diagnostics(table)
 
-    def _values(self, number, tracked, segmented, dressed):
-        """The store's arrays of one frame, and its diagnostics by stage."""
-        if not self.templates:
-            return frame_arrays(self.scene, tracked)
-        start = time.perf_counter()
-        layer = self.inner.solve(tracked, segmented, dressed)
-        self.status.add(frame=number, stage="inner", seconds=time.perf_counter() - start, ok=True)
-        return frame_arrays(self.scene, tracked, segmented, dressed, layer)
+def _give_again(run, results):
+    """Failed frames become pending."""
+    with locked(run):
+        if _whole(run):
+            shutil.rmtree(run / "work", ignore_errors=True)
+        results.give_again()
+        if is_run(run):
+            RunWriter.of(run).reopen()
 
-    def _outcome(self):
-        failed, contact, pending = {}, [], self._left()
-        for number in self.frames:
-            reason = self._folder(number) / "failed.json"
-            if reason.exists():
-                failed[number] = json.loads(reason.read_text(encoding="utf-8"))["reason"]
-            elif number not in pending:
-                diagnostics = json.loads((self.run / "diagnostics" / f"{number:06d}.json").read_text(encoding="utf-8"))
-                if "reason" in diagnostics:
-                    failed[number] = diagnostics["reason"]
-                elif any(stage.get("unsupported_contact") for stage in diagnostics.values()):
-                    contact.append(number)
-        pending = tuple(f for f in pending if f not in failed)
-        ok = tuple(f for f in self.frames if f not in failed and f not in pending)
-        return Outcome(ok, failed, tuple(contact), tuple(self.status.warnings()), pending)
+
+def _outcome(run, frames, results):
+    with locked(run):
+        failed, contact, pending = {}, [], _left(run, frames)
+        for number in frames:
+            diagnostics = {} if number in pending else read_diagnostics(run, number)
+            reason = results.reason(number) or diagnostics.get("reason")
+            if reason is not None:
+                failed[number] = reason
+            elif any(stage.get("unsupported_contact") for stage in diagnostics.values()):
+                contact.append(number)
+        pending = tuple(number for number in pending if number not in failed)
+        ok = tuple(number for number in frames if number not in failed and number not in pending)
+        return Outcome(ok, failed, tuple(contact), tuple(results.status.warnings()), pending)

@@ -1,8 +1,5 @@
 """Makes a garment template from a tracked surface: cut along labels, remeshed, unwrapped, skinned."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 
 from .. import kernels
@@ -80,22 +77,3 @@ def remesh(V, F, edge):
     meshes.meshing_remove_unreferenced_vertices()
     out = meshes.current_mesh()
     return np.asarray(out.vertex_matrix()).copy(), np.asarray(out.face_matrix()).astype(np.int32)
-
-
-def write_template(path, template):
-    """Writes the template's rest shape with its UVs as OBJ."""
-    lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in template.rest]
-    lines += [f"vt {u:.6f} {v:.6f}" for u, v in template.uv]
-    rows = np.stack([template.faces, template.face_uv], 2).reshape(-1, 6) + 1
-    lines += ["f {}/{} {}/{} {}/{}".format(*row) for row in rows]
-    Path(path).write_text("\n".join(lines) + "\n")
-
-
-def template_command(run, out, name, label_id, model, person, labels):
-    """`toile template RUN`: the template of garment `name` from a run's labels (T,n), written to `out` in the body
-    model's own rest pose, where `dress.prepare` expects it. Returns a line that says what was made."""
-    template = make_template(model, person, name, label_id, labels)
-    rest = move_with_body(template.rest, person.rest, model.v_template, 0.04)
-    write_template(out, replace(template, rest=rest))
-    loops = ", ".join(f"{n} ({len(l)} vertices)" for n, l in zip(template.loop_names, template.loops))
-    return f"{out}: {name} from {run}: {len(rest)} vertices, {len(template.faces)} faces, loops {loops}"

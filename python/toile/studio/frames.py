@@ -10,13 +10,15 @@ import numpy as np
 
 from ..io.body import load_body_model
 from ..io.files import write_text
+from ..io.mesh import write_mesh
+from ..scene import Mesh
 from .cameras import make_cameras
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
 from .outfit import joined_faces
 from .paint import Appearance
 from .pictures import OuterSurface, make_sensors, take_picture
-from .scans import scan, write_ply
+from .scans import scan
 from .sequence import Sequence
 
 
@@ -85,7 +87,8 @@ class CaptureMaker:
             seen = noisy(self.table, camera, view.depth, points, noise, outliers, rng)
             keypoints[camera.name] = np.round(seen, 3).tolist()
         write_json(folder / "keypoints.json", {"names": list(self.table.names), "points": keypoints})
-        write_ply(folder / "scan.ply", *scan(outer, options.scan_faces, options.scan_noise, options.hole_share, rng))
+        scanned = scan(outer, options.scan_faces, options.scan_noise, options.hole_share, rng)
+        write_mesh(folder / "scan.ply", Mesh(*scanned))
         return share
 
     def _traced(self, outer, number):

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
+from ..io.mesh import write_mesh
 from ..pipeline.blocks import Workers, locked
 from . import truth as checks
 from .cameras import cameras_json
@@ -24,7 +25,7 @@ from .options import StudioOptions
 from .outfit import split
 from .paint import LABELS
 from .sequence import Sequence
-from .template import make_template, write_obj
+from .template import make_template
 
 ATTEMPTS = 5  # seeds tried before giving up
 PACKAGES = ("anny", "newton", "warp-lang", "open3d", "pymeshlab", "xatlas", "libigl", "mitsuba", "numpy")
@@ -140,7 +141,7 @@ def write_scene(part, stage):
     for s in sequence.settled:
         template = templates[s.name] = make_template(s.flat, s.faces, sequence.draped(s), stage.body.rest, mean)
         (part / "templates").mkdir(exist_ok=True)
-        write_obj(part / "templates" / f"{s.name}.obj", template.mesh)
+        write_mesh(part / "templates" / f"{s.name}.obj", template.mesh)
     (part / "scene.toml").write_text(scene_toml(stage.options))
     write_json(part / "cameras.json", cameras_json(stage.rig))
     return templates

@@ -100,16 +100,3 @@ def cut_holes(V, F, holes, rng):
         at = centre[rng.choice(len(F), p=area / area.sum())]
         keep &= np.linalg.norm(centre - at, axis=1) > rng.uniform(*HOLE_RADIUS)
     return F[keep]
-
-
-def write_ply(path, V, F):
-    """Binary little-endian PLY, float32 positions."""
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(V)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(F)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    rows = np.empty(len(F), dtype=[("n", "u1"), ("v", "<i4", 3)])
-    rows["n"], rows["v"] = 3, F
-    with open(path, "wb") as out:
-        out.write(header.encode() + V.astype("<f4").tobytes() + rows.tobytes())

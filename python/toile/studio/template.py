@@ -81,11 +81,3 @@ def unwrap(V, T):
     if not np.array_equal(origin[faces], T):
         raise RuntimeError("xatlas reordered the faces of the template")
     return uv.astype(np.float64), faces.astype(np.int32)
-
-
-def write_obj(path, mesh):
-    with open(path, "w") as out:
-        out.writelines(f"v {x:.7f} {y:.7f} {z:.7f}\n" for x, y, z in mesh.vertices)
-        out.writelines(f"vt {u:.6f} {v:.6f}\n" for u, v in mesh.uv)
-        rows = np.stack([mesh.faces, mesh.face_uv], 2).reshape(-1, 6) + 1
-        out.writelines("f {}/{} {}/{} {}/{}\n".format(*r) for r in rows)

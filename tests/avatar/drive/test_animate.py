@@ -12,6 +12,7 @@ from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
 from toile.io.mesh import read_mesh
+from toile.io.run import open_run
 from toile.kernels import intersecting_pairs
 from toile.scene import Camera
 
@@ -54,9 +55,7 @@ def test_no_pair_of_cloth_and_body_is_left(made):
 def test_the_registered_poses_place_the_body_where_it_was_registered(puppet_folder, sample_run):
     puppet = Puppet(puppet_folder, sample_run)
     decoded, _, _ = puppet.decode(1, puppet.batch(1, puppet.avatar.cameras[0]))
-    import zarr
-
-    registered = zarr.open_group(str(sample_run / "registered.zarr"), mode="r")["inner/vertices"][1]
+    registered = open_run(sample_run).inner.at(1)
     assert np.linalg.norm(decoded["body"].vertices[0].numpy() - registered, axis=1).mean() < 0.02
 
 

@@ -17,7 +17,8 @@ from toile.avatar.model.temporal import DampedModel
 from toile.avatar.settings import TemporalSettings
 from toile.cli import main
 from toile.errors import UserError
-from toile.surface.layers import capture_folder, open_body, pictured_frames
+from toile.io.run import open_run
+from toile.io.run_folder import capture_folder
 
 
 def track(frames, stride=1, features=3):
@@ -223,8 +224,8 @@ def test_windows_hold_the_poses_of_frames_without_pictures(sample_avatar, sample
     config = (run / "config.toml").read_text().replace(str(capture_folder(sample_run)), str(capture))
     (run / "config.toml").write_text(config)
     shutil.rmtree(capture / "frames" / "000001" / "images")
-    found = run_track(load_avatar(sample_avatar), open_body(run))
-    assert pictured_frames(run) == [0, 2, 3] and found.frames.tolist() == [0, 1, 2, 3] and found.step == 1
+    found = run_track(load_avatar(sample_avatar), open_run(run))
+    assert open_run(run).pictured == [0, 2, 3] and found.frames.tolist() == [0, 1, 2, 3] and found.step == 1
     driver = Driver(TemporalSettings(window=2, channels=8), found.features.shape[1], {"tshirt": 4})
     wake(driver, found)
     found.features.requires_grad_()

@@ -11,7 +11,8 @@ import zarr
 from toile.avatar.model.skinning import Skeleton, Skin, rotation_matrices
 from toile.errors import UserError
 from toile.io.body import load_body_model
-from toile.surface.layers import open_body, read_layers, surface_layer
+from toile.io.run import open_run
+from toile.surface.layers import read_layers, surface_layer
 
 
 def tensors(*arrays):
@@ -30,10 +31,11 @@ def test_rotation_matrices_equal_scipy_and_are_smooth_at_zero():
 
 
 def test_skeleton_and_skin_equal_the_body_model_to_float32(sample_run):
-    body, (layer, shirt) = open_body(sample_run), read_layers(sample_run)
-    rotations, translation = body.store["pose/rotations"][1], body.store["pose/translation"][1]
-    R, t = Skeleton(body.J, body.model.parents)(*tensors(rotations, translation))
-    posed = body.model.skin(layer.rest, body.J, rotations, translation)
+    run = open_run(sample_run)
+    J, model, (layer, shirt) = run.rest_joints, run.body_model, read_layers(run)
+    rotations, translation = run.pose.at(1)
+    R, t = Skeleton(J, model.parents)(*tensors(rotations, translation))
+    posed = model.skin(layer.rest, J, rotations, translation)
     skin = Skin(layer)
     assert np.abs(skin.pose(*tensors(layer.rest), R, t)[0].numpy() - posed).max() < 2e-6
     assert np.abs(skin.unpose(*tensors(posed), R, t)[0].numpy() - layer.rest).max() < 4e-6
@@ -52,18 +54,18 @@ def test_forward_kinematics_of_a_batch_equals_each_alone():
 
 
 def test_layers_are_the_runs_and_rest_is_the_mean_of_the_frames_asked_for(sample_run):
-    body, shirt = read_layers(sample_run)
+    run = open_run(sample_run)
+    body, shirt = read_layers(run)
     assert (body.name, body.kind, shirt.name, shirt.kind) == ("body", "body", "tshirt", "garment")
-    store = open_body(sample_run).store
-    assert np.array_equal(shirt.faces, store["garment/tshirt/faces"][:]) and np.array_equal(
-        shirt.uv, store["garment/tshirt/uv"][:]
+    assert np.array_equal(shirt.faces, run.garments["tshirt"].faces) and np.array_equal(
+        shirt.uv, run.garments["tshirt"].uv
     )
     assert shirt.label == 3 and {"neck", "hem"} <= set(shirt.loops)
     for layer in (body, shirt):
         assert np.allclose(layer.skin_val.sum(1), 1, atol=1e-12) and np.isfinite(layer.rest).all()
-    one, other = (read_layers(sample_run, [n])[1].rest for n in (0, 1))
-    assert np.allclose(read_layers(sample_run, [0, 1])[1].rest, 0.5 * (one + other), atol=1e-12)
-    surface = surface_layer(sample_run)
+    one, other = (read_layers(run, [n])[1].rest for n in (0, 1))
+    assert np.allclose(read_layers(run, [0, 1])[1].rest, 0.5 * (one + other), atol=1e-12)
+    surface = surface_layer(run)
     assert surface.kind == "surface" and np.abs(surface.rest - body.rest).max() > 1e-3
 
 
@@ -72,8 +74,8 @@ def test_layers_are_the_runs_and_rest_is_the_mean_of_the_frames_asked_for(sample
     [
         (lambda g: g.__delitem__("confidence/tshirt"), "confidence/tshirt"),
         (lambda g: g.__delitem__("garment/tshirt/uv"), "garment/tshirt/uv"),
-        (lambda g: g["garment/tshirt/uv"].__setitem__((0, 0), 1.5), "garment/tshirt"),
-        (lambda g: g["garment/tshirt/face_uv"].__setitem__((0, 0), 10**6), "garment/tshirt"),
+        (lambda g: g["garment/tshirt/uv"].__setitem__((0, 0), 1.5), "garment tshirt: uv"),
+        (lambda g: g["garment/tshirt/face_uv"].__setitem__((0, 0), 10**6), "garment tshirt: faces, UVs"),
         (lambda g: g["inner/faces"].__setitem__(0, [2, 1, 0]), "inner/faces"),
         (lambda g: g["done"].__setitem__(slice(None), 2), "none of the frames"),
     ],
@@ -84,13 +86,13 @@ def test_a_run_that_does_not_fit_is_refused_in_one_line(sample_run, tmp_path, sp
     shutil.copytree(sample_run, run)
     spoil(zarr.open_group(str(run / "registered.zarr"), mode="r+"))
     with pytest.raises(UserError, match=message) as caught:
-        read_layers(run)
+        read_layers(open_run(run))
     assert "\n" not in str(caught.value)
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(UserError, match="registered.zarr"):
-        read_layers(tmp_path)
+        open_run(tmp_path)
 
 
 def test_a_body_model_file_is_found_in_the_capture(sample_run, tmp_path):
@@ -103,7 +105,7 @@ def test_a_body_model_file_is_found_in_the_capture(sample_run, tmp_path):
     shutil.copy(PACKAGED["anny"], capture / "person.npz")
     zarr.open_group(str(run / "registered.zarr"), mode="r+").attrs["body_model"] = "person.npz"
     (run / "config.toml").write_text(f"capture = {json.dumps(str(capture))}\n")
-    assert len(read_layers(run)) == 2
+    assert len(read_layers(open_run(run))) == 2
 
 
 def test_principal_modes_are_orthogonal_and_one_standard_deviation_long():

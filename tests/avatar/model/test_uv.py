@@ -6,7 +6,8 @@ import torch
 
 from toile.avatar.model.uv import TexelValues, UvSampler
 from toile.errors import UserError
-from toile.surface.layers import Layer, open_body, read_layers
+from toile.io.run import open_run
+from toile.surface.layers import Layer, read_layers, registered_surface, shapes
 from toile.surface.uv import GUTTER, UvMap
 
 
@@ -45,10 +46,11 @@ def sampled(sampler, maps):
 @pytest.fixture(scope="module")
 def registered(sample_run):
     """Layers, and each layer's unposed vertices of one frame."""
-    layers = read_layers(sample_run)
-    body = open_body(sample_run)
-    names = ["inner/vertices", "garment/tshirt/vertices"]
-    return layers, [body.shapes(n, l.skin_idx, l.skin_val, [2], 0)[0] for n, l in zip(names, layers)]
+    run = open_run(sample_run)
+    layers = read_layers(run)
+    return layers, [
+        shapes(run, registered_surface(run, layer), layer.skin_idx, layer.skin_val, [2], 0)[0] for layer in layers
+    ]
 
 
 def test_a_texel_lies_where_its_row_and_column_say():

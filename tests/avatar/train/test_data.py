@@ -12,7 +12,7 @@ from torch.utils.data import default_collate
 from toile.avatar.settings import DataSettings
 from toile.avatar.train.data import AvatarData
 from toile.errors import UserError
-from toile.surface.layers import capture_of, pictured_frames
+from toile.io.run import open_run
 
 SETTINGS = DataSettings(texture_size=64, image=(160, 120), pixel_scale=1.5, crop="garment")
 
@@ -36,7 +36,7 @@ def other(sample_run, tmp_path):
     """A copy of the run and of its capture, to be spoilt."""
     run, capture = tmp_path / "run", tmp_path / "capture"
     shutil.copytree(sample_run, run)
-    shutil.copytree(capture_of(sample_run).root, capture)
+    shutil.copytree(open_run(sample_run).capture.root, capture)
     config = run / "config.toml"
     text = config.read_text()
     config.write_text(text.replace(tomllib.loads(text)["capture"], str(capture)))
@@ -79,7 +79,7 @@ def test_confidence_textures_and_masks_lie_between_0_and_1(data):
 def test_known_points_project_through_a_samples_K_where_the_real_camera_sees_them(data, sample_run):
     """The capture's cameras are distorted; OpenCV takes that out of their pixels independently."""
     points = data[0]["vertices.tshirt"].double().numpy()[::50]
-    for i, camera in enumerate(capture_of(sample_run).cameras.values()):
+    for i, camera in enumerate(open_run(sample_run).capture.cameras.values()):
         assert np.abs(camera.distortion).max() > 1e-3
         sample, (seen, _) = data[i], camera.project(points)
         ideal = cv2.undistortPoints(seen[:, None], camera.K, camera.distortion)[:, 0]
@@ -183,7 +183,7 @@ def test_the_single_layer_sees_the_same_windows(sample_run, data, cache):
 def test_frames_without_pictures_are_left_out(other):
     run, capture = other
     shutil.rmtree(capture / "frames" / "000001" / "images")
-    assert pictured_frames(run) == [0, 2, 3]
+    assert open_run(run).pictured == [0, 2, 3]
     for frame in (0, 2, 3):
         shutil.rmtree(capture / "frames" / f"{frame:06d}" / "images")
     with pytest.raises(UserError, match="pictures"):

@@ -97,7 +97,7 @@ def test_windows_hold_the_frames_up_to_the_sample_s_own(sample_run, tmp_path):
     usual = AvatarData(sample_run, settings, tmp_path, [0, 2])
     data = AvatarData(sample_run, settings.model_copy(update={"window": 3}), tmp_path, [0, 2])
     assert data.folder == usual.folder and "window.rotations" not in usual[0]
-    poses = data.body.store["pose/rotations"][:].astype(np.float32)
+    poses = data.run.pose.rotations[:].astype(np.float32)
     found = {int(data[i]["frame"]): data[i]["window.rotations"].numpy() for i in range(len(data))}
     assert (found[2] == poses[:3]).all()  # frame 1 is not among the data's, its pose is known all the same
     assert (found[0] == poses[0]).all() and torch.equal(data[0]["window.face_seen"][2], data[0]["face_seen"])

@@ -13,11 +13,11 @@ import torch
 from ...errors import UserError
 from ...io.camera import read_cameras
 from ...io.files import write_text
-from ...io.mesh import write_ply
+from ...io.mesh import write_mesh
 from ...io.motion import read_motion
+from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
-from ...scene import Camera
-from ...surface.layers import body_model_of
+from ...scene import Camera, Mesh
 from ..model.checkpoint import load_avatar, read_facts, training_poses
 from ..model.poses import pose_distance
 from .driver import load_driver, make_track
@@ -141,8 +141,7 @@ def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=T
             write_picture(out / "pictures" / f"{number:06d}.png", picture)
             for layer in puppet.avatar.layers if meshes else ():
                 place = out / "meshes" / layer.name / f"{number:06d}.ply"
-                place.parent.mkdir(parents=True, exist_ok=True)
-                write_ply(place, decoded[layer.name].vertices[0].cpu().numpy(), layer.faces)
+                write_mesh(place, Mesh(decoded[layer.name].vertices[0].cpu().numpy(), layer.faces))
             progress("animate", done + 1, len(rows))
     done = Animation(len(rows), int(before), int(left), tuple(puppet.warnings))
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": puppet.motion.fps}

@@ -54,12 +54,11 @@ def make_track(avatar, frames, rotations, face, stride):
     return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own)
 
 
-def run_track(avatar, body, stride=None):
-    """The Track of all registered frames of a RunBody, with pictures or without; `stride`: their own step by default."""
-    rows = body.rows()
-    frames = body.store["frames"][:][rows]
-    face = body.store["face"][:][rows] if "face" in body.store else None
-    return make_track(avatar, frames, body.store["pose/rotations"][:][rows], face, stride or stride_of(frames) or 1)
+def run_track(avatar, run, stride=None):
+    """The Track of all registered frames of a Run, with pictures or without; `stride`: their own step by default."""
+    rows = run.rows()
+    frames, face = run.frames[rows], None if run.face is None else run.face[rows]
+    return make_track(avatar, frames, run.pose.rotations[rows], face, stride or stride_of(frames) or 1)
 
 
 def row_starts(breaks):

@@ -16,7 +16,7 @@ from torch import nn
 from torch.utils.data import default_collate
 
 from ...errors import UserError
-from ...surface.layers import open_body
+from ...io.run import open_run
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
 from .driver import FILE, PREFIX, Driver, held_out_span, run_track, stride_of, without
@@ -53,9 +53,10 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     avatar = load_avatar(folder)
     if avatar.settings.data.window or not any(layer.kind == "garment" for layer in avatar.layers):
         raise UserError(f"{folder}: no garment with a code: there is no code that a motion could drive")
-    whole = run_track(avatar, open_body(facts["run"]))
+    run = open_run(facts["run"])
+    whole = run_track(avatar, run)
     track = without(whole, held_out_span(facts["holdout"]))
-    data = _data(folder, facts, "cache", facts["frames"])
+    data = _data(run, folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
     torch.manual_seed(settings.seed)
@@ -66,7 +67,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     list(fit(driver, poses, scaled, steps))
     measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
-        held = _data(folder, facts, "evaluation", facts["holdout"])
+        held = _data(run, folder, facts, "evaluation", facts["holdout"])
         measured["held_out"] = relative_error(driver, whole, held.frames, codes_of(avatar, held)[0])
     write_tensors(
         folder / FILE,
@@ -77,8 +78,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     return measured
 
 
-def _data(folder, facts, cache, frames):
-    data = AvatarData(facts["run"], facts["settings"].data, folder=folder / cache, frames=frames)
+def _data(run, folder, facts, cache, frames):
+    data = AvatarData(run, facts["settings"].data, folder=folder / cache, frames=frames)
     check_same(folder / "avatar.json", facts["topology"], topology(data.layers, data.scene, data.cameras))
     return data
 

@@ -13,7 +13,8 @@ import numpy as np
 from ...errors import UserError
 from ...io.files import write_text
 from ...io.image import read_rgba
-from ...surface.layers import body_model_of, open_body
+from ...io.run import open_run
+from ...io.run_folder import body_model_of
 from ..model.checkpoint import load_avatar, read_facts, read_json
 from ..model.edits import LUMA, load_edits, save_edits
 from ..model.networks import resize
@@ -149,11 +150,10 @@ def bright(avatar, layer):
 
 def marked_baseline(surface, layer, run, frame):
     """What of the baseline's UVs shows the garment in a frame of the run."""
-    body = open_body(run)
-    rows = body.rows([frame])
-    if not len(rows) or f"garment/{layer.name}/vertices" not in body.store:
+    opened = open_run(run)
+    if frame not in opened.ok or layer.name not in opened.garments:
         raise UserError(f"{run}: frame {frame} with the garment {layer.name} is not there: is it the avatar's run?")
-    V, G = (body.store[name][rows[0]] for name in ("track/vertices", f"garment/{layer.name}/vertices"))
+    V, G = opened.track.at(frame), opened.garments[layer.name].at(frame)
     if len(V) != len(surface.rest) or len(G) != len(layer.rest):
         has = f"{len(surface.rest)} and {len(layer.rest)}"
         raise UserError(f"{run}: its surface and {layer.name} have {len(V)} and {len(G)} vertices, the avatar's {has}")

@@ -100,7 +100,7 @@ class Shows:
         self.first = next(iter(held.data))
         self.data = held.data[self.first]
         self.spacing = []  # of the pixels at the person [mm]
-        skin = held.registered.body.model.skin_faces
+        skin = held.registered.run.body_model.skin_faces
         self.untangled = {name: Untangler(avatar.layers, skin) for name, avatar in held.avatars.items()}
         self.vertices = {}  # by avatar and frame, {layer: (1,n,3)}
         self.cover = {layer.name: torch.as_tensor(made.cover[None] / np.float32(255))}

@@ -25,15 +25,13 @@ class Driven(HeldOut):
 
     def __init__(self, folder, frames=None, run=None):
         super().__init__(folder, frames, run)
-        store = self.registered.store
-        rows = self.registered.body.rows()
-        numbers = store["frames"][:][rows].tolist()
-        self.span = {n: i for n, i in zip(numbers, rows.tolist()) if self.frames[0] <= n <= self.frames[-1]}
+        run = self.registered.run
+        self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
         self.latents, self.driver, self.measured = {}, None, {}
         self.intersections = {}  # by frame: pairs before and after untangling
         if "layered" in self.avatars:
             avatar = self.avatars["layered"]
-            self.untangled = Untangler(avatar.layers, self.registered.body.model.skin_faces)
+            self.untangled = Untangler(avatar.layers, self.registered.run.body_model.skin_faces)
             self.latents["layered"] = self._garment_codes(folder, avatar)
         if "baseline" in self.avatars:
             self._draw_codes(self.avatars["baseline"])
@@ -43,7 +41,7 @@ class Driven(HeldOut):
         if not any(layer.kind == "garment" for layer in avatar.layers) or avatar.settings.data.window:
             return {n: {} for n in self.span}
         self.driver, stride, self.measured = load_driver(folder)
-        track = run_track(avatar, self.registered.body, stride)
+        track = run_track(avatar, self.registered.run, stride)
         with torch.no_grad():
             codes = {name: z.to(self.device) for name, z in self.driver.latents(track).items()}
         at = {n: i for i, n in enumerate(track.frames.tolist())}
@@ -74,10 +72,11 @@ class Driven(HeldOut):
 
     def _steered(self, frame):
         """Pose and face of a registered frame as `Avatar.decode` takes them."""
-        store, row = self.registered.store, self.span[frame]
-        face = store["face"][row] if "face" in store else np.zeros((0, 3))
+        run = self.registered.run
+        face = np.zeros((0, 3)) if run.face is None else run.face.at(frame)
+        rotations, translation = run.pose.at(frame)
         values = {
-            "rotations": store["pose/rotations"][row], "translation": store["pose/translation"][row],
+            "rotations": rotations, "translation": translation,
             "face": np.nan_to_num(face), "face_seen": np.isfinite(face).all(-1),
         }  # fmt: skip
         batch = {name: torch.as_tensor(value.astype(np.float32)) for name, value in values.items()}
@@ -113,7 +112,7 @@ class Driven(HeldOut):
         over consecutive registered frames of the span [mm a frame^2]; true ones None without truth."""
         if "layered" not in self.avatars:
             return {}
-        found, truth, step = {}, self.registered.truth, stride_of(list(self.span)) or 1
+        found, truth, step = {}, self.registered.truth, stride_of(self.span) or 1
         for garment in self.registered.garment_labels:
             shown = {n: self._placed("layered", n)[garment] for n in self.span}
             true = {n: truth.places(garment, n) for n in shown if n in truth} if truth else {}

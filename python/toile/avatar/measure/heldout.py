@@ -11,9 +11,9 @@ from torch.utils.data import default_collate
 
 from ... import kernels
 from ...errors import UserError
+from ...io.run import is_run, open_run
 from ...measure.truth import millimetres, open_truth
 from ...scene import HIDDEN
-from ...surface.layers import capture_of, open_body, pictured_frames
 from ...surface.sampling import evenly
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import pose_distance
@@ -55,13 +55,13 @@ class HeldOut:
     def __init__(self, folder, frames=None, run=None):
         facts = read_facts(folder)
         path = Path(run or facts["run"])
-        if not (path / "registered.zarr").exists():
+        if not is_run(path):
             raise UserError(f"{folder}: its run {path} is not there: give its place by --run")
         self.registered = RegisteredRun(path)
         self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels
-        self.frames, self.warnings = _chosen(folder, facts, frames, pictured_frames(path))
+        self.frames, self.warnings = _chosen(folder, facts, frames, self.registered.run.pictured)
         self.warnings += [f"edited: {words}" for words in facts.get("edits", ())]
-        self.trained = [n for n in facts["frames"] if n in self.registered.row]
+        self.trained = sorted(set(facts["frames"]) & set(self.registered.run.frames.tolist()))
         folders = {"layered" if facts["layered"] else "baseline": folder}
         if (folder / "baseline" / "avatar.json").exists():
             folders["baseline"] = folder / "baseline"
@@ -69,15 +69,19 @@ class HeldOut:
         self.avatars, self.data = {}, {}
         for name, place in folders.items():
             self.avatars[name] = load_avatar(place).to(self.device)
-            self.data[name] = self._data(place, name == "layered", path)
+            self.data[name] = self._data(place, name == "layered")
         self.shown = {name: name for name in folders}  # what pictures show, and the avatar of each
         self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}
         self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
-    def _data(self, folder, layered, run):
+    def _data(self, folder, layered):
         facts = read_facts(folder)
         data = AvatarData(
-            run, facts["settings"].data, folder=folder / "evaluation", frames=self.frames, layered=layered
+            self.registered.run,
+            facts["settings"].data,
+            folder=folder / "evaluation",
+            frames=self.frames,
+            layered=layered,
         )
         check_same(folder, facts["topology"], topology(data.layers, data.scene, data.cameras))
         return data
@@ -88,10 +92,8 @@ class HeldOut:
 
     def nearest_pose(self, frame):
         """Distance [degrees] of a frame's pose to the nearest that was trained on; None where the run has none of them."""
-        poses = self.registered.rotations
-        distances = pose_distance(
-            poses[self.registered.row[frame]], [poses[self.registered.row[n]] for n in self.trained]
-        )
+        poses, row = self.registered.rotations, self.registered.run.row
+        distances = pose_distance(poses[row(frame)], [poses[row(n)] for n in self.trained])
         return float(distances.min()) if len(distances) else None
 
     def pictures(self):
@@ -150,9 +152,10 @@ class HeldOut:
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
         name, data = next(iter(self.data.items()))
         step, views = np.pi / max(len(data.cameras), 6), []
+        up = self.registered.run.capture.scene.up
         for i in evenly(data.rows_of(frame), count):
             sample = data[int(i)]
-            moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, self.registered.capture.scene.up)
+            moved = sample["T_camera_world"] @ _turned(_body(sample).mean(0), step, up)
             seen = self._show(name, sample | {"T_camera_world": moved, "camera": torch.tensor(-1)})
             views.append(_last(seen.image + PAPER * (1 - seen.mask)))
         return views
@@ -183,19 +186,16 @@ class RegisteredRun:
     """What evaluation reads of a run and of the truth behind it."""
 
     def __init__(self, path):
-        self.body = open_body(path)
-        self.store, self.outside = self.body.store, ~self.body.model.inside
-        self.capture = capture_of(path)
-        self.row = {int(n): i for i, n in enumerate(self.store["frames"][:])}
-        self.rotations = self.store["pose/rotations"][:]
-        garments = self.store.attrs["scene"]["garments"]
-        self.garment_labels = {g["name"]: g["label"] for g in garments}
-        self.loops = {g["name"]: g["loops"] for g in garments}
-        self.truth = open_truth(self.capture, self.garment_labels)
+        self.run = open_run(path)
+        self.outside = ~self.run.body_model.inside
+        self.rotations = self.run.pose.rotations[:]
+        self.garment_labels = {name: garment.label for name, garment in self.run.garments.items()}
+        self.loops = {name: garment.loops for name, garment in self.run.garments.items()}
+        self.truth = open_truth(self.run.capture, self.garment_labels)
         self._outer = None, None  # a frame and its true outer surface
 
     def garment(self, name, frame):
-        return self.store[f"garment/{name}/vertices"][self.row[frame]]
+        return self.run.garments[name].at(frame)
 
     def labels(self, frame, K, T_camera_world, captured):
         """Label ids (H,W) of a pinhole picture: true ones where the true surface is, the captured ones without truth."""
@@ -221,10 +221,7 @@ class RegisteredRun:
                     0
                 ]
             elif layers[name].kind == "body":
-                confidence = self.store["confidence/inner" if "inner" in self.store else "confidence/track"][
-                    self.row[frame]
-                ]
-                hidden = confidence == HIDDEN
+                hidden = self.run.body.confidence.at(frame) == HIDDEN
                 measures["body"] = self.truth.body_errors(V, hidden, self.outside, frame)
         return measures
 

@@ -16,8 +16,9 @@ from torch.utils.data import Dataset
 from ...errors import UserError
 from ...io.files import replace_file, write_text
 from ...io.inputs import files_under, stamps
-from ...io.run import OK
-from ...surface.layers import capture_of, open_body, pictured_frames, read_layers, surface_layer
+from ...io.layout import OK
+from ...io.run import Run, open_run
+from ...surface.layers import read_layers, registered_surface, surface_layer
 from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
 from ..model.poses import pose_distance
@@ -25,6 +26,12 @@ from ..model.poses import pose_distance
 THREADS = 2  # frames prepared at a time
 VERSION = 2  # of the cache's files
 REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
+
+
+def shown_surfaces(run, settings):
+    """The surfaces of a Run that crops are about: its garments or all; the same for the baseline's single layer."""
+    garments = list(run.garments.values())
+    return garments if garments and settings.crop == "garment" else [run.track, *garments]
 
 
 class AvatarData(Dataset):
@@ -46,22 +53,21 @@ class AvatarData(Dataset):
     """
 
     def __init__(self, run, settings, folder, frames=None, layered=True, progress=None):
-        self.run, self.settings = Path(run), settings
-        self.body, self.capture = open_body(run), capture_of(run)
-        self.scene, self.J, self.parents = self.capture.scene, self.body.J, self.body.model.parents
-        named = [g["name"] for g in self.body.store.attrs["scene"]["garments"]]
+        run = run if isinstance(run, Run) else open_run(run)
+        self.run, self.capture, self.settings = run, run.capture, settings
+        self.scene, self.J, self.parents = self.capture.scene, run.rest_joints, run.body_model.parents
+        named = list(run.garments)
         if named != [g.name for g in self.scene.garments]:
-            raise UserError(f"{run}: registered garments {named}, {self.capture.root}/scene.toml names others")
-        pictured = pictured_frames(run)
+            raise UserError(f"{run.path}: registered garments {named}, {self.capture.root}/scene.toml names others")
+        pictured = run.pictured
         self.frames = pictured if frames is None else sorted(set(pictured) & set(frames))
         if not self.frames:
             raise UserError(
-                f"{run}: none of the frames asked for is registered and has pictures in {self.capture.root}"
+                f"{run.path}: none of the frames asked for is registered and has pictures in {self.capture.root}"
             )
         shapes = run, self.frames, settings.modes
         self.layers = read_layers(*shapes) if layered else [surface_layer(*shapes)]
         self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
-        self.row = {int(n): i for i, n in enumerate(self.body.store["frames"][:])}
         names = list(self.capture.cameras)
         self.samples = [(n, names.index(name)) for n in self.frames for name in self.capture.pictured(n)]
         self.folder = Path(folder) / self._key(layered)
@@ -100,9 +106,9 @@ class AvatarData(Dataset):
         """The cache's folder: what its files depend on. Of the registration the poses and three whole frames, of the pictures
         names, sizes and times."""
         settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes"})
-        parts = [VERSION, layered, settings, str(self.run.resolve()), [c.name for c in self.cameras]]
-        digest, store = hashlib.sha256(json.dumps(parts).encode()), self.body.store
-        digest.update(store["done"][:].tobytes() + store["pose/rotations"][:].tobytes())
+        parts = [VERSION, layered, settings, str(self.run.path.resolve()), [c.name for c in self.cameras]]
+        digest = hashlib.sha256(json.dumps(parts).encode())
+        digest.update(self.run.done.tobytes() + self.run.pose.rotations[:].tobytes())
         digest.update(json.dumps(self._pictures()).encode())
         for number in (self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]):
             for values in self._registered(number).values():
@@ -128,8 +134,8 @@ class AvatarData(Dataset):
     def poses(self):
         """rotations (F,K,3) and translation (F,3) of the frames; usual: how far [degrees] 95 % of these poses are at most from
         the nearest that is not their neighbour in time (a second or more away, where there is one)."""
-        rows = [self.row[n] for n in self.frames]
-        rotations, translation = (self.body.store[f"pose/{name}"][:][rows] for name in ("rotations", "translation"))
+        rows = [self.run.row(n) for n in self.frames]
+        rotations, translation = self.run.pose.rotations[rows], self.run.pose.translation[rows]
         frames, distances = np.array(self.frames), []
         for number, pose in zip(frames, rotations):
             apart = np.abs(frames - number) >= self.scene.fps
@@ -142,7 +148,7 @@ class AvatarData(Dataset):
         if not self.settings.window:
             return {}
         rotations, face, first = self._tracked
-        at = self.row[number]
+        at = self.run.row(number)
         rows = np.maximum(np.arange(at + 1 - self.settings.window, at + 1), first[at])
         values = {
             "rotations": rotations[rows],
@@ -154,10 +160,9 @@ class AvatarData(Dataset):
     @cached_property
     def _tracked(self):
         """Rotations and faces of all rows of the run, and where each row's stretch of neighbouring frames begins."""
-        store = self.body.store
-        rotations = store["pose/rotations"][:]
-        face = store["face"][:] if "face" in store else np.zeros((len(rotations), 0, 3))
-        steps, good = np.diff(store["frames"][:]), store["done"][:] == OK
+        rotations = self.run.pose.rotations[:]
+        face = np.zeros((len(rotations), 0, 3)) if self.run.face is None else self.run.face[:]
+        steps, good = np.diff(self.run.frames), self.run.done == OK
         usual = np.bincount(steps).argmax() if len(steps) else 1
         begins = np.r_[True, (steps != usual) | ~good[:-1]]
         return rotations, face, np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
@@ -209,26 +214,19 @@ class AvatarData(Dataset):
 
     def _shown(self, number):
         """Vertices that the crop is about: the garments' or all; the same for the baseline's single layer."""
-        store, row = self.body.store, self.row[number]
-        garments = [f"garment/{g.name}/vertices" for g in self.scene.garments]
-        names = garments if garments and self.settings.crop == "garment" else ["track/vertices", *garments]
-        return np.concatenate([store[name][row] for name in names])
+        return np.concatenate([surface.at(number) for surface in shown_surfaces(self.run, self.settings)])
 
     def _registered(self, number):
         """Pose, face, vertices and confidence of a frame as the run has them."""
-        store, row = self.body.store, self.row[number]
-        values = {
-            "rotations": store["pose/rotations"][row].astype(np.float32),
-            "translation": store["pose/translation"][row].astype(np.float32),
-        }
-        face = store["face"][row] if "face" in store else np.zeros((0, 3))
+        rotations, translation = self.run.pose.at(number)
+        values = {"rotations": rotations.astype(np.float32), "translation": translation.astype(np.float32)}
+        face = np.zeros((0, 3)) if self.run.face is None else self.run.face.at(number)
         values["face"] = np.nan_to_num(face).astype(np.float32)
         values["face_seen"] = np.isfinite(face).all(-1).astype(np.float32)
         for layer in self.layers:
-            inner = layer.kind == "body" and "inner/vertices" in store
-            name = f"garment/{layer.name}" if layer.kind == "garment" else "inner" if inner else "track"
-            values[f"vertices.{layer.name}"] = store[f"{name}/vertices"][row].astype(np.float32)
-            values[f"confidence.{layer.name}"] = store[f"confidence/{name.removeprefix('garment/')}"][row]
+            surface = registered_surface(self.run, layer)
+            values[f"vertices.{layer.name}"] = surface.at(number).astype(np.float32)
+            values[f"confidence.{layer.name}"] = surface.confidence.at(number)
         return values
 
     def _packed(self, name, unwrapped, prefix=""):
@@ -281,7 +279,7 @@ class AvatarData(Dataset):
 
     def _face(self, faces):
         """Mean facial keypoints, and the head joint's index; (None, None) where the scene has no face or none was seen."""
-        head = self.body.model.joint("head")
+        head = self.run.body_model.joint("head")
         seen = np.isfinite(faces).all(-1).any(0) if faces.size else np.zeros(0, bool)
         if not self.scene.face_keypoints or not seen.any() or head is None:
             return None, None

@@ -17,15 +17,15 @@ from lightning_fabric import Fabric
 from lightning_fabric.strategies import DDPStrategy
 
 from ...errors import UserError
+from ...io.run import Run, open_run
 from ...pipeline.blocks import locked
-from ...surface.layers import capture_of, open_body, pictured_frames
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
 from ..model.avatar import Avatar
 from ..model.checkpoint import begin, read_assets, read_facts, save_assets, save_avatar, topology
 from ..model.sizes import matched_settings
 from ..settings import AvatarSettings
-from .data import AvatarData
+from .data import AvatarData, shown_surfaces
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
@@ -50,18 +50,18 @@ class Request:
 def make_avatar(request, folder, baseline=False):
     """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
     begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
-    frames = pictured_frames(request.run)
-    held = held_out(request.holdout, frames)
-    frames = [number for number in frames if number not in held]
+    run = open_run(request.run)
+    held = held_out(request.holdout, run.pictured)
+    frames = [number for number in run.pictured if number not in held]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
     seconds = None if request.minutes is None else 60 * request.minutes
     settings = request.settings
     if settings.fit_crop:
-        data = settings.data.model_copy(update={"pixel_scale": fitting_scale(request.run, settings.data, frames)})
+        data = settings.data.model_copy(update={"pixel_scale": fitting_scale(run, settings.data, frames)})
         settings = settings.model_copy(update={"data": data})
     with locked(folder) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
-        job = Job(request, fabric, frames, held)
+        job = Job(run, request, fabric, frames, held)
         job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
             job.train_baseline(folder)
@@ -71,6 +71,7 @@ def make_avatar(request, folder, baseline=False):
 class Job:
     """Trainings on the same frames."""
 
+    run: Run
     request: Request
     fabric: Fabric
     frames: list[int]
@@ -85,13 +86,13 @@ class Job:
 
         with fabric.rank_zero_first():
             data = AvatarData(
-                request.run, settings.data, folder=cache or folder / "cache", frames=self.frames, layered=layered
+                self.run, settings.data, folder=cache or folder / "cache", frames=self.frames, layered=layered
             )
         torch.manual_seed(draw(settings.seed, "weights"))
         avatar = Avatar(settings, **{name: getattr(data, name) for name in ASSETS})
         facts = {
             "scene": data.scene.name,
-            "run": str(Path(request.run).resolve()),
+            "run": str(self.run.path.resolve()),
             "topology": topology(data.layers, data.scene, data.cameras),
             "frames": list(self.frames),
             "holdout": list(self.held),
@@ -163,13 +164,10 @@ def held_out(text, frames):
 def fitting_scale(run, settings, frames):
     """Pixels of the capture along one of the crop's, at least those of the settings, so that it holds the person, or
     its garments, in every picture of (a spread of) the frames."""
-    body, capture = open_body(run), capture_of(run)
-    rows, scale = body.rows(frames), settings.pixel_scale
-    garments = [f"garment/{garment.name}/vertices" for garment in capture.scene.garments]
-    shown = garments if garments and settings.crop == "garment" else ["track/vertices", *garments]
+    rows, scale, shown = run.rows(frames), settings.pixel_scale, shown_surfaces(run, settings)
     for row in evenly(rows, FITTED):
-        V = np.concatenate([body.store[name][row] for name in shown])
-        for camera in capture.cameras.values():
+        V = np.concatenate([surface.vertices[row] for surface in shown])
+        for camera in run.capture.cameras.values():
             uv, depth = pinhole(camera).project(V)
             uv = np.clip(uv[depth > 0], 0, [camera.width, camera.height])
             if len(uv):

@@ -1,0 +1,53 @@
+"""What lies in a run's folder beside its store: what was asked for, the capture it names, and each frame's diagnostics."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+from ..errors import UserError, first_line
+from ..scene import BodyModel
+from .body import model_in_capture
+from .files import write_text
+
+
+def read_config(run: Path | str) -> dict:
+    """The table of RUN/config.toml."""
+    path = Path(run) / "config.toml"
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise UserError(f"{path}: {first_line(error)}") from None
+
+
+def capture_folder(run: Path | str) -> Path:
+    """The folder of the capture that a run was made of."""
+    named = read_config(run).get("capture")
+    if not isinstance(named, str):
+        raise UserError(f"{Path(run) / 'config.toml'}: capture is missing")
+    return Path(named)
+
+
+def body_model_of(run: Path | str, name: str, up: str) -> BodyModel:
+    """The body model of this name: a packaged one, or a `.npz` inside the capture that the run was made of."""
+    return model_in_capture(capture_folder(run) if name.endswith(".npz") else Path(), name, up)
+
+
+def diagnostics_file(run: Path, frame: int) -> Path:
+    """Where a frame's diagnostics are written as soon as it is done."""
+    return run / "diagnostics" / f"{frame:06d}.json"
+
+
+def read_diagnostics(run: Path, frame: int) -> dict:
+    """{stage: {name: number}} of one frame, {"reason": why} of one that failed; {} of one that is not done."""
+    path = diagnostics_file(run, frame)
+    try:
+        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise UserError(f"{path}: {first_line(error)}") from None
+
+
+def write_diagnostics(run: Path, frame: int, stages: dict) -> None:
+    """{stage: {name: number}}, or {"reason": why}, as a whole file."""
+    write_text(diagnostics_file(run, frame), json.dumps(stages, indent=1))

@@ -1,0 +1,176 @@
+"""Fills RUN/registered.zarr, laid out as `layout` says. A killed process leaves a store that another one goes on with:
+the store appears whole under its name, and of a frame the arrays are written first, `done` last."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..scene import BodyModel, Dressed, GarmentTemplate, Inner, Person, Scene, Segmented, Tracked
+from .files import replace_file
+from .layout import DIAGNOSTICS, FAILED, OK, PENDING, STORE, VERSION, Attributes, layout_of
+from .run import Run
+
+
+class RunWriter:
+    """The store of the run in a folder, opened for writing. Processes may write at once, each frames of its own."""
+
+    def __init__(self, store: Path):
+        import zarr
+
+        self.group = zarr.open_group(str(store), mode="r+")
+        self._row = {int(number): row for row, number in enumerate(self.group["frames"][:])}
+
+    @staticmethod
+    def of(run: Path) -> RunWriter:
+        """The writer of a run's folder."""
+        return RunWriter(run / STORE)
+
+    @staticmethod
+    def create(
+        run: Path,
+        frames: Sequence[int],
+        scene: Scene,
+        model: BodyModel,
+        person: Person,
+        templates: Sequence[GarmentTemplate] = (),
+    ) -> RunWriter:
+        """Makes RUN/registered.zarr over `frames`, all pending; `templates` inner to outer."""
+        import zarr
+
+        names = [t.name for t in templates]
+        values = _fixed_values(frames, model, person, templates)
+        sizes = {"T": len(frames), "n": len(model.v_template), "K": len(model.parents)}
+        sizes["q"] = sum(name.startswith("face.") for name in model.keypoint_names)
+        part = run / f".{STORE}.part"
+        if part.exists():
+            shutil.rmtree(part)
+        group = zarr.open_group(str(part), mode="w", zarr_format=3)
+        group.attrs.update(_attributes(scene, model, templates).model_dump())
+        vertices = {t.name: len(t.rest) for t in templates}
+        for key, (stored, garment) in layout_of(names, scene.face_keypoints).items():
+            if not stored.per_frame:
+                data = np.ascontiguousarray(values[key], stored.dtype)
+                group.create_array(key, data=data, chunks=tuple(max(size, 1) for size in data.shape))
+                continue
+            shape = tuple(int((sizes | {"g": vertices.get(garment)}).get(axis, axis)) for axis in stored.axes.split())
+            group.create_array(
+                key,
+                shape=shape,
+                chunks=(1, *(max(size, 1) for size in shape[1:])),
+                dtype=stored.dtype,
+                fill_value=np.nan if np.dtype(stored.dtype).kind == "f" else 0,
+                config={"write_empty_chunks": True},
+            )
+        os.replace(part, run / STORE)
+        return RunWriter.of(run)
+
+    def pending(self, frames: Iterable[int]) -> tuple[int, ...]:
+        """Those of the frames that are neither ok nor failed."""
+        return tuple(number for number in frames if int(self.group["done"][self._row[number]]) == PENDING)
+
+    def write(
+        self,
+        frame: int,
+        tracked: Tracked,
+        segmented: Segmented | None = None,
+        dressed: dict[str, Dressed] | None = None,
+        layer: Inner | None = None,
+    ) -> None:
+        """A registered frame; the last three where the scene names a garment."""
+        values = {
+            "track/vertices": tracked.vertices,
+            "pose/rotations": tracked.rotations,
+            "pose/translation": tracked.translation,
+            "confidence/track": tracked.confidence,
+        }
+        if "face" in self.group:
+            values["face"] = tracked.face
+        if layer is not None:
+            values |= {
+                "labels": segmented.vertices,
+                "inner/vertices": layer.vertices,
+                "confidence/inner": layer.confidence,
+            }
+            for name, vertices in layer.garments.items():
+                values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
+        for key, value in values.items():
+            self.group[key][self._row[frame]] = value
+        self.group["done"][self._row[frame]] = OK
+
+    def fail(self, frame: int) -> None:
+        """Records a frame as failed."""
+        self.group["done"][self._row[frame]] = FAILED
+
+    def write_garment(self, frame: int, name: str, vertices: np.ndarray, confidence: np.ndarray) -> None:
+        """Another surface (g,3) [m] and confidence (g,) uint8 of a garment in a frame that is ok."""
+        self.group[f"garment/{name}/vertices"][self._row[frame]] = vertices
+        self.group[f"confidence/{name}"][self._row[frame]] = confidence
+
+    def write_diagnostics(self, table: dict[int, dict[str, dict[str, float]]]) -> None:
+        """`diagnostics/STAGE/NAME (T,)` from {frame: {stage: {name: number}}}, NaN where a frame has none; once all frames
+        are done. `whole` tells whether this has been."""
+        names = sorted(
+            {(stage, name) for stages in table.values() for stage, values in stages.items() for name in values}
+        )
+        group = self.group.create_group(DIAGNOSTICS, overwrite=True)
+        for stage, name in names:
+            column = [table.get(frame, {}).get(stage, {}).get(name, np.nan) for frame in self._row]
+            group.create_array(f"{stage}/{name}", data=np.array(column, np.float64))
+        group.attrs["whole"] = True
+
+    def reopen(self) -> None:
+        """Failed frames become pending, and the store is no longer whole."""
+        failed = np.flatnonzero(self.group["done"][:] == FAILED)
+        if len(failed):
+            if DIAGNOSTICS in self.group:
+                self.group[DIAGNOSTICS].attrs["whole"] = False
+            for row in failed:
+                self.group["done"][row] = PENDING
+
+    @property
+    def whole(self) -> bool:
+        return DIAGNOSTICS in self.group and bool(self.group[DIAGNOSTICS].attrs.get("whole"))
+
+
+def copy_store(run: Run, folder: Path, change: Callable[[RunWriter], None]) -> None:
+    """Copies a run's store into another folder, where it appears once `change(writer)` has been made."""
+
+    def write(path):
+        if path.exists():
+            shutil.rmtree(path)
+        shutil.copytree(run.path / STORE, path)
+        change(RunWriter(path))
+
+    for left in folder.glob(f".{STORE}.*.part"):
+        shutil.rmtree(left)
+    replace_file(folder / STORE, write)
+
+
+def _fixed_values(frames, model, person, templates):
+    values = {"frames": frames, "shape": person.shape, "track/faces": model.f, "inner/faces": model.f}
+    for t in templates:
+        for name in ("faces", "uv", "face_uv", "skin"):
+            values[f"garment/{t.name}/{name}"] = getattr(t, name)
+    return values
+
+
+def _attributes(scene, model, templates):
+    garments = [
+        {
+            "name": t.name,
+            "label": t.label,
+            "loops": {n: [int(v) for v in loop] for n, loop in zip(t.loop_names, t.loops)},
+        }
+        for t in templates
+    ]
+    return Attributes(
+        version=VERSION,
+        scene={"name": scene.name, "fps": scene.fps, "up": scene.up, "labels": scene.labels, "garments": garments},
+        joint_names=list(model.joint_names),
+        body_model=scene.body_model,
+    )

@@ -1,0 +1,35 @@
+"""RUN/status.jsonl: what every stage did, a line a stage and frame, and what was warned of."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+
+class Status:
+    """Lines {"frame", "stage", "seconds", "ok", ...} in the order in which they were added, by however many processes."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    @staticmethod
+    def of(run: Path | str) -> Status:
+        """The status of a run's folder."""
+        return Status(Path(run) / "status.jsonl")
+
+    def add(self, **line) -> None:
+        with open(self.path, "a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+
+    def lines(self) -> Iterator[dict]:
+        """All whole lines; a run that was killed may have left the last one cut."""
+        for text in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else []:
+            try:
+                yield json.loads(text)
+            except ValueError:
+                continue
+
+    def warnings(self) -> list[str]:
+        """What was warned of, each once."""
+        return list(dict.fromkeys(line["warning"] for line in self.lines() if "warning" in line))
