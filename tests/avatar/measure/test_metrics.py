@@ -1,4 +1,4 @@
-"""HeldOutPicture errors against scikit-image and against cases made by hand."""
+"""Picture errors against scikit-image and against cases made by hand."""
 
 import numpy as np
 import pytest

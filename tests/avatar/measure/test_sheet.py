@@ -1,4 +1,4 @@
-"""HeldOutPicture sheets: their rows, their boxes, their files."""
+"""Picture sheets: their rows, their boxes, their files."""
 
 import dataclasses
 
