@@ -1,7 +1,7 @@
 # `make demo` and `make test`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup demo test test-slow sanitize fuzz bench tradeoff paper clean
+.PHONY: setup demo test test-slow sanitize fuzz bench tradeoff paper docs clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -69,6 +69,15 @@ tradeoff: $(VENV)/.peers
 # the paper's comparisons: paper/index.html; what was stopped goes on. PAPER_FLAGS=--small takes minutes, without it days on a CPU
 paper: setup
 	$(BIN)/python -m bench.paper paper $(PAPER_FLAGS)
+
+# the site: build/site/index.html. References are made from the code, equations become MathML
+$(VENV)/.docs: $(VENV)/.core
+	tools/python-requirements pyproject.toml docs | $(BIN)/pip install --quiet -r /dev/stdin
+	touch $@
+
+docs: $(VENV)/.docs
+	$(BIN)/toile settings --markdown > docs/reference/settings.md
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 clean:
 	rm -rf build $(SANITIZED) demo fuzz tradeoff
