@@ -1,0 +1,22 @@
+"""Fields of dataclasses and settings in the reference: the comments behind them say shapes, units and meanings."""
+
+import re
+
+import griffe
+
+COMMENT = re.compile(r"#\s*(?!noqa|fmt)(.+)$")
+
+
+class FieldTables(griffe.Extension):
+    """Appends to a class's docstring a table of those fields that have a comment."""
+
+    def on_class_members(self, *, cls, agent, **_):
+        if not cls.docstring or not isinstance(agent, griffe.Visitor):
+            return
+        lines, rows = cls.filepath.read_text(encoding="utf-8").splitlines(), []
+        for name, field in cls.attributes.items():
+            found = COMMENT.search(lines[field.endlineno - 1])
+            if field.annotation is not None and found:
+                rows.append(f"| `{name}` | {found[1].replace('|', chr(92) + '|')} |")
+        if rows:
+            cls.docstring.value += "\n\n" + "\n".join(["| field | |", "|---|---|", *rows])
