@@ -76,7 +76,7 @@ $(VENV)/.docs: $(VENV)/.core
 	touch $@
 
 docs: $(VENV)/.docs
-	-$(BIN)/toile settings --markdown > docs/reference/settings.md
+	$(BIN)/toile settings --markdown > docs/reference/settings.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 clean:
