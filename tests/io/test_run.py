@@ -173,6 +173,15 @@ def test_a_cut_chunk_is_named_by_array_and_frame(run, key, chunk, read, said):
     assert "\n" not in str(caught.value)
 
 
+def test_a_lost_chunk_of_a_registered_frame_is_no_frame_of_nan(run):
+    (run / "registered.zarr" / "inner" / "vertices" / "c" / "2" / "0" / "0").unlink()
+    opened = open_run(run)
+    for read in (lambda: opened.inner.at(7), lambda: opened.inner.vertices[:], lambda: opened.inner.vertices[[0, 2]]):
+        with pytest.raises(UserError, match="inner/vertices: frame 7: its chunk is missing$"):
+            read()
+    assert np.isfinite(opened.inner.at(3)).all() and np.isnan(opened.inner.at(4)).all()
+
+
 def test_a_missing_array_is_named(run):
     group = zarr.open_group(str(run / "registered.zarr"), mode="r+")
     del group["confidence/inner"]

@@ -15,24 +15,12 @@ from .bounded import read_toml
 from .camera import first_error, read_cameras
 from .image import read_image
 from .keypoints import read_keypoints
+from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 from .mesh import read_mesh
 from .template import read_template
 
-RESERVED = (
-    "body",
-    "confidence",
-    "diagnostics",
-    "done",
-    "face",
-    "frames",
-    "garment",
-    "inner",
-    "labels",
-    "pose",
-    "shape",
-    "surface",
-    "track",
-)
+# garment names that name an array of the store, or another layer of an avatar
+RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS, "body", "surface"})
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 CHECKED = 3  # frames that are read before a run begins

@@ -6,7 +6,7 @@ V, F = run.track.at(run.ok[0]), run.track.faces
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -42,17 +42,20 @@ class FrameArray:
             rows = range(*rows.indices(len(self)))
             if len(rows) == len(self):
                 try:
-                    return self._run.read(self._key)
+                    return self._run.checked(self._key, self._run.read(self._key))
                 except UserError:
                     pass  # row by row, the error names the frame
         elif np.ndim(rows) == 0:
-            return self._run.read(self._key, int(rows))
-        found = [self._run.read(self._key, int(row)) for row in rows]
+            return self._row(int(rows))
+        found = [self._row(int(row)) for row in rows]
         return np.stack(found) if found else np.zeros((0, *self.shape[1:]), self._run.array(self._key).dtype)
 
     def at(self, frame: int) -> np.ndarray:
         """The values of the frame of this number."""
         return self[self._run.row(frame)]
+
+    def _row(self, row):
+        return self._run.checked(self._key, self._run.read(self._key, row)[None], [row])[0]
 
 
 class RegisteredSurface:
@@ -181,6 +184,15 @@ class Run:
         except Exception as error:  # codecs raise as they like
             where = key if row is None else f"{key}: frame {self.frames[row]}"
             raise UserError(f"{self.path / STORE}: {where}: cannot be read: {first_line(error)}") from None
+
+    def checked(self, key: str, values: np.ndarray, rows: Sequence[int] | slice = slice(None)) -> np.ndarray:
+        """The values (r, ...) of rows, unless one of a registered frame is NaN throughout: its chunk was lost."""
+        if values.dtype.kind == "f" and values.size and key != "face":
+            lost = np.isnan(values.reshape(len(values), -1)).all(1) & (self.done[rows] == OK)
+            if lost.any():
+                number = self.frames[rows][int(lost.argmax())]
+                raise UserError(f"{self.path / STORE}: {key}: frame {number}: its chunk is missing")
+        return values
 
     # Frames -----------------------------------------------------------------------------------------------------------
 

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 
-from ..errors import UserError, first_line
+from ..errors import UserError
 from ..scene import BodyModel
 from .body import model_in_capture
+from .bounded import read_json, read_toml
 from .files import write_text
 
 
+def config_file(run: Path | str) -> Path:
+    """Where a run keeps what it was asked for."""
+    return Path(run) / "config.toml"
+
+
 def read_config(run: Path | str) -> dict:
-    """The table of RUN/config.toml."""
-    path = Path(run) / "config.toml"
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise UserError(f"{path}: {first_line(error)}") from None
+    """The tables of RUN/config.toml."""
+    return read_toml(config_file(run))
 
 
 def capture_folder(run: Path | str) -> Path:
     """The folder of the capture that a run was made of."""
     named = read_config(run).get("capture")
     if not isinstance(named, str):
-        raise UserError(f"{Path(run) / 'config.toml'}: capture is missing")
+        raise UserError(f"{config_file(run)}: capture is missing")
     return Path(named)
 
 
@@ -42,10 +43,7 @@ def diagnostics_file(run: Path, frame: int) -> Path:
 def read_diagnostics(run: Path, frame: int) -> dict:
     """{stage: {name: number}} of one frame, {"reason": why} of one that failed; {} of one that is not done."""
     path = diagnostics_file(run, frame)
-    try:
-        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except (OSError, ValueError, RecursionError) as error:
-        raise UserError(f"{path}: {first_line(error)}") from None
+    return read_json(path, dict) if path.exists() else {}
 
 
 def write_diagnostics(run: Path, frame: int, stages: dict) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
-from ..io.run_folder import read_config
+from ..io.run_folder import config_file, read_config
 from .blocks import locked
 
 
@@ -38,7 +38,7 @@ def claim(run, asked, refusal, mended=lambda found: found):
     else UserError: `refusal`."""
     import tomli_w
 
-    path, text = run / "config.toml", tomli_w.dumps(asked)
+    path, text = config_file(run), tomli_w.dumps(asked)
     if (
         run.exists()
         and not path.exists()

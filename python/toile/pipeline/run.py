@@ -28,7 +28,7 @@ from ..io.body import model_in_capture
 from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import load_record, save_record
 from ..io.run import is_run
-from ..io.run_folder import read_diagnostics, write_diagnostics
+from ..io.run_folder import write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..scene import BodyModel, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
@@ -36,23 +36,11 @@ from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
-from .blocks import FRAME_ERRORS, BlockJob, FrameFolders, Progress, check_shares, locked, run_job
+from .blocks import FRAME_ERRORS, BlockJob, FrameFolders, Progress, check_shares, run_job
 from .manifest import begin_run
+from .outcome import Outcome, diagnostics_of, frames_left, give_again, is_whole, outcome_of
 
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry")  # of `register`, besides its settings
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended: frames registered; frames failed with their reasons; registered frames in which hands touch cloth
-    in a way that the layers cannot represent; what the garments' preparation warned of; frames that wait for other shards.
-    """
-
-    ok: tuple[int, ...]
-    failed: dict[int, str]
-    unsupported_contact: tuple[int, ...] = ()
-    warnings: tuple[str, ...] = ()
-    pending: tuple[int, ...] = ()
 
 
 def register(
@@ -97,10 +85,10 @@ def register(
     job = BlockJob(run, results, prepare, (capture.root, run, config, frames), first_stages, 1, title)
     try:
         if retry:
-            _give_again(run, results)
+            give_again(run, results)
         last = partial(last_stages, run, frames, results, progress)
-        run_job(job, frames, partial(_whole, run), last, workers, shard, partial(_left, run, frames), progress)
-        return _outcome(run, frames, results)
+        run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
+        return outcome_of(run, frames, results)
     except FRAME_ERRORS:
         if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
@@ -277,10 +265,10 @@ def last_stages(run, frames, results, progress, prepared, pool) -> None:
         _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(prepared, frames, results))
     if not is_run(run):
         RunWriter.create(run, frames, scene, prepared.model, prepared.person, prepared.templates)
-    left = [(number,) for number in _left(run, frames)]
+    left = [(number,) for number in frames_left(run, frames)]
     for i, _ in enumerate(pool.each(partial(_finish, run, results), left)):
         progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
-    RunWriter.of(run).write_diagnostics(_diagnostics(run, frames, results.status))
+    RunWriter.of(run).write_diagnostics(diagnostics_of(run, frames, results.status))
     shutil.rmtree(run / "work", ignore_errors=True)
 
 
@@ -331,52 +319,3 @@ def _measured(tracked, segmented=None, dressed=None, layer=None):
     garments = {f"dress {name}": dressed[name].diagnostics for name in layer.garments}
     stages = {"track": tracked, "segment": segmented, "inner": layer}
     return {stage: made.diagnostics for stage, made in stages.items()} | garments
-
-
-def _diagnostics(run, frames, status):
-    """{frame: {stage: {name: number}}}: what every stage measured of itself, and its seconds."""
-    table = {}
-    for number in frames:
-        stages = read_diagnostics(run, number)
-        table[number] = {} if "reason" in stages else {stage.replace(" ", "."): v for stage, v in stages.items()}
-    for line in status.lines():
-        if line.get("ok") and line.get("frame") in table:
-            table[line["frame"]].setdefault("seconds", {})[line["stage"]] = line["seconds"]
-    return table
-
-
-# Where a run stands ---------------------------------------------------------------------------------------------------
-
-
-def _whole(run):
-    return is_run(run) and RunWriter.of(run).whole
-
-
-def _left(run, frames):
-    """Frames that the store does not have."""
-    return RunWriter.of(run).pending(frames) if is_run(run) else frames
-
-
-def _give_again(run, results):
-    """Failed frames become pending."""
-    with locked(run):
-        if _whole(run):
-            shutil.rmtree(run / "work", ignore_errors=True)
-        results.give_again()
-        if is_run(run):
-            RunWriter.of(run).reopen()
-
-
-def _outcome(run, frames, results):
-    with locked(run):
-        failed, contact, pending = {}, [], _left(run, frames)
-        for number in frames:
-            diagnostics = {} if number in pending else read_diagnostics(run, number)
-            reason = results.reason(number) or diagnostics.get("reason")
-            if reason is not None:
-                failed[number] = reason
-            elif any(stage.get("unsupported_contact") for stage in diagnostics.values()):
-                contact.append(number)
-        pending = tuple(number for number in pending if number not in failed)
-        ok = tuple(number for number in frames if number not in failed and number not in pending)
-        return Outcome(ok, failed, tuple(contact), tuple(results.status.warnings()), pending)

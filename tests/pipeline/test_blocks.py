@@ -1,0 +1,99 @@
+"""The resumable runner alone, on frames whose results are numbers."""
+
+import json
+from functools import partial
+
+import pytest
+
+from toile.errors import UserError
+from toile.io.files import write_text
+from toile.io.status import Status
+from toile.pipeline.blocks import BlockJob, FrameFolders, blocks, check_shares, run_job
+
+FRAMES = (47, 48, 49, 50, 51, 53, 99, 100)
+
+
+def prepare(start, progress=None):
+    if progress:
+        progress("prepare", 1, 1)
+    return start
+
+
+def make(start, number, previous, results):
+    """Its number, and the one before it whose results it had."""
+    if number in start["bad"]:
+        raise UserError(f"frame {number} is bad\nand more")
+    before = None if previous is None else json.loads((results.folder(previous) / "made.json").read_text())["number"]
+    write_text(results.folder(number) / "made.json", json.dumps({"number": number, "before": before}))
+
+
+def job_in(folder, bad=(), reach=1):
+    results = FrameFolders(folder / "frames", Status.of(folder), "make")
+    return BlockJob(folder, results, prepare, ({"bad": list(bad)},), make, reach, "make")
+
+
+def complete(job, prepared, pool):
+    write_text(job.folder / "whole.json", json.dumps(prepared))
+
+
+def run(job, frames=FRAMES, **options):
+    run_job(job, frames, (job.folder / "whole.json").exists, partial(complete, job), **options)
+    return {
+        number: json.loads((job.results.folder(number) / "made.json").read_text())["before"]
+        for number in frames
+        if job.results.whole(number)
+    }
+
+
+def test_blocks_are_cut_at_multiples_of_50():
+    assert blocks(FRAMES) == [(47, 48, 49), (50, 51, 53, 99), (100,)]
+
+
+def test_temporal_state_crosses_neither_a_cut_nor_a_gap(tmp_path):
+    assert run(job_in(tmp_path)) == {47: None, 48: 47, 49: 48, 50: None, 51: 50, 53: None, 99: None, 100: None}
+
+
+def test_it_reaches_as_far_back_as_the_job_says_over_failed_frames(tmp_path):
+    job = job_in(tmp_path, bad=[48], reach=10)
+    assert run(job) == {47: None, 49: 47, 50: None, 51: 50, 53: 51, 99: None, 100: None}
+    assert job.results.reason(48) == "frame 48 is bad" and job.results.reason(47) is None
+    (line,) = job.results.status.lines()
+    assert line == {"frame": 48, "stage": "make", "seconds": 0.0, "ok": False, "reason": "frame 48 is bad"}
+
+
+def test_a_job_that_was_stopped_makes_only_what_is_missing(tmp_path, monkeypatch):
+    def stop(stage, done, total):
+        if (stage, done) == ("make", 4):
+            raise KeyboardInterrupt
+
+    whole, job = run(job_in(tmp_path / "whole")), job_in(tmp_path / "stopped")
+    with pytest.raises(KeyboardInterrupt):
+        run(job, progress=stop)
+    kept = [path for path in (tmp_path / "stopped").rglob("made.json")]
+    times = [path.stat().st_mtime_ns for path in kept]
+    assert 0 < len(kept) < len(FRAMES) and run(job) == whole
+    assert [path.stat().st_mtime_ns for path in kept] == times and (tmp_path / "stopped" / "whole.json").exists()
+
+
+def test_the_last_shard_completes_what_all_have_made(tmp_path):
+    job = job_in(tmp_path / "shards")
+    assert list(run(job, shard=(2, 2))) == [50, 51, 53, 99] and not (tmp_path / "shards" / "whole.json").exists()
+    assert run(job, shard=(1, 2)) == run(job_in(tmp_path / "one")) and (tmp_path / "shards" / "whole.json").exists()
+
+
+def test_workers_make_the_same(tmp_path):
+    bad = job_in(tmp_path / "two", bad=[49]), job_in(tmp_path / "one", bad=[49])
+    assert run(bad[0], workers=2) == run(bad[1])
+    assert bad[0].results.reason(49) == bad[1].results.reason(49) == "frame 49 is bad"
+
+
+def test_frames_that_are_not_left_only_cut_the_blocks(tmp_path):
+    job = job_in(tmp_path)
+    assert run(job, left=lambda: (48, 51)) == {48: None, 51: None}
+    assert (tmp_path / "whole.json").exists()
+
+
+@pytest.mark.parametrize("workers, shard", [(0, (1, 1)), (1, (0, 2)), (1, (3, 2))])
+def test_shares_that_are_none_are_refused(workers, shard):
+    with pytest.raises(UserError, match=f"workers {workers}, shard {shard[0]}/{shard[1]}"):
+        check_shares(workers, shard)
