@@ -94,18 +94,20 @@ def table(values, indent=""):
 
 
 @contextmanager
-def progress_bars():
-    """-> progress(stage, done, total), one bar a stage, on stderr."""
+def progress_bars(quiet=False):
+    """-> progress(stage, done, total, note=""), one bar a stage, on stderr; `progress.print` writes a line above them."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bars:
+    note_column = TextColumn("{task.fields[note]}")
+    with Progress(*columns, note_column, console=Console(stderr=True, quiet=quiet)) as bars:
         tasks = {}
 
-        def progress(stage, done, total):
+        def progress(stage, done, total, note=""):
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
+                tasks[stage] = bars.add_task(stage, total=total, note=note)
+            bars.update(tasks[stage], completed=done, total=total, note=note)
 
+        progress.print = bars.console.print
         yield progress

@@ -7,7 +7,8 @@ import json
 
 import numpy as np
 
-from ..io.files import replace_file, write_text
+from ..io.files import write_text
+from ..io.image import write_image
 from ..measure.page import cards, document, figure, heat, table
 from ..pipeline.blocks import blocks
 from ..surface.layers import read_layers
@@ -99,7 +100,7 @@ def _section(name, measures, found, frames, out):
         spread = heat(np.sqrt((textures.deviation**2).mean(-1)) / HOT)
         pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
     for label, picture in pictures.items():
-        _save(out / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
+        write_image(out / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
     rows = "".join(_row(found, k, frames[k]) for k in evenly(range(len(frames)), SHOWN))
     change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
     lines = [
@@ -121,9 +122,3 @@ def _row(found, k, number):
         shown = textures.colours[k] * textures.seen[k][..., None]
         figures += [figure(shown, side), figure(coloured.astype(np.uint8), f"error {side}")]
     return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{''.join(figures)}</div></section>"
-
-
-def _save(path, picture):
-    from PIL import Image
-
-    replace_file(path, lambda p: Image.fromarray(picture).save(p, "PNG"))

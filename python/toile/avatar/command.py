@@ -40,10 +40,8 @@ def train(
     changes: Changes = None,
 ):
     """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
-
     from ..config import changed, from_options
+    from ..console import progress_bars
     from .settings import train_preset
 
     own = own_options(minutes, steps, lr, seed) | {"temporal": temporal_options(temporal_model, window, seed)}
@@ -52,16 +50,8 @@ def train(
     from .train.make import Request, make_avatar
 
     first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
-    columns = ("{task.description:<20}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), "{task.fields[note]}")
-    with Progress(*columns, console=Console(stderr=True, quiet=not first)) as bars:
-        tasks = {}
-
-        def progress(stage, done, total, note=""):
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total, note=note)
-            bars.update(tasks[stage], completed=done, total=total, note=note)
-
-        make_avatar(Request(run, settings, minutes, holdout, progress, bars.console.print), avatar, baseline)
+    with progress_bars(quiet=not first) as progress:
+        make_avatar(Request(run, settings, minutes, holdout, progress, progress.print), avatar, baseline)
         if drive and first:
             from .drive.teaching import train_temporal
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import UserError
 from .bounded import check_file, reason_of
+from .files import replace_file
 
 MAX_PIXELS = 100_000_000
 MAX_BYTES = 1 << 30
@@ -31,6 +32,14 @@ def read_image(path, size, mode):
         if mode == "L" and image.mode not in ("L", "P", "1"):
             raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
         return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
+
+
+def write_image(path, pixels):
+    """(H,W,3) or (H,W) uint8 as a whole file: JPEG for the suffix .jpg, else PNG."""
+    from PIL import Image
+
+    options = {"format": "JPEG", "quality": 95} if path.suffix == ".jpg" else {"format": "PNG"}
+    replace_file(path, lambda part: Image.fromarray(pixels).save(part, **options))
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from ..errors import UserError
 from ..scene import GarmentTemplate
 from ..surface.loop_names import name_loops
 from ..surface.operators import smooth_on
+from ..surface.remeshing import compact, remesh
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 
 
@@ -54,26 +55,9 @@ def cut(V, F, value, level):
         ab, ca = crossing(a, b), crossing(c, a)
         split += [(a, ab, ca)] if one else [(ab, b, c), (ab, c, ca)]
     keep.append(np.array(split, dtype=np.int32).reshape(-1, 3))
-    return _compact(np.concatenate([V, np.array(points).reshape(-1, 3)]), np.concatenate(keep))
-
-
-def _compact(V, F):
-    used, F = np.unique(F, return_inverse=True)
-    return V[used], F.reshape(-1, 3).astype(np.int32)
+    return compact(np.concatenate([V, np.array(points).reshape(-1, 3)]), np.concatenate(keep))
 
 
 def _largest_component(V, F):
     part = kernels.vertex_components(F, len(V))[F[:, 0]]
-    return _compact(V, F[part == np.bincount(part).argmax()])
-
-
-def remesh(V, F, edge):
-    """Isotropic remeshing; open borders stay open."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(V, F))
-    meshes.meshing_isotropic_explicit_remeshing(iterations=8, targetlen=pymeshlab.PureValue(edge), featuredeg=60.0)
-    meshes.meshing_remove_unreferenced_vertices()
-    out = meshes.current_mesh()
-    return np.asarray(out.vertex_matrix()).copy(), np.asarray(out.face_matrix()).astype(np.int32)
+    return compact(V, F[part == np.bincount(part).argmax()])

@@ -48,9 +48,7 @@ def studio(
     changes: Changes = None,
 ):
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
-    from rich.console import Console
-    from rich.progress import Progress
-
+    from ..console import progress_bars
     from ..kernels import threads
     from .make import StudioOptions, make_capture
 
@@ -66,14 +64,7 @@ def studio(
     }
     own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
     options = changed(from_options(lambda _: StudioOptions(), None, config, changes), own)
-    with Progress(console=Console(stderr=True)) as bar:
-        tasks = {}
-
-        def progress(step, done, total):
-            if step not in tasks:
-                tasks[step] = bar.add_task(step, total=total)
-            bar.update(tasks[step], completed=done, total=total)
-
+    with progress_bars() as progress:
         report = make_capture(out, options, progress, workers or threads())
     for reason in report.rejected:
         typer.echo(f"discarded {reason}")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..surface.operators import adjacency, neighbour_mean, sides, umbrella
+from ..surface.remeshing import compact, remesh
 from .body import skin_component
 from .surface import border_edges, vertex_normals
-from .template import remesh
+from .template import REMESHING
 
 OFFSET = 0.012  # m outside the skin
 EDGE = 0.011  # m: about 6k vertices
@@ -32,7 +33,7 @@ def cut_out(body, field, offset, over):
     """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`."""
     V, F = keep_positive(body.rest, body.skin_faces, field)
     V, F = largest_part(V, F)
-    V, F = remesh(V, F, EDGE)
+    V, F = remesh(V, F, EDGE, **REMESHING)
     N = smoothed(vertex_normals(V, F), F)
     V = V + offset * N / np.linalg.norm(N, axis=1, keepdims=True)
     for _ in range(3):
@@ -89,11 +90,6 @@ def keep_positive(V, F, field):
         ab, ac = crossing(a, b), crossing(a, c)
         faces += [[a, ab, ac]] if inside[a] else [[ab, b, c], [ab, c, ac]]
     return compact(np.array(points), np.array(faces))
-
-
-def compact(V, F):
-    used, F = np.unique(F, return_inverse=True)
-    return V[used], F.reshape(-1, 3).astype(np.int32)
 
 
 def largest_part(V, F):

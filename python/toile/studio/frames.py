@@ -10,6 +10,7 @@ import numpy as np
 
 from ..io.body import load_body_model
 from ..io.files import write_text
+from ..io.image import write_image
 from ..io.mesh import write_mesh
 from ..scene import Mesh
 from .cameras import make_cameras
@@ -98,12 +99,6 @@ class CaptureMaker:
         scene = self.tracer.scene(outer)
         seeds = np.random.SeedSequence([self.seed, 4, number]).generate_state(len(self.rig))
         return [self.tracer.image(scene, outer, c, int(s)) for c, s in zip(self.rig, seeds)]
-
-
-def write_image(path, pixels):
-    from PIL import Image
-
-    Image.fromarray(pixels).save(path, **({"quality": 95} if path.suffix == ".jpg" else {}))
 
 
 def write_json(path, value):

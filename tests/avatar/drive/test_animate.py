@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toile.avatar.drive.animate import Puppet, animate, resized, turned
+from toile.avatar.drive.animate import DrivenAvatar, animate, resized, turned
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
@@ -18,17 +18,17 @@ from toile.scene import Camera
 
 
 @pytest.fixture(scope="module")
-def puppet_folder(sample_avatar):
-    folder = sample_avatar.parent / "puppet"
+def avatar_folder(sample_avatar):
+    folder = sample_avatar.parent / "animated"
     shutil.copytree(sample_avatar, folder)
     train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
     return folder
 
 
 @pytest.fixture(scope="module")
-def made(puppet_folder, sample_run, tmp_path_factory):
+def made(avatar_folder, sample_run, tmp_path_factory):
     out = tmp_path_factory.mktemp("animated") / "out"
-    return out, animate(puppet_folder, sample_run, out, frames=[1, 2], height=64)
+    return out, animate(avatar_folder, sample_run, out, frames=[1, 2], height=64)
 
 
 def test_it_writes_pictures_meshes_and_a_film(made):
@@ -52,24 +52,26 @@ def test_no_pair_of_cloth_and_body_is_left(made):
     assert len(intersecting_pairs(shirt.vertices, shirt.faces, body.vertices, skin)) == 0
 
 
-def test_the_registered_poses_place_the_body_where_it_was_registered(puppet_folder, sample_run):
-    puppet = Puppet(puppet_folder, sample_run)
-    decoded, _, _ = puppet.decode(1, puppet.batch(1, puppet.avatar.cameras[0]))
+def test_the_registered_poses_place_the_body_where_it_was_registered(avatar_folder, sample_run):
+    driven = DrivenAvatar(avatar_folder, sample_run)
+    decoded, _, _ = driven.decode(1, driven.batch(1, driven.avatar.cameras[0]))
     registered = open_run(sample_run).inner.at(1)
     assert np.linalg.norm(decoded["body"].vertices[0].numpy() - registered, axis=1).mean() < 0.02
 
 
-def test_training_poses_are_near_and_others_are_warned_of(puppet_folder, sample_run, tmp_path):
-    assert Puppet(puppet_folder, sample_run).warnings == []
+def test_training_poses_are_near_and_others_are_warned_of(avatar_folder, sample_run, tmp_path):
+    assert DrivenAvatar(avatar_folder, sample_run).warnings == []
     rotations = np.zeros((2, 104, 3))
     rotations[:, :, 0] = 0.8
     np.savez(tmp_path / "far.npz", rotations=rotations, translation=np.zeros((2, 3)), fps=30.0)
-    (warning,) = Puppet(puppet_folder, tmp_path / "far.npz").warnings
+    (warning,) = DrivenAvatar(avatar_folder, tmp_path / "far.npz").warnings
     assert "2 of 2 poses are far from the training's: frame 0 is" in warning
 
 
 def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
-    first, again, other = (Puppet(sample_avatar / "baseline", sample_run, seed=s).latents["surface"] for s in (0, 0, 1))
+    first, again, other = (
+        DrivenAvatar(sample_avatar / "baseline", sample_run, seed=s).latents["surface"] for s in (0, 0, 1)
+    )
     assert (first == again).all() and (first[0] == first[1]).all() and not (first == other).all()
 
 
@@ -80,15 +82,15 @@ def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
         ({"camera": "nobody"}, "--camera nobody: expected orbit"),
     ],
 )
-def test_what_does_not_fit_is_refused(puppet_folder, sample_run, tmp_path, options, said):
+def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, options, said):
     with pytest.raises(UserError, match=said):
-        animate(puppet_folder, sample_run, tmp_path / "out", **options)
+        animate(avatar_folder, sample_run, tmp_path / "out", **options)
 
 
-def test_a_full_folder_is_left_alone(puppet_folder, sample_run, tmp_path):
+def test_a_full_folder_is_left_alone(avatar_folder, sample_run, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(UserError, match="exists already and is not empty"):
-        animate(puppet_folder, sample_run, tmp_path)
+        animate(avatar_folder, sample_run, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
 
 
@@ -106,14 +108,14 @@ def test_an_orbit_turns_the_world_about_the_person():
     )
 
 
-def test_a_stopped_animation_leaves_no_folder_that_looks_whole(puppet_folder, sample_run, tmp_path):
+def test_a_stopped_animation_leaves_no_folder_that_looks_whole(avatar_folder, sample_run, tmp_path):
     def stop(*_):
         raise KeyboardInterrupt
 
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        animate(puppet_folder, sample_run, out, frames=[1, 2], height=32, progress=stop)
+        animate(avatar_folder, sample_run, out, frames=[1, 2], height=32, progress=stop)
     assert not out.exists()
-    animate(puppet_folder, sample_run, out, frames=[2], height=32)
+    animate(avatar_folder, sample_run, out, frames=[2], height=32)
     assert [p.name for p in (out / "pictures").iterdir()] == ["000002.png"]
     assert [p.name for p in tmp_path.iterdir()] == ["out"]

@@ -9,7 +9,7 @@ import torch
 
 from tests.support import small_avatar
 from toile.avatar.command import temporal_options
-from toile.avatar.drive.animate import Puppet
+from toile.avatar.drive.animate import DrivenAvatar
 from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, without
 from toile.avatar.drive.teaching import code_reach, relative_error, stop_at, train_temporal
 from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
@@ -158,11 +158,11 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
     assert stopped.value.code == 0 and "temporal model (damped): 5 steps, code error" in capsys.readouterr().out
     driver, *_ = load_driver(folder)
     assert isinstance(driver.model, DampedModel)
-    puppet = Puppet(folder, sample_run)
-    motion = puppet.motion
+    driven = DrivenAvatar(folder, sample_run)
+    motion = driven.motion
     with torch.no_grad():
-        expected = driver.latents(make_track(puppet.avatar, motion.frames, motion.rotations, motion.face, 1))
-    assert torch.equal(puppet.latents["tshirt"], expected["tshirt"])
+        expected = driver.latents(make_track(driven.avatar, motion.frames, motion.rotations, motion.face, 1))
+    assert torch.equal(driven.latents["tshirt"], expected["tshirt"])
 
 
 def test_the_command_line_names_the_temporal_model():

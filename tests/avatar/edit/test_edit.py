@@ -223,7 +223,7 @@ def test_an_arm_against_the_garment_is_not_marked():
 
 def test_the_baseline_gets_the_garments_picture():
     marked = mark(SURFACE, SURFACE.rest, SHIRT, SHIRT.rest, 128)
-    made = paint.spread(SHIRT, quadrants(), "q.png", 128)
+    made = paint.covering(SHIRT, quadrants(), "q.png", 128)
     edited = carried(made, SURFACE, marked)
     assert edited.layer == "surface" and edited.garment == "shirt"
     assert (edited.cover[marked.region] > 250).all() and (edited.cover[~marked.region] == 0).all()
@@ -359,7 +359,7 @@ def test_a_stopped_edit_leaves_no_folder_that_looks_whole(source, tmp_path):
         (dict(checker=8, size=0.5), "--size 0.5: --checker changes the whole garment"),
         (dict(checker=0), "--checker 0: expected 1 to 256 squares"),
         (dict(image="missing.png"), "missing.png: the file is missing"),
-        (dict(image=__file__), "test_edit.py: cannot be read as an image"),
+        (dict(image=__file__), "test_edit.py: cannot be read as a PNG or JPEG image"),
         (dict(text="a", at="0.5"), "--at 0.5: expected two numbers U,V"),
         (dict(text="a", at="0.5,1.5"), "--at 0.5,1.5: expected numbers from 0 to 1"),
         (dict(text="a", at="0,0"), "--at 0,0: tshirt has no cloth there, the nearest is at 0."),

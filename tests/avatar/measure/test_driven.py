@@ -8,7 +8,7 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
-from toile.avatar.drive.animate import Puppet
+from toile.avatar.drive.animate import DrivenAvatar
 from toile.avatar.drive.driver import held_out_span
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.measure.driven import Driven
@@ -47,9 +47,9 @@ def test_no_frame_is_encoded_and_none_of_its_pixels_read(held, monkeypatch):
 
 def test_it_shows_what_an_animation_of_the_run_shows(held, folder, sample_run):
     for name, place in (("layered", folder), ("baseline", folder / "baseline")):
-        puppet = Puppet(place, sample_run)
-        i, camera = list(puppet.motion.frames).index(3), puppet.avatar.cameras[0]
-        decoded, _, _ = puppet.decode(i, puppet.batch(i, camera, 0))
+        driven = DrivenAvatar(place, sample_run)
+        i, camera = list(driven.motion.frames).index(3), driven.avatar.cameras[0]
+        decoded, _, _ = driven.decode(i, driven.batch(i, camera, 0))
         placed = held._placed(name, 3)
         for layer, one in decoded.items():
             assert np.abs(one.vertices[0].cpu().numpy() - placed[layer]).max() < 1e-5

@@ -127,18 +127,18 @@ def test_loss_that_is_never_finite_is_refused(tmp_path, monkeypatch):
 
 def test_each_epoch_shows_every_sample_once(tmp_path, monkeypatch):
     job = training(tmp_path, monkeypatch)
-    order = iter(train.Order(12, job.phases[0], (0, 0), 0, job.fabric))
+    order = iter(train.BatchOrder(12, job.phases[0], (0, 0), 0, job.fabric))
     first, second = (sorted(i for _ in range(4) for i in next(order)) for _ in range(2))
     assert first == second == list(range(12))
-    late = iter(train.Order(12, job.phases[0], (0, 0), 3, job.fabric))
-    whole = iter(train.Order(12, job.phases[0], (0, 0), 0, job.fabric))
+    late = iter(train.BatchOrder(12, job.phases[0], (0, 0), 3, job.fabric))
+    whole = iter(train.BatchOrder(12, job.phases[0], (0, 0), 0, job.fabric))
     assert [next(whole) for _ in range(9)][3:] == [next(late) for _ in range(6)]
 
 
 def test_processes_share_the_samples_without_overlap(tmp_path, monkeypatch):
     phase, found = training(tmp_path, monkeypatch).phases[0], []
     for rank in range(2):
-        order = iter(train.Order(12, phase, (0, 0), 0, type("Fabric", (), {"global_rank": rank, "world_size": 2})))
+        order = iter(train.BatchOrder(12, phase, (0, 0), 0, type("Fabric", (), {"global_rank": rank, "world_size": 2})))
         found += [i for _ in range(2) for i in next(order)]
     assert sorted(found) == list(range(12))
 

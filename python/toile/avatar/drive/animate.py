@@ -13,6 +13,7 @@ import torch
 from ...errors import UserError
 from ...io.camera import read_cameras
 from ...io.files import write_text
+from ...io.image import write_image
 from ...io.mesh import write_mesh
 from ...io.motion import read_motion
 from ...io.run_folder import body_model_of
@@ -21,7 +22,7 @@ from ...scene import Camera, Mesh
 from ..model.checkpoint import load_avatar, read_facts, training_poses
 from ..model.poses import pose_distance
 from .driver import load_driver, make_track
-from .untangling import Untangler
+from .layering import GarmentLayering
 
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
 ORBIT = 10.0  # seconds of a camera's way about the person
@@ -38,7 +39,7 @@ class Animation:
     warnings: tuple[str, ...]
 
 
-class Puppet:
+class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
     def __init__(self, folder, motion_path, device=None, seed=0):
@@ -52,7 +53,7 @@ class Puppet:
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
-        self.untangled = Untangler(self.avatar.layers, self.model.skin_faces)
+        self.layering = GarmentLayering(self.avatar.layers, self.model.skin_faces)
 
     def _latents(self, seed):
         """{layer: (T,Z)}: garments' by the temporal model; the single-layer baseline's drawn once from the unit Gaussian."""
@@ -105,7 +106,7 @@ class Puppet:
     def decode(self, i, batch):
         """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left)."""
         latents = {name: z[i : i + 1].to(self.device) for name, z in self.latents.items()}
-        return self.untangled(self.avatar.decode(batch, latents))
+        return self.layering(self.avatar.decode(batch, latents))
 
     @torch.no_grad()
     def picture(self, decoded, batch, size):
@@ -125,26 +126,26 @@ def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=T
     out = whole.with_name(f".{whole.name}.part")
     if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
         raise UserError(f"{whole}: exists already and is not empty")
-    puppet = Puppet(folder, motion, seed=seed)
-    rows = chosen_rows(puppet.motion.frames, frames)
-    path = camera_path(puppet, camera, height)
+    driven = DrivenAvatar(folder, motion, seed=seed)
+    rows = chosen_rows(driven.motion.frames, frames)
+    path = camera_path(driven, camera, height)
     shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
     before = left = 0
-    with VideoWriter(out / "animation.mp4", puppet.motion.fps) as film:
+    with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
         for done, i in enumerate(rows):
             seen_by, index = path(i)
-            batch = puppet.batch(i, seen_by, index)
-            decoded, pairs, remaining = puppet.decode(i, batch)
+            batch = driven.batch(i, seen_by, index)
+            decoded, pairs, remaining = driven.decode(i, batch)
             before, left = before + pairs, left + remaining
-            picture, number = puppet.picture(decoded, batch, seen_by.size), int(puppet.motion.frames[i])
+            picture, number = driven.picture(decoded, batch, seen_by.size), int(driven.motion.frames[i])
             film.add(picture)
-            write_picture(out / "pictures" / f"{number:06d}.png", picture)
-            for layer in puppet.avatar.layers if meshes else ():
+            write_image(out / "pictures" / f"{number:06d}.png", picture)
+            for layer in driven.avatar.layers if meshes else ():
                 place = out / "meshes" / layer.name / f"{number:06d}.ply"
                 write_mesh(place, Mesh(decoded[layer.name].vertices[0].cpu().numpy(), layer.faces))
             progress("animate", done + 1, len(rows))
-    done = Animation(len(rows), int(before), int(left), tuple(puppet.warnings))
-    facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": puppet.motion.fps}
+    done = Animation(len(rows), int(before), int(left), tuple(driven.warnings))
+    facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
     write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
     out.replace(whole)
     return done
@@ -160,17 +161,17 @@ def chosen_rows(frames, asked):
     return rows
 
 
-def camera_path(puppet, camera, height):
+def camera_path(driven, camera, height):
     """A function from the motion's row to (Camera, its index among the avatar's, -1 for a new one)."""
-    own = {c.name: (c, i) for i, c in enumerate(puppet.avatar.cameras)}
+    own = {c.name: (c, i) for i, c in enumerate(driven.avatar.cameras)}
     if camera is None or camera in own:
         chosen, index = own[camera] if camera else next(iter(own.values()))
         chosen = resized(chosen, height)
         return lambda i: (chosen, index)
     if camera == "orbit":
         first = resized(next(iter(own.values()))[0], height)
-        middle, up = puppet.motion.translation.mean(0), puppet.avatar.up.cpu().numpy().astype(np.float64)
-        return lambda i: (turned(first, middle, up, 2 * np.pi * i / (ORBIT * puppet.motion.fps)), -1)
+        middle, up = driven.motion.translation.mean(0), driven.avatar.up.cpu().numpy().astype(np.float64)
+        return lambda i: (turned(first, middle, up, 2 * np.pi * i / (ORBIT * driven.motion.fps)), -1)
     if not Path(camera).is_file():
         raise UserError(f"--camera {camera}: expected orbit, a cameras.json, or one of {', '.join(own)}")
     cameras = [resized(c, height) for c in read_cameras(Path(camera)).values()]
@@ -198,10 +199,3 @@ def turned(camera, centre, up, angle):
     turn[:3, :3] = Rotation.from_rotvec(angle * up).as_matrix()
     turn[:3, 3] = centre - turn[:3, :3] @ centre
     return replace(camera, T_camera_world=camera.T_camera_world @ np.linalg.inv(turn))
-
-
-def write_picture(path, picture):
-    from PIL import Image
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(picture).save(path)

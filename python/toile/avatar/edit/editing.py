@@ -120,7 +120,7 @@ def garment_edit(avatar, layer, change, run):
     if change.image is not None:
         picture, name = read_rgba(change.image), Path(change.image).name
         if change.at is None and change.size is None:
-            return paint.spread(layer, picture, name, size)
+            return paint.covering(layer, picture, name, size)
         return paint.laid(layer, picture, f"image {name}", place_of(avatar, layer, change, run), size)
     place = place_of(avatar, layer, change, run)
     return paint.laid(layer, paint.written(change.text, bright(avatar, layer)), f"text {change.text!r}", place, size)

@@ -58,7 +58,7 @@ def checkered(layer, count, size):
     return Edit(layer.name, layer.name, f"checker {count}", whole(size), colour=colour)
 
 
-def spread(layer, picture, name, size):
+def covering(layer, picture, name, size):
     """An Edit by a picture (h,w,4) over the whole UV square."""
     maps = shrunk(picture, size, size)
     return Edit(layer.name, layer.name, f"image {name}", maps[..., 3], colour=maps[..., :3])

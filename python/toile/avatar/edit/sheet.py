@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
-from ...io.files import replace_file
+from ...io.image import write_image
 from ...surface.sampling import evenly
-from ..drive.untangling import Untangler
-from ..measure.heldout import SAMPLES, WINDOW, HeldOut
-from ..measure.sheet import GAP, PAPER, TILE, save_picture, text_line, tiles
+from ..drive.layering import GarmentLayering
+from ..measure.heldout import CROP, SAMPLES, HeldOut
+from ..measure.sheet import GAP, PAPER, TILE, text_line, tiles
 from ..model.checkpoint import read_facts
 from ..render.renderer import Surface, render
 
@@ -30,7 +30,7 @@ TITLES = {"layered": "layered", "baseline": "single layer"}
 
 
 @dataclass
-class Off:
+class BorderErrors:
     """Distances of the borders, and pixels of region and garment, added over pictures."""
 
     distances: list = field(default_factory=list)  # arrays [mm]
@@ -62,8 +62,8 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     known = sorted({*facts["frames"], *facts["holdout"]})
     asked = known if frames is None else list(frames)
     held = HeldOut(folder, evenly(asked, MEASURED) if frames is None else asked, run)
-    shows = Shows(held, layer, made, marked)
-    found = {}  # (frame, camera): {avatar: Off}
+    shows = ShownGarment(held, layer, made, marked)
+    found = {}  # (frame, camera): {avatar: BorderErrors}
     for i in range(held.count):
         found[shows.data.samples[i]] = shows.off(i)
         progress("compare", i + 1, held.count)
@@ -78,7 +78,7 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
     chosen = evenly(range(len(held.frames)), SHOWN)
     pictures = [(per_frame[f], *shows.pictures(shows.picture_of(held.frames[f], camera))) for f in chosen]
     image = sheet(pictures, shows.camera_name(camera))
-    replace_file(folder / "edit.png", lambda part: save_picture(part, image))
+    write_image(folder / "edit.png", image)
     for cache in (folder / "evaluation", folder / "baseline" / "evaluation"):
         shutil.rmtree(cache, ignore_errors=True)
     labels = {"labels": "truth" if held.truth else "captured", "mm_per_pixel": float(np.mean(shows.spacing))}
@@ -86,13 +86,13 @@ def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
 
 
 def total(offs):
-    out = Off()
+    out = BorderErrors()
     for off in offs:
         out.add(off)
     return out
 
 
-class Shows:
+class ShownGarment:
     """What the edited avatars of a HeldOut show of a garment."""
 
     def __init__(self, held, layer, made, marked):
@@ -101,7 +101,7 @@ class Shows:
         self.data = held.data[self.first]
         self.spacing = []  # of the pixels at the person [mm]
         skin = held.registered.run.body_model.skin_faces
-        self.untangled = {name: Untangler(avatar.layers, skin) for name, avatar in held.avatars.items()}
+        self.layering = {name: GarmentLayering(avatar.layers, skin) for name, avatar in held.avatars.items()}
         self.vertices = {}  # by avatar and frame, {layer: (1,n,3)}
         self.cover = {layer.name: torch.as_tensor(made.cover[None] / np.float32(255))}
         self.region = {"layered": {layer.name: torch.ones(1, 2, 2)}}
@@ -123,7 +123,7 @@ class Shows:
         return float(self._drawn("layered", i, self.cover, size)[0].sum())
 
     def off(self, i):
-        """{avatar: Off} of picture i."""
+        """{avatar: BorderErrors} of picture i."""
         sample, garment, person = self._labelled(i)
         T = sample["T_camera_world"].numpy().astype(np.float64)
         body = next(v for key, v in sample.items() if key.startswith("vertices.")).numpy()
@@ -134,7 +134,9 @@ class Shows:
             shown, drawn = (x > 0.5 for x in self._drawn(name, i, self.region[name], person.shape))
             both = person & drawn
             region, there = shown & both, garment & both
-            out[name] = Off([mm * border_distances(region, there, both)], int((region ^ there).sum()), int(there.sum()))
+            out[name] = BorderErrors(
+                [mm * border_distances(region, there, both)], int((region ^ there).sum()), int(there.sum())
+            )
         return out
 
     def _labelled(self, i):
@@ -148,12 +150,12 @@ class Shows:
     def _decoded(self, name, i, texture):
         """(avatar, batch, {layer: Decoded}) of picture i, garments out of what lies under them."""
         first, data, avatar = self.data[i], self.held.data[name], self.held.avatars[name]
-        sample = data[i] | {key: first[key] for key in WINDOW}
+        sample = data[i] | {key: first[key] for key in CROP}
         batch = {key: value.to(self.held.device) for key, value in default_collate([sample]).items()}
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)), texture=texture)
         key = name, int(sample["frame"])
         if key not in self.vertices:  # no camera changes the geometry
-            self.vertices[key] = {layer: one.vertices for layer, one in self.untangled[name](decoded)[0].items()}
+            self.vertices[key] = {layer: one.vertices for layer, one in self.layering[name](decoded)[0].items()}
         return (
             avatar,
             batch,

@@ -13,7 +13,7 @@ import torch
 
 from ...measure.truth import second_difference
 from ..drive.driver import load_driver, run_track, stride_of
-from ..drive.untangling import Untangler
+from ..drive.layering import GarmentLayering
 from .heldout import VIEW, HeldOut
 
 SAMPLES = 4  # codes drawn for the baseline; the first is the one shown
@@ -31,7 +31,7 @@ class Driven(HeldOut):
         self.intersections = {}  # by frame: pairs before and after untangling
         if "layered" in self.avatars:
             avatar = self.avatars["layered"]
-            self.untangled = Untangler(avatar.layers, self.registered.run.body_model.skin_faces)
+            self.layering = GarmentLayering(avatar.layers, self.registered.run.body_model.skin_faces)
             self.latents["layered"] = self._garment_codes(folder, avatar)
         if "baseline" in self.avatars:
             self._draw_codes(self.avatars["baseline"])
@@ -91,20 +91,20 @@ class Driven(HeldOut):
             batch = self._steered(frame) | {"T_camera_world": torch.eye(4, device=self.device)[None]}
             decoded = avatar.decode(batch, self.latents[name][frame], texture=False)
             if name == "layered":
-                decoded, *self.intersections[frame] = self.untangled(decoded)
+                decoded, *self.intersections[frame] = self.layering(decoded)
             self._keep(name, frame, decoded)
         return self.decoded[name][frame]
 
-    def summary(self, tally):
+    def summary(self, errors):
         """What evaluation says beside its usual measures."""
-        common = set.intersection(*(set(tally.pictures[name]) for name in self.shown))
-        draws = {name: tally.measures(name, pictures=common) for name, of in self.shown.items() if of == "baseline"}
+        common = set.intersection(*(set(errors.pictures[name]) for name in self.shown))
+        draws = {name: errors.measures(name, pictures=common) for name, of in self.shown.items() if of == "baseline"}
         return {
             "temporal": self.driver
             and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
             "intersections": self._intersections(),
-            "baseline_draws": draws and _spread(draws, tally.measures("layered", pictures=common)),
+            "baseline_draws": draws and _draw_errors(draws, errors.measures("layered", pictures=common)),
         }
 
     def _motion(self):
@@ -131,7 +131,7 @@ class Driven(HeldOut):
         return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
 
 
-def _spread(draws, layered):
+def _draw_errors(draws, layered):
     """Errors of the baseline over draws of its code, over the pictures that show all; "zero" is the Gaussian's mean, which no
     sample is."""
     sampled = [found for name, found in draws.items() if name != "baseline 0"]

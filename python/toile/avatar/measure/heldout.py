@@ -20,7 +20,7 @@ from ..model.poses import pose_distance
 from ..train.data import AvatarData
 from .photometric import photometric
 
-WINDOW = (
+CROP = (
     "frame",
     "camera",
     "image",
@@ -108,7 +108,7 @@ class HeldOut:
         """The i-th of them, cameras running fastest."""
         first = next(iter(self.data))
         sample = self.data[first][i]
-        samples = {name: data[i] | {key: sample[key] for key in WINDOW} for name, data in self.data.items()}
+        samples = {name: data[i] | {key: sample[key] for key in CROP} for name, data in self.data.items()}
         frame, camera = int(sample["frame"]), self.data[first].cameras[int(sample["camera"])].name
         captured, mask = _last(sample["image"]), sample["mask"].numpy() > 0.5
         plate = background(captured, mask)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...io.files import replace_file
+from ...io.image import write_image
 from ...measure.page import heat
 from .metrics import border_band, squared_error
 
@@ -27,23 +27,14 @@ def write_sheets(folder, frames, garments, unseen=None):
         picture = max(pictures, key=lambda p: int(border_band(np.where(p.mask, p.labels, 0), garments).sum()))
         paths.append(folder / f"{picture.frame:06d}_{picture.camera}.png")
         image = sheet(picture)
-        replace_file(paths[-1], lambda part: save_picture(part, image))
+        write_image(paths[-1], image)
     if unseen is not None:
         frame, views = unseen
         paths.append(folder / f"{frame:06d}_unseen.png")
-        replace_file(
-            paths[-1],
-            lambda part: save_picture(part, strip(views, f"frame {frame} from places where no camera stands")),
-        )
+        write_image(paths[-1], strip(views, f"frame {frame} from places where no camera stands"))
     for old in set(folder.glob("*.png")) - set(paths):
         old.unlink()
     return paths
-
-
-def save_picture(path, image):
-    from PIL import Image
-
-    Image.fromarray(image).save(path, "PNG")
 
 
 def sheet(picture, names=("baseline", "layered")):

@@ -61,14 +61,14 @@ def make_avatar(request, folder, baseline=False):
         data = settings.data.model_copy(update={"pixel_scale": fitting_scale(run, settings.data, frames)})
         settings = settings.model_copy(update={"data": data})
     with locked(folder) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
-        job = Job(run, request, fabric, frames, held)
+        job = TrainingJob(run, request, fabric, frames, held)
         job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
             job.train_baseline(folder)
 
 
 @dataclass
-class Job:
+class TrainingJob:
     """Trainings on the same frames."""
 
     run: Run

@@ -63,7 +63,7 @@ class Training:
         self.module = fabric.setup_module(self.objective)
         self.checkpoints = Checkpoints(self.folder / "checkpoints")
         self.at = Position([phase.steps for phase in self.phases])
-        self.log = Log(self.folder) if fabric.is_global_zero else None
+        self.log = TrainingLog(self.folder) if fabric.is_global_zero else None
         self.begun = begun or time.monotonic()
 
     def run(self):
@@ -151,7 +151,7 @@ class Training:
         return self.fabric.setup_optimizers(optimiser)
 
     def _loader(self, phase, start):
-        order = Order(len(self.data), phase, (self.settings.seed, self.at.returns), start, self.fabric)
+        order = BatchOrder(len(self.data), phase, (self.settings.seed, self.at.returns), start, self.fabric)
         workers = 0 if self.fabric.device.type == "cpu" else min(WORKERS, os.cpu_count() or 1)
         loader = DataLoader(
             self.data, batch_sampler=order, num_workers=workers, multiprocessing_context="spawn" if workers else None
@@ -240,7 +240,7 @@ class Training:
             self.log.picture(self.at.total, self.objective.picture(batch))
 
 
-class Order(Sampler):
+class BatchOrder(Sampler):
     """Batches of sample numbers from step `start` on, without end: epoch after epoch, each in an order of its own."""
 
     def __init__(self, count, phase, seeds, start, fabric):
@@ -262,7 +262,7 @@ class Order(Sampler):
             first += self.world * batch
 
 
-class Log:
+class TrainingLog:
     """FOLDER/losses.jsonl, a line a step, and TensorBoard's files with pictures in FOLDER/logs."""
 
     def __init__(self, folder):

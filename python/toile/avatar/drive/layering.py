@@ -11,7 +11,7 @@ from ...surface.layering import Layering
 MARGIN = 0.002  # of cloth off what lies under it [m]
 
 
-class Untangler:
+class GarmentLayering:
     """Garments out of the layers under them, inner to outer. `skin_faces`: those of the body that cloth can meet."""
 
     def __init__(self, layers, skin_faces):
