@@ -8,12 +8,16 @@
 
 namespace toile {
 
+/// How many threads a loop may use: OpenMP's number for this thread, but 1 in a forked child. Only the thread that calls
+/// fork goes on in the child; a loop there would wait for ever for the others of its team.
+int thread_count();
+
 /// Calls f(i) for i in [0, n), in any order; f must write only to places of its own item.
 template <class Function>
 void parallel_for(std::int64_t n, Function&& f, std::int64_t grain = 256) {
     std::exception_ptr error;
     const std::int64_t blocks = (n + grain - 1) / grain;
-#pragma omp parallel for schedule(dynamic, 1) if (blocks > 1)
+#pragma omp parallel for schedule(dynamic, 1) if (blocks > 1 && thread_count() > 1)
     for (std::int64_t b = 0; b < blocks; ++b) {
         try {
             for (std::int64_t i = b * grain, end = std::min(n, i + grain); i < end; ++i) f(i);

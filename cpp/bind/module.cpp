@@ -1,6 +1,7 @@
 #include <omp.h>
 
 #include "base/errors.h"
+#include "base/parallel.h"
 #include "bind/common.h"
 
 namespace toile::bind {
@@ -12,7 +13,7 @@ void bind_runtime(py::module_& m) {
         if (n < 1) throw InputError("set_threads: n is " + std::to_string(n) + ", expected at least 1");
         omp_set_num_threads(n);
     });
-    m.def("threads", [] { return omp_get_max_threads(); });
+    m.def("threads", &thread_count);
 }
 
 }  // namespace toile::bind

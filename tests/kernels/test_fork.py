@@ -1,0 +1,92 @@
+"""After a kernel ran, a forked child computes the same bits, on one thread, and ends."""
+
+import multiprocessing
+import os
+import pickle
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from toile import kernels
+from toile.vision.threads import each
+
+from tests.support.kernel_calls import CALLS, ball, bits
+
+SECONDS = 60  # a child that waits for threads that are not there waits for ever
+
+
+def in_forked_child(function):
+    """function() in a child of os.fork; fails when the child does not answer in time."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            with os.fdopen(writer, "wb") as pipe:
+                pickle.dump(function(), pipe)
+        finally:
+            os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        answered = select.select([pipe], [], [], SECONDS)[0]
+        if not answered:
+            os.kill(child, signal.SIGKILL)
+        answer = pipe.read()
+    os.waitpid(child, 0)
+    assert answered, f"the forked child did not answer in {SECONDS} s"
+    return pickle.loads(answer)
+
+
+@pytest.fixture(autouse=True)
+def two_threads(threads):
+    threads(2)
+
+
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.__name__)
+def test_a_forked_child_gives_the_bits_of_its_parent(call):
+    solver = CALLS[call]()
+    once = bits(call(solver))
+    assert in_forked_child(lambda: bits(call(solver))) == once, "with the parent's solver"
+    assert in_forked_child(lambda: bits(call(CALLS[call]()))) == once, "with a solver made in the child"
+
+
+def test_a_forked_child_has_one_thread_whatever_is_asked_for():
+    _inside()
+    assert in_forked_child(lambda: (kernels.set_threads(4), kernels.threads())) == (None, 1)
+    assert kernels.threads() == 2
+
+
+def test_work_spread_over_threads_ends_in_a_forked_child():
+    each(abs, range(4))
+    assert in_forked_child(lambda: each(abs, [-1, -2, -3])) == [1, 2, 3]
+
+
+def test_forked_children_of_multiprocessing_give_the_bits_of_their_parent():
+    once = _inside()
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        assert pool.apply_async(_inside).get(SECONDS) == once
+
+
+def test_a_forked_child_ends_as_programs_do():
+    program = """
+import os, sys
+from tests.support.kernel_calls import CALLS, closest
+from toile import kernels
+kernels.set_threads(2)
+index = CALLS[closest]()
+closest(index)
+child = os.fork()
+closest(index)
+if child:
+    sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+    root = Path(__file__).parents[2]
+    assert subprocess.run([sys.executable, "-c", program], timeout=SECONDS, cwd=root).returncode == 0
+
+
+def _inside():
+    V, F = ball()
+    return kernels.winding_number(1.01 * V, V, F).tobytes()
