@@ -22,6 +22,19 @@ Options options_from(const py::kwargs& keywords, const char* kernel, Options opt
     return options;
 }
 
+/// Pickles a struct of plain data, also for copy.deepcopy, as the tuple of these members.
+template <class T, class... Member>
+auto as_tuple_of(Member T::*... members) {
+    return py::pickle([=](const T& value) { return py::make_tuple(value.*members...); },
+                      [=](const py::tuple& state) {
+                          if (state.size() != sizeof...(members)) throw py::value_error("pickled by another version");
+                          T value;
+                          std::size_t i = 0;
+                          ((value.*members = state[i++].cast<Member>()), ...);
+                          return value;
+                      });
+}
+
 void bind_runtime(py::module_& m);  ///< errors, threads, versions
 void bind_geometry(py::module_& m); ///< normals, loops, closest points: what Python stages share with the kernels
 void bind_intersect(py::module_& m); ///< exact triangle pairs, winding numbers, signed distance

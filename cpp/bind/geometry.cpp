@@ -91,6 +91,8 @@ void bind_geometry(py::module_& m) {
             check_mesh("SurfaceIndex", V, F);
             return std::make_unique<SurfaceIndex>(V, F);
         }), free)
+        .def_property_readonly("V", &SurfaceIndex::vertices)
+        .def_property_readonly("F", &SurfaceIndex::faces)
         .def("closest", &closest_arrays)
         .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from,
                             double to) {

@@ -40,7 +40,10 @@ void bind_inner(py::module_& m) {
         .def_readonly("energy", &InnerFused::energy)
         .def_readonly("observed", &InnerFused::observed)
         .def_readonly("bounded", &InnerFused::bounded)
-        .def_readonly("factorisations", &InnerFused::factorisations);
+        .def_readonly("factorisations", &InnerFused::factorisations)
+        .def(as_tuple_of(&InnerFused::rest, &InnerFused::shape, &InnerFused::bound, &InnerFused::stop,
+                         &InnerFused::iterations, &InnerFused::energy, &InnerFused::observed, &InnerFused::bounded,
+                         &InnerFused::factorisations));
     py::class_<InnerResult>(m, "InnerResult")
         .def_readonly("V", &InnerResult::V)
         .def_readonly("skin", &InnerResult::skin)
@@ -51,7 +54,10 @@ void bind_inner(py::module_& m) {
         .def_readonly("depth_after", &InnerResult::depth_after)
         .def_readonly("outside_before", &InnerResult::outside_before)
         .def_readonly("outside_after", &InnerResult::outside_after)
-        .def_readonly("factorisations", &InnerResult::factorisations);
+        .def_readonly("factorisations", &InnerResult::factorisations)
+        .def(as_tuple_of(&InnerResult::V, &InnerResult::skin, &InnerResult::stop, &InnerResult::iterations,
+                         &InnerResult::energy, &InnerResult::depth_before, &InnerResult::depth_after,
+                         &InnerResult::outside_before, &InnerResult::outside_after, &InnerResult::factorisations));
     py::class_<InnerSolver>(m, "InnerSolver")
         .def(py::init([](const BodyModel& model, Vector shape, Vertices J, const py::kwargs& options) {
             return InnerSolver(model, std::move(shape), std::move(J), options_from<InnerOptions>(options, "inner"));

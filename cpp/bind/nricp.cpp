@@ -38,7 +38,9 @@ void bind_nricp(py::module_& m) {
         .def_readonly("iterations", &NricpResult::iterations)
         .def_readonly("energy", &NricpResult::energy)
         .def_readonly("rms", &NricpResult::rms)
-        .def_readonly("matched", &NricpResult::matched);
+        .def_readonly("matched", &NricpResult::matched)
+        .def(as_tuple_of(&NricpResult::V, &NricpResult::stop, &NricpResult::iterations, &NricpResult::energy,
+                         &NricpResult::rms, &NricpResult::matched));
     using RowSparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
     py::class_<NricpFrame>(m, "NricpFrame")
         .def(py::init([](Vertices V, Faces F, Vertices start, RowSparse W, Vertices P, Vector sigma,

@@ -26,7 +26,7 @@ void bind_skeleton(py::module_& m) {
         .def_readwrite("tolerance", &SkeletonOptions::tolerance);
     py::class_<SkeletonPose>(m, "SkeletonPose").def(py::init([](Vertices rotations, Vec3 translation, Vector shape) {
         return SkeletonPose{std::move(rotations), std::move(translation), std::move(shape)};
-    }));
+    })).def(as_tuple_of(&SkeletonPose::rotations, &SkeletonPose::translation, &SkeletonPose::shape));
     py::class_<SkeletonFrame>(m, "SkeletonFrame")
         .def(py::init([](Vertices V, Faces F, Indices index, Vertices points, Vector sigma,
                          std::vector<SkeletonPose> start, std::vector<SkeletonPose> previous, Vector clothed) {
@@ -44,7 +44,10 @@ void bind_skeleton(py::module_& m) {
         .def_readonly("energy", &SkeletonResult::energy)
         .def_readonly("rms", &SkeletonResult::rms)
         .def_readonly("matched", &SkeletonResult::matched)
-        .def_readonly("keypoint_rms", &SkeletonResult::keypoint_rms);
+        .def_readonly("keypoint_rms", &SkeletonResult::keypoint_rms)
+        .def(as_tuple_of(&SkeletonResult::pose, &SkeletonResult::V, &SkeletonResult::joints, &SkeletonResult::stop,
+                         &SkeletonResult::iterations, &SkeletonResult::energy, &SkeletonResult::rms,
+                         &SkeletonResult::matched, &SkeletonResult::keypoint_rms));
     py::class_<SkeletonSolver>(m, "SkeletonSolver")
         .def(py::init([](const BodyModel& model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights,
                          const py::kwargs& options) {

@@ -25,7 +25,12 @@ void bind_untangle(py::module_& m) {
         .def_readonly("vertices_short", &UntangleResult::vertices_short)
         .def_readonly("iterations", &UntangleResult::iterations)
         .def_readonly("stop", &UntangleResult::stop)
-        .def_readonly("reason", &UntangleResult::reason);
+        .def_readonly("reason", &UntangleResult::reason)
+        .def(as_tuple_of(&UntangleResult::V, &UntangleResult::displacement, &UntangleResult::depth_before,
+                         &UntangleResult::depth_after, &UntangleResult::margin, &UntangleResult::pairs_left,
+                         &UntangleResult::intersections_before, &UntangleResult::intersections_left,
+                         &UntangleResult::vertices_left, &UntangleResult::vertices_short, &UntangleResult::iterations,
+                         &UntangleResult::stop, &UntangleResult::reason));
     py::class_<UntangleSolver>(m, "UntangleSolver")
         .def(py::init([](const Faces& cloth_F, Eigen::Index cloth_n, const Faces& body_F, Eigen::Index body_n,
                          const py::kwargs& options) {

@@ -6,14 +6,21 @@ z forward, and pixel (0,0) has its centre at (0.5, 0.5). Image sizes are (height
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
 
 
+class _Record:
+    """What is pickled and copied is the fields; what was made from them is made again when asked for."""
+
+    def __getstate__(self):
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
 @dataclass(frozen=True)
-class Mesh:
+class Mesh(_Record):
     """Triangles: `vertices` (n,3) float64 [m], `faces` (m,3) int32; UVs have a topology of their own."""
 
     vertices: np.ndarray
@@ -174,7 +181,7 @@ INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that li
 
 
 @dataclass(frozen=True)
-class BodyModel:
+class BodyModel(_Record):
     """A skinned body with a linear shape basis: SMPL-style kinematics over world-aligned local rotations.
 
     Keypoint k is joint `keypoint_joint[k]` when that is >= 0, else the mean of vertices `keypoint_vertices[k]`.

@@ -2,9 +2,10 @@
 
 from .. import _core
 from .arrays import as_faces, as_indices, as_vertices
+from .rebuilt import Rebuilt
 
 
-class BiharmonicSolver:
+class BiharmonicSolver(Rebuilt):
     """D = argmin tr(D' L M^-1 L D) with D[known] given, factored once for any number of solves.
 
     V: (n,3) float64 [m]; F: (m,3) int; known: (k,) int, distinct vertices. L is the cotangent Laplacian, M the mixed
@@ -23,12 +24,10 @@ class BiharmonicSolver:
     """
 
     def __init__(self, V, F, known, **options):
-        self._solver = _core.BiharmonicSolver(
-            as_vertices("biharmonic", "V", V),
-            as_faces("biharmonic", "F", F),
-            as_indices("biharmonic", "known", known),
-            **options,
-        )
+        V, F = as_vertices("biharmonic", "V", V), as_faces("biharmonic", "F", F)
+        known = as_indices("biharmonic", "known", known)
+        self._solver = _core.BiharmonicSolver(V, F, known, **options)
+        self._keep(V, F, known, **options)
 
     def solve(self, D_known):
         """D_known (k,3) in the order of `known` -> D (n,3), in the same unit.

@@ -67,6 +67,9 @@ class CholeskyFactor:
         """B (n,k) -> A^-1 B (n,k)."""
         return self._factor.solve(as_floats("cholesky", "B", B, (None, None)))
 
+    def __reduce__(self):
+        raise TypeError("CholeskyFactor does not pickle: send the matrix and factorize it where it is needed")
+
     @property
     def factorisations(self):
         return self._factor.factorisations
@@ -93,3 +96,7 @@ class SurfaceIndex:
         """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""
         rays = as_vertices("occluded", "origins", origins), as_vertices("occluded", "directions", directions)
         return self._index.occluded(*rays, float(near), min(float(far), 1e30))
+
+    def __reduce__(self):
+        """Pickles and copies as its mesh."""
+        return SurfaceIndex, (self._index.V, self._index.F)

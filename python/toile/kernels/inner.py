@@ -3,9 +3,10 @@
 from .. import _core
 from .._core import InnerFused, InnerResult, InputError
 from .arrays import as_faces, as_floats, as_vertices
+from .rebuilt import Rebuilt
 
 
-class InnerSolver:
+class InnerSolver(Rebuilt):
     """Body under cloth for `body_model` (`toile.scene.BodyModel`); n vertices, K joints. `fuse` and `solve` minimise
 
         E(d) = length^4 |L d|^2_{M^-1} + sum_v m_v ( skin g_v |d_v - o_v|^2 + prior |d_v|^2
@@ -24,7 +25,9 @@ class InnerSolver:
             if len(shape) > body_model.J_shapedirs.shape[-1]:
                 raise InputError(f"inner: shape has {len(shape)} entries, the model {body_model.J_shapedirs.shape[-1]}")
             J = body_model.J + body_model.J_shapedirs[..., : len(shape)] @ shape
-        self._solver = _core.InnerSolver(core, shape, as_vertices("inner", "J", J), **options)
+        J = as_vertices("inner", "J", J)
+        self._solver = _core.InnerSolver(core, shape, J, **options)
+        self._keep(body_model, shape, J, **options)
 
     def fuse(self, frames) -> InnerFused:
         """One rest shape (n,3) for all frames.

@@ -8,9 +8,10 @@ import scipy.sparse as sp
 from .. import _core
 from .._core import NricpResult
 from .arrays import as_faces, as_floats, as_indices, as_sparse, as_vertices
+from .rebuilt import Rebuilt
 
 
-class NricpSolver:
+class NricpSolver(Rebuilt):
     """Fits one template V (n,3) [m], F (m,3) to scans, frame after frame:
 
         argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + scan-to-template + borders + loops + landmarks + stiffness rigidity(x)
@@ -33,8 +34,10 @@ class NricpSolver:
     """
 
     def __init__(self, V, F, preset="standard", **options):
-        self._V = as_vertices("nricp", "V", V)
-        self._solver = _core.NricpSolver(self._V, as_faces("nricp", "F", F), preset, **options)
+        V, F = as_vertices("nricp", "V", V), as_faces("nricp", "F", F)
+        self._n = len(V)
+        self._solver = _core.NricpSolver(V, F, preset, **options)
+        self._keep(V, F, preset, **options)
 
     def solve(self, scan_V, scan_F, start=None, landmarks=None, boundary=None, scan_labels=None) -> NricpResult:
         """One scan: scan_V (p,3) [m], scan_F (t,3).
@@ -50,9 +53,7 @@ class NricpSolver:
         InputError names the argument and index.
         """
         none = np.zeros((0, 3))
-        W, P, sigma = (
-            (sp.csr_matrix((0, len(self._V))), none, np.zeros(0)) if landmarks is None else _landmarks(landmarks)
-        )
+        W, P, sigma = (sp.csr_matrix((0, self._n)), none, np.zeros(0)) if landmarks is None else _landmarks(landmarks)
         loops = [
             (as_indices("nricp", f"boundary[{i}] vertices", v), as_vertices("nricp", f"boundary[{i}] polyline", line))
             for i, (v, line) in enumerate(boundary or ())

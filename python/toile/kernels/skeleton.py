@@ -8,6 +8,7 @@ import numpy as np
 from .. import _core
 from .._core import InputError, SkeletonResult
 from .arrays import as_faces, as_floats, as_vertices
+from .rebuilt import Rebuilt
 
 # Spread about rest [rad] of the joints whose roles (`BodyModel.joint_roles`) begin so; the first that fits counts. Twist
 # bones, toes and metacarpals hardly move by themselves, the spine and neck share a bend, eyes are not seen.
@@ -44,7 +45,7 @@ OTHER_LIMIT = 1.2
 KEYPOINT_SIGMA = 0.005  # m, where keypoints bring none of their own
 
 
-class SkeletonSolver:
+class SkeletonSolver(Rebuilt):
     """Fits `body_model` (`toile.scene.BodyModel`) to frames: argmin over local rotations, translation and shape of
 
         surface_weight mean_v rho(n.(y_v - q_v) / surface_sigma)^2 + sum_i rho(|k_i - p_i| / sigma_i)^2
@@ -74,13 +75,13 @@ class SkeletonSolver:
         limit = _by_joint(roles, joint_limit, JOINT_LIMIT, other_joint_limit)
         if vertex_weights is None:
             vertex_weights = np.where(body_model.inside, 0.0, 1.0)
-        self._solver = _core.SkeletonSolver(
-            body_model.core,
+        given = (
             as_floats("skeleton", "joint_sigma", sigma, (len(roles),)),
             as_floats("skeleton", "joint_limit", limit, (len(roles),)),
             as_floats("skeleton", "vertex_weights", vertex_weights, (n,)),
-            **options,
         )
+        self._solver = _core.SkeletonSolver(body_model.core, *given, **options)
+        self._keep(body_model, *given, **options)
 
     def solve(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None) -> SkeletonResult:
         """Pose and shape of one frame.

@@ -2,9 +2,10 @@
 
 from .. import _core
 from .arrays import as_faces, as_vertices
+from .rebuilt import Rebuilt
 
 
-class UntangleSolver:
+class UntangleSolver(Rebuilt):
     """Moves one garment out of one body, frame after frame; topology and trees of boxes are kept.
 
     cloth_F (m,3), body_F (k,3); `cloth_n`, `body_n` numbers of vertices. A closed body tells its inside by winding
@@ -22,8 +23,9 @@ class UntangleSolver:
 
     def __init__(self, cloth_F, cloth_n, body_F, body_n, **options):
         name = "untangle"
-        cloth = as_faces(name, "cloth_F", cloth_F), int(cloth_n)
-        self._solver = _core.UntangleSolver(*cloth, as_faces(name, "body_F", body_F), int(body_n), **options)
+        meshes = as_faces(name, "cloth_F", cloth_F), int(cloth_n), as_faces(name, "body_F", body_F), int(body_n)
+        self._solver = _core.UntangleSolver(*meshes, **options)
+        self._keep(*meshes, **options)
 
     def solve(self, cloth_V, body_V):
         """-> UntangleResult: .V (n,3); .displacement (n,3); .depth_before, .depth_after (n,) how far inside, 0 outside;
