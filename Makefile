@@ -6,7 +6,7 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-CPP := $(shell find cpp tests/cpp -name '*.h' -o -name '*.cpp' -o -name 'CMakeLists.txt') CMakeLists.txt
+CPP := $(shell find cpp cmake tests/cpp -name '*.h' -o -name '*.cpp' -o -name 'CMakeLists.txt' -o -name '*.cmake*') CMakeLists.txt
 
 setup: $(VENV)/.core
 

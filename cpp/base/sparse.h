@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <memory>
 
-#include "base/types.h"
+#include "types.h"
 
 namespace toile {
 

@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "geometry/body_model.h"
+#include "body_model.h"
 
 namespace toile {
 

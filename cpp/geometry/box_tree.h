@@ -3,8 +3,8 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "base/types.h"
-#include "geometry/closest.h"
+#include "../base/types.h"
+#include "closest.h"
 
 namespace toile {
 

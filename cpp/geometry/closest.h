@@ -3,7 +3,7 @@
 #pragma once
 #include <memory>
 
-#include "base/types.h"
+#include "../base/types.h"
 
 namespace toile {
 

@@ -1,7 +1,7 @@
 // Which triangles meet, decided by exact predicates: no tolerance, no rounding.
 #pragma once
-#include "base/types.h"
-#include "geometry/box_tree.h"
+#include "../base/types.h"
+#include "box_tree.h"
 
 namespace toile {
 

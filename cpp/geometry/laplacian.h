@@ -1,6 +1,6 @@
 // Discrete operators and normals of a triangle mesh.
 #pragma once
-#include "base/types.h"
+#include "../base/types.h"
 
 namespace toile {
 

@@ -3,7 +3,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/types.h"
+#include "../base/types.h"
 
 namespace toile {
 

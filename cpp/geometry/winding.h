@@ -4,9 +4,9 @@
 #include <cmath>
 #include <vector>
 
-#include "base/types.h"
-#include "geometry/box_tree.h"
-#include "geometry/closest.h"
+#include "../base/types.h"
+#include "box_tree.h"
+#include "closest.h"
 
 namespace toile {
 

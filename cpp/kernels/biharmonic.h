@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "base/sparse.h"
-#include "base/types.h"
+#include "../base/sparse.h"
+#include "../base/types.h"
 
 namespace toile {
 

@@ -13,8 +13,8 @@
 #include <string>
 #include <vector>
 
-#include "geometry/body_model.h"
-#include "geometry/topology.h"
+#include "../geometry/body_model.h"
+#include "../geometry/topology.h"
 
 namespace toile {
 

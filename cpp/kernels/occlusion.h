@@ -2,7 +2,7 @@
 #pragma once
 #include <cstdint>
 
-#include "base/types.h"
+#include "../base/types.h"
 
 namespace toile {
 

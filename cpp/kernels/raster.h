@@ -1,6 +1,6 @@
 // Face-id and depth buffers of a triangle mesh in an OpenCV camera: for pictures, visibility votes and the avatar.
 #pragma once
-#include "base/types.h"
+#include "../base/types.h"
 
 namespace toile {
 

@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "geometry/body_jacobian.h"
+#include "../geometry/body_jacobian.h"
 
 namespace toile {
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "base/types.h"
+#include "../base/types.h"
 
 namespace toile {
 

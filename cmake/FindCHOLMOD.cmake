@@ -1,0 +1,11 @@
+# CHOLMOD::CHOLMOD, the sparse Cholesky factorisation of SuiteSparse.
+find_library(CHOLMOD_LIBRARY cholmod)
+find_path(CHOLMOD_INCLUDE_DIR suitesparse/cholmod.h)
+mark_as_advanced(CHOLMOD_LIBRARY CHOLMOD_INCLUDE_DIR)
+include(FindPackageHandleStandardArgs)
+find_package_handle_standard_args(CHOLMOD REQUIRED_VARS CHOLMOD_LIBRARY CHOLMOD_INCLUDE_DIR)
+if(CHOLMOD_FOUND AND NOT TARGET CHOLMOD::CHOLMOD)
+  add_library(CHOLMOD::CHOLMOD UNKNOWN IMPORTED)
+  set_target_properties(CHOLMOD::CHOLMOD PROPERTIES IMPORTED_LOCATION "${CHOLMOD_LIBRARY}"
+    INTERFACE_INCLUDE_DIRECTORIES "${CHOLMOD_INCLUDE_DIR}")
+endif()
