@@ -1,7 +1,7 @@
 # `make demo` and `make test`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup demo test test-slow sanitize fuzz bench tradeoff paper docs clean
+.PHONY: setup stubs demo test test-slow sanitize fuzz bench tradeoff paper docs clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -21,7 +21,7 @@ $(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet torch==2.13.0
 	tools/python-requirements pyproject.toml studio avatar peers test | $(BIN)/pip install --quiet -r /dev/stdin
-	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=2.13'
+	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=3.1,<3.2'
 	touch $@
 
 # one build serves the Python module and the C++ tests
@@ -35,6 +35,10 @@ demo: setup
 test: setup
 	ctest --test-dir build --output-on-failure
 	$(BIN)/python -m pytest
+
+# the types of the compiled module, after a change of the bindings
+stubs: setup
+	$(BIN)/python tools/make-stubs
 
 test-slow: setup sanitize
 	$(BIN)/python -m pytest -m slow
