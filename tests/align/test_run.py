@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from threadpoolctl import threadpool_limits
 
 import toile.align.run
 import toile.io.run
+from tests.support.blas import most_blas_threads
 from toile import cli
 from toile.align.run import align
 from toile.align.settings import AlignSettings
@@ -117,6 +119,14 @@ def test_a_stopped_alignment_goes_on_with_the_same_bits(two_chunks, undisturbed,
         align(two_chunks, tmp_path / "run", QUICK, progress=stop)
     assert not (tmp_path / "run" / "registered.zarr").exists()
     assert align(two_chunks, tmp_path / "run", QUICK).whole
+    assert_same_bits(undisturbed, tmp_path / "run")
+
+
+def test_eight_blas_threads_give_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
+    seen = set()
+    with threadpool_limits(8, "blas"):
+        align(two_chunks, tmp_path / "run", QUICK, progress=lambda *_: seen.add(most_blas_threads()))
+    assert seen == {1}
     assert_same_bits(undisturbed, tmp_path / "run")
 
 

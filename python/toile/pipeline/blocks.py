@@ -19,6 +19,7 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .. import kernels
 from ..errors import UserError, first_line
@@ -100,7 +101,7 @@ def run_job(
 
     `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
     the blocks. `prepare` is given `progress(stage, done, total)` in this process."""
-    with Workers(workers, job.prepare, *job.arguments) as pool:
+    with one_blas_thread(), Workers(workers, job.prepare, *job.arguments) as pool:
         with locked(job.folder):
             if whole():
                 return
@@ -148,6 +149,14 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
+def one_blas_thread() -> threadpool_limits:
+    """Holds numpy's and scipy's BLAS to one thread from now on, or as a context: another number sums in another order, to
+    other bits. What is large runs in the kernels, so that this costs no time."""
+    import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
+
+    return threadpool_limits(1, "blas")
+
+
 class Workers:
     """This process, or `count` others, each with what `prepare(*arguments)` gives there.
 
@@ -191,6 +200,7 @@ _own = []  # what this worker process has prepared
 def _begin(threads, prepare, arguments):
     threading.Thread(target=_end_with_parent, daemon=True).start()
     kernels.set_threads(threads)
+    one_blas_thread()
     _own.append(prepare(*arguments))
 
 
