@@ -12,8 +12,8 @@ void bind_runtime(py::module_& m) {
     m.def("set_threads", [](int n) {
         if (n < 1) throw InputError("set_threads: n is " + std::to_string(n) + ", expected at least 1");
         omp_set_num_threads(n);
-    });
-    m.def("threads", &thread_count);
+    }, "How many threads kernels may use that are called from this thread of Python. A forked child has one all the same.");
+    m.def("threads", &thread_count, "How many threads a kernel called from here may use; 1 in a forked child.");
 }
 
 }  // namespace toile::bind

@@ -795,11 +795,15 @@ def raster(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]
 def self_intersections(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 2]"]:
     ...
 def set_threads(arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
-    ...
+    """
+    How many threads kernels may use that are called from this thread of Python. A forked child has one all the same.
+    """
 def signed_distance(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     ...
 def threads() -> int:
-    ...
+    """
+    How many threads a kernel called from here may use; 1 in a forked child.
+    """
 def unique_edges(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 2]"]:
     ...
 def vertex_components(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg1: typing.SupportsInt | typing.SupportsIndex) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 1]"]:

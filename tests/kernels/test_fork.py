@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.kernel_calls import CALLS, ball, bits
 from toile import kernels
 from toile.vision.threads import each
-
-from tests.support.kernel_calls import CALLS, ball, bits
 
 SECONDS = 60  # a child that waits for threads that are not there waits for ever
 

@@ -6,11 +6,10 @@ import pickle
 import numpy as np
 import pytest
 
+from tests.support.kernel_calls import CALLS, SOLVERS, ball, bits, mrf, raster
 from toile import kernels
 from toile.io.body import load_body_model
 from toile.scene import Mesh
-
-from tests.support.kernel_calls import CALLS, SOLVERS, ball, bits, mrf, raster
 
 RESULTS = [call for call in SOLVERS if call.__name__ not in ("closest", "biharmonic")] + [mrf, raster]
 WAYS = [lambda value: pickle.loads(pickle.dumps(value)), copy.deepcopy, copy.copy]

@@ -12,7 +12,8 @@ def ball(radius=0.5, subdivisions=4):
     """A bumpy closed surface, 2562 vertices unless told otherwise."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
     d = np.array(sphere.vertices)
-    return radius * d * (1 + 0.1 * np.sin(4 * d[:, :1] + 1) * np.cos(3 * d[:, 1:2])), np.array(sphere.faces, dtype=np.int32)
+    bumps = 1 + 0.1 * np.sin(4 * d[:, :1] + 1) * np.cos(3 * d[:, 1:2])
+    return radius * d * bumps, np.array(sphere.faces, dtype=np.int32)
 
 
 def tube(radius=0.52, height=0.4, around=96, along=20):
@@ -85,7 +86,8 @@ def closest(index):
 
 def mrf(_):
     cells = np.arange(2500).reshape(50, 50)
-    edges = np.concatenate([np.c_[cells[:, :-1].ravel(), cells[:, 1:].ravel()], np.c_[cells[:-1].ravel(), cells[1:].ravel()]])
+    across, down = (cells[:, :-1], cells[:, 1:]), (cells[:-1], cells[1:])
+    edges = np.concatenate([np.c_[a.ravel(), b.ravel()] for a, b in (across, down)])
     return kernels.mrf(np.sin(np.arange(7500.0) ** 2).reshape(2500, 3), edges, np.full(len(edges), 0.3))
 
 
@@ -109,7 +111,7 @@ def geometry(_):
     W, G = tube()
     pairs = kernels.intersecting_pairs(V, F, W, G), kernels.self_intersections(V, F)
     inside = kernels.winding_number(W, V, F), kernels.signed_distance(W, V, F)
-    return *pairs, *inside, kernels.voronoi_mass(V, F), kernels.unique_edges(F), kernels.ambient_occlusion(V, F, rays=16)
+    return *pairs, *inside, kernels.voronoi_mass(V, F), kernels.ambient_occlusion(V, F, rays=16)
 
 
 def cholesky(_):
