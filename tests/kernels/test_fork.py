@@ -13,7 +13,7 @@ import pytest
 
 from tests.support.kernel_calls import CALLS, ball, bits
 from toile import kernels
-from toile.vision.threads import each
+from toile.vision.threads import parallel_map
 
 SECONDS = 60  # a child that waits for threads that are not there waits for ever
 
@@ -59,8 +59,8 @@ def test_a_forked_child_has_one_thread_whatever_is_asked_for():
 
 
 def test_work_spread_over_threads_ends_in_a_forked_child():
-    each(abs, range(4))
-    assert in_forked_child(lambda: each(abs, [-1, -2, -3])) == [1, 2, 3]
+    parallel_map(abs, range(4))
+    assert in_forked_child(lambda: parallel_map(abs, [-1, -2, -3])) == [1, 2, 3]
 
 
 def test_forked_children_of_multiprocessing_give_the_bits_of_their_parent():
