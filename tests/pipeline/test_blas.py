@@ -48,7 +48,7 @@ def test_registration_holds_blas_to_one_thread(tmp_path):
 
 @pytest.mark.slow
 def test_register_and_align_give_the_same_bits_with_1_and_8_blas_threads(tmp_path):
-    quick = dict(spacing=0.012, blur=(0.024, 0.012), iterations=(2, 1), settling=2, anchors=2, samples=1, rounds=1)
+    quick = dict(lattice_spacing=0.012, blurs=(0.024, 0.012), blur_steps=(2, 1), anchor_frames=2, sample_frames=1)
     program = f"""
 import sys
 from pathlib import Path
