@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -132,6 +133,14 @@ def test_the_store_is_laid_out_as_the_table_says(run):
         shape = tuple(int(sizes.get(axis, axis)) for axis in stored.axes.split())
         assert (group[key].shape, str(group[key].dtype)) == (shape, stored.dtype), key
         assert group[key].chunks == ((1, *shape[1:]) if stored.per_frame else shape), key
+
+
+def test_the_page_of_the_format_names_every_array_with_its_shape_and_type():
+    page = (Path(__file__).parents[2] / "docs" / "formats" / "run.md").read_text(encoding="utf-8")
+    for key, stored in LAYOUT.items():
+        axes = stored.axes.split()
+        shape = f"({','.join(axes)}{',' if len(axes) == 1 else ''})"
+        assert f"| `{key}` | {shape} | {stored.dtype} |" in page, key
 
 
 def test_opening_reads_no_frame(run):
