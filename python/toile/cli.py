@@ -64,6 +64,9 @@ def register(
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
     retry: Annotated[str | None, typer.Option(help="failed: give the failed frames of a run again")] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="compare the contents of every input that a run has read")
+    ] = False,
     config: ConfigFile = None,
     changes: Changes = None,
 ):
@@ -81,7 +84,7 @@ def register(
         quality = quality_within(budget, quality, opened, numbers)
     settings = from_options(preset, quality, config, changes)
     with progress_bars() as progress:
-        outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry == "failed")
+        outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry == "failed", verify)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed{waiting}")
     for warning in outcome.warnings:

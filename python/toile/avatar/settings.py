@@ -13,10 +13,10 @@ from ..errors import UserError
 class DataSettings(Settings):
     """What is read and unwrapped of a run and its pictures."""
 
-    geometry_size: int = setting(128, "count", "texels along a side of the position maps", ge=8)
-    texture_size: int = setting(512, "count", "texels along a side of the textures", ge=8)
+    geometry_size: int = setting(128, "count", "texels along a side of the position maps", ge=8, le=8192)
+    texture_size: int = setting(512, "count", "texels along a side of the textures", ge=8, le=16384)
     modes: int = setting(
-        64, "count", "principal modes of a garment's unposed shape, the first numbers of its code", ge=0
+        64, "count", "principal modes of a garment's unposed shape, the first numbers of its code", ge=0, le=4096
     )
     image: tuple[int, int] = setting((512, 512), "px", "height and width of the crop")
     pixel_scale: float = setting(1.0, "1", "pixels of the capture along one of the crop's, at least", gt=0)
@@ -32,15 +32,17 @@ class DataSettings(Settings):
 class NetworkSettings(Settings):
     """Sizes of the networks."""
 
-    latent: int = setting(64, "count", "numbers of each garment's code, besides its modes", ge=1)
-    width: int = setting(64, "count", "channels of the widest decoder block; halved with each doubled resolution", ge=1)
-    least_width: int = setting(8, "count", "channels of the finest block", ge=1)
-    shadow_width: int = setting(4, "count", "channels of the shadow network", ge=1)
+    latent: int = setting(64, "count", "numbers of each garment's code, besides its modes", ge=1, le=4096)
+    width: int = setting(
+        64, "count", "channels of the widest decoder block; halved with each doubled resolution", ge=1, le=4096
+    )
+    least_width: int = setting(8, "count", "channels of the finest block", ge=1, le=4096)
+    shadow_width: int = setting(4, "count", "channels of the shadow network", ge=1, le=4096)
     texture_step: int = setting(
         1, "count", "texels of the mean texture along one of those that networks read and decode", ge=1
     )
-    ao_rays: int = setting(64, "count", "rays of ambient occlusion, per vertex", ge=1)
-    ao_size: int = setting(64, "count", "texels along a side of the shadow network's maps", ge=8)
+    ao_rays: int = setting(64, "count", "rays of ambient occlusion, per vertex", ge=1, le=65536)
+    ao_size: int = setting(64, "count", "texels along a side of the shadow network's maps", ge=8, le=4096)
     view: bool = setting(
         True, "switch", "textures depend on where they are seen from, if the scene has several cameras"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,6 +79,8 @@ def hierarchy(words):
         elif word == "CHANNELS":
             n = int(words[i + 1])
             channels[-1] = words[i + 2 : i + 2 + n]
+            if not all(re.fullmatch("[XYZ](position|rotation)", name) for name in channels[-1]):
+                raise ValueError(f"channels {' '.join(channels[-1])[:60]}")
             i += 2 + n
         else:
             i += 1

@@ -24,10 +24,10 @@ class _CamerasFile(BaseModel):
     cameras: list[_Entry]
 
 
-def first_error(path, error):
-    """One line of a pydantic error: the file, the field, what is wrong."""
+def first_error(path, error, *within):
+    """One line of a pydantic error: the file, the field (of the table `within`), what is wrong."""
     first = error.errors()[0]
-    field = ".".join(str(part) for part in first["loc"])
+    field = ".".join(str(part) for part in (*within, *first["loc"]))
     return UserError(f"{path}: {field}: {first['msg']}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..errors import UserError
+from ..errors import UserError, first_line
 from ..scene import Camera, Frame, Garment, Mesh, Scene
 from .bounded import read_toml
 from .camera import first_error, read_cameras
@@ -75,11 +76,12 @@ class Capture:
     frames: tuple[int, ...]
     templates: dict[str, Mesh]  # cleaned, see io/template.py
     kept: dict[str, np.ndarray]  # of each template, the vertices of its file that it has (g,)
+    files: tuple[Path, ...] = ()  # that the scene is made of
     warnings: tuple[str, ...] = ()
 
     def frame(self, number):
         """Reads one frame. UserError names the file and the field."""
-        folder = self._folder(number)
+        folder = self.folder(number)
         scan, keypoints = None, folder / "keypoints.json"
         if (folder / "scan.ply").exists():
             scan = _scaled(read_mesh(folder / "scan.ply"), METRES[self.scene.units])
@@ -91,14 +93,15 @@ class Capture:
 
     def pictures(self, number):
         """Reads images, masks and labels of one frame, and nothing else of it."""
-        folder = self._folder(number)
+        folder = self.folder(number)
         labels = self._images(folder / "labels", "L")
         for name, image in labels.items():
             self._check_ids(folder / "labels" / f"{name}.png", image)
         masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
         return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
 
-    def _folder(self, number):
+    def folder(self, number):
+        """Where a frame's files lie."""
         folder = self.root / "frames" / f"{number:06d}"
         if not folder.is_dir():
             raise UserError(f"{folder}: no such frame")
@@ -106,7 +109,7 @@ class Capture:
 
     def pictured(self, number):
         """Names of the cameras that have a picture of a frame, in the cameras' order."""
-        return tuple(self._files(self._folder(number) / "images"))
+        return tuple(self._files(self.folder(number) / "images"))
 
     def _files(self, folder):
         """{camera: path} of one kind, for the cameras that have it, in their order."""
@@ -156,7 +159,11 @@ def open_capture(path):
     found = {g.name: read_template(root / g.template, g.name) for g in scene.garments}
     templates = {name: _scaled(t.mesh, METRES[scene.units]) for name, t in found.items()}
     warnings = tuple(warning for t in found.values() for warning in t.warnings)
-    return Capture(root, scene, cameras, frames, templates, {name: t.kept for name, t in found.items()}, warnings)
+    named = [table.cameras.file, *(g.template for g in scene.garments)]
+    named += [scene.body_model] if scene.body_model.endswith(".npz") else []
+    files = tuple(path for path in (file, *(root / name for name in named)) if path.exists())
+    kept = {name: t.kept for name, t in found.items()}
+    return Capture(root, scene, cameras, frames, templates, kept, files, warnings)
 
 
 def check_capture(capture, frames):
@@ -169,8 +176,8 @@ def check_capture(capture, frames):
     for number in frames[:CHECKED]:
         try:
             frame = capture.frame(number)
-        except UserError as error:
-            errors.append(error)
+        except Exception as error:
+            errors.append(first_line(error))
             continue
         labelled |= bool(frame.labels) or frame.scan_labels is not None
         for image in frame.labels.values():
@@ -178,7 +185,7 @@ def check_capture(capture, frames):
         if frame.scan_labels is not None:
             seen |= set(np.unique(frame.scan_labels).tolist())
     if len(errors) == len(frames[:CHECKED]):
-        raise errors[0]
+        raise UserError(errors[0])
     for garment in capture.scene.garments:
         if not labelled:
             raise UserError(
@@ -244,8 +251,10 @@ def _scaled(mesh, metres):
 
 def _inside(root, file, field, name):
     """The path inside the capture, refused when it leaves it or is missing (cameras may be)."""
-    path = (root / name).resolve()
-    if not path.is_relative_to(root.resolve()):
+    if not name.isprintable():
+        raise UserError(f"{file}: {field}: {name!r} is no path")
+    path = Path(os.path.realpath(root / name))  # a circle of links leaves it as it is
+    if not path.is_relative_to(os.path.realpath(root)):
         raise UserError(f"{file}: {field}: '{name}' leaves the capture")
     if field != "cameras.file" and not path.is_file():
         raise UserError(f"{file}: {field}: no file '{name}' in the capture")

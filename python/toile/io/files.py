@@ -11,6 +11,9 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
+from ..errors import UserError
+from .bounded import read_npz, reason_of
+
 
 def replace_file(path, write):
     """Calls `write(temporary path)` and renames the result to `path`."""
@@ -37,9 +40,12 @@ def save_record(path, record):
 
 
 def load_record(path, kind, tuples=(), **records):
-    """The dataclass `kind` back; fields named in `tuples` are tuples of index arrays, `records` names dataclasses."""
-    with np.load(path, allow_pickle=False) as data:
+    """The dataclass `kind` back, or a UserError that names the file; fields named in `tuples` are tuples of index arrays, `records` names dataclasses."""
+    data = read_npz(path)
+    try:
         return _record(data, kind, "", tuples, records)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise UserError(f"{path}: not a {kind.__name__}: {reason_of(error)}") from None
 
 
 def _arrays(record, prefix=""):

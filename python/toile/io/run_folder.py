@@ -25,8 +25,8 @@ def read_config(run: Path | str) -> dict:
 def capture_folder(run: Path | str) -> Path:
     """The folder of the capture that a run was made of."""
     named = read_config(run).get("capture")
-    if not isinstance(named, str):
-        raise UserError(f"{config_file(run)}: capture is missing")
+    if not isinstance(named, str) or not named.isprintable():
+        raise UserError(f"{config_file(run)}: capture: expected the path of a folder")
     return Path(named)
 
 

@@ -6,11 +6,15 @@ blocks of 50 absolute frame numbers, so that workers and shards, which take whol
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +33,8 @@ from ..kernels import InputError, SolveError
 
 Progress = Callable[[str, int, int], None]  # (stage, done, total)
 BLOCK = 50
-FRAME_ERRORS = (UserError, InputError, SolveError, OSError, np.linalg.LinAlgError)
+EXPECTED = (UserError, InputError, SolveError, OSError, MemoryError, np.linalg.LinAlgError)  # of bad frames
+DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE}  # no frame's own fault
 
 
 def blocks(frames: Sequence[int]) -> list[tuple[int, ...]]:
@@ -61,8 +66,16 @@ class FrameFolders:
         return json.loads(path.read_text(encoding="utf-8"))["reason"] if path.exists() else None
 
     def fail(self, frame: int, error: Exception) -> None:
-        reason = first_line(error)
-        write_text(self.folder(frame) / "failed.json", json.dumps({"reason": reason}))
+        """Records that a frame failed, whatever raised; of what no bad file explains, the traceback too. What the disk
+        refuses is raised again: it is the run's."""
+        if isinstance(error, OSError) and error.errno in DISK:
+            raise error
+        reason, told = first_line(error), {}
+        if not isinstance(error, EXPECTED):
+            reason, told = f"{type(error).__name__}: {reason}", {"traceback": traceback.format_exception(error)}
+        if f"{frame:06d}" not in reason:
+            reason = f"frames/{frame:06d}: {reason}"
+        write_text(self.folder(frame) / "failed.json", json.dumps({"reason": reason, **told}))
         self.status.add(frame=frame, stage=self.stage, seconds=0.0, ok=False, reason=reason)
 
     def give_again(self) -> None:
@@ -129,7 +142,7 @@ def _make_block(make, reach, results, wanted, prepared, numbers):
             near = last is not None and 0 < number - last <= reach
             try:
                 make(prepared, number, last if near else None, results)
-            except FRAME_ERRORS as error:
+            except Exception as error:
                 results.fail(number, error)
             else:
                 write_text(results.folder(number) / "whole", "")
@@ -171,8 +184,10 @@ class Workers:
     def __enter__(self) -> Workers:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, kind, *_) -> None:
         if self._pool is not None:
+            for process in list((self._pool._processes or {}).values()) if kind is not None else ():
+                process.terminate()  # not waited for: what they were about is made again
             self._pool.shutdown(cancel_futures=True)
 
     def prepared(self, *progress):
@@ -190,8 +205,20 @@ class Workers:
         if self._pool is None:
             start = max(kernels.threads() // self.count, 1), self.prepare, self.arguments
             self._pool = ProcessPoolExecutor(self.count, get_context("spawn"), _begin, start)
-        for future in as_completed([self._pool.submit(_call, function, item) for item in items]):
-            yield from future.result()
+        blocked = signal.pthread_sigmask(
+            signal.SIG_BLOCK, {signal.SIGINT}
+        )  # inherited: Ctrl-C is this process's matter
+        try:
+            futures = [self._pool.submit(_call, function, item) for item in items]
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        try:
+            for future in as_completed(futures):
+                yield from future.result()
+        except BrokenProcessPool:
+            raise UserError(
+                "a worker process was ended from outside, for want of memory perhaps; go on with fewer"
+            ) from None
 
 
 _own = []  # what this worker process has prepared

@@ -37,6 +37,11 @@ def frames_left(run: Path, frames: Sequence[int]) -> Sequence[int]:
     return RunWriter.of(run).pending(frames) if is_run(run) else frames
 
 
+def failed_frames(run: Path, frames: Sequence[int], results: FrameFolders) -> tuple[int, ...]:
+    """Those of the frames that failed."""
+    return tuple(n for n in frames if results.reason(n) is not None or "reason" in read_diagnostics(run, n))
+
+
 def give_again(run: Path, results: FrameFolders) -> None:
     """Failed frames become pending."""
     with locked(run):

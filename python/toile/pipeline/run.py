@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..config import Config, changed, configured
-from ..errors import UserError
+from ..errors import UserError, first_line
 from ..io.body import model_in_capture
 from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import load_record, save_record
@@ -36,11 +36,12 @@ from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
-from .blocks import FRAME_ERRORS, BlockJob, FrameFolders, Progress, check_shares, run_job
-from .manifest import begin_run
-from .outcome import Outcome, diagnostics_of, frames_left, give_again, is_whole, outcome_of
+from .blocks import BlockJob, FrameFolders, Progress, check_shares, run_job
+from .manifest import begin_run, note_frame
+from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, give_again, is_whole, outcome_of
 
-KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry")  # of `register`, besides its settings
+# of `register`, besides its settings
+KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
 
 
 def register(
@@ -52,6 +53,7 @@ def register(
     workers: int = 1,
     shard: tuple[int, int] = (1, 1),
     retry: bool = False,
+    verify: bool = False,
     **settings: Any,
 ) -> Outcome:
     """Registers `frames` (numbers; all by default) of a capture into the folder `run` and returns an Outcome.
@@ -63,8 +65,9 @@ def register(
     `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
     stood. `workers` processes share the work. `shard` (i, n) takes every n-th block from the i-th on, on its own or
     beside other shards of the run; whichever ends last finishes the run. `retry` gives failed frames again, whose files
-    may have been mended, with no temporal state of the frames that stand; nothing else is touched. The bits depend on
-    neither workers nor shards. UserError: no such setting (the message names the nearest), or the capture, or a run
+    may have been mended, with no temporal state of the frames that stand; nothing else is touched. Input files that have
+    changed since the run read them are refused: by name, size and time, with `verify` by all their contents. The bits
+    depend on neither workers nor shards. UserError: no such setting (the message names the nearest), or the capture, or a run
     folder that holds something else, cannot be used; nothing is left behind.
     """
     if config is not None and "quality" in settings:
@@ -79,17 +82,17 @@ def register(
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
     check_capture(capture, frames)
     run, fresh = Path(run), not Path(run).exists()
-    begin_run(run, capture, config, frames, retry)
     results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
     title = "track, segment, dress" if capture.scene.garments else "track"
     job = BlockJob(run, results, prepare, (capture.root, run, config, frames), first_stages, 1, title)
     try:
+        begin_run(run, capture, config, frames, verify, failed_frames(run, frames, results) if retry else ())
         if retry:
             give_again(run, results)
         last = partial(last_stages, run, frames, results, progress)
         run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
         return outcome_of(run, frames, results)
-    except FRAME_ERRORS:
+    except Exception:
         if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
         raise
@@ -124,7 +127,7 @@ def prepare(root, run, config, frames, progress=lambda *_: None) -> PreparedRun:
     progress("prepare", 0, 1)
     capture, folder = open_capture(root), run / "prepared"
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
-    sampled = partial(_samples, capture, config, frames)
+    sampled = partial(_samples, capture, run, config, frames)
     person = _kept(folder / "person.npz", Person, lambda: track.prepare(model, sampled(), config.track))
     prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
     if capture.scene.garments:
@@ -140,16 +143,17 @@ def _kept(path, kind, make):
     return load_record(path, kind)
 
 
-def _samples(capture, config, frames):
+def _samples(capture, run, config, frames):
     """Frames spread evenly over the run that can be read, with their keypoints in space."""
     chosen = evenly(frames, config.preparation_frames)
     samples, reasons = [], []
     for number in chosen:
         try:
+            note_frame(run, capture, number)
             frame = capture.frame(number)
             samples.append((frame, _points(capture, config, frame)))
-        except FRAME_ERRORS as error:
-            reasons.append(str(error))
+        except Exception as error:
+            reasons.append(first_line(error))
     if not samples:
         raise UserError(reasons[0])
     return samples
@@ -218,6 +222,7 @@ def first_stages(prepared, number, previous, results) -> None:
     before, before_labels = None, None
     if previous is not None:
         before, before_labels, _ = _load_first_stages(prepared.templates, results.folder(previous))
+    note_frame(prepared.folder.parent, prepared.capture, number)
     frame, folder, seconds = prepared.capture.frame(number), results.folder(number), {}
 
     def timed(stage, make):
@@ -290,7 +295,7 @@ def _finish(run, results, prepared, numbers):
         if results.whole(number):
             try:
                 made = _last_stage(prepared, number, results)
-            except FRAME_ERRORS as error:
+            except Exception as error:
                 results.fail(number, error)
         if made is None:
             write_diagnostics(run, number, {"reason": results.reason(number)})

@@ -1,4 +1,4 @@
-"""Picture errors against scikit-image and against cases made by hand."""
+"""HeldOutPicture errors against scikit-image and against cases made by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Picture sheets: their rows, their boxes, their files."""
+"""HeldOutPicture sheets: their rows, their boxes, their files."""
 
 import dataclasses
 

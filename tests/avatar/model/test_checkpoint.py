@@ -120,11 +120,11 @@ def test_long_values_are_shortened():
     [
         (None, "the file is missing: the folder holds no avatar"),
         ("{", "not JSON"),
-        ("[1]", "not an avatar's facts"),
+        ("[1]", "holds a list, expected a dict"),
         ("{}", "has not finished"),
         ('{"steps": {}, "settings": {"lr": "fast"}}', "lr: Input should be a valid number"),
         ('{"steps": {}, "settings": {"speed": 1}}', "speed: Extra inputs are not permitted"),
-        ('{"steps": {}}', "not an avatar's facts"),
+        ('{"steps": {}}', "settings: expected a dict"),
     ],
 )
 def test_bad_facts_are_refused(text, message, tmp_path):

@@ -19,7 +19,8 @@ from ...io.motion import read_motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...scene import Camera, Mesh
-from ..model.checkpoint import load_avatar, read_facts, training_poses
+from ..model.assets import training_poses
+from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .driver import load_driver, make_track
 from .layering import GarmentLayering

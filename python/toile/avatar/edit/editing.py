@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UserError
+from ...io.bounded import read_json
 from ...io.files import write_text
 from ...io.image import read_rgba
 from ...io.run import open_run
 from ...io.run_folder import body_model_of
-from ..model.checkpoint import load_avatar, read_facts, read_json
+from ..model.checkpoint import load_avatar, read_facts
 from ..model.edits import LUMA, load_edits, save_edits
 from ..model.networks import resize
 from . import paint

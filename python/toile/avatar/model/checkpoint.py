@@ -11,18 +11,18 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-import torch
 from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from ...errors import UserError
-from ...io.camera import first_error, read_cameras
-from ...io.files import load_record, replace_file, save_record, write_text
-from ...scene import Garment, Scene
-from ...surface.layers import Layer
+from ...io.bounded import check_file, read_json, reason_of
+from ...io.camera import first_error
+from ...io.files import replace_file, save_record, write_text
 from ..settings import AvatarSettings
+from .assets import read_assets
 
+FACTS = {"settings": dict, "run": str, "frames": list, "holdout": list, "steps": dict}  # of AVATAR/avatar.json
 KEPT = 2  # checkpoints; older ones are removed
 MODEL, OPTIMISER = "model.", "optimiser."
 
@@ -35,13 +35,12 @@ def write_tensors(path, tensors, facts):
 
 def read_tensors(path):
     """-> ({name: tensor}, facts)."""
+    check_file(path)
     try:
         with safe_open(path, framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, json.loads(file.metadata()["json"])
-    except FileNotFoundError:
-        raise UserError(f"{path}: the file is missing") from None
-    except (SafetensorError, KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{path}: not a file of toile's tensors: {error}") from None
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, OSError) as error:
+        raise UserError(f"{path}: not a file of toile's tensors: {reason_of(error)}") from None
 
 
 class Checkpoints:
@@ -115,9 +114,9 @@ def begin(folder, asked):
     if not path.exists():
         write_text(path, json.dumps(asked | {"steps": None}, indent=1))
         return True
-    found = read_json(path)
+    found = read_json(path, dict)
     check_same(path, found, asked)
-    return found["steps"] is None
+    return found.get("steps") is None
 
 
 def check_same(path, found, asked, prefix=""):
@@ -166,27 +165,19 @@ def save_avatar(folder, avatar, facts):
 def read_facts(folder):
     """AVATAR/avatar.json of a trained avatar: settings, scene, run, frames, held-out frames, steps, architecture."""
     path = Path(folder) / "avatar.json"
-    facts = read_json(path)
+    if not path.exists():
+        raise UserError(f"{path}: the file is missing: the folder holds no avatar")
+    facts = read_json(path, dict)
     if facts.get("steps") is None:
         raise UserError(f"{path}: the training has not finished: the same `toile train` goes on with it")
     try:
-        return facts | {"settings": AvatarSettings(**facts["settings"])}
+        settings = AvatarSettings(**facts["settings"]) if isinstance(facts.get("settings"), dict) else None
     except ValidationError as error:
-        raise first_error(path, error) from None
-    except (KeyError, TypeError) as error:
-        raise UserError(f"{path}: not an avatar's facts: {error}") from None
-
-
-def read_json(path):
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: the file is missing: the folder holds no avatar") from None
-    except ValueError as error:
-        raise UserError(f"{path}: not JSON: {error}") from None
-    if not isinstance(facts, dict):
-        raise UserError(f"{path}: not an avatar's facts")
-    return facts
+        raise first_error(path, error, "settings") from None
+    for name, kind in FACTS.items():
+        if not isinstance(facts.get(name), kind):
+            raise UserError(f"{path}: {name}: expected a {kind.__name__}, the file is not an avatar's")
+    return facts | {"settings": settings}
 
 
 def load_avatar(folder):
@@ -195,40 +186,11 @@ def load_avatar(folder):
     from .edits import apply_edits, load_edits
 
     folder, facts = Path(folder), read_facts(folder)
-    avatar = Avatar(facts["settings"], **read_assets(folder))
+    avatar = Avatar(facts["settings"], **read_assets(folder, facts["settings"].data.texture_size))
     tensors, _ = read_tensors(folder / "avatar.safetensors")
     load_model(avatar, {MODEL + name: value for name, value in tensors.items()}, folder / "avatar.safetensors")
     apply_edits(avatar, load_edits(folder))
     return avatar.eval()
-
-
-def read_assets(folder):
-    """The arguments of Avatar after its settings."""
-    assets = Path(folder) / "assets"
-    layers = [load_record(path, Layer) for path in sorted(assets.glob("layer*.npz"), key=lambda p: int(p.stem[5:]))]
-    if not layers or not (assets / "maps.npz").exists():
-        raise UserError(f"{assets}: layers or maps are missing")
-    with np.load(assets / "maps.npz", allow_pickle=False) as maps:
-        values = {name: maps[name] for name in maps}
-    scene = json.loads((assets / "scene.json").read_text(encoding="utf-8"))
-    scene["garments"] = tuple(Garment(**garment) for garment in scene["garments"])
-    return {
-        "layers": layers,
-        "J": values["J"],
-        "parents": values["parents"],
-        "cameras": list(read_cameras(assets / "cameras.json").values()),
-        "scene": Scene(**scene),
-        "mean_texture": {layer.name: torch.from_numpy(values[f"mean_texture.{layer.name}"]) for layer in layers},
-        "valid": {layer.name: torch.from_numpy(values[f"valid.{layer.name}"]) for layer in layers},
-        "face_mean": values.get("face_mean"),
-        "head": int(values["head"]) if "head" in values else None,
-    }
-
-
-def training_poses(folder):
-    """What AvatarData.poses held of the frames that an avatar was trained on."""
-    with np.load(Path(folder) / "assets" / "maps.npz", allow_pickle=False) as maps:
-        return {name: maps[name] for name in ("rotations", "translation", "usual")}
 
 
 def _plain_camera(camera):

@@ -21,8 +21,9 @@ from ...io.run import Run, open_run
 from ...pipeline.blocks import locked
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
+from ..model.assets import read_assets
 from ..model.avatar import Avatar
-from ..model.checkpoint import begin, read_assets, read_facts, save_assets, save_avatar, topology
+from ..model.checkpoint import begin, read_facts, save_assets, save_avatar, topology
 from ..model.sizes import matched_settings
 from ..settings import AvatarSettings
 from .data import AvatarData, shown_surfaces
@@ -116,7 +117,7 @@ class TrainingJob:
         """The layered avatar's steps, with the learning rate that does best in short trials."""
         layered, base = read_facts(folder), folder / "baseline"
         steps = {f"{name}_steps": layered["steps"].get(name, 0) for name in ("body", "garment", "joint")}
-        assets = read_assets(folder)
+        assets = read_assets(folder, layered["settings"].data.texture_size)
         points = 0 if assets["face_mean"] is None else len(assets["face_mean"])
         data = layered["settings"].data.model_copy(update={"modes": layered["settings"].baseline_modes})
         settings = layered["settings"].model_copy(update=steps | {"data": data})
