@@ -146,7 +146,7 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
 ):
     folder = tmp_path / "damped"
     shutil.copytree(sample_avatar, folder)
-    monkeypatch.setattr("toile.avatar.make.make_avatar", lambda *_: None)  # trained already, by other settings
+    monkeypatch.setattr("toile.avatar.train.make.make_avatar", lambda *_: None)  # trained already, by other settings
 
     def shorter(folder, settings, progress):
         return train_temporal(folder, settings.model_copy(update=dict(channels=8, steps=5, stretch=3)), progress)
