@@ -1,7 +1,7 @@
-# `make demo` and `make test`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
+# `make demo`, `make test` with `make lint`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup stubs demo test test-slow sanitize fuzz bench tradeoff paper docs clean
+.PHONY: setup stubs demo test lint format test-slow sanitize fuzz bench tradeoff paper docs clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -20,7 +20,7 @@ $(VENV)/.packages: tools/apt-packages.txt tools/install-apt
 $(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet torch==2.13.0
-	tools/python-requirements pyproject.toml studio avatar peers test | $(BIN)/pip install --quiet -r /dev/stdin
+	tools/python-requirements pyproject.toml studio avatar peers test lint | $(BIN)/pip install --quiet -r /dev/stdin
 	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=3.1,<3.2'
 	touch $@
 
@@ -32,7 +32,7 @@ $(VENV)/.core: $(VENV)/.python $(CPP)
 demo: setup
 	$(BIN)/python apps/demo.py
 
-test: setup
+test: setup lint
 	ctest --test-dir build --output-on-failure
 	$(BIN)/python -m pytest
 
@@ -40,8 +40,22 @@ test: setup
 stubs: setup
 	$(BIN)/python tools/make-stubs
 
+# what machines hold: names and imports, layout of Python and C++, types of what users import
+LAYOUT = git ls-files -z 'cpp/*.h' 'cpp/*.cpp' 'tests/cpp/*.h' 'tests/cpp/*.cpp' | xargs -0 $(BIN)/clang-format
+lint: setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check --quiet
+	test ! -e .clang-format || $(LAYOUT) --dry-run -Werror
+	$(BIN)/mypy
+
+format: setup
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+	test ! -e .clang-format || $(LAYOUT) -i
+
+# SLOW="--time-budget SECONDS" runs as many as fit and says which do not
 test-slow: setup sanitize
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow -rs $(SLOW)
 
 # the core with address and undefined-behaviour sanitizers, and its C++ tests. Leaks of the libraries beneath are not ours
 SANITIZED := build-sanitize

@@ -1,8 +1,38 @@
 """What several tests share."""
 
+import time
 from pathlib import Path
 
 import pytest
+
+SLOW = 60  # seconds that a slow test takes which says nothing else
+
+
+def pytest_addoption(parser):
+    text = "start no test that would end later than so many seconds from now, by what its mark says; shorter ones first"
+    parser.addoption("--time-budget", type=float, metavar="SECONDS", help=text)
+
+
+def seconds_of(item):
+    """How long a test takes on two cores, as its mark `slow(seconds)` says."""
+    mark = item.get_closest_marker("slow")
+    return 0 if mark is None else mark.kwargs.get("seconds", SLOW)
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--time-budget") is not None:
+        items.sort(key=seconds_of)
+        config.stash[DEADLINE] = time.monotonic() + config.getoption("--time-budget")
+
+
+DEADLINE = pytest.StashKey[float]()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    left = item.config.stash.get(DEADLINE, float("inf")) - time.monotonic()
+    if seconds_of(item) > left:
+        pytest.skip(f"not run: {max(left, 0):.0f} s are left of --time-budget, it takes about {seconds_of(item)} s")
 
 
 @pytest.fixture

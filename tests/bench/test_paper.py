@@ -145,7 +145,7 @@ def test_settings_are_changed_where_they_are_nested():
     assert with_values(settings, ["data.crop=garment", "lr=0.01"]).data.crop == "garment"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=420)
 def test_the_small_study_runs_goes_on_and_is_one_page(tmp_path, monkeypatch):
     def stop(stage, *_):
         if stage == "joint":

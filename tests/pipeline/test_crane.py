@@ -15,7 +15,7 @@ from toile.pipeline.run import register
 APP = Path(__file__).parents[2] / "apps" / "crane.py"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=300)
 def test_a_clothed_man_keeps_his_correspondences_over_four_frames(shared_data, tmp_path):
     meshes = sorted((shared_data / "ama_crane").glob("mesh_*.obj"))[:5]
     if not meshes:

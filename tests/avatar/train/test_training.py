@@ -87,7 +87,7 @@ def test_holdout_is_never_read(sample_run, tmp_path):
     assert all(torch.equal(clean[name], spoiled[name]) for name in clean)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=240)
 def test_killed_processes_go_on_to_the_bit(sample_run, tmp_path):
     """SIGKILL in each phase: losses and weights are those of an undisturbed run."""
 
