@@ -6,7 +6,7 @@
 import os
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 # Threads that spin while they wait cost others on a busy machine four times their time. OpenMP reads this as it loads.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -42,7 +42,7 @@ _HOMES = {
 __all__ = ["__version__", "kernels", *_HOMES]
 
 
-def __getattr__(name: str) -> object:
+def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'toile' has no attribute '{name}'")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -25,14 +26,14 @@ Changes = Annotated[
 ]
 
 
-def numbers_of(text):
+def numbers_of(text: str | None) -> tuple[int, ...] | None:
     """ "1-3,7" -> (1, 2, 3, 7), None for None."""
     if text is None:
         return None
     return tuple(dict.fromkeys(n for first, last in ranges(text) for n in range(first, last + 1)))
 
 
-def frame_numbers(text, available, step=1):
+def frame_numbers(text: str | None, available: Iterable[int], step: int = 1) -> tuple[int, ...]:
     """ "1-50,60" -> the numbers of that list that are captured, every `step`-th; all of them for None."""
     if step < 1:
         raise UserError(f"--step {step}: expected at least 1")
@@ -45,7 +46,7 @@ def frame_numbers(text, available, step=1):
     return tuple(dict.fromkeys(numbers))[::step]
 
 
-def ranges(text):
+def ranges(text: str) -> list[tuple[int, int]]:
     """ "1-50,60" -> [(1, 50), (60, 60)]."""
     found = []
     for part in text.split(","):
@@ -61,20 +62,20 @@ def ranges(text):
     return found
 
 
-def shown(text, length=40):
+def shown(text: str, length: int = 40) -> str:
     """What a user gave, short enough to be shown on one line."""
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= length else f"{text[:length]}..."
 
 
-def positive(option, value):
+def positive(option: str, value: float | None) -> float | None:
     """The number given for an option, or a UserError."""
     if value is not None and not 0 < value < float("inf"):
         raise UserError(f"{option} {value:g}: expected a positive number")
     return value
 
 
-def shard_of(text):
+def shard_of(text: str) -> tuple[int, int]:
     """ "2/3" -> (2, 3)."""
     i, _, n = text.partition("/")
     digits = all(part.isascii() and part.isdecimal() and len(part) < 7 for part in (i, n))
@@ -83,7 +84,7 @@ def shard_of(text):
     return int(i), int(n)
 
 
-def table(values, indent=""):
+def table(values: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """Nested measures as aligned lines."""
     for name, value in values.items():
         if isinstance(value, dict):
@@ -94,7 +95,7 @@ def table(values, indent=""):
 
 
 @contextmanager
-def progress_bars(quiet=False):
+def progress_bars(quiet: bool = False) -> Iterator[Any]:
     """-> progress(stage, done, total, note=""), one bar a stage, on stderr; `progress.print` writes a line above them."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -102,12 +103,12 @@ def progress_bars(quiet=False):
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     note_column = TextColumn("{task.fields[note]}")
     with Progress(*columns, note_column, console=Console(stderr=True, quiet=quiet)) as bars:
-        tasks = {}
+        tasks: dict[str, Any] = {}
 
-        def progress(stage, done, total, note=""):
+        def progress(stage: str, done: int, total: int, note: str = "") -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=total, note=note)
             bars.update(tasks[stage], completed=done, total=total, note=note)
 
-        progress.print = bars.console.print
+        progress.print = bars.console.print  # type: ignore[attr-defined]
         yield progress

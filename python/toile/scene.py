@@ -8,52 +8,54 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+
+from .kernels import SurfaceIndex
+from .kernels.arrays import Anything, Array, Bools, Floats, Ints
 
 
 class _Record:
     """What is pickled and copied is the fields; what was made from them is made again when asked for."""
 
-    def __getstate__(self):
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+    def __getstate__(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
 class Mesh(_Record):
     """Triangles: `vertices` (n,3) float64 [m], `faces` (m,3) int32; UVs have a topology of their own."""
 
-    vertices: np.ndarray
-    faces: np.ndarray
-    uv: np.ndarray | None = None  # (t,2)
-    face_uv: np.ndarray | None = None  # (m,3) into uv
-    face_labels: np.ndarray | None = None  # (m,) uint8 label ids, 0 for none, where a scan carries its own
+    vertices: Anything
+    faces: Anything
+    uv: Anything | None = None  # (t,2)
+    face_uv: Anything | None = None  # (m,3) into uv
+    face_labels: Anything | None = None  # (m,) uint8 label ids, 0 for none, where a scan carries its own
 
     # Made when first asked for, and kept for all stages.
 
     @cached_property
-    def index(self):
+    def index(self) -> SurfaceIndex:
         """Closest points and rays."""
-        from .kernels import SurfaceIndex
-
         return SurfaceIndex(self.vertices, self.faces)
 
     @cached_property
-    def normals(self):
+    def normals(self) -> Floats:
         """Unit normals (n,3) of the vertices."""
         from .kernels import vertex_normals
 
         return vertex_normals(self.vertices, self.faces)
 
     @cached_property
-    def face_normals(self):
+    def face_normals(self) -> Floats:
         """(m,3)"""
         from .kernels import face_normals
 
         return face_normals(self.vertices, self.faces)
 
     @cached_property
-    def edges(self):
+    def edges(self) -> Ints:
         """Undirected edges (e,2), each once."""
         from .kernels import unique_edges
 
@@ -67,28 +69,28 @@ class Camera:
     name: str
     width: int
     height: int
-    K: np.ndarray  # (3,3) [px]
-    distortion: np.ndarray  # (5,) k1 k2 p1 p2 k3
-    T_camera_world: np.ndarray
+    K: Anything  # (3,3) [px]
+    distortion: Anything  # (5,) k1 k2 p1 p2 k3
+    T_camera_world: Anything
 
     @property
-    def size(self):
+    def size(self) -> tuple[int, int]:
         return self.height, self.width
 
     @property
-    def centre(self):
+    def centre(self) -> Floats:
         """Position in the world (3,)."""
         return -self.T_camera_world[:3, :3].T @ self.T_camera_world[:3, 3]
 
-    def to_camera(self, points):
+    def to_camera(self, points: Anything) -> Floats:
         """World points (..., 3) in the camera's frame."""
         return points @ self.T_camera_world[:3, :3].T + self.T_camera_world[:3, 3]
 
-    def distort(self, xy):
+    def distort(self, xy: Anything) -> Floats:
         """Ideal normalised coordinates (..., 2) to distorted ones (Brown 1971, OpenCV's order of coefficients)."""
         return distort(xy, self.distortion)
 
-    def project(self, points):
+    def project(self, points: Array) -> tuple[Floats, Floats]:
         """World points (..., 3) -> pixels (..., 2) and depth (...) [m]; what lies behind has depth <= 0."""
         p = self.to_camera(np.asarray(points, dtype=np.float64))
         depth = p[..., 2]
@@ -97,7 +99,7 @@ class Camera:
         return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
 
 
-def distort(xy, coefficients, derivative=False):
+def distort(xy: Anything, coefficients: Anything, derivative: bool = False) -> Any:
     """Ideal normalised coordinates (..., 2) to distorted ones, and d distorted / d xy (..., 2, 2) where asked for.
 
     `coefficients` (..., 5): k1 k2 p1 p2 k3 of Brown 1971 in OpenCV's order, broadcast against the points."""
@@ -147,7 +149,7 @@ class Keypoints:
     """2D keypoints of one frame: `points[camera]` (k,3) u, v [px], confidence; unseen = confidence 0."""
 
     names: tuple[str, ...]
-    points: dict[str, np.ndarray]
+    points: dict[str, Anything]
 
 
 @dataclass(frozen=True)
@@ -155,9 +157,9 @@ class Points3D:
     """Triangulated keypoints: `points` (k,3) [m], NaN where unseen; `sigma` (k,) [m]; `views` (k,) inlier counts."""
 
     names: tuple[str, ...]
-    points: np.ndarray
-    sigma: np.ndarray
-    views: np.ndarray
+    points: Anything
+    sigma: Anything
+    views: Anything
 
 
 @dataclass(frozen=True)
@@ -167,12 +169,12 @@ class Frame:
     number: int
     scan: Mesh | None
     keypoints: Keypoints | None = None
-    images: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W,3) uint8 RGB
-    masks: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W) bool
-    labels: dict[str, np.ndarray] = field(default_factory=dict)  # (H,W) uint8 ids
+    images: dict[str, Anything] = field(default_factory=dict)  # (H,W,3) uint8 RGB
+    masks: dict[str, Anything] = field(default_factory=dict)  # (H,W) bool
+    labels: dict[str, Anything] = field(default_factory=dict)  # (H,W) uint8 ids
 
     @property
-    def scan_labels(self):
+    def scan_labels(self) -> Anything | None:
         """Label ids (m,) of the scan's faces; None where it carries none."""
         return None if self.scan is None else self.scan.face_labels
 
@@ -189,28 +191,28 @@ class BodyModel(_Record):
     names are the roles.
     """
 
-    v_template: np.ndarray  # (n,3) [m]
-    f: np.ndarray  # (m,3)
-    J: np.ndarray  # (K,3) [m]
-    parents: np.ndarray  # (K,), parents[0] = -1
-    weights_idx: np.ndarray  # (n,B)
-    weights_val: np.ndarray  # (n,B), rows sum to 1
-    shapedirs: np.ndarray  # (n,3,S) unit-variance shape coefficients
-    J_shapedirs: np.ndarray  # (K,3,S)
+    v_template: Anything  # (n,3) [m]
+    f: Anything  # (m,3)
+    J: Anything  # (K,3) [m]
+    parents: Anything  # (K,), parents[0] = -1
+    weights_idx: Anything  # (n,B)
+    weights_val: Anything  # (n,B), rows sum to 1
+    shapedirs: Anything  # (n,3,S) unit-variance shape coefficients
+    J_shapedirs: Anything  # (K,3,S)
     joint_names: tuple[str, ...]
-    uv: np.ndarray | None = None  # (t,2)
-    f_uv: np.ndarray | None = None  # (m,3)
+    uv: Anything | None = None  # (t,2)
+    f_uv: Anything | None = None  # (m,3)
     keypoint_names: tuple[str, ...] = ()
-    keypoint_joint: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))  # (q,)
-    keypoint_vertices: tuple[np.ndarray, ...] = ()
-    segments: dict[str, np.ndarray] = field(default_factory=dict)  # name -> vertex indices, see io.body.SEGMENTS
+    keypoint_joint: Anything = field(default_factory=lambda: np.zeros(0, np.int64))  # (q,)
+    keypoint_vertices: tuple[Anything, ...] = ()
+    segments: dict[str, Anything] = field(default_factory=dict)  # name -> vertex indices, see io.body.SEGMENTS
     joint_roles: tuple[str, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "joint_roles", self.joint_roles or self.joint_names)
 
     @cached_property
-    def inside(self):
+    def inside(self) -> Bools:
         """bool (n,): vertices of segments that no camera and no scan sees."""
         inside = np.zeros(len(self.v_template), bool)
         for name in INSIDE:
@@ -218,7 +220,7 @@ class BodyModel(_Record):
         return inside
 
     @cached_property
-    def skin_faces(self):
+    def skin_faces(self) -> Ints:
         """Faces of the largest connected component: eyes and tongue lie inside it."""
         from .kernels import vertex_components
 
@@ -226,23 +228,23 @@ class BodyModel(_Record):
         return np.ascontiguousarray(self.f[component[self.f[:, 0]] == np.bincount(component).argmax()])
 
     @cached_property
-    def core(self):
+    def core(self) -> Any:
         """The C++ twin, built once."""
         from .kernels.body import core_model
 
         return core_model(self)
 
-    def joint(self, role):
+    def joint(self, role: str) -> int | None:
         """Index of the joint of this role; None where the model has none."""
         return self.joint_roles.index(role) if role in self.joint_roles else None
 
-    def rest(self, shape):
+    def rest(self, shape: Array) -> tuple[Floats, Floats]:
         """Rest vertices (n,3) and joints (K,3) for shape coefficients (S,)."""
         shape = np.asarray(shape, dtype=np.float64)
         s = len(shape)
         return self.v_template + self.shapedirs[..., :s] @ shape, self.J + self.J_shapedirs[..., :s] @ shape
 
-    def joint_transforms(self, J, rotations, translation):
+    def joint_transforms(self, J: Anything, rotations: Array, translation: Anything) -> tuple[Floats, Floats]:
         """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
         from scipy.spatial.transform import Rotation
 
@@ -256,32 +258,37 @@ class BodyModel(_Record):
                 R[k], x[k] = R[p] @ local[k], x[p] + R[p] @ (J[k] - J[p])
         return R, x
 
-    def skin(self, rest, J, rotations, translation):
+    def skin(self, rest: Anything, J: Anything, rotations: Array, translation: Anything) -> Floats:
         """Linear blend skinning of rest vertices (n,3)."""
         R, x = self.joint_transforms(J, rotations, translation)
         return blend_skinning(rest, J, R, x, self.weights_idx, self.weights_val)
 
-    def unskin(self, posed, J, rotations, translation):
+    def unskin(self, posed: Anything, J: Anything, rotations: Array, translation: Anything) -> Floats:
         """The inverse of `skin`, per vertex."""
         R, x = self.joint_transforms(J, rotations, translation)
         A, b = blended_transforms(J, R, x, self.weights_idx, self.weights_val)
-        return np.linalg.solve(A, (posed - b)[..., None])[..., 0]
+        rest: Floats = np.linalg.solve(A, (posed - b)[..., None])[..., 0].astype(np.float64, copy=False)
+        return rest
 
-    def keypoints(self, V, joints):
+    def keypoints(self, V: Anything, joints: Anything) -> Floats:
         """Model keypoints (q,3) on posed vertices (n,3) and joints (K,3)."""
         return np.array(
             [joints[j] if j >= 0 else V[v].mean(0) for j, v in zip(self.keypoint_joint, self.keypoint_vertices)]
         ).reshape(-1, 3)
 
 
-def blended_transforms(J, R, x, weights_idx, weights_val):
+def blended_transforms(
+    J: Anything, R: Anything, x: Anything, weights_idx: Anything, weights_val: Anything
+) -> tuple[Floats, Floats]:
     """Per vertex A (n,3,3) and b (n,3) so that skinning is A v + b."""
     A = np.einsum("nb,nbij->nij", weights_val, R[weights_idx])
     offset = x - np.einsum("kij,kj->ki", R, J)
     return A, np.einsum("nb,nbi->ni", weights_val, offset[weights_idx])
 
 
-def blend_skinning(rest, J, R, x, weights_idx, weights_val):
+def blend_skinning(
+    rest: Anything, J: Anything, R: Anything, x: Anything, weights_idx: Anything, weights_val: Anything
+) -> Floats:
     """sum_k w_k (R_k (v - J_k) + x_k) for rest vertices (n,3)."""
     A, b = blended_transforms(J, R, x, weights_idx, weights_val)
     return np.einsum("nij,nj->ni", A, rest) + b
@@ -295,20 +302,20 @@ OBSERVED, INTERPOLATED, HIDDEN = 2, 1, 0
 class Person:
     """What is fixed for a sequence after the preparatory pass: the personalised rest surface (as captured, clothed)."""
 
-    shape: np.ndarray  # (S,) coefficients of the body model
-    rest: np.ndarray  # (n,3) rest vertices: model shape plus free-form offsets [m]
-    J: np.ndarray  # (K,3) rest joints [m]
+    shape: Anything  # (S,) coefficients of the body model
+    rest: Anything  # (n,3) rest vertices: model shape plus free-form offsets [m]
+    J: Anything  # (K,3) rest joints [m]
 
 
 @dataclass(frozen=True)
 class Tracked:
     """One frame of the single-layer surface."""
 
-    vertices: np.ndarray  # (n,3) [m]
-    rotations: np.ndarray  # (K,3) rotation vectors about world axes, relative to the parent [rad]
-    translation: np.ndarray  # (3,) [m]
-    face: np.ndarray  # (q,3) facial keypoints in the head joint's frame [m], NaN where unseen
-    confidence: np.ndarray  # (n,) uint8
+    vertices: Anything  # (n,3) [m]
+    rotations: Anything  # (K,3) rotation vectors about world axes, relative to the parent [rad]
+    translation: Anything  # (3,) [m]
+    face: Anything  # (q,3) facial keypoints in the head joint's frame [m], NaN where unseen
+    confidence: Anything  # (n,) uint8
     diagnostics: dict[str, float]
 
 
@@ -316,12 +323,12 @@ class Tracked:
 class Segmented:
     """Labels of one frame, as ids of the scene's label table."""
 
-    vertices: np.ndarray  # (n,) uint8, per tracked vertex
-    scan_faces: np.ndarray  # (m,) uint8, per scan face
-    scan_probability: np.ndarray  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
-    ids: np.ndarray  # (L,) uint8
+    vertices: Anything  # (n,) uint8, per tracked vertex
+    scan_faces: Anything  # (m,) uint8, per scan face
+    scan_probability: Anything  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
+    ids: Anything  # (L,) uint8
     diagnostics: dict[str, float]
-    openings: dict = field(
+    openings: dict[int, Any] = field(
         default_factory=dict
     )  # garment's label id -> its border as `curves.Curve`s, garment on the left
 
@@ -332,12 +339,12 @@ class GarmentTemplate:
 
     name: str
     label: int
-    rest: np.ndarray  # (g,3) [m]
-    faces: np.ndarray  # (f,3)
-    uv: np.ndarray  # (t,2)
-    face_uv: np.ndarray  # (f,3)
-    skin: np.ndarray  # (g,K) rows sum to 1
-    loops: tuple[np.ndarray, ...]  # open loops as vertex cycles
+    rest: Anything  # (g,3) [m]
+    faces: Anything  # (f,3)
+    uv: Anything  # (t,2)
+    face_uv: Anything  # (f,3)
+    skin: Anything  # (g,K) rows sum to 1
+    loops: tuple[Anything, ...]  # open loops as vertex cycles
     loop_names: tuple[str, ...]  # see surface.loop_names
 
 
@@ -345,8 +352,8 @@ class GarmentTemplate:
 class Dressed:
     """One garment in one frame."""
 
-    vertices: np.ndarray  # (g,3) [m]
-    confidence: np.ndarray  # (g,) uint8
+    vertices: Anything  # (g,3) [m]
+    confidence: Anything  # (g,) uint8
     diagnostics: dict[str, float]
 
 
@@ -354,7 +361,7 @@ class Dressed:
 class InnerShape:
     """The body under the garments, fused over the sequence: rest vertices (n,3) with joints `Person.J`."""
 
-    rest: np.ndarray
+    rest: Anything
     diagnostics: dict[str, float]
 
 
@@ -362,8 +369,8 @@ class InnerShape:
 class Inner:
     """The inner layer of one frame, and the garments moved out of it (inner to outer)."""
 
-    vertices: np.ndarray  # (n,3) [m]
-    confidence: np.ndarray  # (n,) uint8
-    garments: dict[str, np.ndarray]  # name -> (g,3)
+    vertices: Anything  # (n,3) [m]
+    confidence: Anything  # (n,) uint8
+    garments: dict[str, Anything]  # name -> (g,3)
     intersections_left: int
     diagnostics: dict[str, float]

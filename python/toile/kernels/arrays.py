@@ -1,12 +1,23 @@
 """The one place where callers' arrays become the core's: C order, float64 or int32, shapes checked by name."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from .._core import InputError
 
+Array = npt.ArrayLike  # what callers may give
+Floats = npt.NDArray[np.float64]  # what kernels take and return
+Ints = npt.NDArray[np.int32]
+Pixels = npt.NDArray[np.float32]
+Bools = npt.NDArray[np.bool_]
+Anything = npt.NDArray[Any]
 
-def as_vertices(kernel, name, values):
+
+def as_vertices(kernel: str, name: str, values: Array) -> Floats:
     """(n,3) float64, C order; InputError names the argument."""
     array = _as_float64(kernel, name, values)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -14,7 +25,7 @@ def as_vertices(kernel, name, values):
     return array
 
 
-def as_faces(kernel, name, values, width=3):
+def as_faces(kernel: str, name: str, values: Array, width: int = 3) -> Ints:
     """(m,width) int32, C order; integers only, so that no index is rounded silently."""
     array = _as_array(kernel, name, values)
     if array.ndim != 2 or array.shape[1] != width:
@@ -22,7 +33,7 @@ def as_faces(kernel, name, values, width=3):
     return _as_int32(kernel, name, array)
 
 
-def as_indices(kernel, name, values):
+def as_indices(kernel: str, name: str, values: Array) -> Ints:
     """(k,) int32."""
     array = _as_array(kernel, name, values)
     if array.ndim != 1:
@@ -30,7 +41,7 @@ def as_indices(kernel, name, values):
     return _as_int32(kernel, name, array)
 
 
-def as_floats(kernel, name, values, shape):
+def as_floats(kernel: str, name: str, values: Array, shape: tuple[int | None, ...]) -> Floats:
     """float64 of a given shape; None in `shape` stands for any size."""
     array = _as_float64(kernel, name, values)
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape))
@@ -40,7 +51,7 @@ def as_floats(kernel, name, values, shape):
     return array
 
 
-def as_pixels(kernel, name, values):
+def as_pixels(kernel: str, name: str, values: Array) -> Pixels:
     """(H,W,C) float32, C order."""
     array = _as_array(kernel, name, values)
     if array.ndim != 3 or array.dtype.kind not in "fiub":
@@ -48,7 +59,7 @@ def as_pixels(kernel, name, values):
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
-def as_sparse(kernel, name, values, kind=sp.csr_matrix):
+def as_sparse(kernel: str, name: str, values: Any, kind: Callable[..., Any] = sp.csr_matrix) -> Any:
     """Sparse float64 rows (scipy's csr, or another `kind`), finite, with every index in range: the core trusts its
     structure."""
     try:
@@ -64,7 +75,7 @@ def as_sparse(kernel, name, values, kind=sp.csr_matrix):
     return matrix
 
 
-def _as_array(kernel, name, values):
+def _as_array(kernel: str, name: str, values: Array) -> Anything:
     """An array of whatever the caller gave; a ragged list or a mask, whose values would count, is refused."""
     if isinstance(values, np.ma.MaskedArray):
         raise InputError(f"{kernel}: {name} is a masked array")
@@ -74,14 +85,14 @@ def _as_array(kernel, name, values):
         raise InputError(f"{kernel}: {name} is not an array: {error}") from None
 
 
-def _as_float64(kernel, name, values):
+def _as_float64(kernel: str, name: str, values: Array) -> Floats:
     array = _as_array(kernel, name, values)
     if array.dtype.kind not in "fiub":
         raise InputError(f"{kernel}: {name} has dtype {array.dtype}, expected numbers")
     return np.asarray(array, dtype=np.float64, order="C")
 
 
-def _as_int32(kernel, name, array):
+def _as_int32(kernel: str, name: str, array: Anything) -> Ints:
     if array.size == 0:
         return np.ascontiguousarray(array, dtype=np.int32)
     if not np.issubdtype(array.dtype, np.integer):

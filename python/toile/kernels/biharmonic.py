@@ -1,7 +1,9 @@
 """Smooth displacement of a mesh from the displacement of some of its vertices."""
 
+from typing import Any
+
 from .. import _core
-from .arrays import as_faces, as_indices, as_vertices
+from .arrays import Array, Floats, as_faces, as_indices, as_vertices
 from .rebuilt import Rebuilt
 
 
@@ -23,13 +25,13 @@ class BiharmonicSolver(Rebuilt):
     Source: Jacobson, Tosun, Sorkine, Zorin, Mixed Finite Elements for Variational Surface Modeling, 2010.
     """
 
-    def __init__(self, V, F, known, **options):
+    def __init__(self, V: Array, F: Array, known: Array, **options: Any) -> None:
         V, F = as_vertices("biharmonic", "V", V), as_faces("biharmonic", "F", F)
         known = as_indices("biharmonic", "known", known)
         self._solver = _core.BiharmonicSolver(V, F, known, **options)
         self._keep(V, F, known, **options)
 
-    def solve(self, D_known):
+    def solve(self, D_known: Array) -> Floats:
         """D_known (k,3) in the order of `known` -> D (n,3), in the same unit.
 
         Translations come back exactly. A vertex that no face uses gets zero unless it is known.
@@ -38,18 +40,18 @@ class BiharmonicSolver(Rebuilt):
         return self._solver.solve(as_vertices("biharmonic", "D_known", D_known))
 
     @property
-    def factorisations(self):
+    def factorisations(self) -> int:
         return self._solver.factorisations
 
     @property
-    def mollified(self):
+    def mollified(self) -> float:
         return self._solver.mollified
 
     @property
-    def factor_error(self):
+    def factor_error(self) -> float:
         return self._solver.factor_error
 
 
-def biharmonic(V, F, known, D_known, **options):
+def biharmonic(V: Array, F: Array, known: Array, D_known: Array, **options: Any) -> Floats:
     """One solve of `BiharmonicSolver`: -> D (n,3)."""
     return BiharmonicSolver(V, F, known, **options).solve(D_known)

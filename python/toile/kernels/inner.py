@@ -1,9 +1,16 @@
 """The body under the garments: one fused rest shape for a sequence, then the body of each frame."""
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 from .. import _core
 from .._core import InnerFused, InnerResult, InputError
-from .arrays import as_faces, as_floats, as_vertices
+from .arrays import Array, as_faces, as_floats, as_vertices
+from .body import BodyArrays
 from .rebuilt import Rebuilt
+
+Garments = Iterable[tuple[Array, Array]]  # (V, F)
+Frame = tuple[Array, Array, Array, Array, Garments]
 
 
 class InnerSolver(Rebuilt):
@@ -18,7 +25,7 @@ class InnerSolver(Rebuilt):
     (cpp/kernels/inner.h); an unknown name is a TypeError. After Zhang et al. 2017 (arXiv 1703.04454), own form.
     """
 
-    def __init__(self, body_model, shape=(), J=None, **options):
+    def __init__(self, body_model: BodyArrays, shape: Array = (), J: Array | None = None, **options: Any) -> None:
         self.body_model = body_model
         core, shape = body_model.core, as_floats("inner", "shape", shape, (None,))
         if J is None:
@@ -29,7 +36,7 @@ class InnerSolver(Rebuilt):
         self._solver = _core.InnerSolver(core, shape, J, **options)
         self._keep(body_model, shape, J, **options)
 
-    def fuse(self, frames) -> InnerFused:
+    def fuse(self, frames: Sequence[Frame]) -> InnerFused:
         """One rest shape (n,3) for all frames.
 
         A frame is (rotations (K,3), translation (3,), tracked (n,3), visible (n,), garments): visible in [0,1], 1 where
@@ -40,7 +47,15 @@ class InnerSolver(Rebuilt):
         """
         return self._solver.fuse([_frame(f"frames[{i}]", *frame) for i, frame in enumerate(frames)])
 
-    def solve(self, fused_rest, rotations, translation, tracked, visible, garments) -> InnerResult:
+    def solve(
+        self,
+        fused_rest: Array,
+        rotations: Array,
+        translation: Array,
+        tracked: Array,
+        visible: Array,
+        garments: Garments,
+    ) -> InnerResult:
         """The body of one frame: the fused rest shape posed, moved to the tracked skin and into the cloth, smoothly.
 
         -> .V (n,3) [m], .skin (n,) share of the tracked surface, .depth_before, .depth_after [m] and .outside_before,
@@ -50,7 +65,7 @@ class InnerSolver(Rebuilt):
         return self._solver.solve(fused_rest, _frame("frame", rotations, translation, tracked, visible, garments))
 
 
-def _frame(name, rotations, translation, tracked, visible, garments):
+def _frame(name: str, rotations: Array, translation: Array, tracked: Array, visible: Array, garments: Garments) -> Any:
     return _core.InnerFrame(
         as_vertices("inner", f"{name}.rotations", rotations),
         as_floats("inner", f"{name}.translation", translation, (3,)),

@@ -1,12 +1,27 @@
 """Labels on the nodes of any graph: Markov random field by alpha-expansion."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from .. import _core
-from .arrays import as_faces, as_floats, as_indices
+from .._core import MrfResult
+from .arrays import Array, Ints, as_faces, as_floats, as_indices
+
+Votes = Sequence[tuple[int, int]]  # (node, label)
 
 
-def mrf(unary, edges, weights, pairwise=None, start=None, prefer=(), forbid=(), **options):
+def mrf(
+    unary: Array,
+    edges: Any,
+    weights: Array,
+    pairwise: Array | None = None,
+    start: Array | None = None,
+    prefer: Votes = (),
+    forbid: Votes = (),
+    **options: Any,
+) -> MrfResult:
     """x = argmin sum_i unary[i, x_i] + sum_e weights[e] pairwise[x_p, x_q], a local minimum of all expansions.
 
     unary: (n,L) float64, any sign; edges: (E,2) int, repeated ones add up, temporal edges are ordinary ones;
@@ -47,5 +62,5 @@ def mrf(unary, edges, weights, pairwise=None, start=None, prefer=(), forbid=(), 
     )
 
 
-def _as_votes(name, votes):
+def _as_votes(name: str, votes: Votes) -> Ints:
     return as_faces("mrf", name, votes if len(votes) else np.zeros((0, 2), dtype=np.int32), width=2)

@@ -1,14 +1,19 @@
 """Non-rigid registration of a template mesh to a scan."""
 
+from collections.abc import Iterable
 from numbers import Number
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
 from .._core import NricpResult
-from .arrays import as_faces, as_floats, as_indices, as_sparse, as_vertices
+from .arrays import Array, Floats, as_faces, as_floats, as_indices, as_sparse, as_vertices
 from .rebuilt import Rebuilt
+
+Landmarks = tuple[Any, Array, Array]  # W sparse (k,n), P (k,3) [m], sigma [m]
+Boundary = Iterable[tuple[Array, Array]]  # loop vertices (l,), closed polyline (k,3) [m]
 
 
 class NricpSolver(Rebuilt):
@@ -33,13 +38,21 @@ class NricpSolver(Rebuilt):
     `boundary_weight`, ... An unknown name is a TypeError.
     """
 
-    def __init__(self, V, F, preset="standard", **options):
+    def __init__(self, V: Array, F: Array, preset: str = "standard", **options: Any) -> None:
         V, F = as_vertices("nricp", "V", V), as_faces("nricp", "F", F)
         self._n = len(V)
         self._solver = _core.NricpSolver(V, F, preset, **options)
         self._keep(V, F, preset, **options)
 
-    def solve(self, scan_V, scan_F, start=None, landmarks=None, boundary=None, scan_labels=None) -> NricpResult:
+    def solve(
+        self,
+        scan_V: Array,
+        scan_F: Array,
+        start: Array | None = None,
+        landmarks: Landmarks | None = None,
+        boundary: Boundary | None = None,
+        scan_labels: Array | None = None,
+    ) -> NricpResult:
         """One scan: scan_V (p,3) [m], scan_F (t,3).
 
         start (n,3) [m]: first positions, V without it. landmarks: (W sparse (k,n) with convex rows, P (k,3) [m], sigma
@@ -71,22 +84,31 @@ class NricpSolver(Rebuilt):
         return self._solver.solve(frame)
 
     @property
-    def analyses(self):
+    def analyses(self) -> int:
         """Symbolic factorisations so far: those of the template, none per frame."""
         return self._solver.analyses
 
     @property
-    def factorisations(self):
+    def factorisations(self) -> int:
         """Numeric factorisations so far."""
         return self._solver.factorisations
 
 
-def nricp(V, F, scan_V, scan_F, preset="standard", start=None, landmarks=None, **options):
+def nricp(
+    V: Array,
+    F: Array,
+    scan_V: Array,
+    scan_F: Array,
+    preset: str = "standard",
+    start: Array | None = None,
+    landmarks: Landmarks | None = None,
+    **options: Any,
+) -> NricpResult:
     """`NricpSolver(V, F, preset, **options).solve(scan_V, scan_F, start, landmarks)`."""
     return NricpSolver(V, F, preset, **options).solve(scan_V, scan_F, start, landmarks)
 
 
-def _landmarks(landmarks):
+def _landmarks(landmarks: Landmarks) -> tuple[Any, Floats, Floats]:
     W, P, sigma = landmarks
     if isinstance(sigma, (Number, np.ndarray)) and np.ndim(sigma) == 0:
         sigma = [sigma]

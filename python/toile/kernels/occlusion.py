@@ -1,10 +1,12 @@
 """Ambient occlusion of a mesh."""
 
+from typing import Any
+
 from .. import _core
-from .arrays import as_faces, as_vertices
+from .arrays import Array, Floats, as_faces, as_vertices
 
 
-def ambient_occlusion(V, F, rays=64, seed=0, **options):
+def ambient_occlusion(V: Array, F: Array, rays: int = 64, seed: int = 0, **options: Any) -> Floats:
     """How much of an even sky does each vertex see?
 
     V: (n,3) float64 [m]; F: (m,3) int; rays: directions a vertex; seed: same seed, same bits. To shade several meshes by

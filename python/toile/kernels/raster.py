@@ -1,12 +1,14 @@
 """Face-id and depth buffers of a mesh in a camera."""
 
 import operator
+from typing import Any
 
 from .. import _core
-from .arrays import as_faces, as_floats, as_vertices
+from .._core import RasterResult
+from .arrays import Array, as_faces, as_floats, as_vertices
 
 
-def raster(vertices_camera, F, K, size, **options):
+def raster(vertices_camera: Array, F: Array, K: Array, size: tuple[int, int], **options: Any) -> RasterResult:
     """Which face does each pixel see, and how far away?
 
     vertices_camera: (n,3) float64 [m] in the OpenCV camera's frame (x right, y down, z forward); F: (m,3) int;

@@ -1,10 +1,19 @@
 """What a camera sees of points beside a surface, and what its picture says there."""
 
 from .. import _core
-from .arrays import as_floats, as_pixels, as_vertices
+from .arrays import Array, Floats, Pixels, as_floats, as_pixels, as_vertices
 
 
-def visibility(points, normals, K, distortion, T_camera_world, depth, tolerance, min_cosine):
+def visibility(
+    points: Array,
+    normals: Array,
+    K: Array,
+    distortion: Array,
+    T_camera_world: Array,
+    depth: Array,
+    tolerance: float,
+    min_cosine: float,
+) -> tuple[Floats, Floats, Floats]:
     """Pixels (n,2) of points (n,3) [m] with normals (n,3); weights (n,): the cosine to the view where the point is visible,
     else 0; and clearance (n,) [m]: by how far it lies before the surface, +inf where the picture shows none, -inf outside.
 
@@ -24,7 +33,7 @@ def visibility(points, normals, K, distortion, T_camera_world, depth, tolerance,
     )
 
 
-def bilinear(image, uv):
+def bilinear(image: Array, uv: Array) -> Pixels:
     """Bilinear values (n,C) float32 of an image (H,W,C) at pixels (n,2); pixel (0,0) has its centre at (0.5, 0.5), and
     beyond the outermost centres their values go on; at what is no number any value. InputError for fewer than 2 x 2
     pixels."""

@@ -1,14 +1,20 @@
 """Pose and shape of a body model from a scan, 3D keypoints and earlier frames."""
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from .. import _core
 from .._core import InputError, SkeletonResult
-from .arrays import as_faces, as_floats, as_vertices
+from .arrays import Array, Floats, Ints, as_faces, as_floats, as_vertices
+from .body import BodyArrays
 from .rebuilt import Rebuilt
+
+Pose = Any  # (rotations, translation, shape), or an object with these names
+Table = Iterable[tuple[str, float]]  # values by the beginnings of names
+ByJoint = Mapping[str, float] | Array
 
 # Spread about rest [rad] of the joints whose roles (`BodyModel.joint_roles`) begin so; the first that fits counts. Twist
 # bones, toes and metacarpals hardly move by themselves, the spine and neck share a bend, eyes are not seen.
@@ -61,14 +67,14 @@ class SkeletonSolver(Rebuilt):
 
     def __init__(
         self,
-        body_model,
-        joint_sigma=None,
-        joint_limit=None,
-        vertex_weights=None,
-        other_joint_sigma=OTHER_SIGMA,
-        other_joint_limit=OTHER_LIMIT,
-        **options,
-    ):
+        body_model: BodyArrays,
+        joint_sigma: ByJoint | None = None,
+        joint_limit: ByJoint | None = None,
+        vertex_weights: Array | None = None,
+        other_joint_sigma: float = OTHER_SIGMA,
+        other_joint_limit: float = OTHER_LIMIT,
+        **options: Any,
+    ) -> None:
         roles, n = body_model.joint_roles, len(body_model.v_template)
         self.body_model = body_model
         sigma = _by_joint(roles, joint_sigma, JOINT_SIGMA, other_joint_sigma)
@@ -83,7 +89,15 @@ class SkeletonSolver(Rebuilt):
         self._solver = _core.SkeletonSolver(body_model.core, *given, **options)
         self._keep(body_model, *given, **options)
 
-    def solve(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None) -> SkeletonResult:
+    def solve(
+        self,
+        scan_V: Array | None = None,
+        scan_F: Any = None,
+        keypoints: Any = None,
+        start: Pose | None = None,
+        previous: Iterable[Pose] = (),
+        clothed: Array | None = None,
+    ) -> SkeletonResult:
         """Pose and shape of one frame.
 
         scan_V (m,3) [m], scan_F (t,3): None or empty for keypoints alone. keypoints: an object with `names`, `points`
@@ -101,14 +115,22 @@ class SkeletonSolver(Rebuilt):
         """
         return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed))
 
-    def solve_shared(self, frames, rounds=4):
+    def solve_shared(self, frames: Sequence[Mapping[str, Any]], rounds: int = 4) -> list[SkeletonResult]:
         """One shape for several frames; `frames` are dicts of `solve`'s arguments. -> [SkeletonResult], equal `.shape`.
 
         Each round eliminates every frame's pose from its normal equations and steps the shape by their sum.
         """
         return self._solver.solve_shared([self._frame(**frame) for frame in frames], operator.index(rounds))
 
-    def _frame(self, scan_V=None, scan_F=None, keypoints=None, start=None, previous=(), clothed=None):
+    def _frame(
+        self,
+        scan_V: Array | None = None,
+        scan_F: Any = None,
+        keypoints: Any = None,
+        start: Pose | None = None,
+        previous: Iterable[Pose] = (),
+        clothed: Array | None = None,
+    ) -> Any:
         has_scan = scan_F is not None and len(scan_F)
         V = np.zeros((0, 3)) if scan_V is None else as_vertices("skeleton", "scan_V", scan_V)
         F = as_faces("skeleton", "scan_F", scan_F) if has_scan else np.zeros((0, 3), np.int32)
@@ -129,7 +151,7 @@ class SkeletonSolver(Rebuilt):
             clothed,
         )
 
-    def _keypoints(self, keypoints):
+    def _keypoints(self, keypoints: Any) -> tuple[Ints, Floats, Floats]:
         """Indices into the model's table, points and sigmas of the keypoints that are seen and known."""
         if keypoints is None:
             return np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0)
@@ -150,24 +172,31 @@ class SkeletonSolver(Rebuilt):
         return known[use], points[use], sigma[use]
 
 
-def skeleton(body_model, scan_V, scan_F, keypoints=None, start=None, **options):
+def skeleton(
+    body_model: BodyArrays,
+    scan_V: Array | None,
+    scan_F: Any,
+    keypoints: Any = None,
+    start: Pose | None = None,
+    **options: Any,
+) -> SkeletonResult:
     """`SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)`."""
     return SkeletonSolver(body_model, **options).solve(scan_V, scan_F, keypoints, start)
 
 
-def _by_joint(roles, given, table, other):
+def _by_joint(roles: Iterable[str], given: ByJoint | None, table: Table, other: float) -> Array:
     """Values (K,): those given, by joint or by the beginnings of roles; else those of the table."""
     if given is not None and not isinstance(given, Mapping):
         return given
     return by_prefix(roles, table if given is None else [("root", np.inf), *given.items()], other)
 
 
-def by_prefix(names, table, other):
+def by_prefix(names: Iterable[str], table: Table, other: float) -> Floats:
     """A value per name: that of the first prefix in the table which fits."""
     return np.array([next((value for prefix, value in table if name.startswith(prefix)), other) for name in names])
 
 
-def as_pose(name, pose):
+def as_pose(name: str, pose: Pose) -> Any:
     rotations, translation, shape = pose if isinstance(pose, tuple) else (pose.rotations, pose.translation, pose.shape)
     return _core.SkeletonPose(
         as_vertices("skeleton", f"{name}.rotations", rotations),

@@ -1,7 +1,10 @@
 """Cloth out of a body, or out of the garment under it."""
 
+from typing import Any
+
 from .. import _core
-from .arrays import as_faces, as_vertices
+from .._core import UntangleResult
+from .arrays import Array, as_faces, as_vertices
 from .rebuilt import Rebuilt
 
 
@@ -21,13 +24,13 @@ class UntangleSolver(Rebuilt):
     vertex is pushed further through parts that overlap; max_iterations=60. An unknown name is a TypeError.
     """
 
-    def __init__(self, cloth_F, cloth_n, body_F, body_n, **options):
+    def __init__(self, cloth_F: Array, cloth_n: int, body_F: Array, body_n: int, **options: Any) -> None:
         name = "untangle"
         meshes = as_faces(name, "cloth_F", cloth_F), int(cloth_n), as_faces(name, "body_F", body_F), int(body_n)
         self._solver = _core.UntangleSolver(*meshes, **options)
         self._keep(*meshes, **options)
 
-    def solve(self, cloth_V, body_V):
+    def solve(self, cloth_V: Array, body_V: Array) -> UntangleResult:
         """-> UntangleResult: .V (n,3); .displacement (n,3); .depth_before, .depth_after (n,) how far inside, 0 outside;
         .margin (n,) asked for at each vertex; .pairs_left (k,2) faces (cloth, body); .intersections_before,
         .intersections_left, .vertices_left (inside), .vertices_short (nearer than their margin) counts; .iterations;
@@ -39,7 +42,9 @@ class UntangleSolver(Rebuilt):
         )
 
 
-def untangle(cloth_V, cloth_F, body_V, body_F, margin=0.002, **options):
+def untangle(
+    cloth_V: Array, cloth_F: Array, body_V: Array, body_F: Array, margin: float = 0.002, **options: Any
+) -> UntangleResult:
     """Moves cloth (n,3) out of a body to `margin` [m]: one line over `UntangleSolver`, which see."""
     cloth_V, body_V = as_vertices("untangle", "cloth_V", cloth_V), as_vertices("untangle", "body_V", body_V)
     return UntangleSolver(cloth_F, len(cloth_V), body_F, len(body_V), margin=margin, **options).solve(cloth_V, body_V)

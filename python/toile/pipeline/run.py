@@ -223,7 +223,8 @@ def first_stages(prepared, number, previous, results) -> None:
     if previous is not None:
         before, before_labels, _ = _load_first_stages(prepared.templates, results.folder(previous))
     note_frame(prepared.folder.parent, prepared.capture, number)
-    frame, folder, seconds = prepared.capture.frame(number), results.folder(number), {}
+    frame, folder = prepared.capture.frame(number), results.folder(number)
+    seconds: dict[str, float] = {}
 
     def timed(stage, make):
         start = time.perf_counter()

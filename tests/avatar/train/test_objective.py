@@ -106,7 +106,9 @@ def test_body_phase_leaves_the_garment_alone_and_the_other_way_round():
 
 def test_c_is_annealed_from_first_to_last(monkeypatch):
     seen = []
-    monkeypatch.setattr("toile.avatar.train.losses.soft_visibility", lambda d, l, k, c: seen.append(c) or torch.zeros(()))
+    monkeypatch.setattr(
+        "toile.avatar.train.losses.soft_visibility", lambda d, l, k, c: seen.append(c) or torch.zeros(())
+    )
     job = objective((BODY, SHIRT))
     joint = list(AvatarSettings().phases())[-1]
     for share in (0.0, 0.5, 1.0):
