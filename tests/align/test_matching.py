@@ -104,20 +104,23 @@ def test_vertices_slide_on_the_surface_and_loops_on_themselves(matcher):
     surface = matcher.surface
     d = np.random.default_rng(0).normal(0, 0.01, (len(surface.rest), 2))
     face, bary = surface.slid(d)
-    moved = surface.carried(surface.rest, face, bary)
+    moved = surface.points_at(surface.rest, face, bary)
     assert surface.index.closest(moved)[3].max() < 1e-9
     for loop in surface.loops:
         assert np.ptp(moved[loop][:, 2]) < 1e-12
-    assert np.abs(surface.carried(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
+    assert np.abs(surface.points_at(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
 
 
 def test_slid_vertices_cut_no_corners(matcher):
     surface, d = matcher.surface, np.random.default_rng(0).normal(0, 0.01, (len(matcher.surface.rest), 2))
     places = surface.slid(d)
-    sag = [RADIUS - np.linalg.norm(f(surface.rest, *places)[:, :2], axis=1) for f in (surface.carried, surface.laid)]
+    sag = [
+        RADIUS - np.linalg.norm(f(surface.rest, *places)[:, :2], axis=1)
+        for f in (surface.points_at, surface.curved_points_at)
+    ]
     for on in (surface.on_loop, ~surface.on_loop):
         assert np.abs(sag[1][on]).mean() < 0.6 * np.abs(sag[0][on]).mean()
-    assert np.abs(surface.laid(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
+    assert np.abs(surface.curved_points_at(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
 
 
 def test_a_slide_does_not_depend_on_threads(matcher):
@@ -136,8 +139,8 @@ def test_cloth_that_slipped_returns_to_the_lengths_of_its_template(matcher):
     slip = np.zeros((len(surface.rest), 2))
     up = np.einsum("gai,i->ga", surface.frames, [0, 0, 1.0])
     slip[:] = 0.012 * np.sin(2 * np.pi * surface.rest[:, 2:] / HEIGHT) * up
-    slipped = surface.carried(surface.rest, *surface.slid(slip))
-    left = surface.carried(slipped, *surface.slid(matcher.unstretched([slipped]))) - surface.rest
+    slipped = surface.points_at(surface.rest, *surface.slid(slip))
+    left = surface.points_at(slipped, *surface.slid(matcher.unstretched([slipped]))) - surface.rest
     error = np.abs(np.stack([slipped - surface.rest, left])[..., 2]).mean(1)
     assert error[0] > 0.006 and error[1] < 0.25 * error[0]
 
@@ -149,7 +152,7 @@ def test_gradients_of_the_lengths_are_their_differences(matcher):
     d, step = np.zeros((len(surface.rest), 2)), 1e-6
 
     def energy(d):
-        x = surface.carried(posed, *surface.slid(d))
+        x = surface.points_at(posed, *surface.slid(d))
         length = np.linalg.norm(x[loose.i] - x[loose.j], axis=1)
         rest = np.linalg.norm(posed[loose.i] - posed[loose.j], axis=1)
         scale = np.median(rest / loose.lengths)  # held, as the equations do

@@ -22,7 +22,7 @@ class Lengths:
         """Of sum over edges of w (|x_i - x_j| / (c l) - 1)^2, x the `posed` surface (g,3) at the vertices' places: the 2x2
         blocks (2,2,e,2,2) of J'WJ by ends, and J'Wr (g,2). c is the frame's median ratio; w those of Welsch."""
         s, surface = self.settings, self.surface
-        x = surface.carried(posed, *places)
+        x = surface.points_at(posed, *places)
         J = np.einsum("gsr,gar->gsa", np.stack([G @ x for G in self.gradient], -1), surface.frames)  # dx / dd
         e = x[self.i] - x[self.j]
         length = np.maximum(np.linalg.norm(e, axis=1), 1e-9)

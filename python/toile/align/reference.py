@@ -50,7 +50,7 @@ def make_reference(matcher, pyramids, posed, anchors, rounds):
 def shared_out(matcher, posed, slides):
     """The slides with what lengths ask of all of them alike."""
     surface = matcher.surface
-    moved = [surface.carried(V, *surface.slid(d)) for V, d in zip(posed, slides)]
+    moved = [surface.points_at(V, *surface.slid(d)) for V, d in zip(posed, slides)]
     shared = matcher.unstretched(moved, np.mean(slides, axis=0))
     return [d + shared for d in slides]
 

@@ -225,7 +225,7 @@ def _write_frame(prepared, writer, number, slides):
     for name, d in slides.items():
         surface = prepared.matchers[name].surface
         face, bary = surface.slid(d)
-        cloth[name] = surface.laid(cloth[name], face, bary)
+        cloth[name] = surface.curved_points_at(cloth[name], face, bary)
         confidence[name] = run.garments[name].confidence.at(number)[surface.faces[face, bary.argmax(1)]]
     placed = prepared.layering.solve(run.body.at(number), cloth)
     for name, V in (placed.vertices if placed.intersections_before else cloth).items():

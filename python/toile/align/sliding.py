@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from .. import kernels
+from ..surface.operators import nearest_on_polyline, sides
 from .lattice import Lattice
 
 PHONG = 0.75  # of the way from the flat face to the mean of its corners' tangent planes
@@ -98,13 +99,8 @@ class SlidingSurface:
 
     def _along(self, loop, points):
         """face, bary of the points nearest to `points` (k,3) on a loop."""
-        a, b = self.rest[loop], self.rest[np.roll(loop, -1)]
-        step = b - a
-        s = np.einsum("kmi,mi->km", points[:, None] - a, step) / np.maximum(np.einsum("mi,mi->m", step, step), 1e-18)
-        s = np.clip(s, 0, 1)
-        nearest = np.linalg.norm(points[:, None] - a - s[..., None] * step, axis=2).argmin(1)
-        s = s[np.arange(len(points)), nearest]
-        ends = np.stack([loop, np.roll(loop, -1)], 1)[nearest]
+        segment, s, _ = nearest_on_polyline(points, self.rest[loop])
+        ends = np.stack([loop, np.roll(loop, -1)], 1)[segment]
         face = self._face_of_edge(ends)
         corner = self.faces[face]
         return face, (corner == ends[:, :1]) * (1 - s)[:, None] + (corner == ends[:, 1:]) * s[:, None]
@@ -112,25 +108,25 @@ class SlidingSurface:
     @cached_property
     def _half_edges(self):
         """Codes of the faces' edges, rising, and the face of each."""
-        edges = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+        edges = np.sort(sides(self.faces), axis=1).astype(np.int64)
         code = edges[:, 0] * len(self.rest) + edges[:, 1]
         order = np.argsort(code, kind="stable")
-        return code[order], (order // 3).astype(np.int32)
+        return code[order], (order % len(self.faces)).astype(np.int32)
 
     def _face_of_edge(self, ends):
         code, face = self._half_edges
         ends = np.sort(ends, axis=1).astype(np.int64)
         return face[np.searchsorted(code, ends[:, 0] * len(self.rest) + ends[:, 1])]
 
-    def carried(self, V, face, bary):
+    def points_at(self, V, face, bary):
         """The posed surface V (g,3) at places face, bary."""
         return np.einsum("gk,gki->gi", bary, V[self.faces[face]])
 
-    def laid(self, V, face, bary):
+    def curved_points_at(self, V, face, bary):
         """The same on a curved surface through the vertices, so that none is lost by cutting corners: Phong tessellation
         (Boubekeur and Alexa 2008), and along loops cubics with the slopes of Catmull and Rom."""
         corner = self.faces[face]
-        x, normal = self.carried(V, face, bary), kernels.vertex_normals(V, self.faces)[corner]
+        x, normal = self.points_at(V, face, bary), kernels.vertex_normals(V, self.faces)[corner]
         off = np.einsum("gki,gki->gk", x[:, None] - V[corner], normal)  # above the tangent plane at each corner
         x = x - PHONG * np.einsum("gk,gk,gki->gi", bary, off, normal)
         for loop in self.loops:

@@ -70,9 +70,16 @@ def distance_to_polyline(points, closed):
 
 def offset_to_polyline(points, closed):
     """Offsets (k,3) from points (k,3) to the nearest points of a closed polyline (m,3) [m]."""
+    return nearest_on_polyline(points, closed)[2]
+
+
+def nearest_on_polyline(points, closed):
+    """Of the point of a closed polyline (m,3) [m] nearest to each of points (k,3): its segment (k,), its place on that
+    (k,), 0 to 1, and the offset (k,3) to it."""
     a, d = closed, np.roll(closed, -1, 0) - closed
     r = points[:, None] - a
     s = np.clip(np.einsum("kmi,mi->km", r, d) / np.maximum(np.einsum("mi,mi->m", d, d), 1e-18), 0, 1)
     offset = s[..., None] * d - r
     best = np.einsum("kmi,kmi->km", offset, offset).argmin(1)
-    return offset[np.arange(len(points)), best]
+    k = np.arange(len(points))
+    return best, s[k, best], offset[k, best]

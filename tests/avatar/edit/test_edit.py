@@ -15,7 +15,7 @@ from toile.avatar.drive.animate import animate
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.edit import paint
 from toile.avatar.edit.editing import Change, edit
-from toile.avatar.edit.marking import carried, mark
+from toile.avatar.edit.marking import edit_of_surface, mark
 from toile.avatar.edit.sheet import border_distances
 from toile.avatar.measure.sheet import GAP, TILE
 from toile.avatar.model.checkpoint import load_avatar
@@ -157,7 +157,7 @@ def test_a_picture_lies_upright_and_unmirrored(place):
         u = 0.1 + 0.8 * 0.75  # at the angle of the front, -y
         place = paint.place_at(SHIRT, (u, 0.5), 0.2, UP)
         assert np.linalg.norm(place.centre - [0, -0.12, 0.3]) < 0.02
-    made = paint.laid(SHIRT, quadrants(), "image", place, 256)
+    made = paint.placed(SHIRT, quadrants(), "image", place, 256)
     shown = made.cover > 250
     offset = UvMap(SHIRT, 256).texels(SHIRT.rest)[shown] - place.centre
     red, green = (made.colour[shown][:, k].astype(float) for k in (0, 1))
@@ -224,7 +224,7 @@ def test_an_arm_against_the_garment_is_not_marked():
 def test_the_baseline_gets_the_garments_picture():
     marked = mark(SURFACE, SURFACE.rest, SHIRT, SHIRT.rest, 128)
     made = paint.covering(SHIRT, quadrants(), "q.png", 128)
-    edited = carried(made, SURFACE, marked)
+    edited = edit_of_surface(made, SURFACE, marked)
     assert edited.layer == "surface" and edited.garment == "shirt"
     assert (edited.cover[marked.region] > 250).all() and (edited.cover[~marked.region] == 0).all()
     red = edited.colour[..., 0][marked.region].astype(float) / 255

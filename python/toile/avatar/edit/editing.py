@@ -20,7 +20,7 @@ from ..model.checkpoint import load_avatar, read_facts
 from ..model.edits import LUMA, load_edits, save_edits
 from ..model.networks import resize
 from . import paint
-from .marking import carried, mark
+from .marking import edit_of_surface, mark
 
 BRIGHTEST = 16.0  # factor of a colour
 KEPT = ("avatar.json", "avatar.safetensors", "temporal.safetensors")  # of an avatar's folder, with assets/
@@ -87,7 +87,7 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
     try:
         add_edit(folder, part, made)
         if marked is not None:
-            add_edit(folder / "baseline", part / "baseline", carried(made, surface, marked))
+            add_edit(folder / "baseline", part / "baseline", edit_of_surface(made, surface, marked))
         if sheet:
             from .sheet import compare
 
@@ -122,9 +122,9 @@ def garment_edit(avatar, layer, change, run):
         picture, name = read_rgba(change.image), Path(change.image).name
         if change.at is None and change.size is None:
             return paint.covering(layer, picture, name, size)
-        return paint.laid(layer, picture, f"image {name}", place_of(avatar, layer, change, run), size)
+        return paint.placed(layer, picture, f"image {name}", place_of(avatar, layer, change, run), size)
     place = place_of(avatar, layer, change, run)
-    return paint.laid(layer, paint.written(change.text, bright(avatar, layer)), f"text {change.text!r}", place, size)
+    return paint.placed(layer, paint.written(change.text, bright(avatar, layer)), f"text {change.text!r}", place, size)
 
 
 def place_of(avatar, layer, change, run):

@@ -53,7 +53,7 @@ def on_border(faces, face, bary):
     return np.where(at_vertex, open_vertex[corner], (zero & open_edge[face]).any(1))
 
 
-def carried(edit, surface, marked):
+def edit_of_surface(edit, surface, marked):
     """An Edit of a garment as one of the surface's."""
     import cv2
 

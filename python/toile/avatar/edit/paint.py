@@ -64,7 +64,7 @@ def covering(layer, picture, name, size):
     return Edit(layer.name, layer.name, f"image {name}", maps[..., 3], colour=maps[..., :3])
 
 
-def laid(layer, picture, words, place, size):
+def placed(layer, picture, words, place, size):
     """An Edit by a picture (h,w,4) that lies at a Place."""
     import cv2
 
