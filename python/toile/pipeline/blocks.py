@@ -78,7 +78,7 @@ class FrameFolders:
         write_text(self.folder(frame) / "failed.json", json.dumps({"reason": reason, **told}))
         self.status.add(frame=frame, stage=self.stage, seconds=0.0, ok=False, reason=reason)
 
-    def give_again(self) -> None:
+    def reopen_failed(self) -> None:
         """Failed frames are no longer done."""
         for path in self.root.glob("*/failed.json"):
             path.unlink()

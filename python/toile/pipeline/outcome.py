@@ -42,12 +42,12 @@ def failed_frames(run: Path, frames: Sequence[int], results: FrameFolders) -> tu
     return tuple(n for n in frames if results.reason(n) is not None or "reason" in read_diagnostics(run, n))
 
 
-def give_again(run: Path, results: FrameFolders) -> None:
+def reopen_failed(run: Path, results: FrameFolders) -> None:
     """Failed frames become pending."""
     with locked(run):
         if is_whole(run):
             shutil.rmtree(run / "work", ignore_errors=True)
-        results.give_again()
+        results.reopen_failed()
         if is_run(run):
             RunWriter.of(run).reopen()
 

@@ -38,7 +38,7 @@ from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
 from .blocks import BlockJob, FrameFolders, Progress, check_shares, run_job
 from .manifest import begin_run, note_frame
-from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, give_again, is_whole, outcome_of
+from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen_failed
 
 # of `register`, besides its settings
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
@@ -88,7 +88,7 @@ def register(
     try:
         begin_run(run, capture, config, frames, verify, failed_frames(run, frames, results) if retry else ())
         if retry:
-            give_again(run, results)
+            reopen_failed(run, results)
         last = partial(last_stages, run, frames, results, progress)
         run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
         return outcome_of(run, frames, results)
