@@ -41,7 +41,7 @@ stubs: setup
 	$(BIN)/python tools/make-stubs
 
 # what machines hold: names and imports, layout of Python and C++, types of what users import
-LAYOUT = git ls-files -z 'cpp/*.h' 'cpp/*.cpp' 'tests/cpp/*.h' 'tests/cpp/*.cpp' | xargs -0 $(BIN)/clang-format
+LAYOUT = find cpp tests/cpp -name "*.h" -print0 -o -name "*.cpp" -print0 | xargs -0 $(BIN)/clang-format
 lint: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check --quiet

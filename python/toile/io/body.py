@@ -28,7 +28,7 @@ METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def load_body_model(path_or_name="anny", up="z"):
+def load_body_model(path_or_name: Path | str = "anny", up: str = "z") -> BodyModel:
     """The packaged model of that name, or one from a .npz file, in metres, turned so that `up` ("x", "y", "z") is up.
 
     Fields: `v_template (n,3)`, `f (m,3)`, `parents (K,)` with parents[0] = -1, `J (K,3)` or `J_regressor (K,n)`, and

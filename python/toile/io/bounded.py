@@ -13,17 +13,19 @@ import tomllib
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import UserError
+from ..kernels.arrays import Anything
 
 TEXT_BYTES = 256 << 20
 ARRAY_BYTES = 2 << 30  # of all arrays of one .npz, inflated
 MESH_BYTES = 1 << 30
 
 
-def check_file(path, most=None):
+def check_file(path: Path | str, most: int | None = None) -> Path:
     """The path of an ordinary file of at most `most` bytes, or a UserError."""
     path = Path(path)
     try:
@@ -39,7 +41,7 @@ def check_file(path, most=None):
     return path
 
 
-def read_bytes(path, most=TEXT_BYTES):
+def read_bytes(path: Path | str, most: int = TEXT_BYTES) -> bytes:
     """The bytes of an ordinary file."""
     try:
         return check_file(path, most).read_bytes()
@@ -47,7 +49,7 @@ def read_bytes(path, most=TEXT_BYTES):
         raise UserError(f"{path}: cannot be read: {reason_of(error)}") from None
 
 
-def read_text(path, most=TEXT_BYTES):
+def read_text(path: Path | str, most: int = TEXT_BYTES) -> str:
     """UTF-8 text, its line ends as they are."""
     try:
         return read_bytes(path, most).decode("utf-8")
@@ -55,7 +57,7 @@ def read_text(path, most=TEXT_BYTES):
         raise UserError(f"{path}: not UTF-8 text: {error.reason} at byte {error.start}") from None
 
 
-def read_json(path, kind=None):
+def read_json(path: Path | str, kind: Any = None) -> Any:
     """What a JSON file holds; with `kind` (dict, list) that and nothing else."""
     text = read_text(path)
     try:
@@ -69,7 +71,7 @@ def read_json(path, kind=None):
     return value
 
 
-def read_toml(path):
+def read_toml(path: Path | str) -> dict[str, Any]:
     """The tables of a TOML file."""
     text = read_text(path)
     try:
@@ -80,7 +82,7 @@ def read_toml(path):
         raise UserError(f"{path}: not TOML: {error}") from None
 
 
-def read_npz(path, most=ARRAY_BYTES, names=None):
+def read_npz(path: Path | str, most: int = ARRAY_BYTES, names: Any = None) -> dict[str, Anything]:
     """{name: array} of a .npz file without pickles, of `names` only if given.
 
     The sizes that the archive and each array's header give are checked before anything is inflated.
@@ -100,7 +102,7 @@ def read_npz(path, most=ARRAY_BYTES, names=None):
         raise UserError(f"{path}: not a .npz of plain arrays: {reason_of(error)}") from None
 
 
-def _array(path, name, archive, member):
+def _array(path: Any, name: str, archive: Any, member: Any) -> Anything:
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise UserError(f"{path}: {name}: an unknown compression")
     with archive.open(member) as file:
@@ -117,7 +119,7 @@ def _array(path, name, archive, member):
         return np.lib.format.read_array(file, allow_pickle=False)
 
 
-def reason_of(error):
+def reason_of(error: BaseException) -> str:
     """What an exception says, in one line: an OSError's without its number and file."""
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return (text or type(error).__name__).splitlines()[0]

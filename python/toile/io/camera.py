@@ -1,9 +1,15 @@
 """cameras.json."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import UserError
+from ..kernels.arrays import Anything
 from ..scene import Camera
 from .bounded import read_json
 from .image import MAX_PIXELS
@@ -24,14 +30,14 @@ class _CamerasFile(BaseModel):
     cameras: list[_Entry]
 
 
-def first_error(path, error, *within):
+def first_error(path: Path | str, error: ValidationError, *within: object) -> UserError:
     """One line of a pydantic error: the file, the field (of the table `within`), what is wrong."""
     first = error.errors()[0]
     field = ".".join(str(part) for part in (*within, *first["loc"]))
     return UserError(f"{path}: {field}: {first['msg']}")
 
 
-def read_cameras(path, metres=1.0):
+def read_cameras(path: Path, metres: float = 1.0) -> dict[str, Camera]:
     """{name: Camera}; translations are scaled by `metres` a unit."""
     try:
         entries = _CamerasFile(**read_json(path, dict)).cameras
@@ -45,8 +51,8 @@ def read_cameras(path, metres=1.0):
     return cameras
 
 
-def _camera(path, i, entry, metres):
-    def array(field, shape):
+def _camera(path: Path, i: int, entry: Any, metres: float) -> Camera:
+    def array(field: str, shape: tuple[int, ...]) -> Anything:
         values = np.array(getattr(entry, field), dtype=np.float64) if _regular(getattr(entry, field)) else np.zeros(0)
         if values.shape != shape or not np.isfinite(values).all():
             raise UserError(f"{path}: cameras.{i}.{field} ({entry.name}): expected {shape} finite numbers")
@@ -65,5 +71,5 @@ def _camera(path, i, entry, metres):
     return Camera(entry.name, entry.width, entry.height, K, distortion, T)
 
 
-def _regular(values):
+def _regular(values: Any) -> bool:
     return not values or not isinstance(values[0], list) or len({len(row) for row in values}) == 1

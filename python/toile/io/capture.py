@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import UserError, first_line
+from ..kernels.arrays import Anything
 from ..scene import Camera, Frame, Garment, Mesh, Scene
 from .bounded import read_toml
 from .camera import first_error, read_cameras
@@ -79,7 +82,7 @@ class Capture:
     files: tuple[Path, ...] = ()  # that the scene is made of
     warnings: tuple[str, ...] = ()
 
-    def frame(self, number):
+    def frame(self, number: int) -> Frame:
         """Reads one frame. UserError names the file and the field."""
         folder = self.folder(number)
         scan, keypoints = None, folder / "keypoints.json"
@@ -91,7 +94,7 @@ class Capture:
         found = read_keypoints(keypoints, self.cameras) if keypoints.exists() else None
         return replace(self.pictures(number), scan=scan, keypoints=found)
 
-    def pictures(self, number):
+    def pictures(self, number: int) -> Any:
         """Reads images, masks and labels of one frame, and nothing else of it."""
         folder = self.folder(number)
         labels = self._images(folder / "labels", "L")
@@ -100,22 +103,22 @@ class Capture:
         masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
         return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
 
-    def folder(self, number):
+    def folder(self, number: int) -> Path:
         """Where a frame's files lie."""
         folder = self.root / "frames" / f"{number:06d}"
         if not folder.is_dir():
             raise UserError(f"{folder}: no such frame")
         return folder
 
-    def pictured(self, number):
+    def pictured(self, number: int) -> tuple[str, ...]:
         """Names of the cameras that have a picture of a frame, in the cameras' order."""
         return tuple(self._files(self.folder(number) / "images"))
 
-    def _files(self, folder):
+    def _files(self, folder: Path) -> dict[str, Path]:
         """{camera: path} of one kind, for the cameras that have it, in their order."""
         if not folder.is_dir():
             return {}
-        paths = {}
+        paths: dict[str, Path] = {}
         for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg")):
             if path.stem not in self.cameras:
                 raise UserError(f"{path}: no camera '{path.stem}' in cameras.json")
@@ -124,15 +127,15 @@ class Capture:
             paths[path.stem] = path
         return {name: paths[name] for name in self.cameras if name in paths}
 
-    def _images(self, folder, mode):
+    def _images(self, folder: Path, mode: str) -> dict[str, Anything]:
         return {name: read_image(path, self.cameras[name].size, mode) for name, path in self._files(folder).items()}
 
-    def _check_ids(self, path, labels):
+    def _check_ids(self, path: Path, labels: Anything) -> None:
         strange = np.setdiff1d(np.unique(labels), [0, *self.scene.labels.values()])
         if len(strange):
             raise UserError(f"{path}: label id {strange[0]} is not in scene.toml's [labels]")
 
-    def _check_height(self, path, scan):
+    def _check_height(self, path: Path, scan: Mesh) -> None:
         extent = float(np.ptp(scan.vertices[np.unique(scan.faces)], axis=0).max())
         if not HEIGHT[0] <= extent <= HEIGHT[1]:
             raise UserError(
@@ -141,7 +144,7 @@ class Capture:
             )
 
 
-def open_capture(path):
+def open_capture(path: Path | str) -> Capture:
     """Opens and validates a capture folder. UserError: one line that names the file and the field."""
     root = Path(path)
     file = root / "scene.toml"
@@ -166,7 +169,7 @@ def open_capture(path):
     return Capture(root, scene, cameras, frames, templates, kept, files, warnings)
 
 
-def check_capture(capture, frames):
+def check_capture(capture: Capture, frames: Sequence[int]) -> None:
     """Reads the first frames of a run before anything is written.
 
     What is wrong in every one of them, and a garment whose label no pixel carries, is the capture's fault and raises;
@@ -198,7 +201,7 @@ def check_capture(capture, frames):
             )
 
 
-def _scene(root, file, table):
+def _scene(root: Path, file: Path, table: Any) -> Scene:
     if table.scene.units not in METRES:
         raise UserError(f"{file}: scene.units: '{table.scene.units}', expected one of {', '.join(METRES)}")
     if table.scene.up not in ("x", "y", "z"):
@@ -236,20 +239,20 @@ def _scene(root, file, table):
     )
 
 
-def _cameras(root, name, metres):
+def _cameras(root: Path, name: str, metres: float) -> dict[str, Camera]:
     """Cameras where the capture has pictures or keypoints; scans alone need none."""
     path = _inside(root, root / "scene.toml", "cameras.file", name)
     needed = any((root / "frames").glob("*/images/*")) or any((root / "frames").glob("*/keypoints.json"))
     return read_cameras(path, metres) if needed or path.exists() else {}
 
 
-def _scaled(mesh, metres):
+def _scaled(mesh: Mesh, metres: float) -> Mesh:
     if metres == 1:
         return mesh
     return Mesh(mesh.vertices * metres, mesh.faces, mesh.uv, mesh.face_uv, mesh.face_labels)
 
 
-def _inside(root, file, field, name):
+def _inside(root: Path, file: Path, field: str, name: str) -> Path:
     """The path inside the capture, refused when it leaves it or is missing (cameras may be)."""
     if not name.isprintable():
         raise UserError(f"{file}: {field}: {name!r} is no path")

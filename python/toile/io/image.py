@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import UserError
+from ..kernels.arrays import Anything
 from .bounded import check_file, reason_of
 from .files import replace_file
 
@@ -15,7 +18,7 @@ MAX_BYTES = 1 << 30
 FORMATS = ("PNG", "JPEG")
 
 
-def read_rgba(path):
+def read_rgba(path: Path | str) -> Anything:
     """A picture of any size as (H,W,4) uint8, upright as its camera's note says; opaque where it has no alpha."""
     from PIL import ImageOps
 
@@ -23,7 +26,7 @@ def read_rgba(path):
         return np.array(ImageOps.exif_transpose(image).convert("RGBA"))
 
 
-def read_image(path, size, mode):
+def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
     """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
     with _opened(path) as image:
         width, height = image.size
@@ -34,7 +37,7 @@ def read_image(path, size, mode):
         return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
 
 
-def write_image(path, pixels):
+def write_image(path: Path, pixels: Anything) -> None:
     """(H,W,3) or (H,W) uint8 as a whole file: JPEG for the suffix .jpg, else PNG."""
     from PIL import Image
 
@@ -43,7 +46,7 @@ def write_image(path, pixels):
 
 
 @contextmanager
-def _opened(path):
+def _opened(path: Path | str) -> Any:
     """The image, of which only the header has been read; whatever is wrong with it becomes a UserError."""
     from PIL import Image
 

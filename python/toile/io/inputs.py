@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 
-def files_under(folder):
+def files_under(folder: Path) -> list[Path]:
     """Ordinary files in a folder and below, in order."""
     return sorted(p for p in Path(folder).rglob("*") if p.is_file())
 
 
-def stamps(root, paths):
+def stamps(root: Path, paths: Iterable[Path]) -> dict[str, Any]:
     """{path inside `root`: (bytes, time of the last change [ns])} of files."""
     return {_inside(root, path): (found.st_size, found.st_mtime_ns) for path in paths for found in [path.stat()]}
 
 
-def contents(path):
+def contents(path: Path) -> str:
     """sha256 of a file's bytes."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _inside(root, path):
+def _inside(root: Path, path: Path) -> str:
     return Path(path).relative_to(root).as_posix()

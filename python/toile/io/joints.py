@@ -4,6 +4,8 @@ joint names ("upperarm01.L"), so that one table of spreads, one list of hands an
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from typing import Any
 
 OWN = re.compile(
     r"(root|head|spine0\d|neck0\d)"
@@ -55,7 +57,7 @@ SIDES = (
 )
 
 
-def joint_roles(names):
+def joint_roles(names: Sequence[str]) -> tuple[str, ...]:
     """A role for each of the joints' names (K,): of those in MIDDLE, BONES and LIMBS every role goes to one joint; a finger,
     toe, spine or neck besides is called so; what is not known keeps its own name. Sided roles end in ".L" or ".R"."""
     split = [_split(name.rpartition(":")[2]) for name in names]
@@ -73,7 +75,7 @@ def joint_roles(names):
     return tuple(role or _family(*parts) or name for role, parts, name in zip(roles, split, names))
 
 
-def _split(name):
+def _split(name: str) -> Any:
     """A name's stem in lower case, letters and digits alone, and its side, "L", "R" or ""."""
     for pattern in SIDES:
         match = pattern.fullmatch(name)
@@ -84,10 +86,10 @@ def _split(name):
     return (plain[1:], plain[0].upper()) if plain[:1] in ("l", "r") and plain[1:] in known else (plain, "")
 
 
-def _plain(name):
+def _plain(name: str) -> str:
     return re.sub(r"[\W_]", "", name.lower())
 
 
-def _family(stem, side):
+def _family(stem: str, side: str) -> Any:
     found = next((role for role, words in FAMILIES if re.search(words, stem)), None)
     return found and (f"{found}.{side}" if side else found)

@@ -1,13 +1,17 @@
 """keypoints.json."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 
 from ..errors import UserError
-from ..scene import Keypoints
+from ..scene import Camera, Keypoints
 from .bounded import read_json
 
 
-def read_keypoints(path, cameras):
+def read_keypoints(path: Path, cameras: dict[str, Camera]) -> Keypoints:
     """2D keypoints of one frame, for the cameras that are known."""
     data = read_json(path, dict)
     try:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import UserError
+from ..kernels.arrays import Anything
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
@@ -17,7 +19,7 @@ KINDS = (".ply", ".obj", ".off", ".stl")
 NO_UV = -1  # a face's corner without one
 
 
-def read_mesh(path):
+def read_mesh(path: Path | str) -> Mesh:
     """A Mesh, its vertices in file order. UserError names the file and the first bad vertex or face."""
     path = check_file(path, MESH_BYTES)
     if path.suffix.lower() not in KINDS:
@@ -31,7 +33,7 @@ def read_mesh(path):
     return check_mesh(path, mesh)
 
 
-def check_mesh(path, mesh):
+def check_mesh(path: Path, mesh: Mesh) -> Mesh:
     """The mesh itself, or a UserError."""
     n = len(mesh.vertices)
     if n == 0 or len(mesh.faces) == 0:
@@ -47,7 +49,7 @@ def check_mesh(path, mesh):
     return mesh
 
 
-def _read_by_trimesh(path):
+def _read_by_trimesh(path: Path) -> Mesh:
     import trimesh
 
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
@@ -57,7 +59,7 @@ def _read_by_trimesh(path):
     return Mesh(vertices, faces, face_labels=labels)
 
 
-def _ply_labels(path, elements, n, faces):
+def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:
     """The property `label` (m,) uint8 of a PLY's faces; that of its vertices as the faces' (two corners of three, else the
     first); None without either."""
     for element, count in (("face", len(faces)), ("vertex", n)):
@@ -77,7 +79,7 @@ def _ply_labels(path, elements, n, faces):
     return None
 
 
-def _ply_property(data, name):
+def _ply_property(data: Any, name: str) -> Any:
     """A property of a PLY's element as trimesh read it: a structured array of binary files, a dictionary of others."""
     names = data if isinstance(data, dict) else getattr(getattr(data, "dtype", None), "names", None) or ()
     return data[name] if name in names else None
@@ -86,11 +88,16 @@ def _ply_property(data, name):
 class _Obj:
     """The `v`, `vt` and `f` lines of an OBJ as they are read; polygons become fans."""
 
-    def __init__(self):
-        self.v, self.vt, self.f, self.ft = [], [], [], []
-        self.v_line, self.vt_line, self.f_line = [], [], []  # line numbers, for refusals
+    def __init__(self) -> None:
+        self.v: list[list[float]] = []
+        self.vt: list[list[float]] = []
+        self.f: list[list[int]] = []
+        self.ft: list[list[int]] = []
+        self.v_line: list[int] = []  # line numbers, for refusals
+        self.vt_line: list[int] = []
+        self.f_line: list[int] = []
 
-    def read(self, number, words):
+    def read(self, number: int, words: list[str]) -> None:
         """One line that was split into words. ValueError: it is not OBJ."""
         if words[0] == "v":
             self.v.append([float(words[k]) for k in (1, 2, 3)])
@@ -105,7 +112,7 @@ class _Obj:
                 self.ft.append([corners[0][1], a[1], b[1]])
                 self.f_line.append(number)
 
-    def mesh(self, path):
+    def mesh(self, path: Path) -> Mesh:
         v, vt = np.array(self.v, np.float64).reshape(-1, 3), np.array(self.vt, np.float64).reshape(-1, 2)
         f, ft = np.array(self.f, np.int64).reshape(-1, 3), np.array(self.ft, np.int64).reshape(-1, 3)
         has_uv = len(vt) > 0 and (ft != NO_UV).all()
@@ -119,7 +126,7 @@ class _Obj:
         return Mesh(v, f.astype(np.int32), vt if has_uv else None, ft.astype(np.int32) if has_uv else None)
 
 
-def _read_obj(path):
+def _read_obj(path: Path) -> Mesh:
     obj = _Obj()
     for number, line in enumerate(read_bytes(path, OBJ_BYTES).decode("utf-8", errors="replace").split("\n"), 1):
         words = line.split()
@@ -131,24 +138,24 @@ def _read_obj(path):
     return obj.mesh(path)
 
 
-def _corner(word, vertices, uvs):
+def _corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:
     """ "7/3/1" -> (6, 2); negative indices count from the end. ValueError for 0, and for one before the first."""
     v, t, *_ = [*word.split("/"), ""]
     return _index(v, vertices), _index(t, uvs) if t else NO_UV
 
 
-def _index(text, count):
+def _index(text: str, count: int) -> int:
     i = int(text)
     if i == 0 or i < -count or i > MAX_FACES * 3:
         raise ValueError
     return i - 1 if i > 0 else count + i
 
 
-def _outside(indices, count):
+def _outside(indices: Anything, count: int) -> Any:
     return ((indices < 0) | (indices >= count)).any(1)
 
 
-def _refuse(path, lines, bad, what):
+def _refuse(path: Path, lines: Any, bad: Any, what: str) -> None:
     """UserError that names the line of the first that is `bad` (n,)."""
     if bad.any():
         raise UserError(f"{path}: line {lines[int(bad.argmax())]}: {what}")
@@ -164,9 +171,9 @@ def write_mesh(path: Path | str, mesh: Mesh) -> None:
     replace_file(path, lambda p: p.write_bytes(write(mesh)))
 
 
-def _obj(mesh):
+def _obj(mesh: Mesh) -> bytes:
     lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in mesh.vertices]
-    if mesh.uv is None:
+    if mesh.uv is None or mesh.face_uv is None:
         lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     else:
         lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uv]
@@ -175,7 +182,7 @@ def _obj(mesh):
     return ("\n".join(lines) + "\n").encode()
 
 
-def _ply(mesh):
+def _ply(mesh: Mesh) -> Any:
     V, F = mesh.vertices, mesh.faces
     header = (
         "ply\nformat binary_little_endian 1.0\n"

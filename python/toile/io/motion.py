@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
+from ..kernels.arrays import Anything
+from ..scene import BodyModel
 from .bounded import read_npz
 from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
 from .run import is_run, open_run
@@ -29,11 +31,11 @@ class Motion:
     fps: float
     missing: tuple[str, ...] = ()
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.frames)
 
 
-def read_motion(path, model, J, fps, translation):
+def read_motion(path: Path | str, model: BodyModel, J: Anything, fps: float, translation: Anything) -> Motion:
     """A Motion for a BodyModel with rest joints `J` (K,3), at `fps`.
 
     `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from ..errors import UserError
 from ..scene import BodyModel
@@ -17,7 +18,7 @@ def config_file(run: Path | str) -> Path:
     return Path(run) / "config.toml"
 
 
-def read_config(run: Path | str) -> dict:
+def read_config(run: Path | str) -> dict[str, Any]:
     """The tables of RUN/config.toml."""
     return read_toml(config_file(run))
 
@@ -40,12 +41,12 @@ def diagnostics_file(run: Path, frame: int) -> Path:
     return run / "diagnostics" / f"{frame:06d}.json"
 
 
-def read_diagnostics(run: Path, frame: int) -> dict:
+def read_diagnostics(run: Path, frame: int) -> dict[str, Any]:
     """{stage: {name: number}} of one frame, {"reason": why} of one that failed; {} of one that is not done."""
     path = diagnostics_file(run, frame)
     return read_json(path, dict) if path.exists() else {}
 
 
-def write_diagnostics(run: Path, frame: int, stages: dict) -> None:
+def write_diagnostics(run: Path, frame: int, stages: dict[str, Any]) -> None:
     """{stage: {name: number}}, or {"reason": why}, as a whole file."""
     write_text(diagnostics_file(run, frame), json.dumps(stages, indent=1))

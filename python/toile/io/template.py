@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import UserError
 from ..kernels import boundary_loops
+from ..kernels.arrays import Anything
 from ..scene import Mesh
 from .mesh import read_mesh
 
@@ -23,7 +26,7 @@ class Template:
     warnings: tuple[str, ...] = ()
 
 
-def read_template(path, garment):
+def read_template(path: Path, garment: str) -> Any:
     """The Template of the garment of that name; vertices of no face are left out. UserError names the file, and the vertex,
     face or UV."""
     mesh = read_mesh(path)
@@ -44,14 +47,14 @@ def read_template(path, garment):
     return Template(Mesh(mesh.vertices, mesh.faces, _checked_uv(path, mesh.uv), mesh.face_uv), kept, warnings)
 
 
-def _check_faces(path, mesh):
+def _check_faces(path: Path, mesh: Mesh) -> None:
     a, b, c = mesh.faces.T
     twice = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(twice):
         raise UserError(f"{path}: face {twice[0]} names a vertex twice")
 
 
-def _check_seams(path, mesh, border, kept):
+def _check_seams(path: Path, mesh: Mesh, border: Anything, kept: Anything) -> None:
     """Coincident vertices of the border are a seam that was never sewn, which would count as an opening."""
     _, first, count = np.unique(mesh.vertices[border], axis=0, return_index=True, return_counts=True)
     if (count > 1).any():
@@ -62,7 +65,7 @@ def _check_seams(path, mesh, border, kept):
         )
 
 
-def _checked_uv(path, uv):
+def _checked_uv(path: Path, uv: Anything | None) -> Anything | None:
     if uv is None:
         return None
     bad = np.flatnonzero(~((uv >= -UV_SLACK) & (uv <= 1 + UV_SLACK)).all(1))
@@ -72,6 +75,6 @@ def _checked_uv(path, uv):
     return np.clip(uv, 0, 1)
 
 
-def _some(indices):
+def _some(indices: Anything) -> str:
     """The first of many numbers, in words."""
     return ", ".join(map(str, indices[:3])) + (f" and {len(indices) - 3} more" if len(indices) > 3 else "")

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ..io.capture import Capture
+
 
 @dataclass(frozen=True)
 class Step:
@@ -12,7 +14,7 @@ class Step:
     why: str
 
 
-def plan(capture):
+def plan(capture: Capture) -> list[Step]:
     """The stages that this capture asks for, in order, and those left out, each with why."""
     scene, names = capture.scene, [g.name for g in capture.scene.garments]
     first = capture.frame(capture.frames[0])
