@@ -56,11 +56,12 @@ def test_nricp_recovers_a_known_bend(problem, solved):
     assert np.isfinite(solved.V).all() and solved.rms < 2e-4 * diagonal and solved.matched.mean() > 0.9
 
 
-def test_nricp_is_the_same_to_the_bit_for_any_number_of_threads(problem, threads):
+@pytest.mark.parametrize("preset", ["draft", "standard", "fine"])
+def test_nricp_is_the_same_to_the_bit_for_any_number_of_threads(problem, threads, preset):
     results = []
     for count in (1, 2, 3, 8):
         threads(count)
-        results.append(nricp(*problem, preset="draft").V)
+        results.append(nricp(*problem, preset=preset).V)
     assert all(np.array_equal(results[0], other) for other in results[1:])
 
 
