@@ -58,11 +58,38 @@ void bind_inner(py::module_& m) {
         .def(as_tuple_of(&InnerResult::V, &InnerResult::skin, &InnerResult::stop, &InnerResult::iterations,
                          &InnerResult::energy, &InnerResult::depth_before, &InnerResult::depth_after,
                          &InnerResult::outside_before, &InnerResult::outside_after, &InnerResult::factorisations));
+    py::class_<InnerGuess>(m, "InnerGuess")
+        .def(py::init([](Vertices rest, Vertices skin_mean, bool asks_skin) {
+            return InnerGuess{std::move(rest), std::move(skin_mean), asks_skin};
+        }))
+        .def(as_tuple_of(&InnerGuess::rest, &InnerGuess::skin_mean, &InnerGuess::asks_skin))
+        .def_readonly("rest", &InnerGuess::rest)
+        .def_readonly("skin_mean", &InnerGuess::skin_mean)
+        .def_readonly("asks_skin", &InnerGuess::asks_skin);
+    py::class_<InnerSums>(m, "InnerSums")
+        .def(py::init([](Vertices position, Vector weight, Vector skin, RoomCounts room, std::int64_t frames) {
+            return InnerSums{std::move(position), std::move(weight), std::move(skin), std::move(room), frames};
+        }))
+        .def(as_tuple_of(&InnerSums::position, &InnerSums::weight, &InnerSums::skin, &InnerSums::room, &InnerSums::frames))
+        .def("__iadd__", &InnerSums::operator+=)
+        .def_readonly("position", &InnerSums::position)
+        .def_readonly("weight", &InnerSums::weight)
+        .def_readonly("skin", &InnerSums::skin)
+        .def_readonly("room", &InnerSums::room)
+        .def_readonly("frames", &InnerSums::frames);
+    py::class_<InnerFusion>(m, "InnerFusion")
+        .def(py::init<const InnerSolver&>(), py::keep_alive<1, 2>())
+        .def_property_readonly("done", &InnerFusion::done)
+        .def_property_readonly("guess", [](const InnerFusion& f) { return f.guess(); })
+        .def_property_readonly("fused", [](const InnerFusion& f) { return f.fused(); })
+        .def("step", &InnerFusion::step, py::call_guard<py::gil_scoped_release>());
     py::class_<InnerSolver>(m, "InnerSolver")
         .def(py::init([](const BodyModel& model, Vector shape, Vertices J, const py::kwargs& options) {
             return InnerSolver(model, std::move(shape), std::move(J), options_from<InnerOptions>(options, "inner"));
         }))
         .def("fuse", &InnerSolver::fuse, py::call_guard<py::gil_scoped_release>())
+        .def("sums", &InnerSolver::sums)
+        .def("gather", &InnerSolver::gather, py::call_guard<py::gil_scoped_release>())
         .def("solve", &InnerSolver::solve, py::call_guard<py::gil_scoped_release>());
 }
 

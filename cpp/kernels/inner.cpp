@@ -122,13 +122,36 @@ Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin
     return room;
 }
 
-/// The q-quantile of finite values, between neighbours linear; infinity without any.
-double quantile(std::vector<double>& values, double q) {
-    if (values.empty()) return kNone;
-    std::sort(values.begin(), values.end());
-    const double at = q * static_cast<double>(values.size() - 1);
-    const auto low = static_cast<std::size_t>(at), high = std::min(low + 1, values.size() - 1);
-    return values[low] + (at - static_cast<double>(low)) * (values[high] - values[low]);
+constexpr int kRoomNodes = 513;  // from -reach to reach
+constexpr double kRoomUnit = 256;  // counts of one frame
+
+/// Counts a frame's room at the two nodes beside it, by nearness: the quantile stays continuous in the room, and whole
+/// numbers add up to the same bits in any order.
+void count_room(double room, double reach, std::uint32_t* nodes) {
+    const double at = std::clamp((room / reach + 1) * (kRoomNodes - 1) / 2, 0.0, kRoomNodes - 1.0);
+    const int low = std::min(static_cast<int>(at), kRoomNodes - 2);
+    const auto beyond = static_cast<std::uint32_t>(std::lround((at - low) * kRoomUnit));
+    nodes[low] += static_cast<std::uint32_t>(kRoomUnit) - beyond;
+    nodes[low + 1] += beyond;
+}
+
+/// The q-quantile of counted rooms, linear between the ranks of the nodes' middles, to within a node; infinity without any.
+double room_quantile(const std::uint32_t* nodes, double reach, double q) {
+    double total = 0;
+    for (int j = 0; j < kRoomNodes; ++j) total += nodes[j];
+    if (total <= 0) return kNone;
+    const double rank = q * (total - kRoomUnit) + kRoomUnit / 2;
+    double before = 0, last_rank = 0, last = kNone;
+    for (int j = 0; j < kRoomNodes; ++j) {
+        if (nodes[j] == 0) continue;
+        const double here = reach * (2.0 * j / (kRoomNodes - 1) - 1), middle = before + 0.5 * nodes[j];
+        if (middle >= rank)
+            return std::isfinite(last) ? last + (rank - last_rank) / (middle - last_rank) * (here - last) : here;
+        before += nodes[j];
+        last_rank = middle;
+        last = here;
+    }
+    return last;
 }
 
 /// length^4 L M^-1 L, with masses below (length / 10)^2 raised to that: smaller cells bend as one, and the smallest
@@ -194,54 +217,24 @@ void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyM
                    name + ".garments[" + std::to_string(g) + "].F");
 }
 
-/// One frame of the fused solve: its pose, its skin in the rest pose, its cloth.
-struct Unposed {
-    Posed posed;
-    Vertices rest;
-    Vector skin;
-    Indexes garments;
-};
-
-/// Where skin was seen in any frame: mean rest position, frames that disagree counted less (two rounds), and weight.
-void average_skin(const std::vector<Unposed>& frames, double scale, Vertices& mean, Vector& weight) {
-    const Eigen::Index n = frames[0].rest.rows();
-    mean = Vertices::Zero(n, 3);
-    weight = Vector::Zero(n);
-    parallel_for(n, [&](std::int64_t v) {
-        for (const Unposed& f : frames) weight[v] += f.skin[v];
-        if (weight[v] <= 0) return;
-        Vec3 x = Vec3::Zero();
-        for (int round = 0; round < 3; ++round) {
-            Vec3 sum = Vec3::Zero();
-            double total = 0;
-            for (const Unposed& f : frames) {
-                const double q = round == 0 ? 0 : (Vec3(f.rest.row(v)) - x).squaredNorm() / (scale * scale);
-                const double w = f.skin[v] / ((1 + q) * (1 + q));
-                sum += w * f.rest.row(v).transpose();
-                total += w;
-            }
-            x = sum / total;
-        }
-        mean.row(v) = x;
-    });
-    weight = weight.cwiseMin(1.0);
+void check_inner_sums(const InnerSums& sums, Eigen::Index n) {
+    require(sums.position.rows() == n && sums.weight.size() == n && sums.skin.size() == n && sums.room.rows() == n &&
+                sums.room.cols() == kRoomNodes,
+            "inner: sums of another body model");
 }
 
-/// Tightest room over the frames at rest shape X: the quantile of the vertex's room in the frames where it is hidden.
-Vector tightest_room(const BodyModel& m, const Vertices& X, const Vertices& J, const std::vector<Unposed>& frames,
-                     const Vector& skin, const InnerOptions& o) {
-    std::vector<Vector> rooms;
-    for (const Unposed& f : frames) {
-        const Vertices Y = skin_vertices(m, X, J, f.posed);
-        rooms.push_back(cloth_room(Y, vertex_normals(Y, m.F), f.skin, f.garments, o.reach));
-    }
-    Vector room = Vector::Constant(X.rows(), kNone);
-    parallel_for(X.rows(), [&](std::int64_t v) {
-        if (skin[v] >= 1) return;
-        std::vector<double> values;
-        for (const Vector& r : rooms)
-            if (std::isfinite(r[v])) values.push_back(r[v] - o.gap);
-        room[v] = quantile(values, o.tightness);
+constexpr int kSkinPasses = 3;  // the mean of all skin, then twice that of the skin near it
+
+/// Mean rest position (n,3) of the skin; 0 where none was seen.
+Vertices mean_skin(const InnerSums& sums) {
+    return sums.position.array().colwise() / sums.weight.array().max(std::numeric_limits<double>::min());
+}
+
+/// Tightest room over the frames: the quantile of the vertex's room in the frames where it is hidden.
+Vector tightest_room(const InnerSums& sums, const Vector& skin, const InnerOptions& o) {
+    Vector room = Vector::Constant(skin.size(), kNone);
+    parallel_for(skin.size(), [&](std::int64_t v) {
+        if (skin[v] < 1) room[v] = room_quantile(sums.room.row(v).data(), o.reach, o.tightness) - o.gap;
     });
     return room;
 }
@@ -319,46 +312,138 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
     neighbours_ = vertex_neighbours(model_.F, rest_.rows());
 }
 
+InnerSums InnerSolver::sums() const {
+    const Eigen::Index n = rest_.rows();
+    return {Vertices::Zero(n, 3), Vector::Zero(n), Vector::Zero(n), RoomCounts::Zero(n, kRoomNodes), 0};
+}
+
+InnerSums& InnerSums::operator+=(const InnerSums& other) {
+    check_inner_sums(*this, other.position.rows());
+    check_inner_sums(other, position.rows());
+    position += other.position;
+    weight += other.weight;
+    skin += other.skin;
+    room += other.room;
+    frames += other.frames;
+    return *this;
+}
+
+void InnerSolver::gather(const InnerFrame& frame, const InnerGuess& guess, InnerSums& sums,
+                         const std::string& name) const {
+    const InnerOptions& o = options_;
+    check_inner_frame(name, frame, model_);
+    const Eigen::Index n = rest_.rows();
+    check_inner_sums(sums, n);
+    for (const Vertices* V : {&guess.rest, &guess.skin_mean})
+        require(V->rows() == n || V->rows() == 0, "inner: guess has " + std::to_string(V->rows()) +
+                                                      " rows, the model " + std::to_string(n) + " vertices");
+    const Posed posed = pose_joints(model_.parents, J_, frame.rotations, frame.translation);
+    const Vector skin = tapered(frame.visible, neighbours_, rest_, o.taper);
+    ++sums.frames;
+    if (guess.asks_skin) {
+        const Vertices rest = unskin_vertices(model_, frame.tracked, J_, posed);
+        const double scale = o.shape_sigma * o.shape_sigma;
+        parallel_for(n, [&](std::int64_t v) {
+            const double q = guess.skin_mean.rows() ? (rest.row(v) - guess.skin_mean.row(v)).squaredNorm() / scale : 0;
+            const double w = skin[v] / ((1 + q) * (1 + q));
+            sums.position.row(v) += w * rest.row(v);
+            sums.weight[v] += w;
+            sums.skin[v] += skin[v];
+        });
+    }
+    if (guess.rest.rows()) {
+        const Vertices Y = skin_vertices(model_, guess.rest, J_, posed);
+        const Vector room = cloth_room(Y, vertex_normals(Y, model_.F), skin, index_garments(frame.garments), o.reach);
+        parallel_for(n, [&](std::int64_t v) {
+            if (std::isfinite(room[v])) count_room(room[v], o.reach, sums.room.row(v).data());
+        });
+    }
+}
+
 InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
     require(!frames.empty(), "inner: frames is empty");
-    const InnerOptions& o = options_;
-    std::vector<Unposed> unposed;
-    for (std::size_t f = 0; f < frames.size(); ++f) {
-        check_inner_frame("frames[" + std::to_string(f) + "]", frames[f], model_);
-        const Posed posed = pose_joints(model_.parents, J_, frames[f].rotations, frames[f].translation);
-        unposed.push_back({posed, unskin_vertices(model_, frames[f].tracked, J_, posed),
-                           tapered(frames[f].visible, neighbours_, rest_, o.taper),
-                           index_garments(frames[f].garments)});
+    InnerFusion fusion(*this);
+    while (!fusion.done()) {
+        InnerSums sums = this->sums();
+        for (std::size_t f = 0; f < frames.size(); ++f)
+            gather(frames[f], fusion.guess(), sums, "frames[" + std::to_string(f) + "]");
+        fusion.step(sums);
     }
-    InnerFused out;
-    Evidence e;
-    Vertices skin_rest;
-    average_skin(unposed, o.shape_sigma, skin_rest, e.skin);
-    e.normals = vertex_normals(rest_, model_.F);
-    e.room = tightest_room(model_, rest_, J_, unposed, e.skin, o);
-    out.shape = refit_shape(model_, shape_, e, skin_rest, mass_, o);
-    const Vertices M = shaped_vertices(model_, out.shape);
-    e.skin_target = (skin_rest - M).array().colwise() * (e.skin.array() > 0).cast<double>();
-    Weighted system(smooth_, mass_);
-    Fitted fitted{Vertices::Zero(M.rows(), 3), {}, false};
-    for (int round = 0; round < o.rounds; ++round) {
-        out.rest = M + fitted.d;
-        e.normals = vertex_normals(out.rest, model_.F);
-        e.room =
-            tightest_room(model_, out.rest, J_, unposed, e.skin, o) + e.normals.cwiseProduct(fitted.d).rowwise().sum();
-        fitted = fit_displacement(system, mass_, e, o, o.fit, fitted.d);
-        out.energy.insert(out.energy.end(), fitted.energy.begin(), fitted.energy.end());
+    return fusion.fused();
+}
+
+struct InnerFusion::State {
+    explicit State(const InnerSolver& s) : system(s.smooth_, s.mass_) {}
+
+    Weighted system;
+    Evidence seen;
+    Vertices model;  // of the refitted shape
+    Fitted fitted;
+    InnerFused fused;
+    int passes = 0;
+};
+
+InnerFusion::InnerFusion(const InnerSolver& solver) : solver_(solver), state_(std::make_unique<State>(solver)) {
+    guess_ = {solver.rest_, Vertices(0, 3), true};
+    state_->seen.normals = vertex_normals(solver.rest_, solver.model_.F);
+}
+
+InnerFusion::~InnerFusion() = default;
+
+bool InnerFusion::done() const { return state_->passes == kSkinPasses + solver_.options_.rounds; }
+
+const InnerFused& InnerFusion::fused() const {
+    require(done(), "inner: the fusion waits for the sums of another pass");
+    return state_->fused;
+}
+
+void InnerFusion::step(const InnerSums& sums) {
+    require(!done(), "inner: the fusion is done");
+    require(sums.frames > 0, "inner: frames is empty");
+    check_inner_sums(sums, solver_.rest_.rows());
+    ++state_->passes;
+    if (state_->passes <= kSkinPasses)
+        average(sums);
+    else
+        fit(sums);
+}
+
+void InnerFusion::average(const InnerSums& sums) {
+    State& s = *state_;
+    const InnerSolver& k = solver_;
+    if (s.passes == 1) {
+        s.seen.skin = sums.skin.cwiseMin(1.0);
+        s.seen.room = tightest_room(sums, s.seen.skin, k.options_);
     }
-    out.rest = M + fitted.d;
-    out.bound = e.room - e.normals.cwiseProduct(fitted.d).rowwise().sum();
-    out.stop = fitted.converged ? "converged" : "max_iterations";
+    guess_ = {Vertices(0, 3), mean_skin(sums), true};
+    if (s.passes < kSkinPasses) return;
+    s.fused.shape = refit_shape(k.model_, k.shape_, s.seen, guess_.skin_mean, k.mass_, k.options_);
+    s.model = shaped_vertices(k.model_, s.fused.shape);
+    s.seen.skin_target =
+        (guess_.skin_mean - s.model).array().colwise() * (s.seen.skin.array() > 0).cast<double>();
+    s.fitted.d = Vertices::Zero(s.model.rows(), 3);
+    guess_ = {s.model, Vertices(0, 3), false};
+}
+
+void InnerFusion::fit(const InnerSums& sums) {
+    State& s = *state_;
+    const InnerSolver& k = solver_;
+    Evidence& e = s.seen;
+    InnerFused& out = s.fused;
+    e.normals = vertex_normals(guess_.rest, k.model_.F);
+    e.room = tightest_room(sums, e.skin, k.options_) + e.normals.cwiseProduct(s.fitted.d).rowwise().sum();
+    s.fitted = fit_displacement(s.system, k.mass_, e, k.options_, k.options_.fit, s.fitted.d);
+    out.energy.insert(out.energy.end(), s.fitted.energy.begin(), s.fitted.energy.end());
+    out.rest = guess_.rest = s.model + s.fitted.d;
+    if (!done()) return;
+    out.bound = e.room - e.normals.cwiseProduct(s.fitted.d).rowwise().sum();
+    out.stop = s.fitted.converged ? "converged" : "max_iterations";
     out.iterations = static_cast<int>(out.energy.size());
     out.observed = (e.skin.array() > 0.5).count();
     out.bounded = (e.room.array() < kNone).count();
-    out.factorisations = system.factorisations();
+    out.factorisations = s.system.factorisations();
     check_solved("inner", "rest", out.rest);
     check_solved("inner", "energy", Eigen::Map<const Vector>(out.energy.data(), out.iterations));
-    return out;
 }
 
 InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& frame) const {

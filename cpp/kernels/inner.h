@@ -10,6 +10,7 @@
 // lies against it (fit, Geman-McClure: loose cloth says nothing). After Zhang et al. 2017 (arXiv 1703.04454), own form.
 #pragma once
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -73,15 +74,38 @@ struct InnerResult {
     std::int64_t factorisations = 0;
 };
 
+using RoomCounts = Eigen::Matrix<std::uint32_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Where the frames of one pass of a fusion are asked what they say.
+struct InnerGuess {
+    Vertices rest{0, 3};       ///< (n,3) rest shape whose room to the cloth is asked for [m]; no rows: none is
+    Vertices skin_mean{0, 3};  ///< (n,3) skin far from this counts less [m]; no rows: all counts alike
+    bool asks_skin = true;
+};
+
+/// What frames say at one guess, summed: the sums of a sequence's blocks add up. Their size does not grow with the frames.
+struct InnerSums {
+    Vertices position;     ///< (n,3) weighted sum of the rest positions of skin [m]
+    Vector weight;         ///< (n,) sum of those weights
+    Vector skin;           ///< (n,) sum of the frames' skin
+    RoomCounts room;       ///< (n,513) frames by their room from -reach to reach, in 1/256
+    std::int64_t frames = 0;
+    InnerSums& operator+=(const InnerSums& other);
+};
+
 class InnerSolver {
 public:
     /// shape (s,) is where the refit starts; J (K,3) the rest joints of all poses.
     InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions options = {});
 
-    InnerFused fuse(const std::vector<InnerFrame>& frames) const;
+    InnerFused fuse(const std::vector<InnerFrame>& frames) const;  ///< all frames in memory; InnerFusion takes any number
+    InnerSums sums() const;  ///< of no frame
+    void gather(const InnerFrame& frame, const InnerGuess& guess, InnerSums& sums,
+                const std::string& name = "frame") const;  ///< adds one frame
     InnerResult solve(const Vertices& fused_rest, const InnerFrame& frame) const;
 
 private:
+    friend class InnerFusion;
     BodyModel model_;
     Vector shape_;
     Vertices J_;
@@ -90,6 +114,29 @@ private:
     Vector mass_;
     Sparse smooth_;
     Adjacency neighbours_;
+};
+
+/// The fused rest shape of a sequence of any length: while not done, gather all its frames at guess(), then step. The
+/// skin is averaged in three passes, frames that disagree counting less; then each round looks for the cloth anew. The solver
+/// must outlive it.
+class InnerFusion {
+public:
+    explicit InnerFusion(const InnerSolver& solver);
+    ~InnerFusion();
+
+    bool done() const;
+    const InnerGuess& guess() const { return guess_; }
+    void step(const InnerSums& sums);
+    const InnerFused& fused() const;  ///< once done
+
+private:
+    struct State;
+    void average(const InnerSums& sums);
+    void fit(const InnerSums& sums);
+
+    const InnerSolver& solver_;
+    InnerGuess guess_;
+    std::unique_ptr<State> state_;
 };
 
 }  // namespace toile

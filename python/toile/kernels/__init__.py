@@ -14,7 +14,7 @@ from .geometry import (
     vertex_normals,
     voronoi_mass,
 )
-from .inner import InnerSolver
+from .inner import InnerSolver, InnerSums
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .mrf import mrf
 from .nricp import NricpSolver, nricp
@@ -28,6 +28,7 @@ __all__ = [
     "BiharmonicSolver",
     "CholeskyFactor",
     "InnerSolver",
+    "InnerSums",
     "InputError",
     "NricpSolver",
     "SkeletonSolver",

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .. import _core
-from .._core import InnerFused, InnerResult, InputError
+from .._core import InnerFused, InnerFusion, InnerGuess, InnerResult, InnerSums, InputError
 from .arrays import Array, as_faces, as_floats, as_vertices
 from .body import BodyArrays
 from .rebuilt import Rebuilt
@@ -46,6 +46,27 @@ class InnerSolver(Rebuilt):
         .iterations, .energy, .factorisations.
         """
         return self._solver.fuse([_frame(f"frames[{i}]", *frame) for i, frame in enumerate(frames)])
+
+    def fusion(self) -> InnerFusion:
+        """The same for a sequence of any length in memory that does not grow with it:
+
+            fusion = solver.fusion()
+            while not fusion.done:
+                fusion.step(solver.gather(frames, fusion.guess))  # all frames again, by an iterator
+            fused = fusion.fused
+
+        Sums of blocks add up (`+=`), so that blocks may be gathered by several processes: the same bits as long as the blocks
+        are the same and are added in one order. Rooms are counted in steps of reach / 256, and read to within one.
+        """
+        return _core.InnerFusion(self._solver)
+
+    def gather(self, frames: Iterable[Frame], guess: InnerGuess) -> InnerSums:
+        """What frames, as in `fuse` and taken one at a time, say at a fusion's guess."""
+        sums = self._solver.sums()
+        for i, frame in enumerate(frames):
+            name = f"frames[{i}]"
+            self._solver.gather(_frame(name, *frame), guess, sums, name)
+        return sums
 
     def solve(
         self,

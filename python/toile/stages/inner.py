@@ -1,5 +1,7 @@
 """The body under the garments, and the garments moved out of it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .. import kernels
@@ -8,15 +10,58 @@ from ..surface.attachments import Attachments
 from ..surface.layering import Layering
 
 
-def prepare(model, person, samples, templates, settings):
-    """The fused rest shape from sampled frames [(Tracked, Segmented, {name: Dressed})]."""
-    solver = kernels.InnerSolver(model, person.shape, person.J, **settings.solver.model_dump())
-    frames = [
-        (t.rotations, t.translation, t.vertices, _visible(t, s, templates), _meshes(templates, d))
-        for t, s, d in samples
-    ]
-    fused = solver.fuse(frames)
-    return InnerShape(np.asarray(fused.rest), {"iterations": float(fused.iterations)})
+@dataclass(frozen=True)
+class Gathered:
+    """What the frames of a block say in one pass of the fusion, as a file keeps it; see `kernels.InnerSums`."""
+
+    position: np.ndarray
+    weight: np.ndarray
+    skin: np.ndarray
+    room: np.ndarray
+    frames: int
+
+
+class Fusion:
+    """The fused rest shape of a whole sequence, in memory that does not grow with it: while not `done`, every block is
+    gathered at `guess`, and the blocks are added in their order. Blocks may be gathered by other processes."""
+
+    def __init__(self, model, person, templates, settings):
+        self.templates = templates
+        self.solver = kernels.InnerSolver(model, person.shape, person.J, **settings.solver.model_dump())
+        self.fusion = self.solver.fusion()
+
+    @property
+    def done(self):
+        return self.fusion.done
+
+    @property
+    def guess(self):
+        """What the frames of this pass are asked; it pickles."""
+        return self.fusion.guess
+
+    def gather(self, guess, frames):
+        """The Gathered of an iterable of frames (Tracked, Segmented, {name: Dressed}), taken one at a time."""
+        templates = self.templates
+        sums = self.solver.gather(
+            (
+                (t.rotations, t.translation, t.vertices, _visible(t, s, templates), _meshes(templates, d))
+                for t, s, d in frames
+            ),
+            guess,
+        )
+        return Gathered(sums.position, sums.weight, sums.skin, sums.room, sums.frames)
+
+    def step(self, blocks):
+        """Ends a pass, with the Gathered of every block in the blocks' order."""
+        total = self.solver.gather((), self.guess)
+        for block in blocks:
+            total += kernels.InnerSums(block.position, block.weight, block.skin, block.room, int(block.frames))
+        self.fusion.step(total)
+
+    def shape(self):
+        """The InnerShape, once done."""
+        fused = self.fusion.fused
+        return InnerShape(np.asarray(fused.rest), {"iterations": float(fused.iterations)})
 
 
 class InnerLayer:
