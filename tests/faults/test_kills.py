@@ -3,7 +3,6 @@
 Every file of a run lands whole by `os.replace`, the store's chunks too, so landings are the instants at which a kill leaves
 another state behind."""
 
-import os
 import shutil
 import signal
 import subprocess

@@ -17,6 +17,7 @@ from toile.config import preset
 from toile.errors import UserError
 from toile.pipeline import run as pipeline
 from toile.pipeline.blocks import blocks
+from toile.stages import inner
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 CONFIG = preset("draft").model_copy(update={"preparation_frames": 1})
@@ -114,3 +115,25 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
 def test_a_shard_that_is_none_is_refused(text):
     with pytest.raises(UserError, match="--shard"):
         console.shard_of(text)
+
+
+def test_the_body_is_fused_from_every_frame_with_the_same_bits_for_any_workers(tmp_path, monkeypatch):
+    folder = tmp_path / "capture"
+    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("truth", "frames"))
+    for i, number in enumerate(FRAMES):
+        shutil.copytree(SAMPLE / "frames" / f"{i:06d}", folder / "frames" / f"{number:06d}")
+    gathered, gather = [], inner.Fusion.gather
+
+    def counted(self, guess, frames):
+        frames = list(frames)
+        gathered.append(len(frames))
+        return gather(self, guess, frames)
+
+    monkeypatch.setattr(inner.Fusion, "gather", counted)
+    assert pipeline.register(folder, tmp_path / "one", CONFIG, FRAMES).ok == FRAMES
+    assert (
+        gathered and gathered == [2] * len(gathered) and len(gathered) % 2 == 0
+    )  # two blocks of two frames, every pass
+    monkeypatch.undo()
+    assert pipeline.register(folder, tmp_path / "two", CONFIG, FRAMES, workers=2).ok == FRAMES
+    assert_same_bits(arrays(tmp_path / "one"), arrays(tmp_path / "two"))

@@ -88,8 +88,8 @@ def test_blocks_of_frames_add_up_to_the_fused_shape_of_all(scene):
     together, apart = solver.fuse(frames), fused_of(solver, lambda: [frames[:1], iter(frames[1:])])
     assert np.abs(together.rest - apart.rest).max() < 1e-9 and np.allclose(together.shape, apart.shape, atol=1e-9)
     assert (apart.observed, apart.bounded) == (together.observed, together.bounded)
-    twice = fused_of(solver, lambda: [frames, frames])  # means and shares know no number of frames
-    assert np.abs(together.rest - twice.rest).max() < 5e-4
+    twice = fused_of(solver, lambda: [frames, frames])  # a quantile of few values knows how many there are, a little
+    assert np.abs(together.rest - twice.rest).mean() < 1e-5 and np.abs(together.rest - twice.rest).max() < 1e-3
 
 
 def test_sums_outlive_a_file_and_another_solver(scene):

@@ -1,8 +1,9 @@
 """The order of the stages. This module alone knows it.
 
-prepare   a person from sampled frames; colour models; each garment's template; the fused inner shape
+prepare   a person from sampled frames; colour models; each garment's template
 track     every frame: pose and surface           segment, dress   where the scene names a garment
-inner     every frame, once all are dressed: the body under the garments, and the garments out of it
+fuse      once all are dressed: the shape of the body under the garments, of every frame
+inner     every frame: the body under the garments, and the garments out of it
 
 Temporal state lives inside blocks of 50 absolute frame numbers and is dropped where a frame is missing or failed; workers
 and shards take whole blocks. Results between passes lie in RUN/work until the run is whole, so a killed run goes on with
@@ -36,7 +37,8 @@ from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
-from .blocks import BlockJob, FrameFolders, Progress, check_shares, run_job
+from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
+from .fusing import fuse
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen_failed
 
@@ -114,6 +116,11 @@ class PreparedRun:
     colours: segment.SegmentModel | None = None  # these where the scene names a garment
     templates: tuple[GarmentTemplate, ...] = ()
     dressers: tuple[dress.Dresser, ...] = ()
+
+    @cached_property
+    def fusion(self) -> inner.Fusion:
+        """Fuses the body's shape of every frame."""
+        return inner.Fusion(self.model, self.person, self.templates, self.config.inner)
 
     @cached_property
     def inner(self) -> inner.InnerLayer:
@@ -268,7 +275,7 @@ def last_stages(run, frames, results, progress, prepared, pool) -> None:
     """The body under the garments, the garments out of it, and every frame's arrays to the store."""
     scene = prepared.capture.scene
     if scene.garments:
-        _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(prepared, frames, results))
+        _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(run, frames, results, prepared, pool))
     if not is_run(run):
         RunWriter.create(run, frames, scene, prepared.model, prepared.person, prepared.templates)
     left = [(number,) for number in frames_left(run, frames)]
@@ -278,14 +285,16 @@ def last_stages(run, frames, results, progress, prepared, pool) -> None:
     shutil.rmtree(run / "work", ignore_errors=True)
 
 
-def _fuse(prepared, frames, results):
-    """The InnerShape, of frames spread evenly over those that are whole."""
-    good = [number for number in frames if results.whole(number)]
+def _fuse(run, frames, results, prepared, pool):
+    """The InnerShape of all frames that are whole."""
+    good = blocks([number for number in frames if results.whole(number)])
     if not good:
         return InnerShape(prepared.person.rest, {})
-    chosen = evenly(good, prepared.config.preparation_frames)
-    samples = [_load_first_stages(prepared.templates, results.folder(number)) for number in chosen]
-    return inner.prepare(prepared.model, prepared.person, samples, prepared.templates, prepared.config.inner)
+    return fuse(good, partial(_load_results, results), run / "work" / "fusion", prepared, pool)
+
+
+def _load_results(results, prepared, number):
+    return _load_first_stages(prepared.templates, results.folder(number))
 
 
 def _finish(run, results, prepared, numbers):
