@@ -70,19 +70,14 @@ void bind_inner(py::module_& m) {
         .def(py::init([](Vertices position, Vector weight, Vector skin, RoomCounts room, std::int64_t frames) {
             return InnerSums{std::move(position), std::move(weight), std::move(skin), std::move(room), frames};
         }))
-        .def(as_tuple_of(&InnerSums::position, &InnerSums::weight, &InnerSums::skin, &InnerSums::room, &InnerSums::frames))
+        .def(as_tuple_of(&InnerSums::position, &InnerSums::weight, &InnerSums::skin, &InnerSums::room,
+                         &InnerSums::frames))
         .def("__iadd__", &InnerSums::operator+=)
         .def_readonly("position", &InnerSums::position)
         .def_readonly("weight", &InnerSums::weight)
         .def_readonly("skin", &InnerSums::skin)
         .def_readonly("room", &InnerSums::room)
         .def_readonly("frames", &InnerSums::frames);
-    py::class_<InnerFusion>(m, "InnerFusion")
-        .def(py::init<const InnerSolver&>(), py::keep_alive<1, 2>())
-        .def_property_readonly("done", &InnerFusion::done)
-        .def_property_readonly("guess", [](const InnerFusion& f) { return f.guess(); })
-        .def_property_readonly("fused", [](const InnerFusion& f) { return f.fused(); })
-        .def("step", &InnerFusion::step, py::call_guard<py::gil_scoped_release>());
     py::class_<InnerSolver>(m, "InnerSolver")
         .def(py::init([](const BodyModel& model, Vector shape, Vertices J, const py::kwargs& options) {
             return InnerSolver(model, std::move(shape), std::move(J), options_from<InnerOptions>(options, "inner"));
@@ -91,6 +86,12 @@ void bind_inner(py::module_& m) {
         .def("sums", &InnerSolver::sums)
         .def("gather", &InnerSolver::gather, py::call_guard<py::gil_scoped_release>())
         .def("solve", &InnerSolver::solve, py::call_guard<py::gil_scoped_release>());
+    py::class_<InnerFusion>(m, "InnerFusion")
+        .def(py::init<const InnerSolver&>(), py::keep_alive<1, 2>())
+        .def_property_readonly("done", &InnerFusion::done)
+        .def_property_readonly("guess", [](const InnerFusion& f) { return f.guess(); })
+        .def_property_readonly("fused", [](const InnerFusion& f) { return f.fused(); })
+        .def("step", &InnerFusion::step, py::call_guard<py::gil_scoped_release>());
 }
 
 }  // namespace toile::bind
