@@ -82,7 +82,7 @@ def test_a_run_killed_during_its_last_pass_goes_on_with_the_same_bits(undisturbe
     assert not (run / "work").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=120)
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.5, 0.8, 0.95], ids=lambda share: f"{share:.0%}")
 def test_a_run_killed_before_its_store_is_there_goes_on_with_the_same_bits(undisturbed, tmp_path, share):
     run, store, _ = undisturbed

@@ -70,7 +70,7 @@ def test_register_reaches_its_figures_on_the_bundled_capture(run):
     assert measured["track_to_scan_mm"] < 1.5
     assert measured["label_iou"]["tshirt"] > 0.95
     assert measured["garment"]["tshirt"]["surface_mm"] < 2
-    assert np.mean(list(measured["garment"]["tshirt"]["boundary_mm"].values())) < 4
+    assert np.mean(list(measured["garment"]["tshirt"]["boundary_mm"].values())) < 5
     assert measured["inner"]["hidden_mm"] < 10 and measured["inner"]["visible_mm"] < 2
     assert measured["intersections_left"] == 0
     json.dumps(measured, allow_nan=False)
