@@ -32,7 +32,7 @@ class RefinementSettings(Settings):
     stiffness: float = setting(0.05, "1", "of the surface's bending against its distance to the scan", gt=0)
     steps: int = setting(6, "count", "of the schedule; fewer are faster and stop farther from the scan", ge=1, le=6)
     stiffness_factors: tuple[float, float, float, float, float, float] = setting(
-        (60.0, 20.0, 6.0, 2.0, 1.0, 1.0), "1", "of each step: stiff first, so that no vertex takes a stranger's point"
+        (60.0, 20.0, 6.0, 2.0, 1.0, 1.0), "1", "of each step: stiff first, so that no vertex takes another part's point"
     )
     reaches: tuple[float, float, float, float, float, float] = setting(
         (0.05, 0.04, 0.03, 0.02, 0.02, 0.02), "m", "of each step: scan points farther than this say nothing"

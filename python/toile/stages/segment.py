@@ -56,7 +56,7 @@ def prepare(scene, cameras, samples, faces, settings):
     prior = _with_neighbours(votes, faces) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
     prior /= prior.sum(1, keepdims=True)
-    return SegmentModel(ids, _fit(seen, prior, faces, ids, settings), prior)
+    return SegmentModel(ids, _fit_colours(seen, prior, faces, ids, settings), prior)
 
 
 def _scan_votes(scan, points, ids, settings):
@@ -80,7 +80,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None):
     scan, surface = evidence.scan, Mesh(tracked.vertices, faces)
     place = _interpolate(_place_costs(model, previous, settings), *_closest(surface, scan.vertices))
     cost, colour, observed = evidence.scan_costs()
-    labels = _solve(cost + place, scan, colour, settings)
+    labels = _solve_labels(cost + place, scan, colour, settings)
     labels = _dissolve_islands(labels, scan, settings.min_region)
 
     probability = np.zeros((len(scan.vertices), len(model.ids)), np.float32)
@@ -123,7 +123,7 @@ def _check_ids(scene, samples):
             )
 
 
-def _fit(seen, prior, faces, ids, settings):
+def _fit_colours(seen, prior, faces, ids, settings):
     """Colour models from the pixels of the sampled frames; None where the capture has no pictures."""
     rgb, given, place = [], [], []
     for frame, views in seen:
@@ -174,7 +174,7 @@ def _interpolate(values, corners, bary):
     return np.einsum("nc,ncl->nl", bary, values[corners])
 
 
-def _solve(cost, mesh, colour, settings):
+def _solve_labels(cost, mesh, colour, settings):
     """Potts MRF on the surface; an edge costs its length, less across an edge of the picture."""
     edges, V = mesh.edges, mesh.vertices
     length = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
@@ -275,4 +275,4 @@ def _tracked_labels(surface, probability, evidence, place, settings):
     cost[~seen] = -settings.unseen_weight * np.log(p[~seen] + settings.unseen_floor)
     cost[near] = -settings.near_weight * np.log(p[near] + settings.near_floor)
     smoothness = settings.tracked_smoothness * settings.smoothness
-    return _solve(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))
+    return _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))

@@ -1,4 +1,4 @@
-"""Colour models: one histogram a label, in lightness and two chroma ratios, fitted under wrong labels."""
+"""Colour models: one histogram a label, in lightness and two chroma ratios, fitted although some labels are wrong."""
 
 from dataclasses import dataclass
 
@@ -33,15 +33,15 @@ def colour_bins(rgb):
     return (i * _BINS[1] + j) * _BINS[2] + k
 
 
-def fit_colours(rgb, given, prior, ids, wrong, iterations):
+def fit_colours(rgb, given, prior, ids, error_share, iterations):
     """Expectation maximisation for pixels whose given labels are sometimes wrong.
 
     rgb (p,3) uint8; given (p,) column of the pixel's label; prior (p,L) what the place on the surface says;
-    `wrong` the share of given labels that are. The histograms are the maximum likelihood of
+    `error_share` the share of given labels that are. The histograms are the maximum likelihood of
     prod_p sum_l prior[p,l] P(given | l) P(colour | l).
     """
     L = len(ids)
-    place = prior * np.where(np.arange(L) == given[:, None], 1 - wrong, wrong / max(L - 1, 1))
+    place = prior * np.where(np.arange(L) == given[:, None], 1 - error_share, error_share / max(L - 1, 1))
     place /= np.maximum(place.sum(1, keepdims=True), 1e-12)
     bins = colour_bins(rgb)
     share = place

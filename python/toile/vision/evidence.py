@@ -159,9 +159,9 @@ class Evidence:
         total, (weight, carved) = self._scan_odds(points, column, rival, free), np.zeros((2, len(points)))
         share = np.zeros((len(points), 2))
         reading = parallel_map(lambda name: self._odds_of_view(name, points, normals, column, rival, free), self.views)
-        for on, w, likelier, given, before, empty in reading:
+        for on, w, by_colour, given, before, empty in reading:
             carved[before] = np.maximum(carved[before], empty)
-            total[on] += w * likelier
+            total[on] += w * by_colour
             share[on] += w[:, None] * given
             weight[on] += w
         share = share / np.maximum(weight, 1e-9)[:, None] + s.label_error_share / self.L
@@ -200,8 +200,8 @@ class Evidence:
         reading, each_one, other = picture.read(uv[on]), np.arange(len(on)), rival[on]
         given = reading[:, L : 2 * L]
         against = given.sum(1) - given[:, column] if free else given[each_one, other]
-        likelier = np.clip(reading[:, column] - reading[each_one, other], -own.max_log_odds, own.max_log_odds)
-        return on, w[on], likelier, np.stack([given[:, column], against], 1), before, empty
+        by_colour = np.clip(reading[:, column] - reading[each_one, other], -own.max_log_odds, own.max_log_odds)
+        return on, w[on], by_colour, np.stack([given[:, column], against], 1), before, empty
 
     def _off_scan(self, points, among):
         """Which of the points (n,) `among` (n,) lie off what the views see of the scan."""
@@ -233,9 +233,9 @@ class Evidence:
         contrast = np.linalg.norm(step, axis=1)
         share = np.einsum("kmi,ki->km", rgb - out[:, None], step) / np.maximum(contrast, 1e-6)[:, None] ** 2
         rest = rgb - out[:, None] - share[..., None] * step[:, None]  # colours off the mixing line: print, folds
-        spoilt = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
+        disorder = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
         at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
         good = w.reshape(k, m).min(1) * np.exp(-((own.edge_contrast / np.maximum(contrast, 1e-6)) ** 2))
-        return at, good * np.exp(-((spoilt / np.maximum(contrast, 1e-6) / own.edge_disorder) ** 2)) * (
+        return at, good * np.exp(-((disorder / np.maximum(contrast, 1e-6) / own.edge_disorder) ** 2)) * (
             np.abs(at) < own.edge_shift * s[-1]
         )
