@@ -120,7 +120,7 @@ class AvatarSettings(Settings):
     seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
 
     def phases(self, layered=True):
-        """METHOD's order. The baseline's one surface gets the steps of both layers apart, then the same together."""
+        """The order of docs/method/avatars.md. The baseline's one surface gets the steps of both layers apart, then the same together."""
         apart, together = dict(batch=self.batch, lr=self.lr), dict(batch=self.joint_batch, lr=self.lr * self.joint_rate)
         if layered:
             yield Phase(name="body", kinds=("body",), terms=APART[:-1], steps=self.body_steps, **apart)

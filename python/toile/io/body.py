@@ -1,4 +1,4 @@
-"""Body models from `.npz` files without pickles, in the layout that DESIGN.md names, checked field by field.
+"""Body models from `.npz` files without pickles, in the layout of docs/formats/body-model.md, checked field by field.
 
 The packaged model "anny" comes from `toile.studio.make_body_model`. Rotations act about world axes at rest:
 R_k = R_parent exp(r_k), x_k = x_parent + R_parent (J_k - J_parent). Every pose of anny is such a pose.

@@ -13,7 +13,7 @@ LAYERED, BASELINE = (BODY, SHIRT), (SURFACE,)
 
 
 def all_losses(model, b, c=0.02):
-    """Every loss of METHOD that applies to this avatar."""
+    """Every loss of docs/method/avatars.md that applies to this avatar."""
     codes = model.encode(b)
     out = model.decode(b, model.sample(codes))
     terms = {name: [] for name in ("geometry", "laplacian", "texture", "kl", "image", "mask", "visibility", "impute")}

@@ -1,4 +1,4 @@
-"""What a phase minimises: each term alone, through the whole objective, is driven down; phases ask for METHOD's terms."""
+"""What a phase minimises: each term alone, through the whole objective, is driven down; phases ask for their own terms."""
 
 import pytest
 import torch

@@ -1,6 +1,6 @@
 """Poses to the codes of a trained avatar's garments: what a motion says, the model that reads it, and its file.
 
-METHOD, Animation.
+The equations: docs/method/animation.md.
 """
 
 from __future__ import annotations

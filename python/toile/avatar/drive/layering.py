@@ -1,4 +1,4 @@
-"""Decoded garments moved out of the body and of one another (METHOD, Animation): no loss forbids intersections."""
+"""Decoded garments moved out of the body and of one another (docs/method/animation.md): no loss forbids intersections."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Teaching the temporal model of a trained avatar: its targets, when to stop, what it measured.
 
-METHOD, Animation: E_TCN = |z - z_c|^2, z_c the mean code of the trained VAE.
+docs/method/animation.md: E_TCN = |z - z_c|^2, z_c the mean code of the trained VAE.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From an avatar to one with a changed garment, and the same change of its single-layer baseline (METHOD, Editing)."""
+"""From an avatar to one with a changed garment, and the same change of its single-layer baseline: docs/method/animation.md."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Held-out frames driven by poses and facial keypoints alone: of a frame no code, no texture and no pixel is used.
 
-METHOD, Animation: garments by the temporal model's codes, then out of the body; the single-layer baseline by codes drawn from
-the unit Gaussian, one a sequence, as Bagautdinov et al. 2021 animate theirs.
+Garments by the temporal model's codes, then out of the body (docs/method/animation.md); the single-layer baseline by
+codes drawn from the unit Gaussian, one a sequence, as Bagautdinov et al. 2021 animate theirs.
 """
 
 from __future__ import annotations

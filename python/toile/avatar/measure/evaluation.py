@@ -1,4 +1,4 @@
-"""An avatar measured on pictures that it was not trained on, beside its single-layer baseline (METHOD, Results).
+"""An avatar measured on pictures that it was not trained on, beside its single-layer baseline.
 
 Reconstruction: each avatar encodes the frame itself, decodes the mean of its code, and is compared with the captured
 picture in the crop that it was trained on, drawn over what is seen beside the person there. Driven: poses and facial
@@ -83,7 +83,7 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
     against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
-    of a frame, shown to this one (DESIGN 5), for layers and for the tracked surface. driven: None, or the temporal model's
+    of a frame, shown to this one, for layers and for the tracked surface. driven: None, or the temporal model's
     errors of codes, motion (second differences of garments' vertices, decoded and true), intersections before and after
     `untangle`, and the baseline's errors over draws of its code.
     """

@@ -1,6 +1,6 @@
 """The registration itself seen through its pictures: one camera's picture predicted from the other cameras' texture.
 
-Needs neither truth nor a trained avatar (DESIGN 5): where correspondence slips between layers or views, the texture that
+Needs neither truth nor a trained avatar: where correspondence slips between layers or views, the texture that
 the others saw lands beside its place.
 """
 

@@ -1,4 +1,4 @@
-"""Changes of a layer's texture, applied to what its decoder gives: METHOD, Editing.
+"""Changes of a layer's texture, applied to what its decoder gives (docs/method/animation.md, Editing).
 
 With m the decoded texture of no view in particular and r what the view adds to it, an edit of cover A (0..1 a texel) makes
   scale s:  m <- (1 + A (s - 1)) m,   r <- (1 + A (s - 1)) r

@@ -1,6 +1,6 @@
 """From a window of poses to a garment's latent: what moves the cloth when there is no picture of it.
 
-METHOD, Animation (Xiang et al. 2021, section on temporal modelling): E_TCN = |z - z_c|^2, z_c the VAE's mean code.
+docs/method/animation.md (after Xiang et al. 2021, section on temporal modelling): E_TCN = |z - z_c|^2, z_c the VAE's mean code.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""METHOD's losses, one function each: a mean over what is valid, 0 (with zero gradient) where nothing is, in float32.
+"""The losses of docs/method/avatars.md, one function each: a mean over what is valid, 0 (with zero gradient) where nothing is, in float32.
 
 Lengths are counted in centimetres, so that 1 mm of error weighs 0.01; colours in 0..1. Over V = vertices, T = textures,
 I = image, M = foreground mask; p = predicted, r = registered, t = target, R = rendered, C = captured.

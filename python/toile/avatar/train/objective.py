@@ -1,4 +1,4 @@
-"""What a phase minimises: METHOD's terms on a batch of (frame, camera) samples."""
+"""What a phase minimises: the terms of docs/method/avatars.md on a batch of (frame, camera) samples."""
 
 from __future__ import annotations
 
