@@ -56,9 +56,15 @@ def test_temporal_state_crosses_neither_a_cut_nor_a_gap(tmp_path):
 def test_it_reaches_as_far_back_as_the_job_says_over_failed_frames(tmp_path):
     job = job_in(tmp_path, bad=[48], reach=10)
     assert run(job) == {47: None, 49: 47, 50: None, 51: 50, 53: 51, 99: None, 100: None}
-    assert job.results.reason(48) == "frame 48 is bad" and job.results.reason(47) is None
+    assert job.results.reason(48) == "frames/000048: frame 48 is bad" and job.results.reason(47) is None
     (line,) = job.results.status.lines()
-    assert line == {"frame": 48, "stage": "make", "seconds": 0.0, "ok": False, "reason": "frame 48 is bad"}
+    assert line == {
+        "frame": 48,
+        "stage": "make",
+        "seconds": 0.0,
+        "ok": False,
+        "reason": "frames/000048: frame 48 is bad",
+    }
 
 
 def test_a_job_that_was_stopped_makes_only_what_is_missing(tmp_path, monkeypatch):
@@ -84,7 +90,7 @@ def test_the_last_shard_completes_what_all_have_made(tmp_path):
 def test_workers_make_the_same(tmp_path):
     bad = job_in(tmp_path / "two", bad=[49]), job_in(tmp_path / "one", bad=[49])
     assert run(bad[0], workers=2) == run(bad[1])
-    assert bad[0].results.reason(49) == bad[1].results.reason(49) == "frame 49 is bad"
+    assert bad[0].results.reason(49) == bad[1].results.reason(49) == "frames/000049: frame 49 is bad"
 
 
 def test_frames_that_are_not_left_only_cut_the_blocks(tmp_path):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -37,7 +38,9 @@ class FrameArray:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, rows: int | slice | Iterable[int]) -> np.ndarray:
+    def __getitem__(self, rows: int | np.integer | slice | Iterable[int]) -> np.ndarray:
+        if isinstance(rows, (int, np.integer)):
+            return self._row(int(rows))
         if isinstance(rows, slice):
             rows = range(*rows.indices(len(self)))
             if len(rows) == len(self):
@@ -45,8 +48,6 @@ class FrameArray:
                     return self._run.checked(self._key, self._run.read(self._key))
                 except UserError:
                     pass  # row by row, the error names the frame
-        elif np.ndim(rows) == 0:
-            return self._row(int(rows))
         found = [self._row(int(row)) for row in rows]
         return np.stack(found) if found else np.zeros((0, *self.shape[1:]), self._run.array(self._key).dtype)
 
@@ -54,7 +55,7 @@ class FrameArray:
         """The values of the frame of this number."""
         return self[self._run.row(frame)]
 
-    def _row(self, row):
+    def _row(self, row: int) -> np.ndarray:
         return self._run.checked(self._key, self._run.read(self._key, row)[None], [row])[0]
 
 
@@ -110,7 +111,7 @@ class Pose:
         return self.rotations.at(frame), self.translation.at(frame)
 
 
-class Diagnostics(Mapping):
+class Diagnostics(Mapping[str, dict[str, np.ndarray]]):
     """What the stages measured of themselves: {stage: {name: (T,) float64, NaN where a frame has none}}."""
 
     def __init__(self, run: Run):
@@ -131,7 +132,7 @@ class Diagnostics(Mapping):
     def __len__(self) -> int:
         return len(self._names)
 
-    def at(self, frame: int) -> dict:
+    def at(self, frame: int) -> dict[str, Any]:
         """{stage: {name: number}} of one frame as it was done, {"reason": why} of one that failed; {} before."""
         return read_diagnostics(self._run.path, frame)
 
@@ -145,7 +146,7 @@ class Run:
     of a frame along the first axis. UserError: one line that names the run and what is missing or broken.
     """
 
-    def __init__(self, path: Path, group, attributes: Attributes):
+    def __init__(self, path: Path, group: Any, attributes: Attributes):
         self.path, self.group = path, group
         self.scene, self.joint_names = attributes.scene, tuple(attributes.joint_names)
         self.body_model_name = attributes.body_model
@@ -156,14 +157,14 @@ class Run:
         self.inner = RegisteredSurface(self, "inner", "inner") if names else None
         self.garments = {g.name: RegisteredGarment(self, g) for g in self.scene.garments}
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return open_run, (self.path,)  # another process opens its own
 
     @staticmethod
     def _layers(names: list[str]) -> list[str]:
         return ["track", "inner", *names] if names else ["track"]
 
-    def array(self, key: str):
+    def array(self, key: str) -> Any:
         """The zarr array of this key, unread."""
         try:
             found = self.group[key]
@@ -269,7 +270,7 @@ class Run:
         return self.body_model.rest(self.shape)[1]
 
     @cached_property
-    def config(self) -> dict:
+    def config(self) -> dict[str, Any]:
         """What the run was asked for."""
         return read_config(self.path)
 

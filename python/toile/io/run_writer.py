@@ -7,12 +7,13 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..scene import BodyModel, Dressed, GarmentTemplate, Inner, Person, Scene, Segmented, Tracked
 from .files import replace_file
-from .layout import DIAGNOSTICS, FAILED, OK, PENDING, STORE, VERSION, Attributes, layout_of
+from .layout import DIAGNOSTICS, FAILED, OK, PENDING, STORE, VERSION, Attributes, StoredGarment, StoredScene, layout_of
 from .run import Run
 
 
@@ -57,7 +58,8 @@ class RunWriter:
                 data = np.ascontiguousarray(values[key], stored.dtype)
                 group.create_array(key, data=data, chunks=tuple(max(size, 1) for size in data.shape))
                 continue
-            shape = tuple(int((sizes | {"g": vertices.get(garment)}).get(axis, axis)) for axis in stored.axes.split())
+            axes = sizes | ({"g": vertices[garment]} if garment else {})
+            shape = tuple(int(axes.get(axis, axis)) for axis in stored.axes.split())
             group.create_array(
                 key,
                 shape=shape,
@@ -90,7 +92,7 @@ class RunWriter:
         }
         if "face" in self.group:
             values["face"] = tracked.face
-        if layer is not None:
+        if segmented is not None and dressed is not None and layer is not None:
             values |= {
                 "labels": segmented.vertices,
                 "inner/vertices": layer.vertices,
@@ -140,7 +142,7 @@ class RunWriter:
 def copy_store(run: Run, folder: Path, change: Callable[[RunWriter], None]) -> None:
     """Copies a run's store into another folder, where it appears once `change(writer)` has been made."""
 
-    def write(path):
+    def write(path: Path) -> None:
         if path.exists():
             shutil.rmtree(path)
         shutil.copytree(run.path / STORE, path)
@@ -151,26 +153,21 @@ def copy_store(run: Run, folder: Path, change: Callable[[RunWriter], None]) -> N
     replace_file(folder / STORE, write)
 
 
-def _fixed_values(frames, model, person, templates):
-    values = {"frames": frames, "shape": person.shape, "track/faces": model.f, "inner/faces": model.f}
+def _fixed_values(
+    frames: Sequence[int], model: BodyModel, person: Person, templates: Sequence[GarmentTemplate]
+) -> dict[str, Any]:
+    values: dict[str, Any] = {"frames": frames, "shape": person.shape, "track/faces": model.f, "inner/faces": model.f}
     for t in templates:
         for name in ("faces", "uv", "face_uv", "skin"):
             values[f"garment/{t.name}/{name}"] = getattr(t, name)
     return values
 
 
-def _attributes(scene, model, templates):
-    garments = [
-        {
-            "name": t.name,
-            "label": t.label,
-            "loops": {n: [int(v) for v in loop] for n, loop in zip(t.loop_names, t.loops)},
-        }
-        for t in templates
-    ]
-    return Attributes(
-        version=VERSION,
-        scene={"name": scene.name, "fps": scene.fps, "up": scene.up, "labels": scene.labels, "garments": garments},
-        joint_names=list(model.joint_names),
-        body_model=scene.body_model,
-    )
+def _attributes(scene: Scene, model: BodyModel, templates: Sequence[GarmentTemplate]) -> Attributes:
+    garments = []
+    for t in templates:
+        loops = {name: [int(v) for v in loop] for name, loop in zip(t.loop_names, t.loops)}
+        garments.append(StoredGarment(name=t.name, label=t.label, loops=loops))
+    known = StoredScene(name=scene.name, fps=scene.fps, up=scene.up, labels=scene.labels, garments=garments)
+    joints = list(model.joint_names)
+    return Attributes(version=VERSION, scene=known, joint_names=joints, body_model=scene.body_model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 
 class Status:
@@ -18,11 +19,11 @@ class Status:
         """The status of a run's folder."""
         return Status(Path(run) / "status.jsonl")
 
-    def add(self, **line) -> None:
+    def add(self, **line: Any) -> None:
         with open(self.path, "a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
 
-    def lines(self) -> Iterator[dict]:
+    def lines(self) -> Iterator[dict[str, Any]]:
         """All whole lines; a run that was killed may have left the last one cut."""
         for text in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else []:
             try:
