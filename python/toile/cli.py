@@ -53,7 +53,7 @@ def plan(capture: Path):
 def register(
     capture: Path,
     run: Path,
-    quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
+    quality: Annotated[str | None, typer.Option(help="draft, or standard (the default)")] = None,
     budget: Annotated[float | None, typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,

@@ -63,7 +63,7 @@ def test_register_takes_settings_as_keywords(tmp_path):
         ({"dress": {"contat": 0.01}}, "dress.contat: no such setting; nearest: dress.contact"),
         ({"wokers": 2}, "wokers: no such setting; nearest: workers"),
         ({"dress.contact": "wide"}, "dress.contact = 'wide': should be a valid number"),
-        ({"quality": "best"}, "--quality best: expected one of draft, standard, fine"),
+        ({"quality": "best"}, "--quality best: expected one of draft, standard"),
         ({"config": Config(), "quality": "draft"}, "quality draft: a config is given too"),
     ):
         with pytest.raises(UserError) as caught:

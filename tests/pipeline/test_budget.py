@@ -25,12 +25,13 @@ def test_budget_chooses_the_finest_quality_that_fits(capture, monkeypatch):
     table = budget.front()
     monkeypatch.setattr(budget, "calibration", lambda: table["reference"]["calibration"])
     own = {q: sum(table[q]["seconds"].values()) for q in QUALITIES}
-    assert own["draft"] < 0.8 * own["standard"]  # frames of fine cost what those of standard cost: it prepares longer
+    assert own["draft"] < 0.8 * own["standard"]
+    assert all(table["draft"]["errors"][e] != table["standard"]["errors"][e] for e in table["draft"]["errors"])
     for quality in QUALITIES:
         fits = [q for q in QUALITIES if own[q] <= 1.001 * own[quality]]
         chosen, seconds, errors = budget.choose(capture, capture.frames, 1.001 * own[quality])
         assert chosen == fits[-1] and np.isclose(seconds, own[chosen]) and errors == table[chosen]["errors"]
-    assert budget.choose(capture, capture.frames, 100)[0] == "fine"
+    assert budget.choose(capture, capture.frames, 100)[0] == "standard"
 
 
 def test_budget_counts_the_machine_and_the_capture(capture, monkeypatch):

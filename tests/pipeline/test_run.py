@@ -164,4 +164,4 @@ def test_one_bad_frame_is_recorded_and_the_others_finish(bare, tmp_path):
 
 def test_another_setting_on_the_same_run_is_refused(run):
     with pytest.raises(UserError, match="config.toml"):
-        pipeline.register(SAMPLE, run, preset("fine"), FRAMES)
+        pipeline.register(SAMPLE, run, preset("draft"), FRAMES)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from ..config import QUALITIES, Settings, changed, setting
+from ..config import Settings, changed, setting
 from ..errors import UserError
 
 
@@ -188,6 +188,6 @@ def preset(quality: str) -> AvatarSettings:
 
 def train_preset(quality: str) -> TrainSettings:
     """The same with those of the temporal model, alike in all qualities."""
-    if quality not in QUALITIES:
-        raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+    if quality not in PRESETS:
+        raise UserError(f"--quality {quality}: expected one of {', '.join(PRESETS)}")
     return changed(TrainSettings(), PRESETS[quality], {"quality": quality})

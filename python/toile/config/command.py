@@ -42,14 +42,14 @@ Row = tuple[Listed, dict[str, Any]]  # a setting, and the presets in which it ha
 def commands() -> dict[str, tuple[Callable[[str], Settings], tuple[str, ...]]]:
     """The settings of a quality by command, and the command's qualities."""
     from ..align.settings import AlignSettings
-    from ..avatar.settings import train_preset
+    from ..avatar.settings import PRESETS, train_preset
     from ..studio.options import StudioOptions
     from .presets import QUALITIES, preset
 
     return {
         "register": (preset, QUALITIES),
         "align": (lambda _: AlignSettings(), ("standard",)),
-        "train": (train_preset, QUALITIES),
+        "train": (train_preset, tuple(PRESETS)),
         "studio": (lambda _: StudioOptions(), ("standard",)),
     }
 

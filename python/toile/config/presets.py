@@ -9,7 +9,7 @@ from ..errors import UserError
 from .changes import changed
 from .stages import Config
 
-QUALITIES = ("draft", "standard", "fine")
+QUALITIES = ("draft", "standard")
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "preparation_frames": 5,
@@ -23,7 +23,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "inner.tolerance": 1e-3,
     },
     "standard": {},
-    "fine": {"preparation_frames": 16, "dress.fit_frames": 10},
 }
 
 
@@ -31,7 +30,8 @@ def preset(quality: str) -> Config:
     """The settings of a quality. Draft reads four pictures a frame, leaves openings where the labels put them, and fits
     pose and surfaces in fewer steps to fewer points. UserError: no such quality."""
     if quality not in QUALITIES:
-        raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}")
+        finer = "; nothing measured is finer than standard, which --set changes" if quality == "fine" else ""
+        raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}{finer}")
     return changed(Config(), PRESETS[quality], {"quality": quality})
 
 

@@ -233,7 +233,7 @@ class InnerSettings(Settings):
 class Config(Settings):
     """All settings of a run, as RUN/config.toml keeps them."""
 
-    quality: str = setting("standard", "name", "draft, standard or fine: the preset that the others start from")
+    quality: str = setting("standard", "name", "draft or standard: the preset that the others start from")
     preparation_frames: int = setting(
         10, "count", "spread over the run, that make the person, the colours and the templates", ge=1
     )

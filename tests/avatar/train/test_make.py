@@ -3,9 +3,8 @@
 import pytest
 
 from toile.avatar.command import own_options
-from toile.avatar.settings import AvatarSettings, preset
+from toile.avatar.settings import PRESETS, AvatarSettings, preset
 from toile.avatar.train.make import held_out
-from toile.config import QUALITIES
 from toile.errors import UserError
 
 
@@ -58,7 +57,7 @@ def test_unknown_quality_is_refused():
 
 
 def test_presets_grow():
-    sizes = [preset(quality) for quality in QUALITIES]
+    sizes = [preset(quality) for quality in PRESETS]
     for name in ("texture_size", "geometry_size"):
         values = [getattr(settings.data, name) for settings in sizes]
         assert values == sorted(values)
