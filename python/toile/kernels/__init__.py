@@ -1,6 +1,6 @@
 """Thin faces of the C++ core: coerce, call, return. Only this package imports the compiled module."""
 
-from .._core import InputError, SolveError, set_threads, threads
+from .._core import InnerSums, InputError, SolveError, set_threads, threads
 from .biharmonic import BiharmonicSolver, biharmonic
 from .geometry import (
     CholeskyFactor,
@@ -14,7 +14,7 @@ from .geometry import (
     vertex_normals,
     voronoi_mass,
 )
-from .inner import InnerSolver, InnerSums
+from .inner import InnerSolver
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .mrf import mrf
 from .nricp import NricpSolver, nricp
