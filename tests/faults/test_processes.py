@@ -91,6 +91,21 @@ def test_killed_workers_leave_a_run_that_goes_on_with_the_same_bits(capture, und
     assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
 
 
+def test_ctrl_c_ends_the_workers_too_and_says_how_to_go_on(capture, tmp_path):
+    arguments = ["register", str(capture), str(tmp_path / "run"), "--quality", "draft", "--workers", "2"]
+    with open(tmp_path / "said", "w") as said:
+        child = subprocess.Popen([sys.executable, "-m", "toile", *arguments], stdout=said, stderr=said)
+        deadline = time.monotonic() + 120
+        while not (tmp_path / "run" / "work").exists() and time.monotonic() < deadline:
+            assert child.poll() is None, "the run ended before it could be stopped"
+            time.sleep(0.02)
+        os.kill(child.pid, signal.SIGINT)  # the workers get none
+        assert child.wait(60) == 130
+    told = (tmp_path / "said").read_text()
+    assert told.strip().splitlines()[-1] == f"toile: stopped; go on with: toile {' '.join(arguments)}"
+    assert "Traceback" not in told
+
+
 def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp_path, monkeypatch):
     shutil.copytree(capture, tmp_path / "capture")
     scan = tmp_path / "capture" / "frames" / "000050" / "scan.ply"

@@ -87,7 +87,7 @@ def read_npz(path: Path | str, most: int = ARRAY_BYTES, names: Any = None) -> di
 
     The sizes that the archive and each array's header give are checked before anything is inflated.
     """
-    check_file(path)
+    check_file(path, most + (1 << 20))
     try:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}

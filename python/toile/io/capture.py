@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..errors import UserError, first_line
 from ..kernels.arrays import Anything
 from ..scene import Camera, Frame, Garment, Mesh, Scene
+from .body import model_in_capture
 from .bounded import read_toml
 from .camera import first_error, read_cameras
 from .image import read_image
@@ -86,12 +87,12 @@ class Capture:
         """Reads one frame. UserError names the file and the field."""
         folder = self.folder(number)
         scan, keypoints = None, folder / "keypoints.json"
-        if (folder / "scan.ply").exists():
+        if os.path.lexists(folder / "scan.ply"):
             scan = _scaled(read_mesh(folder / "scan.ply"), METRES[self.scene.units])
             self._check_height(folder / "scan.ply", scan)
             if scan.face_labels is not None:
                 self._check_ids(folder / "scan.ply", scan.face_labels)
-        found = read_keypoints(keypoints, self.cameras) if keypoints.exists() else None
+        found = read_keypoints(keypoints, self.cameras) if os.path.lexists(keypoints) else None
         return replace(self.pictures(number), scan=scan, keypoints=found)
 
     def pictures(self, number: int) -> Any:
@@ -116,8 +117,10 @@ class Capture:
 
     def _files(self, folder: Path) -> dict[str, Path]:
         """{camera: path} of one kind, for the cameras that have it, in their order."""
-        if not folder.is_dir():
+        if not os.path.lexists(folder):
             return {}
+        if not folder.is_dir():
+            raise UserError(f"{folder}: not a folder")
         paths: dict[str, Path] = {}
         for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg")):
             if path.stem not in self.cameras:
@@ -175,6 +178,7 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
     What is wrong in every one of them, and a garment whose label no pixel carries, is the capture's fault and raises;
     a bad frame among good ones is left for the run to record.
     """
+    model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
     errors, seen, labelled = [], set(), False
     for number in frames[:CHECKED]:
         try:

@@ -7,20 +7,46 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import tempfile
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, first_line
 from .bounded import read_npz, reason_of
 
 
 def replace_file(path, write):
-    """Calls `write(temporary path)` and renames the result to `path`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Calls `write(temporary path)` and renames the result to `path`. An OSError names `path`, and leaves nothing behind."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    write(temporary)
-    os.replace(temporary, path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(temporary)
+        os.replace(temporary, path)
+    except BaseException as error:
+        if temporary.is_dir():
+            shutil.rmtree(temporary, ignore_errors=True)
+        elif temporary.exists():
+            temporary.unlink()
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from None
+        raise
+
+
+def output_file(path):
+    """The path of a file that will be written at the end of long work, in a folder that is there. UserError: it cannot be."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written: {first_line(error)}") from None
+    if path.is_dir():
+        raise UserError(f"{path}: cannot be written: it is a folder")
+    return path
 
 
 def write_text(path, text):

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from ..errors import UserError, first_line
 from ..scene import BodyModel
+from .bounded import check_file
 from .camera import first_error
 from .capture import Capture, open_capture
 from .layout import DIAGNOSTICS, OK, STORE, VERDICT, VERSION, Attributes, StoredGarment
@@ -232,8 +233,7 @@ class Run:
     @cached_property
     def pictured(self) -> list[int]:
         """Numbers of the registered frames that have pictures."""
-        folder = self.capture.root / "frames"
-        return [number for number in self.ok if any((folder / f"{number:06d}" / "images").glob("*"))]
+        return [number for number in self.ok if self.capture.pictured(number)]
 
     # Layers and what they hang on -------------------------------------------------------------------------------------
 
@@ -288,6 +288,7 @@ def open_run(path: Path | str) -> Run:
     if not is_run(path):
         raise UserError(f"{path}: no {STORE}; is it a run of `toile register`?")
     store = path / STORE
+    check_file(store / "zarr.json")
     try:
         group = zarr.open_group(str(store), mode="r")
         attributes = Attributes(**group.attrs.asdict())

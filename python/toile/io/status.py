@@ -25,11 +25,13 @@ class Status:
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """All whole lines; a run that was killed may have left the last one cut."""
-        for text in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else []:
+        for text in self.path.read_text(encoding="utf-8", errors="replace").splitlines() if self.path.exists() else []:
             try:
-                yield json.loads(text)
-            except ValueError:
+                line = json.loads(text)
+            except (ValueError, RecursionError):
                 continue
+            if isinstance(line, dict):
+                yield line
 
     def warnings(self) -> list[str]:
         """What was warned of, each once."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
+from ..io.files import output_file, write_text
 from ..io.run import open_run
 from ..surface.operators import border_vertices
 from .evaluate import evaluate
@@ -28,9 +29,8 @@ def write_report(run: Path | str, out: Path | str | None = None, more: str = "")
     `more`: HTML that stands before the frames, such as the section of an avatar made from the run.
     """
     opened = open_run(run)
-    page = _Page(opened, evaluate(opened)).html(more)
-    path = Path(out) if out else opened.path / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path = output_file(out or opened.path / "report.html")
+    write_text(path, _Page(opened, evaluate(opened)).html(more))
     return path
 
 

@@ -27,6 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from .. import kernels
 from ..errors import UserError, first_line
+from ..io.bounded import read_json
 from ..io.files import write_text
 from ..io.status import Status
 from ..kernels import InputError, SolveError
@@ -63,7 +64,7 @@ class FrameFolders:
     def reason(self, frame: int) -> str | None:
         """Why a frame failed; None where it did not."""
         path = self.folder(frame) / "failed.json"
-        return json.loads(path.read_text(encoding="utf-8"))["reason"] if path.exists() else None
+        return str(read_json(path, dict).get("reason")) if path.exists() else None
 
     def fail(self, frame: int, error: Exception) -> None:
         """Records that a frame failed, whatever raised; of what no bad file explains, the traceback too. What the disk

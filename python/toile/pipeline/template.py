@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
+from ..io.files import output_file
 from ..io.mesh import write_mesh
 from ..io.run import Run, open_run
 from ..scene import GarmentTemplate, Mesh, Person
@@ -39,7 +40,8 @@ def person_of(run: Run) -> Person:
 
 def write_template(run: Path, out: Path, name: str, label: str) -> str:
     """Writes the template as OBJ with its UVs. Returns a line that says what was made."""
-    made = template_of_run(open_run(run), name, label)
+    run, out = open_run(run), output_file(out)
+    made = template_of_run(run, name, label)
     write_mesh(out, Mesh(made.rest, made.faces, made.uv, made.face_uv))
     loops = ", ".join(f"{n} ({len(loop)} vertices)" for n, loop in zip(made.loop_names, made.loops))
-    return f"{out}: {name} from {run}: {len(made.rest)} vertices, {len(made.faces)} faces, loops {loops}"
+    return f"{out}: {name} from {run.path}: {len(made.rest)} vertices, {len(made.faces)} faces, loops {loops}"

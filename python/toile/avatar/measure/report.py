@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...io.files import output_file, write_text
 from ...measure.page import document, figure, flatten, plot, table
 from .evaluation import NAMES, evaluate_avatar, sheets_folder
 
@@ -27,10 +28,8 @@ PLOTTED = ("mse", "band_mse")
 def write_avatar_report(folder, out=None, **options):
     """Evaluates an avatar (`evaluation.evaluate_avatar`, also for the options) and writes AVATAR/report.html; returns its path."""
     folder = Path(folder)
-    path = Path(out) if out else folder / "report.html"
-    path.write_text(
-        document(f"Avatar {folder.name}", section(folder, evaluate_avatar(folder, **options))), encoding="utf-8"
-    )
+    path = output_file(out or folder / "report.html")
+    write_text(path, document(f"Avatar {folder.name}", section(folder, evaluate_avatar(folder, **options))))
     return path
 
 
