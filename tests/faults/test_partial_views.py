@@ -42,11 +42,12 @@ def test_two_files_for_one_camera_are_refused(capture):
         open_capture(capture).pictures(0)
 
 
-def test_registering_without_one_cameras_labels_finds_the_same_garment(capture, sample_run, tmp_path):
+def test_registering_without_some_labels_finds_the_same_garment(capture, sample_run, tmp_path):
     for number, gone in (("000000", "labels/cam03.png"), ("000001", "images/cam05.jpg"), ("000001", "masks/cam01.png")):
         (capture / "frames" / number / gone).unlink()
+    shutil.rmtree(capture / "frames" / "000001" / "labels")
     assert register(capture, tmp_path / "run", preset("draft"), (0, 1)).ok == (0, 1)
     with_all, without = (zarr.open_group(str(p / "registered.zarr"), mode="r") for p in (sample_run, tmp_path / "run"))
-    for row in (0, 1):
+    for row, bound in ((0, 0.008), (1, 0.015)):  # [m]; the second has no labels but those of its neighbour
         moved = with_all["garment/tshirt/vertices"][row] - without["garment/tshirt/vertices"][row]
-        assert np.median(np.linalg.norm(moved, axis=1)) < 0.004
+        assert np.median(np.linalg.norm(moved, axis=1)) < bound
