@@ -71,6 +71,12 @@ void bind_geometry(py::module_& m) {
         check_faces("boundary_loops", F, most_vertices);
         return boundary_loops(F);
     });
+    m.def("border_vertices", [](const Faces& F, Eigen::Index n) {
+        require(n >= 0 && n <= most_vertices, "border_vertices: n is " + std::to_string(n));
+        check_faces("border_vertices", F, n);
+        const std::vector<char> mark = border_vertices(F, n);
+        return Eigen::Array<bool, Eigen::Dynamic, 1>(Eigen::Map<const Eigen::Array<char, Eigen::Dynamic, 1>>(mark.data(), n).cast<bool>());
+    }, free);
     m.def("unique_edges", [](const Faces& F) {
         check_faces("unique_edges", F, most_vertices);
         return unique_edges(F);

@@ -101,7 +101,7 @@ std::vector<std::vector<int>> boundary_loops(const Faces& F) {
     return loops;
 }
 
-std::vector<char> boundary_vertices(const Faces& F, Eigen::Index n) {
+std::vector<char> border_vertices(const Faces& F, Eigen::Index n) {
     const Adjacency ends = sides(F, n);
     std::vector<char> mark(static_cast<std::size_t>(n), 0);
     parallel_for(n, [&](std::int64_t v) {

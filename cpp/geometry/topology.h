@@ -23,7 +23,7 @@ Adjacency vertex_faces(const Faces& F, Eigen::Index n);
 std::vector<std::vector<int>> boundary_loops(const Faces& F);
 
 /// Per vertex: does it lie on an edge that has one face only?
-std::vector<char> boundary_vertices(const Faces& F, Eigen::Index n);
+std::vector<char> border_vertices(const Faces& F, Eigen::Index n);
 
 /// Connected component per vertex, numbered by first vertex; isolated vertices are components of their own.
 Indices vertex_components(const Faces& F, Eigen::Index n);

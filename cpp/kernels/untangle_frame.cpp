@@ -44,7 +44,7 @@ std::vector<int> tour_of(const BoxTree& tree, const Faces& F, Eigen::Index n) {
 
 /// Edges from each vertex to the nearest rim; the largest int where the cloth has none.
 std::vector<int> steps_to_rim(const Faces& F, const Adjacency& ring) {
-    const std::vector<char> rim = boundary_vertices(F, ring.size());
+    const std::vector<char> rim = border_vertices(F, ring.size());
     std::vector<int> steps(rim.size(), std::numeric_limits<int>::max()), queue;
     for (int v = 0; v < ring.size(); ++v)
         if (rim[static_cast<std::size_t>(v)]) steps[static_cast<std::size_t>(v)] = 0, queue.push_back(v);

@@ -33,16 +33,16 @@ int main() {
     Faces F;
     square(8, V, F);
 
-    LAW("a square has one boundary loop through all its rim vertices");
+    LAW("a square has one boundary loop through all its border vertices");
     const auto loops = boundary_loops(F);
     CHECK(loops.size() == 1 && loops[0].size() == 32);
 
     LAW("masses sum to the area and the Laplacian annihilates linear functions inside");
     CHECK(std::abs(voronoi_mass(V, F).sum() - 1) < 1e-12);
     const Vector Lx = cotangent_laplacian(V, F) * V.col(0);
-    const auto rim = boundary_vertices(F, V.rows());
+    const auto border = border_vertices(F, V.rows());
     for (Eigen::Index v = 0; v < V.rows(); ++v)
-        if (!rim[static_cast<std::size_t>(v)]) CHECK(std::abs(Lx[v]) < 1e-12);
+        if (!border[static_cast<std::size_t>(v)]) CHECK(std::abs(Lx[v]) < 1e-12);
 
     LAW("the closest point above a square is straight below, far from the origin too");
     Vertices far = V;

@@ -49,6 +49,7 @@ def run_topology(F, n):
         assert (edges[:, 0] <= edges[:, 1]).all()
     except LAWFUL:
         pass
+    finite("border_vertices", kernels.border_vertices(F, n), (n,))
     finite("vertex_components", kernels.vertex_components(F, n), (n,))
 
 

@@ -5,6 +5,7 @@ from .biharmonic import BiharmonicSolver, biharmonic
 from .geometry import (
     CholeskyFactor,
     SurfaceIndex,
+    border_vertices,
     boundary_loops,
     cotangent_laplacian,
     face_areas,
@@ -37,6 +38,7 @@ __all__ = [
     "UntangleSolver",
     "ambient_occlusion",
     "biharmonic",
+    "border_vertices",
     "boundary_loops",
     "cotangent_laplacian",
     "face_areas",
