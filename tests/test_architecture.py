@@ -176,13 +176,31 @@ def test_only_the_runs_own_files_and_the_truths_open_a_store():
 
 
 def test_kernels_never_include_kernels_and_layers_look_down():
+    """A kernel's files are its public header and source and the private folder of its name."""
     for path in sorted(CPP.rglob("*.[hc]*")):
-        layer, own = path.relative_to(CPP).parts[0], path.relative_to(CPP).parts[1].split(".")[0].split("_")[0]
-        for name in re.findall(r'#include "([\w./]+)"', path.read_text()):
-            found = next(p for p in (path.parent / name, CPP / name) if p.exists()).resolve()
-            room, file = found.relative_to(CPP).parts[:2]
-            own_header = layer == room == "kernels" and own == file.split(".")[0].split("_")[0]
-            assert room in LAYERS[layer] or own_header, f"{path.name} includes {room}/{file}"
+        layer, *rest = path.relative_to(CPP).with_suffix("").parts
+        for other, *inside in included(path):
+            own = layer == other == "kernels" and rest[0] == inside[0]
+            assert other in LAYERS[layer] or own, f"{path.name} includes {other}/{'/'.join(inside)}"
+
+
+def included(path):
+    """The parts, from cpp/ on and without suffix, of the headers of ours that a file includes."""
+    for name in re.findall(r'#include "([\w./]+)"', path.read_text()):
+        found = next(p for p in (path.parent / name, CPP / name) if p.exists()).resolve()
+        yield found.relative_to(CPP).with_suffix("").parts
+
+
+def test_headers_beside_the_kernels_are_public():
+    """Each is included by the binding of its name, and a private header by its own kernel only."""
+    public = {p.stem for p in (CPP / "kernels").glob("*.h")}
+    assert public == {p.stem for p in (CPP / "kernels").glob("*.cpp")}
+    for name in public:
+        assert ("kernels", name) in included(CPP / "bind" / f"{name}.cpp")
+    for path in sorted(CPP.rglob("*.[hc]*")):
+        for layer, *inside in included(path):
+            if layer == "kernels" and len(inside) > 1:
+                assert path.relative_to(CPP).with_suffix("").parts[:2] == ("kernels", inside[0])
 
 
 def test_no_class_name_stands_twice():

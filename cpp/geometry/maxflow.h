@@ -26,7 +26,7 @@ public:
     void set_arc(int arc, double capacity) { arc_[static_cast<std::size_t>(arc)].residual = capacity; }
 
     /// `level`: both trees grow to the same depth, which keeps their branches short where much is to flow; else the one
-    /// with fewer nodes at its rim grows, which is soon done where little is.
+    /// with fewer nodes at its front grows, which is soon done where little is.
     void solve(bool level = false);
     /// After `solve`, what flows along an arc of an edge that has the same capacity both ways.
     double flow(int arc) const {

@@ -12,7 +12,7 @@ namespace toile {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr int no_face = -1, rim_side = -2;  // across a non-manifold edge, and across none
+constexpr int no_face = -1, border_side = -2;  // across a non-manifold edge, and across none
 constexpr double on_edge = 1e-12;  // a barycentric coordinate this small lies on the edge
 
 Vec3 unit_or_zero(const Vec3& v) {
@@ -34,7 +34,7 @@ double hit(const Vec3& p, const Vec3& d, double reach, const BoxTree::Triangle& 
 
 Obstacle::Obstacle(Faces F, double max_depth)
     : F_(std::move(F)), max_depth_(max_depth), across_(Faces::Constant(F_.rows(), 3, no_face)),
-      rim_(static_cast<std::size_t>(F_.maxCoeff()) + 1, 0), faces_of_(vertex_faces(F_, F_.maxCoeff() + 1)) {
+      border_(static_cast<std::size_t>(F_.maxCoeff()) + 1, 0), faces_of_(vertex_faces(F_, F_.maxCoeff() + 1)) {
     constexpr int block = 512;  // vertices, in parallel
     parallel_for((faces_of_.size() + block - 1) / block, [&](std::int64_t b) {
         const int begin = static_cast<int>(b) * block;
@@ -42,9 +42,9 @@ Obstacle::Obstacle(Faces F, double max_depth)
     }, 1);
     for (Eigen::Index f = 0; f < F_.rows(); ++f)
         for (int c = 0; c < 3; ++c) {
-            if (across_(f, c) != rim_side) continue;
+            if (across_(f, c) != border_side) continue;
             closed_ = false;
-            rim_[static_cast<std::size_t>(F_(f, c))] = rim_[static_cast<std::size_t>(F_(f, (c + 1) % 3))] = 1;
+            border_[static_cast<std::size_t>(F_(f, c))] = border_[static_cast<std::size_t>(F_(f, (c + 1) % 3))] = 1;
         }
 }
 
@@ -71,7 +71,7 @@ void Obstacle::pair_sides(int begin, int end) {
                 sides[b].to = -1;  // seen
                 mate = static_cast<int>(b), ++others;
             }
-            if (others == 0) across_(sides[a].face, sides[a].corner) = rim_side;
+            if (others == 0) across_(sides[a].face, sides[a].corner) = border_side;
             if (others != 1) continue;
             const Side& other = sides[static_cast<std::size_t>(mate)];
             across_(sides[a].face, sides[a].corner) = other.face;
@@ -92,13 +92,13 @@ void Obstacle::move(const Vertices& V) {
     hollow_ = std::abs(winding_->volume()) < 1e-12 * std::pow(size_, 3);
 }
 
-bool Obstacle::on_rim(const SurfacePoint& s) const {
+bool Obstacle::on_border(const SurfacePoint& s) const {
     if (closed_) return false;
     const auto face = F_.row(s.face);
     for (int c = 0; c < 3; ++c) {
-        if (s.barycentric[c] > 1 - on_edge) return rim_[static_cast<std::size_t>(face[c])] != 0;
+        if (s.barycentric[c] > 1 - on_edge) return border_[static_cast<std::size_t>(face[c])] != 0;
         const bool between = s.barycentric[(c + 2) % 3] < on_edge;
-        if (between && across_(s.face, c) == rim_side) return true;
+        if (between && across_(s.face, c) == border_side) return true;
     }
     return false;
 }
@@ -149,8 +149,8 @@ Probe Obstacle::probe(const Vec3& p, int guess) const {
     out.sided = normal.squaredNorm() > 0.5;
     // Too near for a direction of its own (1e-9 of the size), the probe takes the surface's.
     out.outward = s.distance > 1e-9 * size_ ? Vec3(offset / (behind ? -s.distance : s.distance)) : normal;
-    // Beyond a rim there is neither in nor out, but within 45 degrees of the rim's normal it still reaches.
-    const bool beyond = on_rim(s) && std::abs(offset.dot(normal)) < std::sqrt(0.5) * s.distance;
+    // Beyond a border there is neither in nor out, but within 45 degrees of the border's normal it still reaches.
+    const bool beyond = on_border(s) && std::abs(offset.dot(normal)) < std::sqrt(0.5) * s.distance;
     out.constrained = out.sided && !beyond && !(behind && !closed_ && s.distance > max_depth_);
     out.distance = behind && out.constrained ? -s.distance : s.distance;
     if (!(out.outward.squaredNorm() > 0.5)) out.constrained = false;

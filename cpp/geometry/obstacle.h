@@ -17,7 +17,7 @@ struct Probe {
     Vec3 outward = Vec3::Zero();    ///< unit; from the surface outwards through the probe, or the surface's normal on it
     int face = -1;                  ///< of the closest point
     bool sided = false;             ///< false: the closest face has no area, hence no side
-    bool constrained = false;       ///< false: the surface gives no direction here (beyond a rim, in an overlap, too deep)
+    bool constrained = false;       ///< false: the surface gives no direction here (beyond a border, in an overlap, too deep)
     bool inside() const { return distance < 0; }
 };
 
@@ -25,7 +25,7 @@ struct Probe {
 ///
 /// Probes tell sides by the normal at the closest point. That is right but where a closed surface overlaps itself: there
 /// `decide` corrects a probe by the winding number (either orientation of the faces). An open surface has no inside well
-/// beyond a rim, or deeper than `max_depth`.
+/// beyond a border, or deeper than `max_depth`.
 class Obstacle {
 public:
     Obstacle(Faces F, double max_depth);
@@ -50,13 +50,13 @@ private:
     Vec3 face_normal(int face) const;
     Vec3 vertex_normal(int vertex) const;
     Vec3 pseudo_normal(const SurfacePoint& s) const;
-    bool on_rim(const SurfacePoint& s) const;
+    bool on_border(const SurfacePoint& s) const;
 
     Faces F_;
     double max_depth_;
     bool closed_ = true;
     Faces across_;                  ///< (m,3) the face beyond edge (c, c+1); negative where there is not just one
-    std::vector<char> rim_;         ///< per vertex, up to the largest index
+    std::vector<char> border_;         ///< per vertex, up to the largest index
     Adjacency faces_of_;            ///< of vertices
     double orientation_ = 1;        ///< -1: a closed surface whose faces look inwards
     double size_ = 1;               ///< diagonal of the box [m]

@@ -15,10 +15,10 @@
 #include "geometry/laplacian.h"
 #include "geometry/nodes.h"
 #include "geometry/weld.h"
-#include "kernels/nricp_check.h"
-#include "kernels/nricp_fine.h"
-#include "kernels/nricp_graph.h"
-#include "kernels/nricp_match.h"
+#include "kernels/nricp/check.h"
+#include "kernels/nricp/fine.h"
+#include "kernels/nricp/graph.h"
+#include "kernels/nricp/match.h"
 
 namespace toile {
 
@@ -97,7 +97,7 @@ struct NricpSolver::State {
     Vertices V, N;
     std::vector<int> to;         ///< the vertex that a vertex is welded to; empty: none is
     std::vector<Level> levels;
-    Rims rims;
+    TemplateBorders borders;
     std::optional<Samples> all;  ///< every visible vertex, for the fine steps
     std::optional<NricpFine> fine;
     std::mutex busy;  ///< graphs and factors hold the frame under way: one solve at a time
@@ -300,13 +300,13 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
     s.V = s.into(V);
     s.N = vertex_normals(s.V, F);
     const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
-    s.rims = Rims(s.V, s.N, F, seen);
+    s.borders = TemplateBorders(s.V, s.N, F, seen);
     const GeodesicGraph surface(s.V, F);
     for (std::size_t level = options.large_motion ? 0 : 1; level < options.radii.size(); ++level)
         if (options.iterations[level] > 0) {
             Samples samples = samples_of(s.V, s.N, surface, seen, options.detail[level]);
             const double radius = std::max(options.radii[level], 0.75 * surface.median_length());  // nodes must share vertices
-            s.levels.push_back({level, {surface, radius, merged(samples.vertex, s.rims.vertices)}, std::move(samples)});
+            s.levels.push_back({level, {surface, radius, merged(samples.vertex, s.borders.vertices)}, std::move(samples)});
         }
     s.all.emplace(samples_of(s.V, s.N, surface, seen, 0));
     if (options.fine_iterations > 0) s.fine.emplace(s.V, F, area);
@@ -333,7 +333,7 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     const Vertices start_N = vertex_normals(start, s.F);
     Samples& widest = s.levels.empty() ? *s.all : s.levels.front().samples;
     target.orient(widest, {start, start_N});
-    Progress p{frame, target, o, {frame, target, s.rims, start.rows()}, {start, start_N}, {}};
+    Progress p{frame, target, o, {frame, target, s.borders, start.rows()}, {start, start_N}, {}};
     bool overlaps = true;
     for (int pass = 0; overlaps && pass < o.passes; ++pass) {
         const Pose rest = pass > 0 || o.rebase ? p.pose : Pose{s.V, s.N};

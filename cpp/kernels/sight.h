@@ -33,7 +33,7 @@ struct Picture {
 
 using Readings = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Bilinear values (n,C) at pixels `uv` (n,2); beyond the picture's rim the rim's.
+/// Bilinear values (n,C) at pixels `uv` (n,2); beyond the outermost pixels' centres the nearest one's.
 Readings bilinear(const Picture& picture, const Eigen::Ref<const Matrix>& uv);
 
 }  // namespace toile

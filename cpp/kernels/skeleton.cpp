@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "base/errors.h"
-#include "kernels/skeleton_problem.h"
+#include "kernels/skeleton/problem.h"
 
 namespace toile {
 

@@ -9,7 +9,7 @@
 
 #include "base/errors.h"
 #include "geometry/weld.h"
-#include "kernels/untangle_frame.h"
+#include "kernels/untangle/frame.h"
 
 namespace toile {
 

@@ -36,7 +36,7 @@ struct UntangleResult {
 /// outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length, b_i the closest point of the body and outward_i
 /// its direction: on a regular mesh a membrane whose pushes die away by a factor of e over `spread`. Planes are renewed
 /// after every solve. Where a body feature pokes through a face whose corners are clear, the corners are lifted along the
-/// body's normal in the section's middle; a limb that passes right through the cloth is led to its rim.
+/// body's normal in the section's middle; a limb that passes right through the cloth is led to its border.
 class UntangleSolver {
 public:
     UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options = {});

@@ -16,7 +16,7 @@ AFFINE = np.array([[0.3, -0.2, 0.1], [0.05, 0.4, -0.3], [0.7, 0.2, 0.6]])
 
 
 def sheet(n=12):
-    """A planar square of side 1, (n+1)^2 vertices; and its rim with one ring."""
+    """A planar square of side 1, (n+1)^2 vertices; and its border with one ring."""
     x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0))
     i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     a = i[:-1, :-1].ravel()

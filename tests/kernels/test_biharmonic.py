@@ -9,7 +9,7 @@ AFFINE = np.array([[0.3, -0.2, 0.1], [0.05, 0.4, -0.3], [0.7, 0.2, 0.6]])
 
 
 def sheet(n=12, seed=0, jitter=0.25):
-    """A planar square of (n+1)^2 vertices, side 1, irregular inside; and the vertices of its rim and of its one-ring."""
+    """A planar square of (n+1)^2 vertices, side 1, irregular inside; and the vertices of its border and of its one-ring."""
     x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0))
     depth = np.minimum.reduce([x, y, n - x, n - y]).ravel()
     rng = np.random.default_rng(seed)
@@ -21,9 +21,9 @@ def sheet(n=12, seed=0, jitter=0.25):
 
 
 def dome(n=12):
-    V, F, rim, rings = sheet(n)
+    V, F, border, rings = sheet(n)
     V[:, 2] = 0.5 * np.sin(2 * V[:, 0]) * np.cos(1.5 * V[:, 1])
-    return V, F, rim, rings
+    return V, F, border, rings
 
 
 def test_biharmonic_equals_libigl_on_max(shared_data):
@@ -35,9 +35,9 @@ def test_biharmonic_equals_libigl_on_max(shared_data):
 
 
 def test_biharmonic_equals_dense_minimiser():
-    V, F, rim, _ = dome(8)
+    V, F, border, _ = dome(8)
     rng = np.random.default_rng(1)
-    known, D_known = rng.permutation(rim), rng.normal(size=(len(rim), 3))
+    known, D_known = rng.permutation(border), rng.normal(size=(len(border), 3))
     L = cotangent_laplacian(V, F).toarray()
     Q = L @ np.diag(1 / voronoi_mass(V, F)) @ L
     free = np.setdiff1d(np.arange(len(V)), known)
@@ -48,9 +48,9 @@ def test_biharmonic_equals_dense_minimiser():
 
 
 def test_biharmonic_reproduces_translations_exactly():
-    V, F, rim, _ = dome()
+    V, F, border, _ = dome()
     t = np.array([0.1, -1e6 / 3, 1e-9])
-    np.testing.assert_array_equal(biharmonic(V, F, rim, np.tile(t, (len(rim), 1))), np.tile(t, (len(V), 1)))
+    np.testing.assert_array_equal(biharmonic(V, F, border, np.tile(t, (len(border), 1))), np.tile(t, (len(V), 1)))
 
 
 def test_biharmonic_reproduces_affine_fields_on_planar_meshes_with_two_rings_fixed():
@@ -60,37 +60,37 @@ def test_biharmonic_reproduces_affine_fields_on_planar_meshes_with_two_rings_fix
 
 
 def test_biharmonic_turns_and_scales_with_the_mesh():
-    V, F, rim, _ = dome()
-    D_known = np.random.default_rng(2).normal(size=(len(rim), 3))
-    D = biharmonic(V, F, rim, D_known)
+    V, F, border, _ = dome()
+    D_known = np.random.default_rng(2).normal(size=(len(border), 3))
+    D = biharmonic(V, F, border, D_known)
     R = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     for scale in (1e-6, 1.0, 1e3):
-        turned = biharmonic(scale * V @ R.T + scale * np.array([5, -7, 9]), F, rim, D_known @ R.T)
+        turned = biharmonic(scale * V @ R.T + scale * np.array([5, -7, 9]), F, border, D_known @ R.T)
         np.testing.assert_allclose(turned, D @ R.T, atol=1e-8)
 
 
 def test_biharmonic_does_not_depend_on_the_order_of_known():
-    V, F, rim, _ = dome()
-    D_known = np.random.default_rng(4).normal(size=(len(rim), 3))
-    order = np.random.default_rng(5).permutation(len(rim))
-    np.testing.assert_allclose(biharmonic(V, F, rim[order], D_known[order]), biharmonic(V, F, rim, D_known), atol=1e-11)
+    V, F, border, _ = dome()
+    D_known = np.random.default_rng(4).normal(size=(len(border), 3))
+    order = np.random.default_rng(5).permutation(len(border))
+    np.testing.assert_allclose(biharmonic(V, F, border[order], D_known[order]), biharmonic(V, F, border, D_known), atol=1e-11)
 
 
 def test_biharmonic_factors_once_for_any_number_of_solves():
-    V, F, rim, _ = dome()
-    solver = BiharmonicSolver(V, F, rim)
+    V, F, border, _ = dome()
+    solver = BiharmonicSolver(V, F, border)
     for seed in range(5):
-        D_known = np.random.default_rng(seed).normal(size=(len(rim), 3))
+        D_known = np.random.default_rng(seed).normal(size=(len(border), 3))
         D = solver.solve(D_known)
-        np.testing.assert_array_equal(D[rim], D_known)
+        np.testing.assert_array_equal(D[border], D_known)
     assert solver.factorisations == 1
 
 
 def test_biharmonic_unrefined_solves_are_as_accurate_as_promised():
-    V, F, rim, _ = dome(40)
-    D_known = np.random.default_rng(6).normal(size=(len(rim), 3))
-    D = biharmonic(V, F, rim, D_known)  # a trial shows one substitution to suffice
-    refined = biharmonic(V, F, rim, D_known, accuracy=1e-13)
+    V, F, border, _ = dome(40)
+    D_known = np.random.default_rng(6).normal(size=(len(border), 3))
+    D = biharmonic(V, F, border, D_known)  # a trial shows one substitution to suffice
+    refined = biharmonic(V, F, border, D_known, accuracy=1e-13)
     assert 0 < np.abs(D - refined).max() <= 1e-9 * np.abs(refined).max()
 
 
@@ -103,16 +103,16 @@ def test_biharmonic_without_refinement_mollifies_needles_or_refuses_them():
 
 
 def test_biharmonic_keeps_its_own_copy_of_the_mesh():
-    V, F, rim, _ = dome()
-    solver = BiharmonicSolver(V, F, rim)
-    before = solver.solve(V[rim])
+    V, F, border, _ = dome()
+    solver = BiharmonicSolver(V, F, border)
+    before = solver.solve(V[border])
     V[:], F[:] = np.nan, -1
-    np.testing.assert_array_equal(solver.solve(before[rim]), before)
+    np.testing.assert_array_equal(solver.solve(before[border]), before)
 
 
 def pinched(amount):
     """A planar sheet with some inner edges shrunk to `amount` of their length: needles, none of them flipped."""
-    V, F, rim, rings = sheet(16, jitter=0)
+    V, F, border, rings = sheet(16, jitter=0)
     inner = np.setdiff1d(np.arange(len(V)), rings)
     for v in inner[(inner % 5 == 0) & ~np.isin(inner + 1, rings)]:
         V[v + 1] = V[v] + amount * (V[v + 1] - V[v])
@@ -182,18 +182,18 @@ def test_biharmonic_on_a_curved_tube_with_slivers_is_accurate_to_1e_minus_6(amou
 
 
 def test_biharmonic_mollifies_only_where_the_factor_fails_and_says_so():
-    V, F, rim, _ = dome()
-    assert BiharmonicSolver(V, F, rim).mollified == 0
+    V, F, border, _ = dome()
+    assert BiharmonicSolver(V, F, border).mollified == 0
     V[F[40]] = V[F[40, 0]]  # one face shrunk to a point
-    solver = BiharmonicSolver(V, F, rim)
+    solver = BiharmonicSolver(V, F, border)
     assert 0 < solver.mollified < 0.01 and solver.factorisations >= 1
-    np.testing.assert_array_equal(solver.solve(np.ones((len(rim), 3))), np.ones((len(V), 3)))
+    np.testing.assert_array_equal(solver.solve(np.ones((len(border), 3))), np.ones((len(V), 3)))
 
 
 def test_biharmonic_leaves_unreferenced_vertices_at_zero_and_drops_faces_of_two_vertices():
-    V, F, rim, _ = dome()
-    D = biharmonic(V, F, rim, V[rim])
-    more = biharmonic(np.r_[V, [[9.0, 9, 9]]], np.r_[F, [[3, 3, 4]]], rim, V[rim])
+    V, F, border, _ = dome()
+    D = biharmonic(V, F, border, V[border])
+    more = biharmonic(np.r_[V, [[9.0, 9, 9]]], np.r_[F, [[3, 3, 4]]], border, V[border])
     np.testing.assert_array_equal(more, np.r_[D, np.zeros((1, 3))])
 
 
@@ -203,19 +203,19 @@ def test_biharmonic_with_every_vertex_known_returns_them():
 
 
 def test_biharmonic_components_do_not_feel_each_other():
-    V, F, rim, _ = dome()
-    V2, F2, rim2 = np.r_[V, V + 3], np.r_[F, F + len(V)], np.r_[rim, rim + len(V)]
-    both = biharmonic(V2, F2, rim2, np.r_[V[rim], 0 * V[rim]])
-    np.testing.assert_allclose(both[: len(V)], biharmonic(V, F, rim, V[rim]), atol=1e-11)
+    V, F, border, _ = dome()
+    V2, F2, rim2 = np.r_[V, V + 3], np.r_[F, F + len(V)], np.r_[border, border + len(V)]
+    both = biharmonic(V2, F2, rim2, np.r_[V[border], 0 * V[border]])
+    np.testing.assert_allclose(both[: len(V)], biharmonic(V, F, border, V[border]), atol=1e-11)
     np.testing.assert_allclose(both[len(V) :], 0, atol=1e-11)
 
 
 def test_biharmonic_bits_do_not_depend_on_threads(threads):
-    V, F, rim, _ = dome(30)
+    V, F, border, _ = dome(30)
     results = []
     for n in (1, 2, 3, 8):
         threads(n)
-        results.append(biharmonic(V, F, rim, V[rim]).tobytes())
+        results.append(biharmonic(V, F, border, V[border]).tobytes())
     assert all(r == results[0] for r in results)
 
 
@@ -237,19 +237,19 @@ def test_biharmonic_bits_do_not_depend_on_threads(threads):
     ],
 )
 def test_biharmonic_refuses_bad_input_by_name(change, message):
-    V, F, rim, _ = dome()
+    V, F, border, _ = dome()
     arguments = dict(V=V, F=F, known=[0, 5, 3], D_known=np.zeros((3, 3))) | change
     with pytest.raises(InputError, match=message):
         biharmonic(**arguments)
 
 
 def test_biharmonic_refuses_a_component_without_a_known_vertex():
-    V, F, rim, _ = dome()
+    V, F, border, _ = dome()
     with pytest.raises(InputError, match=r"known has no vertex in component 1 \(169 vertices"):
-        biharmonic(np.r_[V, V + 3], np.r_[F, F + len(V)], rim, V[rim])
+        biharmonic(np.r_[V, V + 3], np.r_[F, F + len(V)], border, V[border])
 
 
 def test_biharmonic_unknown_option_is_a_type_error():
-    V, F, rim, _ = dome()
+    V, F, border, _ = dome()
     with pytest.raises(TypeError, match="degree"):
-        biharmonic(V, F, rim, V[rim], degree=3)
+        biharmonic(V, F, border, V[border], degree=3)

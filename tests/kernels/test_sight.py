@@ -57,7 +57,7 @@ def test_visible_is_what_faces_the_camera_and_lies_before_the_surface():
     assert np.allclose(see(c, points[:2], aslant[:2], depth, min_cosine=0.6)[1], 0)
 
 
-def test_a_linear_picture_is_read_exactly_and_goes_on_beyond_its_rim():
+def test_a_linear_picture_is_read_exactly_and_goes_on_beyond_its_border():
     row, column = np.mgrid[0:30, 0:40]
     image = np.stack([column + 0.5, row + 0.5, np.ones((30, 40))], 2)
     uv = np.random.default_rng(0).uniform([0.5, 0.5], [39.5, 29.5], (200, 2))

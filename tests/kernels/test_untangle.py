@@ -214,7 +214,7 @@ def test_what_cannot_be_done_is_counted_and_explained():
     assert f"{len(pairs)} pairs left" in result.reason
 
 
-def test_a_limb_that_passes_right_through_a_sleeve_is_led_off_its_rim():
+def test_a_limb_that_passes_right_through_a_sleeve_is_led_off_its_border():
     import trimesh
 
     arm = trimesh.creation.capsule(height=0.6, radius=0.03, count=[32, 32])
@@ -276,7 +276,7 @@ def test_a_garment_comes_out_of_the_open_garment_under_it(push):
     assert (np.linalg.norm(result.V[under, :2], axis=1) > 0.15).all()
 
 
-def test_an_open_garment_has_no_inside_beyond_its_rims_or_deeper_than_max_depth():
+def test_an_open_garment_has_no_inside_beyond_its_borders_or_deeper_than_max_depth():
     inner_V, inner_F = tube(0.15, 0.4)
     above = tube(0.1, 0.3)[0] + [0, 0, 0.5]
     deep, F = tube(0.08, 0.3)

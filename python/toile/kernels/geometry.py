@@ -42,7 +42,7 @@ def boundary_loops(F: Array) -> list[Ints]:
     return [np.array(loop, dtype=np.int32) for loop in _core.boundary_loops(as_faces("boundary_loops", "F", F))]
 
 
-def border_vertices(F: Array, n: int) -> Array:
+def border_vertices(F: Array, n: int) -> Bools:
     """bool (n,): does the vertex lie on an edge that has one face only? F (m,3) int, indices below `n`, else InputError.
 
     An edge's faces are counted whichever way they run; an edge of three faces is no border. Sides from a vertex to itself

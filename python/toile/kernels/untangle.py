@@ -17,7 +17,7 @@ class UntangleSolver(Rebuilt):
     The displacement d minimises  sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum_i |d_i|^2  subject to
     outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length and b_i the closest point of the body: a membrane
     whose pushes die away by a factor of e over `spread`. Planes are renewed until no cloth vertex is inside and no
-    triangle pair intersects (exact predicates); limbs that pass right through the cloth are led to its rim.
+    triangle pair intersects (exact predicates); limbs that pass right through the cloth are led to its border.
 
     Options: margin=0.002 [m], less where two parts of the body leave less room than twice as much; spread=0.03 [m];
     tolerance=0.1, clear is (1 - tolerance) margin; max_depth=0.05 [m], an open body has no inside deeper than this, and no

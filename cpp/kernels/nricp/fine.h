@@ -3,7 +3,7 @@
 #include <map>
 
 #include "base/sparse.h"
-#include "kernels/nricp_match.h"
+#include "kernels/nricp/match.h"
 
 namespace toile {
 

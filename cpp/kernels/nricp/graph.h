@@ -1,7 +1,7 @@
 // One level of the coarse solve: rigid nodes carry the template (embedded deformation, Sumner et al. 2007).
 #pragma once
-#include "kernels/nricp_match.h"
-#include "kernels/nricp_nodes.h"
+#include "kernels/nricp/match.h"
+#include "kernels/nricp/nodes.h"
 
 namespace toile {
 

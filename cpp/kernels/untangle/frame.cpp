@@ -1,5 +1,5 @@
 // One frame of `untangle`.
-#include "kernels/untangle_frame.h"
+#include "kernels/untangle/frame.h"
 
 #include <algorithm>
 #include <cmath>
@@ -42,12 +42,12 @@ std::vector<int> tour_of(const BoxTree& tree, const Faces& F, Eigen::Index n) {
     return tour;
 }
 
-/// Edges from each vertex to the nearest rim; the largest int where the cloth has none.
-std::vector<int> steps_to_rim(const Faces& F, const Adjacency& ring) {
-    const std::vector<char> rim = border_vertices(F, ring.size());
-    std::vector<int> steps(rim.size(), std::numeric_limits<int>::max()), queue;
+/// Edges from each vertex to the nearest border; the largest int where the cloth has none.
+std::vector<int> steps_to_border(const Faces& F, const Adjacency& ring) {
+    const std::vector<char> border = border_vertices(F, ring.size());
+    std::vector<int> steps(border.size(), std::numeric_limits<int>::max()), queue;
     for (int v = 0; v < ring.size(); ++v)
-        if (rim[static_cast<std::size_t>(v)]) steps[static_cast<std::size_t>(v)] = 0, queue.push_back(v);
+        if (border[static_cast<std::size_t>(v)]) steps[static_cast<std::size_t>(v)] = 0, queue.push_back(v);
     for (std::size_t head = 0; head < queue.size(); ++head) {
         const auto v = static_cast<std::size_t>(queue[head]);
         for (int k = ring.start[v]; k < ring.start[v + 1]; ++k) {
@@ -83,9 +83,9 @@ private:
 
 Cloth::Cloth(Faces faces, Eigen::Index n) : F(std::move(faces)), ring(vertex_neighbours(F, n)) {}
 
-const std::vector<int>& Cloth::to_rim() {
-    if (to_rim_.empty()) to_rim_ = steps_to_rim(F, ring);
-    return to_rim_;
+const std::vector<int>& Cloth::to_border() {
+    if (to_border_.empty()) to_border_ = steps_to_border(F, ring);
+    return to_border_;
 }
 
 void Cloth::fit_tree(const Vertices& V) {
@@ -221,10 +221,10 @@ bool UntangleFrame::cut(int i, int j, Eigen::Index first_pair, Eigen::Index last
     return false;
 }
 
-/// A limb that passes right through faces stands between their corners. The corners nearer to the cloth's rim are carried
-/// over to the side of the others, so that from step to step the hole travels to the rim and off the cloth.
+/// A limb that passes right through faces stands between their corners. The corners nearer to the cloth's border are carried
+/// over to the side of the others, so that from step to step the hole travels to the border and off the cloth.
 bool UntangleFrame::carry_over() {
-    const auto rank = [&](int v) { return std::pair(cloth_.to_rim()[static_cast<std::size_t>(v)], v); };
+    const auto rank = [&](int v) { return std::pair(cloth_.to_border()[static_cast<std::size_t>(v)], v); };
     bool any = false;
     for (Eigen::Index k = 0, end; k < pairs.rows(); k = end) {
         end = last_of_face(k);
@@ -292,7 +292,7 @@ Probe UntangleFrame::probe_decided(const Vec3& p) const {
 }
 
 /// Corners of pierced faces are lifted out of the body so that the face clears the depth found in the section's middle.
-/// At least by `least` [m]: a section that ends at the face's rim has its middle near the surface and tells no depth.
+/// At least by `least` [m]: a section that ends at the face's side has its middle near the surface and tells no depth.
 void UntangleFrame::lift_pierced(double least) {
     Vector lifted = Vector::Zero(x.rows());
     Vertices push = Vertices::Zero(x.rows(), 3);

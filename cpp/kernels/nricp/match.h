@@ -1,6 +1,6 @@
 // What pulls the template's vertices: matches of both directions, loops and landmarks as one quadratic per vertex.
 #pragma once
-#include "kernels/nricp_rim.h"
+#include "kernels/nricp/borders.h"
 
 namespace toile {
 
@@ -37,7 +37,7 @@ struct MatchSettings {
 /// Matches of one frame; remembers each vertex's last match as the next search's guess.
 class Matcher {
 public:
-    Matcher(const NricpFrame& frame, const NricpTarget& target, const Rims& rims, Eigen::Index n);
+    Matcher(const NricpFrame& frame, const NricpTarget& target, const TemplateBorders& of_template, Eigen::Index n);
 
     Pull pull(const Pose& pose, Samples& samples, const MatchSettings& settings);
     const std::vector<int>& marked() const { return marked_; }
@@ -48,7 +48,7 @@ private:
 
     const NricpFrame& frame_;
     const NricpTarget& target_;
-    RimTarget rims_;
+    BorderTarget borders_;
     std::vector<char> in_loop_;  ///< a given loop holds this vertex
     std::vector<int> guess_, marked_;
     std::vector<int> reverse_guess_;            ///< places in the samples last used

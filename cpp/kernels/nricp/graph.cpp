@@ -1,4 +1,4 @@
-#include "kernels/nricp_graph.h"
+#include "kernels/nricp/graph.h"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 // Where the template ends, the scan ends: border curves of the one are pulled to those of the other.
 #pragma once
 #include "geometry/border.h"
-#include "kernels/nricp_target.h"
+#include "kernels/nricp/target.h"
 
 namespace toile {
 
@@ -9,18 +9,18 @@ struct MatchSettings;
 struct Pull;
 
 /// The template's border curves, on vertices that can be seen.
-struct Rims {
+struct TemplateBorders {
     std::vector<Border> curves;
     std::vector<int> vertices;  ///< ascending
 
-    Rims() = default;
-    Rims(const Vertices& V, const Vertices& N, const Faces& F, const Vector& seen);
+    TemplateBorders() = default;
+    TemplateBorders(const Vertices& V, const Vertices& N, const Faces& F, const Vector& seen);
 };
 
 /// The scan's border curves as targets of the template's.
-class RimTarget {
+class BorderTarget {
 public:
-    RimTarget(const Rims& rims, const NricpTarget& target);
+    BorderTarget(const TemplateBorders& of_template, const NricpTarget& target);
 
     /// Pulls border vertices, but for those `bound` otherwise, across their curve to the nearest place where a curve of
     /// the scan that may be the same faces the same way.
@@ -37,7 +37,7 @@ private:
     void pull_curve(const Border& own, const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound,
                     Pull& pull) const;
 
-    const Rims& rims_;
+    const TemplateBorders& borders_;
     const NricpTarget& target_;
     std::vector<Curve> curves_;
 };

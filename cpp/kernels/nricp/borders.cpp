@@ -1,10 +1,10 @@
-#include "kernels/nricp_rim.h"
+#include "kernels/nricp/borders.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
-#include "kernels/nricp_match.h"
+#include "kernels/nricp/match.h"
 
 namespace toile {
 
@@ -27,7 +27,7 @@ constexpr double shortest = 0.5;  // a hole, or a scrap's edge, is shorter than 
 
 }  // namespace
 
-Rims::Rims(const Vertices& V, const Vertices& N, const Faces& F, const Vector& seen) {
+TemplateBorders::TemplateBorders(const Vertices& V, const Vertices& N, const Faces& F, const Vector& seen) {
     for (Border& b : borders(V, N, F)) {
         const auto hidden = [&](int v) { return seen[v] <= 0; };
         if (b.vertex.size() < fewest || std::all_of(b.vertex.begin(), b.vertex.end(), hidden)) continue;
@@ -38,10 +38,10 @@ Rims::Rims(const Vertices& V, const Vertices& N, const Faces& F, const Vector& s
     std::sort(vertices.begin(), vertices.end());
 }
 
-RimTarget::RimTarget(const Rims& rims, const NricpTarget& target) : rims_(rims), target_(target) {
+BorderTarget::BorderTarget(const TemplateBorders& of_template, const NricpTarget& target) : borders_(of_template), target_(target) {
     double least = INFINITY;
-    for (const Border& own : rims.curves) least = std::min(least, shortest * own.total());
-    if (rims.curves.empty()) return;
+    for (const Border& own : of_template.curves) least = std::min(least, shortest * own.total());
+    if (of_template.curves.empty()) return;
     for (Border& border : borders(target.V(), target.N(), target.F())) {
         const double length = border.total();
         if (length < least) continue;
@@ -63,12 +63,12 @@ RimTarget::RimTarget(const Rims& rims, const NricpTarget& target) : rims_(rims),
     }
 }
 
-void RimTarget::pull(const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound,
+void BorderTarget::pull(const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound,
                      Pull& pull) const {
-    for (const Border& own : rims_.curves) pull_curve(own, pose, settings, bound, pull);
+    for (const Border& own : borders_.curves) pull_curve(own, pose, settings, bound, pull);
 }
 
-void RimTarget::pull_curve(const Border& own, const Pose& pose, const MatchSettings& s, const std::vector<char>& bound,
+void BorderTarget::pull_curve(const Border& own, const Pose& pose, const MatchSettings& s, const std::vector<char>& bound,
                            Pull& pull) const {
     const std::size_t count = own.vertex.size();
     std::vector<Vec3> along(count), off(count);

@@ -1,4 +1,4 @@
-#include "kernels/nricp_match.h"
+#include "kernels/nricp/match.h"
 
 #include <algorithm>
 #include <cmath>
@@ -65,9 +65,9 @@ void pull_to_landmarks(const NricpFrame& frame, const Vertices& x, Pull& pull) {
 
 }  // namespace
 
-Matcher::Matcher(const NricpFrame& frame, const NricpTarget& target, const Rims& rims, Eigen::Index n)
-    : frame_(frame), target_(target), rims_(rims, target), in_loop_(static_cast<std::size_t>(n), 0),
-      guess_(static_cast<std::size_t>(n), -1), marked_(rims.vertices) {
+Matcher::Matcher(const NricpFrame& frame, const NricpTarget& target, const TemplateBorders& of_template, Eigen::Index n)
+    : frame_(frame), target_(target), borders_(of_template, target), in_loop_(static_cast<std::size_t>(n), 0),
+      guess_(static_cast<std::size_t>(n), -1), marked_(of_template.vertices) {
     for (const NricpLoop& loop : frame.loops) {
         marked_.insert(marked_.end(), loop.vertices.begin(), loop.vertices.end());
         for (int v : loop.vertices) in_loop_[v] = 1;
@@ -142,7 +142,7 @@ Pull Matcher::pull(const Pose& pose, Samples& samples, const MatchSettings& sett
     Pull pull{std::move(A), Vertices::Zero(n, 3), Vector::Zero(n), marked_};
     to_scan(pose, samples, settings, pull);
     if (settings.reverse > 0) from_scan(pose, samples, settings, pull);
-    rims_.pull(pose, settings, in_loop_, pull);
+    borders_.pull(pose, settings, in_loop_, pull);
     pull_to_loops(frame_, pose.V, settings.boundary_weight, pull);
     pull_to_landmarks(frame_, pose.V, pull);
     return pull;

@@ -64,7 +64,7 @@ public:
             all[s].normal = n.normalized();
             cosine[s] = all[s].normal.dot(model_normals.row(v));
             const double along = std::abs(all[s].normal.dot(Vec3(Y.row(v)) - hit.point));
-            if (hit.distance > 0.005 && along < 0.5 * hit.distance) all[s].vertex = -1;  // beyond the rim of a hole
+            if (hit.distance > 0.005 && along < 0.5 * hit.distance) all[s].vertex = -1;  // beyond the border of a hole
         });
         double vote = 0;
         for (double c : cosine) vote += c;

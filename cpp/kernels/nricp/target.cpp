@@ -1,4 +1,4 @@
-#include "kernels/nricp_target.h"
+#include "kernels/nricp/target.h"
 
 #include <algorithm>
 #include <cmath>

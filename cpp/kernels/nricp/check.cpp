@@ -1,4 +1,4 @@
-#include "kernels/nricp_check.h"
+#include "kernels/nricp/check.h"
 
 #include <algorithm>
 #include <cmath>

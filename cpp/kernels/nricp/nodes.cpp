@@ -1,4 +1,4 @@
-#include "kernels/nricp_nodes.h"
+#include "kernels/nricp/nodes.h"
 
 #include <algorithm>
 

@@ -16,7 +16,7 @@ namespace toile {
 struct Cloth {
     Cloth(Faces faces, Eigen::Index n);
     void fit_tree(const Vertices& V);      ///< built where it is not yet
-    const std::vector<int>& to_rim();      ///< edges to the nearest rim; the largest int where there is none
+    const std::vector<int>& to_border();      ///< edges to the nearest border; the largest int where there is none
 
     Faces F;
     Adjacency ring;                 ///< neighbours of vertices
@@ -24,7 +24,7 @@ struct Cloth {
     std::vector<int> tour;          ///< vertices, neighbours in space one after the other
 
 private:
-    std::vector<int> to_rim_;       ///< empty until asked for
+    std::vector<int> to_border_;       ///< empty until asked for
 };
 
 class UntangleFrame {

@@ -1,4 +1,4 @@
-#include "kernels/nricp_fine.h"
+#include "kernels/nricp/fine.h"
 
 #include <algorithm>
 #include <cmath>
