@@ -147,6 +147,14 @@ struct CholeskyFactor::State {
     cholmod_factor* factor = nullptr;
     std::int64_t factorisations = 0, analyses = 0;
     bool sound = false;  ///< the numbers in `factor` are those of a whole factorisation
+    std::vector<int> outer, inner;  ///< the pattern that was analysed
+
+    bool analysed(const Sparse& A) const {
+        return factor && static_cast<std::size_t>(A.outerSize()) + 1 == outer.size() &&
+               static_cast<std::size_t>(A.nonZeros()) == inner.size() &&
+               std::equal(outer.begin(), outer.end(), A.outerIndexPtr()) &&
+               std::equal(inner.begin(), inner.end(), A.innerIndexPtr());
+    }
 
     State() {
         use_one_blas_thread();
@@ -176,11 +184,23 @@ void CholeskyFactor::analyze(const Sparse& A) {
     cholmod_sparse view = lower_view(A);
     state_->factor = cholmod_analyze(&view, &state_->common);
     if (!state_->factor) throw SolveError("cholesky: the symbolic analysis failed");
+    state_->outer.assign(A.outerIndexPtr(), A.outerIndexPtr() + A.outerSize() + 1);
+    state_->inner.assign(A.innerIndexPtr(), A.innerIndexPtr() + A.nonZeros());
     ++state_->analyses;
 }
 
+CholeskyFactor CholeskyFactor::symbolic() const {
+    require(state_->factor && state_->factor->xtype == CHOLMOD_PATTERN, "cholesky: nothing but an analysis is copied");
+    CholeskyFactor copy;
+    copy.state_->factor = cholmod_copy_factor(state_->factor, &copy.state_->common);
+    if (!copy.state_->factor) throw SolveError("cholesky: out of memory");
+    copy.state_->outer = state_->outer;
+    copy.state_->inner = state_->inner;
+    return copy;
+}
+
 bool CholeskyFactor::try_factorize(const Sparse& A) {
-    if (!state_->factor || state_->factor->n != static_cast<std::size_t>(A.rows())) analyze(A);
+    if (!state_->analysed(A)) analyze(A);
     cholmod_sparse view = lower_view(A);
     ++state_->factorisations;
     state_->sound = false;

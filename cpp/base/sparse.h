@@ -9,9 +9,9 @@ namespace toile {
 
 /// LL' of a symmetric positive definite matrix (lower triangle is read). Movable, not copyable.
 ///
-/// `analyze` fixes the fill-reducing ordering from the pattern; `factorize` may then be called any number of times
-/// with new values in the same pattern; `solve` back-substitutes. One BLAS thread, so bits do not depend on the
-/// number of threads.
+/// `analyze` fixes the fill-reducing ordering and the factor's pattern from A's; `factorize` may then be called any number
+/// of times with new values, and analyses again only where A has another pattern; `solve` back-substitutes. One BLAS
+/// thread, so bits do not depend on the number of threads.
 class CholeskyFactor {
 public:
     CholeskyFactor();
@@ -20,6 +20,7 @@ public:
     CholeskyFactor& operator=(CholeskyFactor&&) noexcept;
 
     void analyze(const Sparse& A);
+    CholeskyFactor symbolic() const;  ///< the analysis alone, to be factorised apart; no analysis of its own is counted
     void factorize(const Sparse& A);      ///< throws SolveError when A is not positive definite
     bool try_factorize(const Sparse& A);  ///< false instead of the SolveError
     Matrix solve(const Matrix& B) const;  ///< (n,k) -> (n,k)

@@ -4,7 +4,28 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <string>
+
+#include "base/stop.h"
 #include "base/types.h"
+
+/// A reason to stop is the string of its name in Python.
+template <>
+struct pybind11::detail::type_caster<toile::Stop> {
+    PYBIND11_TYPE_CASTER(toile::Stop, const_name("str"));
+
+    bool load(handle source, bool) {
+        if (!isinstance<str>(source)) return false;
+        const auto text = source.cast<std::string>();
+        const auto at = std::find(toile::stop_names.begin(), toile::stop_names.end(), text);
+        value = static_cast<toile::Stop>(at - toile::stop_names.begin());
+        return at != toile::stop_names.end();
+    }
+    static handle cast(toile::Stop stop, return_value_policy, handle) {
+        return str(std::string(toile::name(stop))).release();
+    }
+};
 
 namespace toile::bind {
 
@@ -15,8 +36,9 @@ template <class Options>
 Options options_from(const py::kwargs& keywords, const char* kernel, Options options = {}) {
     py::object view = py::cast(&options, py::return_value_policy::reference);
     for (const auto& [key, value] : keywords) {
-        if (!py::hasattr(view, key))
-            throw py::type_error(std::string(kernel) + ": no option named '" + py::cast<std::string>(key) + "'");
+        const auto name = py::cast<std::string>(key);
+        if (name.starts_with('_') || !py::hasattr(view, key))
+            throw py::type_error(std::string(kernel) + ": no option named '" + name + "'");
         view.attr(key) = value;
     }
     return options;
@@ -46,6 +68,7 @@ void bind_untangle(py::module_& m);
 void bind_skeleton(py::module_& m);
 void bind_inner(py::module_& m);
 void bind_raster(py::module_& m);
+void bind_remesh(py::module_& m);
 void bind_occlusion(py::module_& m);
 void bind_sight(py::module_& m); ///< visibility of points, values read from pictures
 

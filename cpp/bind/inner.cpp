@@ -41,9 +41,10 @@ void bind_inner(py::module_& m) {
         .def_readonly("observed", &InnerFused::observed)
         .def_readonly("bounded", &InnerFused::bounded)
         .def_readonly("factorisations", &InnerFused::factorisations)
+        .def_readonly("analyses", &InnerFused::analyses)
         .def(as_tuple_of(&InnerFused::rest, &InnerFused::shape, &InnerFused::bound, &InnerFused::stop,
                          &InnerFused::iterations, &InnerFused::energy, &InnerFused::observed, &InnerFused::bounded,
-                         &InnerFused::factorisations));
+                         &InnerFused::factorisations, &InnerFused::analyses));
     py::class_<InnerResult>(m, "InnerResult")
         .def_readonly("V", &InnerResult::V)
         .def_readonly("skin", &InnerResult::skin)
@@ -55,9 +56,11 @@ void bind_inner(py::module_& m) {
         .def_readonly("outside_before", &InnerResult::outside_before)
         .def_readonly("outside_after", &InnerResult::outside_after)
         .def_readonly("factorisations", &InnerResult::factorisations)
+        .def_readonly("analyses", &InnerResult::analyses)
         .def(as_tuple_of(&InnerResult::V, &InnerResult::skin, &InnerResult::stop, &InnerResult::iterations,
                          &InnerResult::energy, &InnerResult::depth_before, &InnerResult::depth_after,
-                         &InnerResult::outside_before, &InnerResult::outside_after, &InnerResult::factorisations));
+                         &InnerResult::outside_before, &InnerResult::outside_after, &InnerResult::factorisations,
+                         &InnerResult::analyses));
     py::class_<InnerGuess>(m, "InnerGuess")
         .def(py::init([](Vertices rest, Vertices skin_mean, bool asks_skin) {
             return InnerGuess{std::move(rest), std::move(skin_mean), asks_skin};

@@ -9,6 +9,7 @@ namespace toile::bind {
 void bind_runtime(py::module_& m) {
     py::register_exception<InputError>(m, "InputError", PyExc_ValueError);
     py::register_exception<SolveError>(m, "SolveError", PyExc_RuntimeError);
+    m.attr("stop_names") = py::cast(std::vector<std::string>(stop_names.begin(), stop_names.end()));
     m.def("set_threads", [](int n) {
         if (n < 1) throw InputError("set_threads: n is " + std::to_string(n) + ", expected at least 1");
         omp_set_num_threads(n);
@@ -31,6 +32,7 @@ PYBIND11_MODULE(_core, m) {
     bind_skeleton(m);
     bind_inner(m);
     bind_raster(m);
+    bind_remesh(m);
     bind_occlusion(m);
     bind_sight(m);
 }

@@ -9,7 +9,7 @@ void bind_occlusion(py::module_& m) {
         .def(py::init<>())
         .def_readwrite("rays", &OcclusionOptions::rays)
         .def_readwrite("seed", &OcclusionOptions::seed)
-        .def_readwrite("offset", &OcclusionOptions::offset)
+        .def_readwrite("relative_offset", &OcclusionOptions::relative_offset)
         .def_readwrite("reach", &OcclusionOptions::reach);
     m.def("ambient_occlusion", [](const Vertices& V, const Faces& F, const py::kwargs& keywords) {
         const auto options = options_from<OcclusionOptions>(keywords, "ambient_occlusion");

@@ -15,7 +15,7 @@ void bind_skeleton(py::module_& m) {
         .def_readwrite("reach", &SkeletonOptions::reach)
         .def_readwrite("min_cosine", &SkeletonOptions::min_cosine)
         .def_readwrite("surface_samples", &SkeletonOptions::surface_samples)
-        .def_readwrite("keypoint_robust", &SkeletonOptions::keypoint_robust)
+        .def_readwrite("keypoint_robust_sigmas", &SkeletonOptions::keypoint_robust_sigmas)
         .def_readwrite("pose_weight", &SkeletonOptions::pose_weight)
         .def_readwrite("shape_weight", &SkeletonOptions::shape_weight)
         .def_readwrite("limit_sigma", &SkeletonOptions::limit_sigma)

@@ -9,7 +9,7 @@ void bind_untangle(py::module_& m) {
         .def(py::init<>())
         .def_readwrite("margin", &UntangleOptions::margin)
         .def_readwrite("spread", &UntangleOptions::spread)
-        .def_readwrite("tolerance", &UntangleOptions::tolerance)
+        .def_readwrite("relative_tolerance", &UntangleOptions::relative_tolerance)
         .def_readwrite("max_depth", &UntangleOptions::max_depth)
         .def_readwrite("max_iterations", &UntangleOptions::max_iterations);
     py::class_<UntangleResult>(m, "UntangleResult")

@@ -70,18 +70,15 @@ Adjacency vertex_faces(const Faces& F, Eigen::Index n) {
 }
 
 std::vector<std::vector<int>> boundary_loops(const Faces& F) {
-    std::map<std::pair<int, int>, int> count;  // undirected edge -> faces
-    for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) {
-            const int i = F(f, c), j = F(f, (c + 1) % 3);
-            ++count[{std::min(i, j), std::max(i, j)}];
-        }
+    const Adjacency ends = sides(F, F.size() > 0 ? F.maxCoeff() + 1 : 0);
+    const auto faces = [&](int i, int j) {
+        const auto [first, last] = std::equal_range(ends.index.begin() + ends.start[i], ends.index.begin() + ends.start[i + 1], j);
+        return last - first;
+    };
     std::multimap<int, int> next;  // boundary half-edges i -> j
     for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c) {
-            const int i = F(f, c), j = F(f, (c + 1) % 3);
-            if (i != j && count[{std::min(i, j), std::max(i, j)}] == 1) next.emplace(i, j);
-        }
+        for (int c = 0; c < 3; ++c)
+            if (const int i = F(f, c), j = F(f, (c + 1) % 3); i != j && faces(i, j) == 1) next.emplace(i, j);
     std::vector<std::vector<int>> loops;
     while (!next.empty()) {
         auto edge = next.begin();  // smallest vertex first

@@ -20,6 +20,8 @@ struct BiharmonicOptions {
 ///
 /// The factor is checked on the constant field, which it must reproduce to `accuracy`. Only where it fails (needles,
 /// faces of no area) the edge lengths are mollified, by as little as passes, and `mollified` says by how much.
+///
+/// Keeps the symbolic analysis and the numeric factor of (L M^-1 L)_uu: a solve only substitutes.
 class BiharmonicSolver {
 public:
     /// V (n,3) [m], F (m,3), known (k,) distinct vertices. InputError for a bad mesh or index, a repeated known vertex,

@@ -22,7 +22,9 @@ constexpr double kNone = std::numeric_limits<double>::infinity();
 /// One scalar matrix smooth + diag(m w), refactored only when its weights change.
 class Weighted {
 public:
-    Weighted(const Sparse& smooth, const Vector& mass) : smooth_(smooth), mass_(mass) { factor_.analyze(smooth); }
+    /// `analysis` is that of `smooth`.
+    Weighted(const Sparse& smooth, const Vector& mass, const CholeskyFactor& analysis)
+        : smooth_(smooth), mass_(mass), factor_(analysis.symbolic()) {}
 
     Vertices solve(const Vector& weights, const Vertices& targets) {
         if (weights.size() != last_.size() || weights != last_) {
@@ -36,6 +38,7 @@ public:
         return factor_.solve((mass_.asDiagonal() * targets).eval());
     }
     std::int64_t factorisations() const { return factor_.factorisations(); }
+    std::int64_t analyses() const { return factor_.analyses(); }
     double smoothness(const Vertices& d) const { return (d.transpose() * (smooth_ * d)).trace(); }
 
 private:
@@ -309,6 +312,7 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
     rest_ = shaped_vertices(model_, shape_);
     mass_ = voronoi_mass(rest_, model_.F);
     smooth_ = smoothness_matrix(rest_, model_.F, mass_, o.length);
+    analysis_.analyze(smooth_);
     neighbours_ = vertex_neighbours(model_.F, rest_.rows());
 }
 
@@ -373,7 +377,7 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
 }
 
 struct InnerFusion::State {
-    explicit State(const InnerSolver& s) : system(s.smooth_, s.mass_) {}
+    explicit State(const InnerSolver& s) : system(s.smooth_, s.mass_, s.analysis_) {}
 
     Weighted system;
     Evidence seen;
@@ -437,11 +441,12 @@ void InnerFusion::fit(const InnerSums& sums) {
     out.rest = guess_.rest = s.model + s.fitted.d;
     if (!done()) return;
     out.bound = e.room - e.normals.cwiseProduct(s.fitted.d).rowwise().sum();
-    out.stop = s.fitted.converged ? "converged" : "max_iterations";
+    out.stop = s.fitted.converged ? Stop::converged : Stop::max_iterations;
     out.iterations = static_cast<int>(out.energy.size());
     out.observed = (e.skin.array() > 0.5).count();
     out.bounded = (e.room.array() < kNone).count();
     out.factorisations = s.system.factorisations();
+    out.analyses = s.system.analyses();
     check_solved("inner", "rest", out.rest);
     check_solved("inner", "energy", Eigen::Map<const Vector>(out.energy.data(), out.iterations));
 }
@@ -462,17 +467,18 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     e.normals = vertex_normals(Y, model_.F);
     e.room = cloth_room(Y, e.normals, e.skin, garments, o.reach).array() - o.gap;
     count_outside(e.room.array() + o.gap, e.skin, out.depth_before, out.outside_before);
-    Weighted system(smooth_, mass_);
+    Weighted system(smooth_, mass_, analysis_);
     const Fitted fitted = fit_displacement(system, mass_, e, o, 0, Vertices::Zero(Y.rows(), 3));
     const auto g = e.skin.array();
     out.V = (frame.tracked.array().colwise() * g + (Y + fitted.d).array().colwise() * (1 - g)).matrix();
     count_outside(cloth_room(out.V, vertex_normals(out.V, model_.F), e.skin, garments, o.reach), e.skin,
                   out.depth_after, out.outside_after);
     out.skin = e.skin;
-    out.stop = fitted.converged ? "converged" : "max_iterations";
+    out.stop = fitted.converged ? Stop::converged : Stop::max_iterations;
     out.iterations = static_cast<int>(fitted.energy.size());
     out.energy = fitted.energy;
     out.factorisations = system.factorisations();
+    out.analyses = system.analyses();
     check_solved("inner", "V", out.V);
     check_solved("inner", "energy", Eigen::Map<const Vector>(out.energy.data(), out.iterations));
     return out;

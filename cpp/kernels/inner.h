@@ -14,6 +14,8 @@
 #include <string>
 #include <vector>
 
+#include "../base/sparse.h"
+#include "../base/stop.h"
 #include "../geometry/body_model.h"
 #include "../geometry/topology.h"
 
@@ -54,24 +56,24 @@ struct InnerFused {
     Vertices rest;                 ///< (n,3) [m]
     Vector shape;                  ///< (S,) refitted to skin and cloth
     Vector bound;  ///< (n,) room between the rest and the tightest cloth along the normal [m]; infinity: none
-    std::string stop;              ///< "converged" or "max_iterations"
+    Stop stop = Stop::max_iterations;  ///< converged or max_iterations
     int iterations = 0;
     std::vector<double> energy;    ///< of each iteration
     std::int64_t observed = 0;     ///< vertices seen as skin
     std::int64_t bounded = 0;      ///< hidden vertices with cloth in reach
-    std::int64_t factorisations = 0;
+    std::int64_t factorisations = 0, analyses = 0;  ///< numeric ones; symbolic ones beside the solver's own: none
 };
 
 struct InnerResult {
     Vertices V;                    ///< (n,3) [m]
     Vector skin;                   ///< (n,) share of the tracked surface in V
-    std::string stop;
+    Stop stop = Stop::max_iterations;  ///< converged or max_iterations
     int iterations = 0;
     std::vector<double> energy;
     double depth_before = 0;       ///< deepest hidden vertex outside the cloth, fused shape posed [m]
     double depth_after = 0;        ///< the same for V [m]
     std::int64_t outside_before = 0, outside_after = 0;  ///< their numbers
-    std::int64_t factorisations = 0;
+    std::int64_t factorisations = 0, analyses = 0;  ///< as in InnerFused
 };
 
 using RoomCounts = Eigen::Matrix<std::uint32_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -93,6 +95,9 @@ struct InnerSums {
     InnerSums& operator+=(const InnerSums& other);
 };
 
+/// Keeps, from its constructor on: the rest shape, its areas, smoothness operator and neighbours, and the symbolic
+/// analysis of the one pattern that all solves have. Values change with what is seen in a frame, so each solve makes
+/// numeric factors of its own; nothing is written while it runs, and frames may be solved side by side.
 class InnerSolver {
 public:
     /// shape (s,) is where the refit starts; J (K,3) the rest joints of all poses.
@@ -113,6 +118,7 @@ private:
     Vertices rest_;
     Vector mass_;
     Sparse smooth_;
+    CholeskyFactor analysis_;  // of smooth_, no numbers
     Adjacency neighbours_;
 };
 

@@ -280,7 +280,7 @@ MrfResult mrf(const Matrix& unary, const Edges& edges, const Vector& weights, co
         ++result.sweeps;
         result.sweep_energy.push_back(field.unary_energy() + field.pairwise_energy());
     }
-    result.stop = idle >= labels ? "converged" : "max_sweeps";
+    result.stop = idle >= labels ? Stop::converged : Stop::max_iterations;
     result.labels = field.x;
     result.unary_energy = field.unary_energy();
     result.pairwise_energy = field.pairwise_energy();

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "../base/stop.h"
 #include "../base/types.h"
 
 namespace toile {
@@ -23,7 +24,7 @@ struct MrfResult {
     std::vector<double> sweep_energy;  ///< of the first labels, then after each sweep
     int sweeps = 0;
     int expansions = 0;          ///< moves tried
-    std::string stop;            ///< "converged": no expansion lowers the energy; "max_sweeps"
+    Stop stop = Stop::max_iterations;  ///< converged: no expansion lowers the energy; or max_iterations
 };
 
 /// Minimises sum_i unary(i, x_i) + sum_e weights[e] pairwise(x_p, x_q) by alpha-expansion (Boykov, Veksler, Zabih
@@ -33,6 +34,7 @@ struct MrfResult {
 /// (zero diagonal, symmetric, triangle inequality to 1e-9 of its largest entry), or (0,0) for Potts, [x_p != x_q].
 /// Ends in a local minimum with respect to every expansion: for Potts within twice the global minimum, and at it
 /// for two labels. Weights are rounded to 2^-50 of the largest sum of weights at a node while cutting.
+/// Nothing is kept between calls; within one the flow found for a label starts the next search for it.
 /// Throws InputError for NaN, infinity, indices out of range, a negative weight, a pairwise that is no metric.
 MrfResult mrf(const Matrix& unary, const Edges& edges, const Vector& weights, const Matrix& pairwise = {},
               const MrfOptions& options = {});

@@ -195,12 +195,12 @@ struct Progress {
     }
     MatchSettings coarse(std::size_t level, double mu, bool local) const {
         const NricpOptions& o = options;
-        const bool surface = level + 1 == o.radii.size();
-        return {mu, o.spread[level], o.reverse[level], local, surface, o.phong, o.point_weight, o.boundary_weight};
+        const bool surface = level + 1 == o.relative_radii.size();
+        return {mu, o.relative_spread[level], o.reverse[level], local, surface, o.phong, o.point_weight, o.boundary_weight};
     }
     MatchSettings fine() const {
         const NricpOptions& o = options;
-        return {o.fine_robust, o.spread.back(), 0, true, true, o.phong, o.point_weight, o.boundary_weight};
+        return {o.relative_fine_robust, o.relative_spread.back(), 0, true, true, o.phong, o.point_weight, o.boundary_weight};
     }
 };
 
@@ -235,7 +235,7 @@ bool run_rigid(Progress& p, Samples& samples) {
     constexpr double still = 1e-3;
     Pull pull;
     for (int i = 0; i < steps && p.last_move > still; ++i) {
-        if (!p.match(samples, p.coarse(0, p.options.robust_start[0], false), pull)) return false;
+        if (!p.match(samples, p.coarse(0, p.options.relative_robust_start[0], false), pull)) return false;
         p.move_to(rigid_step(p.pose, pull));
     }
     return true;
@@ -250,9 +250,9 @@ bool run_graph(Progress& p, Level& own, const Pose& rest) {
     Pull pull;
     const int count = o.iterations[level];
     for (int i = 0; i < count; ++i) {
-        if (i > 0 && p.last_move < o.settled[level] * o.radii[level]) i = count - 1;
-        const double mu = anneal(o.robust_start[level], o.robust_end[level], i, count);
-        const bool local = i > 1 && level + 1 == o.radii.size();
+        if (i > 0 && p.last_move < o.settled[level] * o.relative_radii[level]) i = count - 1;
+        const double mu = anneal(o.relative_robust_start[level], o.relative_robust_end[level], i, count);
+        const bool local = i > 1 && level + 1 == o.relative_radii.size();
         if (!p.match(own.samples, p.coarse(level, mu, local), pull)) return false;
         const double stiffness = anneal(o.stiffness_start[level], o.stiffness_end[level], i, count);
         own.graph.step(pull, p.pose.V, stiffness, o.rotation_weight);
@@ -266,7 +266,7 @@ bool run_graph(Progress& p, Level& own, const Pose& rest) {
 
 bool run_fine(Progress& p, NricpFine& fine, Samples& all, const Faces& F) {
     const NricpOptions& o = p.options;
-    const double length = o.fine_length + o.fine_noise * p.target.noise();
+    const double length = o.relative_fine_length + o.fine_noise * p.target.noise();
     const Vertices anchor = p.pose.V;
     Pull pull;
     for (int i = 0; i < o.fine_iterations && (i == 0 || !p.still()); ++i) {
@@ -302,10 +302,10 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
     const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
     s.borders = TemplateBorders(s.V, s.N, F, seen);
     const GeodesicGraph surface(s.V, F);
-    for (std::size_t level = options.large_motion ? 0 : 1; level < options.radii.size(); ++level)
+    for (std::size_t level = options.large_motion ? 0 : 1; level < options.relative_radii.size(); ++level)
         if (options.iterations[level] > 0) {
-            Samples samples = samples_of(s.V, s.N, surface, seen, options.detail[level]);
-            const double radius = std::max(options.radii[level], 0.75 * surface.median_length());  // nodes must share vertices
+            Samples samples = samples_of(s.V, s.N, surface, seen, options.relative_detail[level]);
+            const double radius = std::max(options.relative_radii[level], 0.75 * surface.median_length());  // nodes must share vertices
             s.levels.push_back({level, {surface, radius, merged(samples.vertex, s.borders.vertices)}, std::move(samples)});
         }
     s.all.emplace(samples_of(s.V, s.N, surface, seen, 0));
@@ -325,7 +325,7 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     none.V = Vertices::Constant(s.V.rows(), 3, std::numeric_limits<double>::quiet_NaN());
     none.rms = std::numeric_limits<double>::quiet_NaN();
     none.matched = Vector::Zero(s.V.rows());
-    none.stop = "no_overlap";
+    none.stop = Stop::no_overlap;
     if (frame.F.rows() == 0) return none;
 
     NricpTarget target(frame.V, frame.F);
@@ -346,7 +346,7 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     overlaps = overlaps && (p.match(finest, p.fine(), last), last.overlap >= o.min_overlap);
     none.iterations = p.result.iterations;
     if (!overlaps) return none;
-    p.result.stop = p.still() ? "converged" : "max_iterations";
+    p.result.stop = p.still() ? Stop::converged : Stop::max_iterations;
     p.result.V = s.out_of(p.pose.V);
     for (Eigen::Index v = 0; v < last.matched.size(); ++v)
         if (const int w = finest.stands[v]; w >= 0) p.result.matched[v] = std::max(last.matched[v], last.matched[w]);

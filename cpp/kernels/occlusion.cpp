@@ -21,8 +21,8 @@ void check(const Vertices& V, const Faces& F, const OcclusionOptions& o) {
     check_mesh("occlusion", V, F);
     if (o.rays < 1 || o.rays > MOST_RAYS)
         throw InputError("occlusion: rays is " + std::to_string(o.rays) + ", expected 1 to " + std::to_string(MOST_RAYS));
-    if (!(o.offset > 0 && o.offset <= 1))
-        throw InputError("occlusion: offset is " + std::to_string(o.offset) + ", expected above 0 and at most 1");
+    if (!(o.relative_offset > 0 && o.relative_offset <= 1))
+        throw InputError("occlusion: relative_offset is " + std::to_string(o.relative_offset) + ", expected above 0 and at most 1");
     if (!(o.reach > 0 && std::isfinite(o.reach))) throw InputError("occlusion: reach is not positive and finite");
 }
 
@@ -70,7 +70,7 @@ Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptio
     const SurfaceIndex index(V, F);
     const Vertices N = vertex_normals(V, F);
     const auto directions = fan(o.rays);
-    const double offset = o.offset * index.diagonal();
+    const double offset = o.relative_offset * index.diagonal();
     Vector open = Vector::Ones(V.rows());
     parallel_for(
         V.rows(),

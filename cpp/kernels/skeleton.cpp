@@ -166,7 +166,7 @@ void fit_keypoints(Problem& problem, BodyState& state, const SkeletonOptions& o)
     double damping = 1e-2;
     System system;
     for (double widen : {8.0, 3.0, 1.0}) {
-        problem.keypoint_robust = o.keypoint_robust * widen;
+        problem.keypoint_robust = o.keypoint_robust_sigmas * widen;
         problem.surface_robust = 1;
         for (int i = 0; i < 15; ++i)
             if (descend(problem, state, damping, system).size < 1e-3) break;
@@ -201,7 +201,7 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
     const SkeletonOptions& o = options_;
     require(o.surface_samples > 0 && o.max_iterations > 0,
             "skeleton: surface_samples and max_iterations must be positive");
-    for (double positive : {o.surface_sigma, o.surface_robust, o.reach_start, o.reach, o.keypoint_robust, o.limit_sigma,
+    for (double positive : {o.surface_sigma, o.surface_robust, o.reach_start, o.reach, o.keypoint_robust_sigmas, o.limit_sigma,
                             o.temporal_sigma, o.temporal_translation, o.shape_weight, o.pose_weight})
         require(std::isfinite(positive) && positive > 0,
                 "skeleton: sigmas, robust scales, reaches and prior weights must be positive");
@@ -213,6 +213,7 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
     const std::size_t stride = std::max<std::size_t>(1, seen.size() / static_cast<std::size_t>(o.surface_samples));
     samples_.resize(static_cast<Eigen::Index>((seen.size() + stride - 1) / stride));
     for (Eigen::Index i = 0; i < samples_.size(); ++i) samples_[i] = seen[static_cast<std::size_t>(i) * stride];
+    area_ = area_shares(model_, vertex_weights_, samples_);
 }
 
 namespace {
@@ -245,19 +246,18 @@ SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
 SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonFrame& frame) const {
     const SkeletonOptions& o = options_;
     const bool warm = !frame.start.empty();
-    const Vector area = area_shares(model_, vertex_weights_, samples_);
     BodyState state{std::vector<Mat3>(static_cast<std::size_t>(model_.joints()), Mat3::Identity()), Vec3::Zero(),
                     Vector::Zero(model_.shapes())};
     if (warm) state = state_of(frame.start[0], model_);
-    Problem problem(model_, joint_sigma_, joint_limit_, area, frame, o, o.solve_shape);
+    Problem problem(model_, joint_sigma_, joint_limit_, area_, frame, o, o.solve_shape);
     if (!warm) {
         place_rigidly(model_, frame, state);
         if (frame.keypoints.index.size()) fit_keypoints(problem, state, o);
     }
-    problem.keypoint_robust = o.keypoint_robust;
+    problem.keypoint_robust = o.keypoint_robust_sigmas;
     double reach = warm ? o.reach : std::max(o.reach, o.reach_start), damping = 1e-4;
     std::vector<double> energies;
-    std::string stop = "max_iterations";
+    Stop stop = Stop::max_iterations;
     System system;
     Vertices before;
     bool settled = false;  // the last step was taken within the final reach
@@ -266,7 +266,7 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
         const Vertices Y = problem.posed(state).vertices();
         const double moved = i == 0 ? 1e30 : std::sqrt((Y - before).squaredNorm() / static_cast<double>(Y.rows()));
         if (moved < o.tolerance && settled) {
-            stop = "converged";
+            stop = Stop::converged;
             break;
         }
         before = Y;
@@ -278,7 +278,7 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
         reach = std::max(o.reach, 0.75 * reach);
     }
     SkeletonResult result = result_of(model_, problem, state, system);
-    result.stop = scan && result.matched == 0 ? "unmatched" : stop;
+    result.stop = scan && result.matched == 0 ? Stop::unmatched : stop;
     result.iterations = static_cast<int>(energies.size());
     result.energy = std::move(energies);
     check_solved("skeleton", "V", result.V);
@@ -290,7 +290,6 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
     require(!frames.empty(), "skeleton: frames is empty");
     require(rounds > 0, "skeleton: rounds must be positive");
     const int S = model_.shapes();
-    const Vector area = area_shares(model_, vertex_weights_, samples_);
     for (const SkeletonFrame& frame : frames) check_frame(frame, model_);
     const auto each_frame = [&](auto&& work) {
         parallel_for(static_cast<std::int64_t>(frames.size()), [&](std::int64_t f) { work(static_cast<std::size_t>(f)); }, 1);
@@ -316,8 +315,8 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
             frame.start[0].shape = shape;
             results[f] = poses.solve_on(scans[f].get(), frame);
             if (round == rounds) return;
-            Problem problem(model_, joint_sigma_, joint_limit_, area, frame, options_, true);
-            problem.keypoint_robust = options_.keypoint_robust;
+            Problem problem(model_, joint_sigma_, joint_limit_, area_, frame, options_, true);
+            problem.keypoint_robust = options_.keypoint_robust_sigmas;
             problem.surface_robust = options_.surface_robust;
             if (scans[f])
                 problem.matches = scans[f]->match(results[f].V, vertex_normals(results[f].V, model_.F), samples_, options_.reach,

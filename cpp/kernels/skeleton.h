@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "../base/stop.h"
 #include "../geometry/body_jacobian.h"
 
 namespace toile {
@@ -31,7 +32,7 @@ struct SkeletonOptions {
     double reach = 0.04;               ///< the same in the last rounds, and from a warm start [m]
     double min_cosine = 0.5;           ///< between model and scan normals
     int surface_samples = 5000;        ///< model vertices that look for the scan
-    double keypoint_robust = 4;        ///< Geman-McClure scale of keypoints [sigma]
+    double keypoint_robust_sigmas = 4; ///< Geman-McClure scale of keypoints, in multiples of their sigma
     double pose_weight = 1;            ///< scales the prior on joint angles
     double shape_weight = 1;           ///< scales |beta|^2
     double limit_sigma = 0.05;         ///< softness of the joints' limits [rad]
@@ -68,7 +69,7 @@ struct SkeletonResult {
     SkeletonPose pose;
     Vertices V;                        ///< (n,3) posed model [m]
     Vertices joints;                   ///< (K,3) [m]
-    std::string stop;                  ///< "converged", "max_iterations", or "unmatched": a scan, none of it in reach
+    Stop stop = Stop::max_iterations;  ///< converged, max_iterations, or unmatched: a scan, none of it in reach
     int iterations = 0;
     std::vector<double> energy;        ///< per iteration of the last stage
     double rms = 0;                    ///< of matched point-to-plane distances [m]
@@ -76,6 +77,9 @@ struct SkeletonResult {
     double keypoint_rms = 0;           ///< [m], outliers included
 };
 
+/// Keeps the model, the vertices that look for the scan and their shares of area. Nothing is factorised across steps: the
+/// normal equations are dense, of some hundred unknowns, and change with every step; a scan's tree of boxes and normals
+/// are made once a solve, and for all rounds of `solve_shared`. Nothing is written while it solves.
 class SkeletonSolver {
 public:
     /// joint_sigma (K,) [rad]: spread of each joint about rest; 0 locks it at its start, infinity frees it.
@@ -96,6 +100,7 @@ private:
     Vector joint_sigma_, joint_limit_, vertex_weights_;
     SkeletonOptions options_;
     Indices samples_;
+    Vector area_;  // (n,) shares of the samples, which sum to 1
 };
 
 }  // namespace toile

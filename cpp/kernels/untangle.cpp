@@ -27,8 +27,8 @@ void check_options(const UntangleOptions& o) {
     positive("margin", o.margin);
     positive("spread", o.spread);
     positive("max_depth", o.max_depth);
-    require(o.tolerance > 0 && o.tolerance < 1,
-            "untangle: tolerance is " + std::to_string(o.tolerance) + ", expected 0 to 1");
+    require(o.relative_tolerance > 0 && o.relative_tolerance < 1,
+            "untangle: relative_tolerance is " + std::to_string(o.relative_tolerance) + ", expected 0 to 1");
     require(o.max_iterations >= 1,
             "untangle: max_iterations is " + std::to_string(o.max_iterations) + ", expected at least 1");
 }
@@ -182,7 +182,7 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     r.displacement = frame.x - cloth_V;
     r.vertices_short = frame.violations();
     const bool clear = r.intersections_left == 0 && r.vertices_left == 0 && r.vertices_short == 0;
-    r.stop = clear ? "clear" : r.iterations < o.max_iterations ? "stalled" : "iterations";
+    r.stop = clear ? Stop::clear : r.iterations < o.max_iterations ? Stop::stalled : Stop::max_iterations;
     if (!clear) r.reason = frame.reason_left();
     return r;
 }

@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "../base/stop.h"
 #include "../base/types.h"
 
 namespace toile {
@@ -11,9 +12,9 @@ namespace toile {
 struct UntangleOptions {
     double margin = 0.002;     ///< kept between cloth and body [m]; less where the body leaves less than twice as much room
     double spread = 0.03;      ///< length over which a push dies away in the cloth [m]
-    double tolerance = 0.1;    ///< a vertex counts as clear from (1 - tolerance) margin on
+    double relative_tolerance = 0.1;  ///< share of the margin: a vertex is clear from (1 - relative_tolerance) margin on
     double max_depth = 0.05;   ///< an open body has no inside deeper than this, overlaps are crossed no further [m]
-    int max_iterations = 60;
+    int max_iterations = 60;   ///< solves of the membrane
 };
 
 struct UntangleResult {
@@ -24,13 +25,15 @@ struct UntangleResult {
     Edges pairs_left;                  ///< (k,2) faces of cloth and body that still intersect
     int intersections_before = 0, intersections_left = 0;
     int vertices_left = 0;             ///< still inside
-    int vertices_short = 0;            ///< inside or outside, nearer than their margin less the tolerance
+    int vertices_short = 0;            ///< inside or outside, nearer than (1 - relative_tolerance) of their margin
     int iterations = 0;
-    std::string stop;    ///< "clear": nothing left and nothing short; "stalled" or "iterations"
+    Stop stop = Stop::max_iterations;  ///< clear: nothing left and nothing short; stalled or max_iterations
     std::string reason;  ///< why something is left, in words; empty when nothing is
 };
 
-/// Owns the topology of both meshes and their trees of boxes, which are refitted; serves any number of frames.
+/// Keeps the topology of both meshes, the order in which the membrane updates vertices, and the trees of boxes, which are
+/// refitted; the faces of the body under the cloth's vertices are the next frame's guesses. There is no matrix and no
+/// factor: the membrane is relaxed. Serves any number of frames, one at a time.
 ///
 /// Minimises  sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum_i |d_i|^2  over displacements d, subject to
 /// outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length, b_i the closest point of the body and outward_i

@@ -69,6 +69,21 @@ int main() {
     CHECK_THROWS(SolveError, factor.factorize(A));
     CHECK(factor.factorisations() == 2 && factor.analyses() == 1);
 
+    LAW("another pattern of the same size is analysed anew, a copied analysis gives the same bits without one of its own");
+    Sparse B(3, 3);
+    for (int i = 0; i < 3; ++i) B.insert(i, i) = 2;
+    B.insert(2, 0) = -1;
+    B.makeCompressed();
+    factor.factorize(B);
+    CHECK(std::abs(factor.solve(Matrix::Ones(3, 1))(2, 0) - 1) < 1e-14 && factor.analyses() == 2);
+    CholeskyFactor analysed;
+    CHECK_THROWS(InputError, analysed.symbolic());
+    analysed.analyze(B);
+    CholeskyFactor copy = analysed.symbolic();
+    copy.factorize(B);
+    CHECK(copy.analyses() == 0 && copy.factorisations() == 1 && analysed.factorisations() == 0);
+    CHECK(copy.solve(Matrix::Ones(3, 2)) == factor.solve(Matrix::Ones(3, 2)));
+
     LAW("a Cholesky factor of panels of every width solves any number of right-hand sides");
     for (const int side : {2, 5, 9, 23}) {
         std::vector<Eigen::Triplet<double>> entries;

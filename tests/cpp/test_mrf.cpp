@@ -72,7 +72,7 @@ int main() {
     Vector weights(3);
     weights << 3, 1, 2;
     const MrfResult result = mrf(unary, chain, weights);
-    CHECK(result.energy == 1 && result.labels == Indices({{0, 0, 1, 1}}) && result.stop == "converged");
+    CHECK(result.energy == 1 && result.labels == Indices({{0, 0, 1, 1}}) && result.stop == Stop::converged);
 
     LAW("bad input is refused");
     weights[1] = -1;

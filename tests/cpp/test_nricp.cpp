@@ -117,7 +117,7 @@ int main() {
     LAW("a scan out of reach is flagged, a bad one refused") {
         NricpSolver solver(V, body.F);
         Vertices bad = V.rowwise() + Eigen::RowVector3d(50, 0, 0);
-        CHECK(solver.solve({bad, body.F, {}, {}, {}, {}}).stop == "no_overlap");
+        CHECK(solver.solve({bad, body.F, {}, {}, {}, {}}).stop == Stop::no_overlap);
         bad(3, 1) = NAN;
         CHECK_THROWS(InputError, solver.solve({bad, body.F, {}, {}, {}, {}}));
         CHECK_THROWS(InputError, nricp_preset("best"));

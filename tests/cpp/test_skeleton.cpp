@@ -91,7 +91,7 @@ int main() {
     weak.shape_weight = 1e-6;
     weak.tolerance = 1e-6;
     const SkeletonResult exact = solver(m, weak).solve(frame);
-    CHECK(exact.stop == "converged" && (exact.V - body.vertices()).rowwise().norm().maxCoeff() < 1e-5);
+    CHECK(exact.stop == Stop::converged && (exact.V - body.vertices()).rowwise().norm().maxCoeff() < 1e-5);
     CHECK((exact.pose.shape - state.shape).norm() < 1e-3);
 
     LAW("the energy of a solve never rises once its correspondences are good");

@@ -47,7 +47,7 @@ int main() {
 
     LAW("a shell inside a sphere comes out, with no pair and no vertex left");
     const UntangleResult r = untangle(cloth_V, body_F, body_V, body_F);
-    CHECK(r.stop == "clear" && r.vertices_left == 0 && r.intersections_left == 0 && r.reason.empty());
+    CHECK(r.stop == Stop::clear && r.vertices_left == 0 && r.intersections_left == 0 && r.reason.empty());
     CHECK(intersecting_pairs(r.V, body_F, body_V, body_F).rows() == 0);
     CHECK(r.depth_before.minCoeff() > 0.005 && r.depth_after.maxCoeff() == 0);
 

@@ -295,7 +295,7 @@ REFUSED = {
     r"V\[0\] lies beyond 1e": dict(V=1e100 * V),
     r"scan_V\[3\] lies beyond 1e": dict(scan_V=put(SCAN_V, 3, 0, 1e200)),
     r"stiffness_end\[0\] is not positive": dict(options=dict(stiffness_end=[0, 1, 1])),
-    r"robust_end\[2\] lies outside": dict(options=dict(robust_end=[1, 1, 1e300])),
+    r"relative_robust_end\[2\] lies outside": dict(options=dict(relative_robust_end=[1, 1, 1e300])),
 }
 
 

@@ -91,8 +91,8 @@ def test_occlusion_refuses_what_is_not_finite(value):
         ambient_occlusion(put(V, 33, 1, value), F)
     with pytest.raises(InputError, match="reach"):
         ambient_occlusion(V, F, reach=value)
-    with pytest.raises(InputError, match="offset"):
-        ambient_occlusion(V, F, offset=value)
+    with pytest.raises(InputError, match="relative_offset"):
+        ambient_occlusion(V, F, relative_offset=value)
 
 
 @pytest.mark.parametrize("index", [-1, len(V), 2**31 - 1, 2**40])

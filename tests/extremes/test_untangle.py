@@ -204,7 +204,7 @@ def test_touching_and_very_deep_cloth_is_solved(depth):
 
 
 @pytest.mark.parametrize(
-    "options", [{"margin": 1e-6}, {"margin": 0.05}, {"spread": 1e-5}, {"spread": 1e4}, {"tolerance": 1e-6}]
+    "options", [{"margin": 1e-6}, {"margin": 0.05}, {"spread": 1e-5}, {"spread": 1e4}, {"relative_tolerance": 1e-6}]
 )
 def test_options_at_their_ends_are_solved(options):
     V, F, body_V, body_F = shell()
@@ -230,7 +230,7 @@ def test_values_that_are_no_numbers_are_refused_with_their_row(value):
         kernels.untangle(bad, body_F, V, F)
     with pytest.raises(kernels.InputError, match=r"self_intersections: V\[17\] is not finite"):
         kernels.self_intersections(bad, body_F)
-    for name in ("margin", "spread", "max_depth", "tolerance"):
+    for name in ("margin", "spread", "max_depth", "relative_tolerance"):
         with pytest.raises(kernels.InputError, match=f"untangle: {name} is"):
             kernels.untangle(V, F, body_V, body_F, **{name: value})
 

@@ -87,7 +87,7 @@ def draw_pose(d, K=4, S=3):
 
 SKELETON_OPTIONS = dict(
     surface_weight=(1e-3, 1e6), surface_sigma=(1e-5, 1), surface_robust=(1e-5, 1), cloth_fit=(1e-3, 1), reach_start=(1e-3, 10),
-    reach=(1e-3, 10), min_cosine=(1e-3, 1), surface_samples=range(1, 200), keypoint_robust=(1e-2, 1e3), pose_weight=(1e-8, 1e8),
+    reach=(1e-3, 10), min_cosine=(1e-3, 1), surface_samples=range(1, 200), keypoint_robust_sigmas=(1e-2, 1e3), pose_weight=(1e-8, 1e8),
     shape_weight=(1e-8, 1e8), limit_sigma=(1e-5, 10), temporal_sigma=(1e-5, 10), temporal_translation=(1e-5, 10),
     solve_shape=[True, False], max_iterations=range(0, 15), tolerance=(1e-8, 1),
 )  # fmt: skip

@@ -30,12 +30,12 @@ from .queries import (
 
 NRICP_OPTIONS = dict(
     large_motion=[True, False], rebase=[True, False], passes=range(1, 3), fine_iterations=range(0, 4), fine_sweeps=range(1, 6),
-    fine_length=(1e-4, 1e2), fine_noise=(1e-3, 1e3), fine_robust=(1e-5, 1e3), phong=(1e-3, 2), point_weight=(1e-6, 1),
+    relative_fine_length=(1e-4, 1e2), fine_noise=(1e-3, 1e3), relative_fine_robust=(1e-5, 1e3), phong=(1e-3, 2), point_weight=(1e-6, 1),
     boundary_weight=(1e-6, 1e6), rotation_weight=(1e-8, 1e8), min_overlap=(1e-6, 1), exposure=(1e-3, 1),
 )  # fmt: skip
 NRICP_LEVELS = dict(
-    radii=(5e-3, 10), stiffness_start=(1e-8, 1e12), stiffness_end=(1e-8, 1e12), robust_start=(1e-4, 1e2), robust_end=(1e-4, 1e2),
-    reverse=(1e-4, 1e4), spread=(1e-4, 1e2), detail=(5e-3, 10),
+    relative_radii=(5e-3, 10), stiffness_start=(1e-8, 1e12), stiffness_end=(1e-8, 1e12), relative_robust_start=(1e-4, 1e2), relative_robust_end=(1e-4, 1e2),
+    reverse=(1e-4, 1e4), relative_spread=(1e-4, 1e2), relative_detail=(5e-3, 10),
 )  # fmt: skip
 
 
@@ -149,13 +149,13 @@ def run_mrf(unary, edges, weights, options, **more):
     within("labels", result.labels, 0, labels - 1)
     finite("labels", result.labels, (n,))
     finite("energy", [result.energy, result.unary_energy, result.pairwise_energy, *result.sweep_energy])
-    assert result.stop in ("converged", "max_sweeps")
+    assert result.stop in ("converged", "max_iterations")
     slack = 1e-9 * (np.abs(result.sweep_energy).max() + np.abs(np.asarray(unary, float)).sum())
     assert (np.diff(result.sweep_energy) <= slack).all(), "a sweep raised the energy"
 
 
 UNTANGLE_OPTIONS = dict(
-    margin=(1e-5, 0.1), spread=(1e-4, 10), tolerance=(1e-3, 0.9), max_depth=(1e-3, 1), max_iterations=range(0, 30)
+    margin=(1e-5, 0.1), spread=(1e-4, 10), relative_tolerance=(1e-3, 0.9), max_depth=(1e-3, 1), max_iterations=range(0, 30)
 )
 
 
@@ -191,7 +191,7 @@ def run_untangle(cloth_V, cloth_F, body_V, body_F, options):
         ("margin", (n,)),
     ):
         finite(name, getattr(result, name), shape)
-    assert result.stop in ("clear", "stalled", "iterations")
+    assert result.stop in ("clear", "stalled", "max_iterations")
     assert len(result.pairs_left) == result.intersections_left
     if result.stop == "clear":
         assert result.intersections_left == 0
@@ -233,7 +233,7 @@ def draw_occlusion(d):
         "F": F,
         "rays": rays,
         "seed": d.whole(0, 1000),
-        "options": d.options(offset=(1e-7, 1), reach=(1e-9, 1e9)),
+        "options": d.options(relative_offset=(1e-7, 1), reach=(1e-9, 1e9)),
     }
 
 
@@ -241,6 +241,17 @@ def run_occlusion(V, F, rays, seed, options):
     openness = kernels.ambient_occlusion(V, F, rays, seed, **options)
     finite("openness", openness, (rows(V),))
     within("openness", openness, 0, 1)
+
+
+def draw_remesh(d):
+    V, F = d.dressed(*d.mesh())
+    return {"V": V, "F": F, "edge": d.number(0.05, 10), "options": d.options(iterations=range(1, 4), crease_angle=(1e-3, 3))}
+
+
+def run_remesh(V, F, edge, options):
+    V, F = kernels.remesh(V, F, edge, **options)
+    finite("V", V, (len(V), 3))
+    within("F", F, 0, len(V) - 1)
 
 
 ENTRIES = {
@@ -252,6 +263,7 @@ ENTRIES = {
     "inner": (draw_inner, run_inner),
     "raster": (draw_raster, run_raster),
     "occlusion": (draw_occlusion, run_occlusion),
+    "remesh": (draw_remesh, run_remesh),
     "operators": (draw_mesh, run_operators),
     "topology": (draw_topology, run_topology),
     "closest": (draw_closest, run_closest),

@@ -204,8 +204,8 @@ def test_biharmonic_with_every_vertex_known_returns_them():
 
 def test_biharmonic_components_do_not_feel_each_other():
     V, F, border, _ = dome()
-    V2, F2, rim2 = np.r_[V, V + 3], np.r_[F, F + len(V)], np.r_[border, border + len(V)]
-    both = biharmonic(V2, F2, rim2, np.r_[V[border], 0 * V[border]])
+    V2, F2, border2 = np.r_[V, V + 3], np.r_[F, F + len(V)], np.r_[border, border + len(V)]
+    both = biharmonic(V2, F2, border2, np.r_[V[border], 0 * V[border]])
     np.testing.assert_allclose(both[: len(V)], biharmonic(V, F, border, V[border]), atol=1e-11)
     np.testing.assert_allclose(both[len(V) :], 0, atol=1e-11)
 

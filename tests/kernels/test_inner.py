@@ -65,6 +65,14 @@ def test_body_under_cloth_is_found_to_millimetres_from_a_wrong_shape(scene):
         assert 1 <= result.factorisations <= result.iterations
 
 
+def test_a_second_solve_keeps_the_analysis_and_its_bits(scene):
+    solver, frame = InnerSolver(scene.model, scene.shape, scene.J), scene.frames[0][:5]
+    fused, again = solver.fuse(arguments(scene)[:1]), solver.fuse(arguments(scene)[:1])
+    first, second = (solver.solve(fused.rest, *frame) for _ in range(2))
+    assert fused.analyses == first.analyses == second.analyses == 0 and second.factorisations >= 1
+    assert np.array_equal(fused.rest, again.rest) and np.array_equal(first.V, second.V)
+
+
 def test_more_frames_bound_the_body_more_tightly(scene):
     solver = InnerSolver(scene.model, scene.shape, scene.J)
     one, all_frames = solver.fuse(arguments(scene)[:1]), solver.fuse(arguments(scene))

@@ -198,7 +198,7 @@ def test_mrf_goes_on_from_given_labels():
     np.testing.assert_array_equal(again.labels, first.labels)
     start = np.full(100, 3)
     stopped = mrf(unary, edges, weights, start=start, max_sweeps=0)
-    assert stopped.stop == "max_sweeps" and (stopped.labels == 3).all()
+    assert stopped.stop == "max_iterations" and (stopped.labels == 3).all()
 
 
 def frames_of_a_grid(count, temporal, seed=20):

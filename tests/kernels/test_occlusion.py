@@ -48,7 +48,7 @@ def test_beside_a_long_wall_half_of_the_sky_is_lost():
     V, F = sheet(41, 8.0)
     wall_V, wall_F = sheet(3, 200.0)
     wall_V = np.stack([np.full(len(wall_V), -1e-3), wall_V[:, 1], wall_V[:, 0] + 100 - 1e-3], 1)
-    found = ambient_occlusion(*together((V, F), (wall_V, wall_F)), rays=4096, offset=1e-7)[840]
+    found = ambient_occlusion(*together((V, F), (wall_V, wall_F)), rays=4096, relative_offset=1e-7)[840]
     assert found == pytest.approx(0.5, abs=0.01)
 
 
@@ -99,7 +99,7 @@ def test_vertices_without_a_normal_are_open():
 @pytest.mark.parametrize(
     "change, said",
     [
-        ({"rays": 0}, "rays"), ({"rays": 100_000}, "rays"), ({"offset": 0.0}, "offset"), ({"offset": np.nan}, "offset"),
+        ({"rays": 0}, "rays"), ({"rays": 100_000}, "rays"), ({"relative_offset": 0.0}, "relative_offset"), ({"relative_offset": np.nan}, "relative_offset"),
         ({"reach": -1.0}, "reach"), ({"reach": np.inf}, "reach"), ({"V": np.full((441, 3), np.nan)}, r"V\[0\]"),
         ({"F": np.array([[0, 1, 441]])}, "F"), ({"V": np.zeros((0, 3))}, "V"),
     ],

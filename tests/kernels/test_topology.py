@@ -56,3 +56,17 @@ def test_border_refuses_an_index_beyond_n_and_a_negative_n():
         kernels.border_vertices(SHEET, 6)
     with pytest.raises(kernels.InputError, match="border_vertices: n is -1"):
         kernels.border_vertices(SHEET, -1)
+
+
+def test_boundary_loops_hold_every_border_half_edge_once_on_any_faces():
+    rng = np.random.default_rng(2)
+    for n, m in ((4, 3), (6, 8), (30, 25), (30, 60)):
+        F = rng.integers(0, n, (m, 3))
+        loops = kernels.boundary_loops(F)
+        half = [(a, b) for f in F.tolist() for a, b in zip(f, f[1:] + f[:1]) if a != b]
+        faces = Counter(tuple(sorted(side)) for side in half)
+        expected = Counter(side for side in half if faces[tuple(sorted(side))] == 1)
+        around = Counter(pair for loop in loops for pair in zip(loop.tolist(), loop.tolist()[1:]))
+        closing = Counter((int(loop[-1]), int(loop[0])) for loop in loops)  # of an open chain there is no such side
+        assert not around - expected and not expected - around - closing
+        assert [len(loop) for loop in loops] == sorted((len(loop) for loop in loops), reverse=True)

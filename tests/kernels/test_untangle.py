@@ -208,7 +208,7 @@ def test_what_cannot_be_done_is_counted_and_explained():
     V, F = tube(0.15, 0.4)
     result = kernels.untangle(V, F, body_V, body_F)
     pairs = kernels.intersecting_pairs(result.V, F, body_V, body_F)
-    assert result.stop in ("stalled", "iterations")
+    assert result.stop in ("stalled", "max_iterations")
     assert result.intersections_left == len(pairs) > 0 and np.array_equal(result.pairs_left, pairs)
     assert result.vertices_left == (kernels.signed_distance(result.V, body_V, body_F) < 0).sum()
     assert f"{len(pairs)} pairs left" in result.reason
@@ -231,7 +231,7 @@ def test_vertices_short_of_their_margin_are_counted_and_said(anny_body):
     V, F = shirt_on(body_V, body_F)
     result = kernels.untangle(V - 0.03 * kernels.vertex_normals(V, F), F, body_V, body_F, max_iterations=2)
     distance = kernels.signed_distance(result.V, body_V, body_F)
-    assert result.stop == "iterations" and result.vertices_left == (distance < 0).sum()
+    assert result.stop == "max_iterations" and result.vertices_left == (distance < 0).sum()
     assert result.vertices_short >= (distance < 0.9 * result.margin - 1e-9).sum() > 0
     assert f"{result.vertices_short} vertices nearer than their margin" in result.reason
 

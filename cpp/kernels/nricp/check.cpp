@@ -16,11 +16,11 @@ void check_size(const char* name, const Vertices& V) {
 }
 
 void check_options(const NricpOptions& o) {
-    const std::size_t levels = o.radii.size();
-    require(levels > 0, "nricp: radii is empty");
+    const std::size_t levels = o.relative_radii.size();
+    require(levels > 0, "nricp: relative_radii is empty");
     const auto fits = [&](const auto& values, const char* name) {
         require(values.size() == levels, std::string("nricp: ") + name + " has " + to_string(values.size()) +
-                                             " entries, radii has " + to_string(levels));
+                                             " entries, relative_radii has " + to_string(levels));
         for (std::size_t i = 0; i < values.size(); ++i)
             require(values[i] >= 0 && std::isfinite(values[i]),
                     std::string("nricp: ") + name + "[" + to_string(i) + "] is not a number >= 0");
@@ -36,15 +36,15 @@ void check_options(const NricpOptions& o) {
             require(values[i] >= 1e-12 && values[i] <= 1e12,
                     std::string("nricp: ") + name + "[" + to_string(i) + "] lies outside of 1e-12 to 1e12");
     };
-    positive(o.radii, "radii");
+    positive(o.relative_radii, "relative_radii");
     fits(o.iterations, "iterations");
     positive(o.stiffness_start, "stiffness_start");
     positive(o.stiffness_end, "stiffness_end");
-    scale(o.robust_start, "robust_start");
-    scale(o.robust_end, "robust_end");
+    scale(o.relative_robust_start, "relative_robust_start");
+    scale(o.relative_robust_end, "relative_robust_end");
     fits(o.reverse, "reverse");
-    fits(o.spread, "spread");
-    fits(o.detail, "detail");
+    fits(o.relative_spread, "relative_spread");
+    fits(o.relative_detail, "relative_detail");
     fits(o.settled, "settled");
     const std::pair<const char*, double> shares[]{
         {"phong", o.phong}, {"point_weight", o.point_weight}, {"boundary_weight", o.boundary_weight},
@@ -53,8 +53,8 @@ void check_options(const NricpOptions& o) {
     for (const auto& [name, value] : shares)
         require(value >= 0 && std::isfinite(value), std::string("nricp: ") + name + " is not a number >= 0");
     require(o.passes > 0, "nricp: passes is not positive");
-    require(o.fine_robust >= 1e-12 && o.fine_robust <= 1e12, "nricp: fine_robust lies outside of 1e-12 to 1e12");
-    require(o.fine_length > 0 && o.fine_length <= 1e12, "nricp: fine_length is not in 0 to 1e12");
+    require(o.relative_fine_robust >= 1e-12 && o.relative_fine_robust <= 1e12, "nricp: relative_fine_robust lies outside of 1e-12 to 1e12");
+    require(o.relative_fine_length > 0 && o.relative_fine_length <= 1e12, "nricp: relative_fine_length is not in 0 to 1e12");
     require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
 }
 

@@ -33,6 +33,13 @@ NricpFine::NricpFine(const Vertices& V, const Faces& F, const Vector& area)
     : mass_(area.cwiseMax(1e-3 * area.mean())) {
     const Sparse L = laplacian(V, F);
     bilaplacian_ = L * mass_.cwiseInverse().asDiagonal() * L;
+    analysis_.analyze(Sparse(bilaplacian_ + Sparse(mass_.asDiagonal())));
+}
+
+std::int64_t NricpFine::analyses() const {
+    std::int64_t sum = analysis_.analyses();
+    for (const auto& [key, level] : levels_) sum += level.factor.analyses();
+    return sum;
 }
 
 NricpFine::Level& NricpFine::level(double length) {
@@ -40,12 +47,11 @@ NricpFine::Level& NricpFine::level(double length) {
     const auto found = levels_.find(key);
     if (found != levels_.end()) return found->second;
     constexpr double rest = 1e-4, matched = 1.0 / 3;
-    Level& made = levels_[key];
+    Level& made = levels_.emplace(key, Level{{}, analysis_.symbolic()}).first->second;
     const double wave = std::pow(2.0, key / 2.0);
     const Sparse M(mass_.asDiagonal());
     made.K = std::pow(wave, 4) * bilaplacian_ + rest * M;
     made.factor.factorize(Sparse(made.K + matched * M));
-    ++analyses_;
     return made;
 }
 

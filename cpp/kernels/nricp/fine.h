@@ -18,8 +18,8 @@ public:
     /// factorises once.
     Vertices step(const Vertices& anchor, const Vertices& x, const Pull& pull, double length, int sweeps);
 
-    std::int64_t analyses() const { return analyses_; }
-    std::int64_t factorisations() const { return analyses_; }
+    std::int64_t analyses() const;  ///< one: all lengths have the same pattern
+    std::int64_t factorisations() const { return static_cast<std::int64_t>(levels_.size()); }
 
 private:
     struct Level {
@@ -30,8 +30,8 @@ private:
 
     Vector mass_;
     Sparse bilaplacian_;
+    CholeskyFactor analysis_;
     std::map<int, Level> levels_;  ///< by 2 log2(length)
-    std::int64_t analyses_ = 0;
 };
 
 }  // namespace toile

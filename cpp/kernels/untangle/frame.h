@@ -56,7 +56,7 @@ public:
 private:
     Probe& at(Eigen::Index i) { return probes_[static_cast<std::size_t>(i)]; }
     const Probe& at(Eigen::Index i) const { return probes_[static_cast<std::size_t>(i)]; }
-    bool violated(Eigen::Index i) const { return at(i).constrained && at(i).distance < (1 - options_.tolerance) * margin[i]; }
+    bool violated(Eigen::Index i) const { return at(i).constrained && at(i).distance < (1 - options_.relative_tolerance) * margin[i]; }
     double sure_distance(Eigen::Index i) const;
     bool known_clear(Eigen::Index i) const;
     void shrink_margin(Eigen::Index i);

@@ -21,8 +21,10 @@ from .mrf import mrf
 from .nricp import NricpSolver, nricp
 from .occlusion import ambient_occlusion
 from .raster import raster
+from .remesh import remesh
 from .sight import bilinear, visibility
 from .skeleton import SkeletonSolver, skeleton
+from .stop import Stop
 from .untangle import UntangleSolver, untangle
 
 __all__ = [
@@ -34,6 +36,7 @@ __all__ = [
     "NricpSolver",
     "SkeletonSolver",
     "SolveError",
+    "Stop",
     "SurfaceIndex",
     "UntangleSolver",
     "ambient_occlusion",
@@ -47,6 +50,7 @@ __all__ = [
     "mrf",
     "nricp",
     "raster",
+    "remesh",
     "bilinear",
     "visibility",
     "self_intersections",

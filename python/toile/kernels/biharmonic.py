@@ -10,11 +10,14 @@ from .rebuilt import Rebuilt
 class BiharmonicSolver(Rebuilt):
     """D = argmin tr(D' L M^-1 L D) with D[known] given, factored once for any number of solves.
 
+    Kept: the symbolic analysis and the numeric factor of (L M^-1 L) on the vertices that are not known; a solve only
+    substitutes. Threads may share a solver.
+
     V: (n,3) float64 [m]; F: (m,3) int; known: (k,) int, distinct vertices. L is the cotangent Laplacian, M the mixed
     Voronoi areas; the boundary is natural. Fix a loop and its one-ring for a C1 join, a loop alone for a hinge.
 
     Options: accuracy=1e-8 (relative error at which a factor, and a solve, is refused); refinements=6 (most steps a
-    solve).
+    solve). An unknown name is a TypeError.
 
     .factorisations: numeric factorisations done so far. .mollified: what was added to every edge [m] because needles
     or faces of no area spoilt the factor (Sharp and Crane 2020), 0 when nothing was. .factor_error: relative error on

@@ -62,7 +62,7 @@ def vertex_components(F: Array, n: int) -> Ints:
 
 class CholeskyFactor:
     """LL' of sparse symmetric positive definite matrices of one pattern (CHOLMOD): the fill-reducing order is found at
-    the first `factorize` and kept for as long as the size stays the same."""
+    the first `factorize` and kept for as long as the pattern stays the same."""
 
     def __init__(self) -> None:
         self._factor = _core.CholeskyFactor()

@@ -21,8 +21,21 @@ class InnerSolver(Rebuilt):
 
     over displacements d: o is the tracked surface where it shows skin (g, falling to 0 within `taper` of the cloth),
     b the room to the cloth along the normal less `gap`. shape (s,): coefficients from tracking, where the refit starts;
-    J (K,3): rest joints of the poses [m], by default those of `shape`. Options with their units: `InnerOptions`
-    (cpp/kernels/inner.h); an unknown name is a TypeError. After Zhang et al. 2017 (arXiv 1703.04454), own form.
+    J (K,3): rest joints of the poses [m], by default those of `shape`.
+
+    Kept: the rest shape, its areas and smoothness operator, and the symbolic analysis of the one pattern that all solves
+    have. What is seen in a frame changes the values, so each solve makes its own numeric factors. Threads may share a
+    solver and solve side by side.
+
+    Options; an unknown name is a TypeError. Lengths [m]: length=0.08 (features shorter than this are smoothed away),
+    fit_scale=0.008 (Geman-McClure scale of rho), gap=0.002 (cloth stays this far off the skin), taper=0.02 (skin counts
+    fully only this far from the cloth, along the surface), reach=0.06 (cloth farther away says nothing),
+    shape_sigma=0.01 (spread of the skin about the model's span), tolerance=2e-4 (stop when no vertex moves by more).
+    Weights: skin=1e4, out=1e3, fit=1, prior=0.5 as above; shape_observations=200 (independent observations that the
+    skin counts as when the shape is refitted). tightness=0.1 (the bound of a hidden vertex is this quantile of its room
+    over the frames), rounds=3 (cloth is looked for anew), max_iterations=8 (reweightings a round).
+
+    After Zhang et al. 2017 (arXiv 1703.04454), own form.
     """
 
     def __init__(self, body_model: BodyArrays, shape: Array = (), J: Array | None = None, **options: Any) -> None:
@@ -42,8 +55,8 @@ class InnerSolver(Rebuilt):
         A frame is (rotations (K,3), translation (3,), tracked (n,3), visible (n,), garments): visible in [0,1], 1 where
         the tracked surface is the inner layer; garments [(V, F), ...] registered and posed. A vertex is skin where any
         frame shows it; a hidden one lies inside the tightest cloth (a low quantile over frames).
-        -> .rest [m], .shape (S,) refitted, .bound (n,) room left to the cloth [m], .observed, .bounded, .stop,
-        .iterations, .energy, .factorisations.
+        -> .rest [m], .shape (S,) refitted, .bound (n,) room left to the cloth [m], .observed, .bounded, .stop (`Stop`),
+        .iterations, .energy, .factorisations (numeric), .analyses (symbolic, beside the solver's own: 0).
         """
         return self._solver.fuse([_frame(f"frames[{i}]", *frame) for i, frame in enumerate(frames)])
 
@@ -80,7 +93,7 @@ class InnerSolver(Rebuilt):
         """The body of one frame: the fused rest shape posed, moved to the tracked skin and into the cloth, smoothly.
 
         -> .V (n,3) [m], .skin (n,) share of the tracked surface, .depth_before, .depth_after [m] and .outside_before,
-        .outside_after: hidden vertices outside the cloth; .stop, .iterations, .energy, .factorisations.
+        .outside_after: hidden vertices outside the cloth; .stop, .iterations, .energy, .factorisations, .analyses as in `fuse`.
         """
         fused_rest = as_vertices("inner", "fused_rest", fused_rest)
         return self._solver.solve(fused_rest, _frame("frame", rotations, translation, tracked, visible, garments))

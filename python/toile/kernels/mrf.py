@@ -35,7 +35,8 @@ def mrf(
 
     -> MrfResult: .labels (n,) int32; .energy, recomputed from the labels (votes included) = .unary_energy +
     .pairwise_energy; .sweep_energy, of the first labels and after each sweep; .sweeps; .expansions;
-    .stop ("converged", "max_sweeps").
+    .stop (`Stop`): "converged", no expansion lowers the energy, or "max_iterations" after max_sweeps.
+    Nothing is kept between calls.
 
     With two labels the result is a global minimum; with Potts its energy is at most twice the least (for energies
     without negative terms). Bits do not depend on the number of threads.

@@ -27,15 +27,32 @@ class NricpSolver(Rebuilt):
     cavities. Where V has a border it is pulled, across, to a border of the scan that faces the same way and is no hole's
     (too short, or facing all ways): a template ends where its scan ends; `boundary_weight=0` leaves it free. x is
     carried by rigid nodes, coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights), then by a
-    smooth displacement of its own, the smoother the noisier the scan. Nodes, operators and orderings are made once; the
-    same bits for any number of threads.
+    smooth displacement of its own, the smoother the noisier the scan. The same bits for any number of threads.
+
+    Kept from frame to frame: the nodes and weights of each level, the symbolic analyses of the levels and of the fine
+    steps (`analyses` counts them), the vertices that can be seen, and the numeric factor of the fine steps, one for each
+    length of waves that came up. The factors of the levels change with every step. A scan's tree is made for each frame.
+    Threads may share a solver; they solve one after the other.
 
     preset: "draft" (two levels of nodes, about 1.7 x the error of standard in a third of its time), "standard" or
-    "fine" (four times the time, for large shape changes). Options (`NricpOptions` in cpp/kernels/nricp.h; lengths in
-    units of the square root of the template's area): `passes=3` solves three times, each from the last answer as start
-    and rest shape, for large poses with landmarks; `large_motion=False` skips the rigid steps and the first level when
-    `start` is close; `rebase=True` makes `start` the rest shape; `labels=[...]` the scan labels that are targets;
-    `boundary_weight`, ... An unknown name is a TypeError.
+    "fine" (four times the time, for large shape changes).
+
+    Options; a length named `relative_...` is a share of the template's size, the square root of its area (1.4 m for an
+    adult), so that the same options serve every scale; an unknown name is a TypeError:
+      passes=1: solves, each but the first from the last answer as start and rest shape; 3 for large poses with landmarks;
+      large_motion=True: rigid steps and the first level too; False where `start` is closer than 0.03 of the size;
+      rebase=False: True makes `start` the rest shape; labels=[]: the scan labels that are targets.
+    Of the levels of nodes, a list each, coarse to fine:
+      relative_radii: spacing of the nodes; iterations: steps at most; stiffness_start, stiffness_end: weight of rigidity
+      from the first step to the last; relative_robust_start, relative_robust_end: scale mu; reverse: weight of
+      scan-to-template; relative_spread: distance that opposite normals are worth in a match; relative_detail: spacing of
+      the vertices that are matched, 0: all; settled: after a move of this share of the radius only the last step is left.
+    Of the fine steps: fine_iterations, fine_sweeps (of conjugate gradients each), relative_fine_length (shorter waves are
+      not followed), fine_noise (nor those shorter than this many times the scan's noise), relative_fine_robust (mu).
+    Of all: phong=1 (share by which scan points are lifted off their faces), point_weight=0.003 (share of point-to-point),
+      boundary_weight=3 (of loops and borders; 0 leaves them free), rotation_weight=1 (on differences of neighbouring
+      nodes' rotations), min_overlap=0.01 (matched share below which there is no overlap), exposure=0.04 (share of rays
+      that must leave the template from a vertex that can be seen; 0: all can).
     """
 
     def __init__(self, V: Array, F: Array, preset: str = "standard", **options: Any) -> None:
@@ -60,7 +77,7 @@ class NricpSolver(Rebuilt):
         pulled to the closest point of its polyline. scan_labels (t,): only faces with a label in the option `labels`
         are targets.
 
-        -> .V (n,3) [m]; .stop "converged", "max_iterations", or "no_overlap" (then V is NaN: no answer); .iterations;
+        -> .V (n,3) [m]; .stop (`Stop`) "converged", "max_iterations", or "no_overlap" (then V is NaN: no answer); .iterations;
         .energy [m^2] per step; .rms [m] of matched vertices to their planes; .matched (n,) in [0,1] weight of the last match,
         without fine steps that of a vertex nearby.
         InputError names the argument and index.
@@ -85,7 +102,7 @@ class NricpSolver(Rebuilt):
 
     @property
     def analyses(self) -> int:
-        """Symbolic factorisations so far: those of the template, none per frame."""
+        """Symbolic analyses so far: those of the template, none per frame."""
         return self._solver.analyses
 
     @property

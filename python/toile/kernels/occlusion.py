@@ -12,13 +12,13 @@ def ambient_occlusion(V: Array, F: Array, rays: int = 64, seed: int = 0, **optio
     V: (n,3) float64 [m]; F: (m,3) int; rays: directions a vertex; seed: same seed, same bits. To shade several meshes by
     one another, pass them as one.
 
-    Options: offset=1e-4 (rays start so far off the vertex along its normal, as a share of the mesh's diagonal);
+    Options: relative_offset=1e-4 (share of the mesh's diagonal by which rays start off the vertex, along its normal);
     reach=1e30 (what is farther away casts no shade [m]).
 
     -> (n,) float64: the share, 0 to 1, of `rays` cosine-weighted directions about the area-weighted vertex normal that
     meet no face; 1 under an open sky and where a vertex has no normal. Both sides of a face cast shade. Bits do not
     depend on the number of threads.
-    InputError: empty mesh, NaN or infinity, index out of range, rays not in 1..65536, offset or reach not positive.
+    InputError: empty mesh, NaN or infinity, index out of range, rays not in 1..65536, relative_offset or reach not positive.
     Source: S. Zhukov, A. Iones, G. Kronin, An ambient light illumination model, EGWR 1998.
     """
     return _core.ambient_occlusion(

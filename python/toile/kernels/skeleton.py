@@ -61,8 +61,20 @@ class SkeletonSolver(Rebuilt):
     normal equations with analytic derivatives; the same bits for any number of threads. `joint_sigma` [rad],
     (K,) or {beginning of a joint's name: value}, replaces the spreads about rest (0 locks a joint at its start, infinity
     frees it), `joint_limit` [rad] the largest angles; joints that a table does not name get `other_joint_sigma` and
-    `other_joint_limit`, the root is free. `vertex_weights` (n,) is the mask of what scans show. For the other options see
-    `SkeletonOptions` (cpp/kernels/skeleton.h); an unknown name is a TypeError.
+    `other_joint_limit`, the root is free. `vertex_weights` (n,) is the mask of what scans show.
+
+    Kept: the model, the vertices that look for the scan and their shares of area. No factor is kept: the normal
+    equations are dense, of some hundred unknowns, and change with every step. Threads may share a solver.
+
+    Other options; an unknown name is a TypeError. Lengths [m]: surface_sigma=0.005, surface_robust=0.015 (scale of rho
+    in the last rounds), reach_start=0.10 and reach=0.04 (closest points farther away do not count, cold and in the last
+    rounds), temporal_translation=0.05 (departure from the translation that earlier frames predict), tolerance=2e-4
+    (stop when a step moves the vertices by less, root mean square). Angles [rad]: limit_sigma=0.05 (softness of the
+    joints' limits), temporal_sigma=0.15 (departure of a joint from its prediction). keypoint_robust_sigmas=4 (scale of
+    rho for keypoints, in multiples of their sigma). Weights: surface_weight=200 (independent observations that the whole
+    surface counts as), cloth_fit=0.1 (of a clothed vertex whose scan lies outside it), pose_weight=1, shape_weight=1.
+    min_cosine=0.5 (between normals of model and scan), surface_samples=5000 (vertices that look for the scan),
+    solve_shape=True (False keeps the start's), max_iterations=40.
     """
 
     def __init__(
@@ -108,10 +120,8 @@ class SkeletonSolver(Rebuilt):
         where the scan lies outside them it pulls with `cloth_fit` only.
 
         -> .rotations (K,3) [rad], .translation (3,) [m], .shape (S,), .V (n,3) [m], .joints (K,3) [m], .stop
-        ("converged",
-        "max_iterations", "unmatched": no scan within reach), .iterations, .energy (per iteration), .rms [m] and
-        .matched of the surface,
-        .keypoint_rms [m]. Raises InputError (argument, index) and SolveError.
+        (`Stop`: "converged", "max_iterations", "unmatched": no scan within reach), .iterations, .energy (per iteration),
+        .rms [m] and .matched of the surface, .keypoint_rms [m]. Raises InputError (argument, index) and SolveError.
         """
         return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed))
 

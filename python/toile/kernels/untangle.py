@@ -9,7 +9,10 @@ from .rebuilt import Rebuilt
 
 
 class UntangleSolver(Rebuilt):
-    """Moves one garment out of one body, frame after frame; topology and trees of boxes are kept.
+    """Moves one garment out of one body, frame after frame.
+
+    Kept: topology, the order in which the membrane's vertices are updated, trees of boxes, which are refitted, and the
+    faces under the last frame's cloth, where the next one's search begins. There is no matrix and no factor.
 
     cloth_F (m,3), body_F (k,3); `cloth_n`, `body_n` numbers of vertices. A closed body tells its inside by winding
     numbers. An open one (another garment) tells it by its normals: keep its faces oriented outwards.
@@ -20,8 +23,8 @@ class UntangleSolver(Rebuilt):
     triangle pair intersects (exact predicates); limbs that pass right through the cloth are led to its border.
 
     Options: margin=0.002 [m], less where two parts of the body leave less room than twice as much; spread=0.03 [m];
-    tolerance=0.1, clear is (1 - tolerance) margin; max_depth=0.05 [m], an open body has no inside deeper than this, and no
-    vertex is pushed further through parts that overlap; max_iterations=60. An unknown name is a TypeError.
+    relative_tolerance=0.1, clear is (1 - relative_tolerance) margin; max_depth=0.05 [m], an open body has no inside deeper than this, and no
+    vertex is pushed further through parts that overlap; max_iterations=60 solves of the membrane. An unknown name is a TypeError.
     """
 
     def __init__(self, cloth_F: Array, cloth_n: int, body_F: Array, body_n: int, **options: Any) -> None:
@@ -34,7 +37,7 @@ class UntangleSolver(Rebuilt):
         """-> UntangleResult: .V (n,3); .displacement (n,3); .depth_before, .depth_after (n,) how far inside, 0 outside;
         .margin (n,) asked for at each vertex; .pairs_left (k,2) faces (cloth, body); .intersections_before,
         .intersections_left, .vertices_left (inside), .vertices_short (nearer than their margin) counts; .iterations;
-        .stop "clear" (none of these left), "stalled" or "iterations"; .reason in words when not clear.
+        .stop (`Stop`) "clear" (none of these left), "stalled" or "max_iterations"; .reason in words when not clear.
         Lengths in metres. InputError for NaN, wrong sizes, and a closed body around no volume.
         """
         return self._solver.solve(

@@ -1,0 +1,51 @@
+"""Laws of all options and results: unknown names are refused, every option is told in its face, one list of reasons to stop."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from toile import _core, kernels
+from toile.io.body import load_body_model
+
+BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
+V, F = np.array(BALL.vertices), np.array(BALL.faces)
+BODY = load_body_model()
+CALLS = {
+    "Nricp": (kernels.NricpSolver, (V, F)),
+    "Biharmonic": (kernels.BiharmonicSolver, (V, F, [0])),
+    "Mrf": (kernels.mrf, (np.zeros((2, 2)), [[0, 1]], [1.0])),
+    "Untangle": (kernels.UntangleSolver, (F, len(V), F, len(V))),
+    "Skeleton": (kernels.SkeletonSolver, (BODY,)),
+    "Inner": (kernels.InnerSolver, (BODY,)),
+    "Raster": (kernels.raster, (V + [0, 0, 2], F, np.diag([9.0, 9, 1]), (4, 4))),
+    "Occlusion": (kernels.ambient_occlusion, (V, F)),
+    "Remesh": (kernels.remesh, (V, F, 0.1)),
+}
+
+
+def options_of(kernel):
+    return [name for name in dir(getattr(_core, f"{kernel}Options")) if not name.startswith("_")]
+
+
+def test_every_kernel_with_options_stands_in_this_table():
+    assert {f"{name}Options" for name in CALLS} == {name for name in dir(_core) if name.endswith("Options")}
+
+
+@pytest.mark.parametrize("kernel", CALLS)
+def test_an_unknown_option_is_a_type_error_that_names_it(kernel):
+    call, arguments = CALLS[kernel]
+    for name in ("no_such_option", "__doc__", options_of(kernel)[0] + "s"):
+        with pytest.raises(TypeError, match=name):
+            call(*arguments, **{name: 1})
+
+
+@pytest.mark.parametrize("kernel", CALLS)
+def test_every_option_is_told_in_the_docstring_of_its_face(kernel):
+    call, _ = CALLS[kernel]
+    assert not [name for name in options_of(kernel) if name not in call.__doc__]
+
+
+def test_the_reasons_to_stop_are_those_of_the_core():
+    assert [stop.value for stop in kernels.Stop] == _core.stop_names
+    result = kernels.mrf(np.zeros((2, 2)), [[0, 1]], [1.0])
+    assert result.stop == "converged" and result.stop == kernels.Stop.converged
