@@ -5,6 +5,7 @@ include(CMakePackageConfigHelpers)
 set(TOILE_HEADERS  # these include each other by relative paths, so that they are found wherever they lie
   base/errors.h
   base/sparse.h
+  base/stop.h
   base/types.h
   geometry/body_jacobian.h
   geometry/body_model.h
@@ -20,6 +21,7 @@ set(TOILE_HEADERS  # these include each other by relative paths, so that they ar
   kernels/nricp.h
   kernels/occlusion.h
   kernels/raster.h
+  kernels/remesh.h
   kernels/sight.h
   kernels/skeleton.h
   kernels/untangle.h)

@@ -6,8 +6,12 @@
 #include <CGAL/Polygon_mesh_processing/remesh.h>
 #include <CGAL/Surface_mesh.h>
 
+#include <Eigen/Geometry>
+
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 #include "base/errors.h"
@@ -27,7 +31,8 @@ constexpr double most_faces = 1e7;
 void check_options(const RemeshOptions& o, double edge) {
     require(std::isfinite(edge) && edge > 0,
             "remesh: edge is " + std::to_string(edge) + ", expected a positive length");
-    require(o.iterations >= 1, "remesh: iterations is " + std::to_string(o.iterations) + ", expected at least 1");
+    require(o.iterations >= 1 && o.iterations <= 100,
+            "remesh: iterations is " + std::to_string(o.iterations) + ", expected 1 to 100");
     require(o.crease_angle > 0 && o.crease_angle <= M_PI,
             "remesh: crease_angle is " + std::to_string(o.crease_angle) + ", expected 0 to pi");
 }
@@ -41,6 +46,31 @@ void check_size(const Vertices& X, const Faces& F) {
         for (int c = 0; c < 3; ++c) sides += (X.row(F(f, c)) - X.row(F(f, (c + 1) % 3))).norm();
     require(area / (std::sqrt(3.0) / 4) <= most_faces && sides <= most_faces,
             "remesh: edge is so short that it makes more than 10 million faces");
+}
+
+/// Sides shorter than 1e-6 edges shrink to their end of the smaller number; what is left of no height is refused.
+Faces without_points(const Vertices& X, const Faces& F) {
+    constexpr double point = 1e-6, flat = 1e-10;  // edges; share of the longest side
+    std::vector<int> to(static_cast<std::size_t>(X.rows()));
+    std::iota(to.begin(), to.end(), 0);
+    const auto end_of = [&](int v) {
+        while (to[v] != v) v = to[v] = to[to[v]];
+        return v;
+    };
+    for (Eigen::Index f = 0; f < F.rows(); ++f)
+        for (int c = 0; c < 3; ++c) {
+            const int i = end_of(F(f, c)), j = end_of(F(f, (c + 1) % 3));
+            if ((X.row(F(f, c)) - X.row(F(f, (c + 1) % 3))).norm() < point) to[std::max(i, j)] = std::min(i, j);
+        }
+    const Faces ends = F.unaryExpr(end_of);
+    for (Eigen::Index f = 0; f < ends.rows(); ++f) {
+        const Vec3 a = X.row(ends(f, 0)), b = X.row(ends(f, 1)), c = X.row(ends(f, 2));
+        const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+        const bool point_like = ends(f, 0) == ends(f, 1) || ends(f, 1) == ends(f, 2) || ends(f, 2) == ends(f, 0);
+        if (!point_like && (b - a).cross(c - a).norm() <= flat * longest)
+            throw InputError("remesh: the corners of face " + std::to_string(f) + " (repeated faces left out) lie on a line");
+    }
+    return distinct_faces(ends, X.rows());
 }
 
 Mesh mesh_of(const Vertices& X, const Faces& F) {
@@ -88,12 +118,16 @@ RemeshResult remesh(const Vertices& V, const Faces& F, double edge, const Remesh
     const Eigen::RowVector3d origin = V.row(faces(0, 0));
     const Vertices X = (V.rowwise() - origin) / edge;
     check_size(X, faces);
-    Mesh mesh = mesh_of(X, faces);
+    Mesh mesh = mesh_of(X, without_points(X, faces));
     auto kept = mesh.add_property_map<Mesh::Edge_index, bool>("e:kept", false).first;
     processing::detect_sharp_edges(mesh, options.crease_angle * 180 / M_PI, kept);
-    processing::isotropic_remeshing(
-        mesh.faces(), 1.0, mesh,
-        CGAL::parameters::number_of_iterations(options.iterations).edge_is_constrained_map(kept));
+    try {
+        processing::isotropic_remeshing(
+            mesh.faces(), 1.0, mesh,
+            CGAL::parameters::number_of_iterations(options.iterations).edge_is_constrained_map(kept));
+    } catch (const std::exception& error) {
+        throw SolveError(std::string("remesh: CGAL gave up: ") + error.what());
+    }
     RemeshResult result = result_of(mesh);
     result.V = (result.V * edge).rowwise() + origin;
     check_solved("remesh", "V", result.V);

@@ -78,6 +78,17 @@ def test_isolated_vertices_and_repeated_faces_do_not_count(tube):
     assert np.array_equal(X, Y) and np.array_equal(G, H)
 
 
+def test_a_side_without_length_shrinks_to_a_point(tube):
+    V, F = tube
+    corner = np.flatnonzero((F == 100).any(1))[0]
+    at = list(F[corner]).index(100)
+    x, y, new = F[corner][at - 2], F[corner][at - 1], len(V)  # face (100, x, y) gets a corner of its own in the same place
+    G = np.r_[np.delete(F, corner, 0), [[new, x, y], [x, new, 100], [new, y, 100]]]
+    X, H = remesh(np.r_[V, V[[100]]], G, 0.03)
+    assert len(boundary_loops(H)) == 2 and sides(X, H).min() > 0.003
+    assert SurfaceIndex(V, F).closest(X)[3].max() < 1e-6
+
+
 SHEET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]])
 
 
@@ -89,6 +100,7 @@ SHEET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]])
         ("no area", np.zeros((3, 3)) + [[0], [1], [2]], [[0, 1, 2]], 0.1, {}),
         ("10 million", SHEET, [[0, 1, 2]], 1e-5, {}),
         ("10 million", [[0.0, 0, 0], [1e9, 0, 0], [1e9, 1e-9, 0]], [[0, 1, 2]], 0.1, {}),  # a needle
+        ("on a line", np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]]), [[0, 1, 2], [0, 3, 1]], 0.1, {}),
         ("edge is", SHEET, [[0, 1, 2]], 0.0, {}),
         ("edge is", SHEET, [[0, 1, 2]], np.nan, {}),
         ("iterations", SHEET, [[0, 1, 2]], 0.1, {"iterations": 0}),

@@ -12,11 +12,12 @@ def remesh(V, F, edge, **options):
     and projected back to it. Those on the border stay on the border's own polyline. Faces keep their orientation;
     vertices that no face uses are left out; a face listed twice counts once.
 
-    Options: iterations=8 (rounds); crease_angle=1.05 (edges between faces whose normals differ by more stay [rad]). An
+    Options: iterations=8 (1 to 100 rounds); crease_angle=1.05 (edges between faces whose normals differ by more stay [rad]). An
     unknown name is a TypeError.
 
     InputError: bad mesh or option; faces that form no surface (an edge of three faces, neighbours that run opposite
-    ways, parts that share one vertex only); an edge that makes more than 10 million faces.
+    ways, parts that share one vertex only) or whose corners lie on a line; an edge that makes more than 10 million faces.
+    SolveError where CGAL gives up.
     Source: Botsch, Kobbelt, A remeshing approach to multiresolution modeling, 2004; CGAL's isotropic_remeshing.
     """
     return _core.remesh(as_vertices("remesh", "V", V), as_faces("remesh", "F", F), float(edge), **options)
