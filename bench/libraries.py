@@ -19,7 +19,7 @@ import pybind11
 from toile import kernels
 from toile.io.body import load_body_model
 from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA, by_prefix
-from toile.template import cut
+from toile.stages.template import cut
 
 ROOT = Path(__file__).parents[1]
 FLAGS = "-std=c++20 -O3 -march=x86-64-v3 -ffp-contract=off -DNDEBUG -fPIC -shared -fvisibility=hidden -fopenmp".split()
@@ -108,8 +108,8 @@ def measure_loops(V, F):
 
 def measure_skeleton(body):
     module = built("skeleton_ceres", "-lceres", "-lglog")
-    sigma = by_prefix(body.joint_names, JOINT_SIGMA, OTHER_SIGMA)
-    limit = by_prefix(body.joint_names, JOINT_LIMIT, OTHER_LIMIT)
+    sigma = by_prefix(body.joint_roles, JOINT_SIGMA, OTHER_SIGMA)
+    limit = by_prefix(body.joint_roles, JOINT_LIMIT, OTHER_LIMIT)
     for seed in range(3):
         rng = np.random.default_rng(seed)
         free = (sigma > 0.09) & np.isfinite(sigma)

@@ -258,18 +258,18 @@ def test_nricp_refuses_what_is_not_finite(value):
         with pytest.raises(InputError, match="nricp: " + message):
             solve(**case)
     for name in ("phong", "point_weight", "boundary_weight", "rotation_weight", "min_overlap", "exposure", "fine_noise",
-                 "fine_robust", "fine_length"):  # fmt: skip
+                 "relative_fine_robust", "relative_fine_length"):  # fmt: skip
         with pytest.raises(InputError, match=f"nricp: {name} "):
             solve(options={name: value})
     for name in (
-        "radii",
+        "relative_radii",
         "stiffness_start",
         "stiffness_end",
-        "robust_start",
-        "robust_end",
+        "relative_robust_start",
+        "relative_robust_end",
         "reverse",
-        "spread",
-        "detail",
+        "relative_spread",
+        "relative_detail",
     ):
         with pytest.raises(InputError, match=rf"nricp: {name}\[1\] "):
             solve(options={name: [0.1, value, 0.1]})

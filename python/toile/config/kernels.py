@@ -21,7 +21,9 @@ class SkeletonSettings(Settings):
     surface_samples: int = setting(
         5000, "count", "vertices of the body that look for the scan in the preparation", ge=1
     )
-    keypoint_robust: float = setting(4.0, "sigma", "Geman-McClure scale of keypoints: some are of the other hand", gt=0)
+    keypoint_robust_sigmas: float = setting(
+        4.0, "sigma", "Geman-McClure scale of keypoints, in multiples of their sigma: some are of the other hand", gt=0
+    )
     pose_weight: float = setting(1.0, "1", "scales the prior on joint angles", ge=0)
     shape_weight: float = setting(1.0, "1", "scales the prior on the shape's coefficients", ge=0)
     limit_sigma: float = setting(0.05, "rad", "softness of the joints' limits", gt=0)
@@ -73,7 +75,9 @@ class UntangleSettings(Settings):
 
     margin: float = setting(0.002, "m", "kept between cloth and what lies under it, about a cloth's thickness", gt=0)
     spread: float = setting(0.03, "m", "length over which a push dies away in the cloth", gt=0)
-    tolerance: float = setting(0.1, "1", "a vertex is clear from (1 - tolerance) margin on", ge=0, lt=1)
+    relative_tolerance: float = setting(
+        0.1, "1", "share of the margin: a vertex is clear from (1 - relative_tolerance) margin on", gt=0, lt=1
+    )
     max_depth: float = setting(
         0.05, "m", "an open body has no inside deeper than this, and overlaps are crossed no further", gt=0
     )

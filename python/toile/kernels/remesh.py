@@ -1,10 +1,12 @@
 """Isotropic remeshing: the same surface in triangles of nearly equal sides."""
 
+from typing import Any
+
 from .. import _core
-from .arrays import as_faces, as_vertices
+from .arrays import Array, Floats, Ints, as_faces, as_vertices
 
 
-def remesh(V, F, edge, **options):
+def remesh(V: Array, F: Array, edge: float, **options: Any) -> tuple[Floats, Ints]:
     """-> V (k,3) float64 [m], F (l,3) int32 with sides of about `edge` [m]: 0.93 of it on average, spread 13 %.
 
     V (n,3) float64 [m]; F (m,3) int, a surface with or without borders. Sides longer than 4/3 edge are split, those

@@ -7,7 +7,7 @@ from ..errors import UserError
 from ..scene import GarmentTemplate
 from ..surface.loop_names import name_loops
 from ..surface.operators import smooth_on
-from ..surface.remeshing import compact, remesh
+from ..surface.remeshing import compact
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 
 
@@ -21,7 +21,7 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
         raise UserError(f"labels: no region of the tracked surface carries {name} (id {label_id})")
     V, F = _largest_component(V, F)
     V = V + offset * kernels.vertex_normals(V, F)
-    V, F = remesh(V, F, edge)
+    V, F = kernels.remesh(V, F, edge)
     loops = tuple(kernels.boundary_loops(F))
     if not loops:
         raise UserError(f"labels: the region of {name} (id {label_id}) has no open loop")
