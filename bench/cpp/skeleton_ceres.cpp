@@ -116,8 +116,8 @@ struct Surface : ceres::CostFunction {
         const int K = u.model.joints();
         for (std::size_t i = 0; i < joints.size(); ++i)
             if (jacobians[i])
-                row(jacobians[i], 3) =
-                    gradient.values.segment<3>(3 * joints[i]).transpose() * u.turned[static_cast<std::size_t>(joints[i])];
+                row(jacobians[i], 3) = gradient.values.segment<3>(3 * joints[i]).transpose() *
+                                       u.turned[static_cast<std::size_t>(joints[i])];
         if (double* j = jacobians[joints.size()]) row(j, 3) = gradient.values.segment<3>(3 * K).transpose();
         if (u.model.shapes())
             if (double* j = jacobians[joints.size() + 1])
@@ -160,16 +160,17 @@ struct ShapePrior : ceres::CostFunction {
     bool Evaluate(double const* const*, double* residuals, double** jacobians) const override {
         const int S = u.model.shapes();
         Eigen::Map<Vector>(residuals, S) = weight * u.body->state().shape;
-        if (jacobians && jacobians[0]) Eigen::Map<Eigen::MatrixXd>(jacobians[0], S, S) = weight * Eigen::MatrixXd::Identity(S, S);
+        if (jacobians && jacobians[0])
+            Eigen::Map<Eigen::MatrixXd>(jacobians[0], S, S) = weight * Eigen::MatrixXd::Identity(S, S);
         return true;
     }
     const Unknowns& u;
     double weight;
 };
 
-Answer by_ceres(const BodyModel& model, const Problem& problem, const Vector& sigma, const Vector& limit, const Vector& area,
-                const SkeletonOptions& o, const BodyState& start, ceres::LinearSolverType solver, double tolerance,
-                int most) {
+Answer by_ceres(const BodyModel& model, const Problem& problem, const Vector& sigma, const Vector& limit,
+                const Vector& area, const SkeletonOptions& o, const BodyState& start, ceres::LinearSolverType solver,
+                double tolerance, int most) {
     const auto begin = std::chrono::steady_clock::now();
     Unknowns u(model, start);
     BodyGradient gradient(model);
@@ -190,7 +191,8 @@ Answer by_ceres(const BodyModel& model, const Problem& problem, const Vector& si
         blocks.push_back(u.move.data());
         if (model.shapes()) blocks.push_back(u.shape.data());
         const double scale = o.surface_weight * area[m.vertex] / (o.surface_sigma * o.surface_sigma);
-        p.AddResidualBlock(new Surface(u, m, joints, gradient), new GemanMcClure(scale, problem.surface_robust), blocks);
+        p.AddResidualBlock(new Surface(u, m, joints, gradient), new GemanMcClure(scale, problem.surface_robust),
+                           blocks);
     }
     for (int k = 0; k < model.joints(); ++k)
         if (sigma[k] > 0) {
@@ -216,9 +218,9 @@ Answer by_ceres(const BodyModel& model, const Problem& problem, const Vector& si
     return a;
 }
 
-py::list compare(const BodyModel& model, const Vector& sigma, const Vector& limit, const Vertices& scan_V, const Faces& scan_F,
-                 const Vertices& rotations, const Vec3& translation, const Vector& shape, double reach, double tolerance,
-                 int most) {
+py::list compare(const BodyModel& model, const Vector& sigma, const Vector& limit, const Vertices& scan_V,
+                 const Faces& scan_F, const Vertices& rotations, const Vec3& translation, const Vector& shape,
+                 double reach, double tolerance, int most) {
     SkeletonOptions o;
     SkeletonFrame frame;
     frame.scan_V = scan_V;

@@ -35,12 +35,9 @@ template <class Sum, class Function>
 Sum parallel_sum(std::int64_t n, const Sum& zero, Function&& f, std::int64_t block = 1024) {
     const std::int64_t blocks = (n + block - 1) / block;
     std::vector<Sum> partial(static_cast<std::size_t>(blocks), zero);
-    parallel_for(
-        blocks,
-        [&](std::int64_t b) {
-            for (std::int64_t i = b * block, end = std::min(n, i + block); i < end; ++i) f(partial[b], i);
-        },
-        1);
+    parallel_for(blocks, [&](std::int64_t b) {
+        for (std::int64_t i = b * block, end = std::min(n, i + block); i < end; ++i) f(partial[b], i);
+    }, 1);
     Sum total = zero;
     for (const Sum& p : partial) total += p;
     return total;

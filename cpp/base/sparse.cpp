@@ -75,7 +75,7 @@ public:
 
 private:
     struct Panel {
-        int columns, height;   // dense lower trapezoid, its first `columns` rows being those columns
+        int columns, height;  // dense lower trapezoid, its first `columns` rows being those columns
         const int* rows;
         const double* values;  // column after column, each of `height` entries
     };
@@ -146,7 +146,7 @@ struct CholeskyFactor::State {
     cholmod_common common{};
     cholmod_factor* factor = nullptr;
     std::int64_t factorisations = 0, analyses = 0;
-    bool sound = false;  ///< the numbers in `factor` are those of a whole factorisation
+    bool sound = false;             ///< the numbers in `factor` are those of a whole factorisation
     std::vector<int> outer, inner;  ///< the pattern that was analysed
 
     bool analysed(const Sparse& A) const {
@@ -176,8 +176,8 @@ CholeskyFactor::CholeskyFactor(CholeskyFactor&&) noexcept = default;
 CholeskyFactor& CholeskyFactor::operator=(CholeskyFactor&&) noexcept = default;
 
 void CholeskyFactor::analyze(const Sparse& A) {
-    require(A.rows() == A.cols(), "cholesky: A has " + std::to_string(A.rows()) + " rows and " +
-                                      std::to_string(A.cols()) + " columns");
+    require(A.rows() == A.cols(),
+            "cholesky: A has " + std::to_string(A.rows()) + " rows and " + std::to_string(A.cols()) + " columns");
     require(A.isCompressed(), "cholesky: A is not compressed");
     cholmod_free_factor(&state_->factor, &state_->common);
     state_->sound = false;
@@ -220,8 +220,8 @@ void CholeskyFactor::factorize(const Sparse& A) {
 Matrix CholeskyFactor::solve(const Matrix& B) const {
     const State& s = *state_;
     if (!s.sound) throw SolveError("cholesky: solve without a factor");
-    require(B.rows() == static_cast<Eigen::Index>(s.factor->n), "cholesky: B has " + std::to_string(B.rows()) +
-                                                                    " rows, the factor " + std::to_string(s.factor->n));
+    require(B.rows() == static_cast<Eigen::Index>(s.factor->n),
+            "cholesky: B has " + std::to_string(B.rows()) + " rows, the factor " + std::to_string(s.factor->n));
     const Panels panels(*s.factor);
     const int* order = static_cast<const int*>(s.factor->Perm);
     Matrix X(B.rows(), B.cols());

@@ -21,7 +21,7 @@ public:
 
     void analyze(const Sparse& A);
     CholeskyFactor symbolic() const;  ///< the analysis alone, to be factorised apart; no analysis of its own is counted
-    void factorize(const Sparse& A);      ///< throws SolveError when A is not positive definite
+    void factorize(const Sparse& A);  ///< throws SolveError when A is not positive definite
     bool try_factorize(const Sparse& A);  ///< false instead of the SolveError
     Matrix solve(const Matrix& B) const;  ///< (n,k) -> (n,k)
 

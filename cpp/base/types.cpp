@@ -21,7 +21,8 @@ void check_points(const std::string& kernel, const std::string& name, const Eige
 
 void check_solved(const std::string& kernel, const std::string& name, const Eigen::Ref<const Matrix>& values) {
     if (!values.allFinite())
-        throw SolveError(kernel + ": " + name + " of the answer is not finite: sizes or options beyond the range of doubles");
+        throw SolveError(kernel + ": " + name +
+                         " of the answer is not finite: sizes or options beyond the range of doubles");
 }
 
 void check_mesh(const std::string& kernel, const Vertices& V, const Faces& F, const std::string& name_V,
@@ -38,8 +39,7 @@ void check_faces(const std::string& kernel, const Faces& F, Eigen::Index n, cons
         for (int c = 0; c < 3; ++c)
             if (F(f, c) < 0 || F(f, c) >= n)
                 throw InputError(kernel + ": " + name_F + "[" + std::to_string(f) + "] holds vertex " +
-                                 std::to_string(F(f, c)) + ", " + name_V + " has " + std::to_string(n) +
-                                 " rows");
+                                 std::to_string(F(f, c)) + ", " + name_V + " has " + std::to_string(n) + " rows");
 }
 
 void check_indices(const std::string& kernel, const std::string& name, const Indices& indices, Eigen::Index n) {

@@ -10,13 +10,13 @@ namespace toile {
 
 using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix3d;
-using Vertices = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;   ///< (n,3) [m]
-using Faces = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 3, Eigen::RowMajor>;///< (m,3) vertex indices
-using Edges = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 2, Eigen::RowMajor>;///< (e,2) vertex indices
+using Vertices = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;     ///< (n,3) [m]
+using Faces = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 3, Eigen::RowMajor>;  ///< (m,3) vertex indices
+using Edges = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 2, Eigen::RowMajor>;  ///< (e,2) vertex indices
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Vector = Eigen::VectorXd;
 using Indices = Eigen::VectorXi;
-using Sparse = Eigen::SparseMatrix<double>;                                   ///< column-major
+using Sparse = Eigen::SparseMatrix<double>;  ///< column-major
 
 /// Throws InputError "KERNEL: NAME[row] is not finite" for the first bad row.
 void check_finite(const std::string& kernel, const std::string& name, const Eigen::Ref<const Matrix>& values);

@@ -11,10 +11,10 @@ void bind_biharmonic(py::module_& m) {
         .def_readwrite("refinements", &BiharmonicOptions::refinements);
     py::class_<BiharmonicSolver>(m, "BiharmonicSolver")
         .def(py::init([](const Vertices& V, const Faces& F, const Indices& known, const py::kwargs& keywords) {
-            const auto options = options_from<BiharmonicOptions>(keywords, "biharmonic");
-            py::gil_scoped_release release;
-            return std::make_unique<BiharmonicSolver>(V, F, known, options);
-        }))
+        const auto options = options_from<BiharmonicOptions>(keywords, "biharmonic");
+        py::gil_scoped_release release;
+        return std::make_unique<BiharmonicSolver>(V, F, known, options);
+    }))
         .def("solve", &BiharmonicSolver::solve, py::call_guard<py::gil_scoped_release>())
         .def_property_readonly("factorisations", &BiharmonicSolver::factorisations)
         .def_property_readonly("mollified", &BiharmonicSolver::mollified)

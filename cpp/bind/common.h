@@ -47,19 +47,18 @@ Options options_from(const py::kwargs& keywords, const char* kernel, Options opt
 /// Pickles a struct of plain data, also for copy.deepcopy, as the tuple of these members.
 template <class T, class... Member>
 auto as_tuple_of(Member T::*... members) {
-    return py::pickle([=](const T& value) { return py::make_tuple(value.*members...); },
-                      [=](const py::tuple& state) {
-                          if (state.size() != sizeof...(members)) throw py::value_error("pickled by another version");
-                          T value;
-                          std::size_t i = 0;
-                          ((value.*members = state[i++].cast<Member>()), ...);
-                          return value;
-                      });
+    return py::pickle([=](const T& value) { return py::make_tuple(value.*members...); }, [=](const py::tuple& state) {
+        if (state.size() != sizeof...(members)) throw py::value_error("pickled by another version");
+        T value;
+        std::size_t i = 0;
+        ((value.*members = state[i++].cast<Member>()), ...);
+        return value;
+    });
 }
 
-void bind_runtime(py::module_& m);  ///< errors, threads, versions
-void bind_geometry(py::module_& m); ///< normals, loops, closest points: what Python stages share with the kernels
-void bind_intersect(py::module_& m); ///< exact triangle pairs, winding numbers, signed distance
+void bind_runtime(py::module_& m);    ///< errors, threads, versions
+void bind_geometry(py::module_& m);   ///< normals, loops, closest points: what Python stages share with the kernels
+void bind_intersect(py::module_& m);  ///< exact triangle pairs, winding numbers, signed distance
 void bind_body_model(py::module_& m);
 void bind_nricp(py::module_& m);
 void bind_biharmonic(py::module_& m);
@@ -70,6 +69,6 @@ void bind_inner(py::module_& m);
 void bind_raster(py::module_& m);
 void bind_remesh(py::module_& m);
 void bind_occlusion(py::module_& m);
-void bind_sight(py::module_& m); ///< visibility of points, values read from pictures
+void bind_sight(py::module_& m);  ///< visibility of points, values read from pictures
 
 }  // namespace toile::bind

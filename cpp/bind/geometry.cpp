@@ -75,7 +75,8 @@ void bind_geometry(py::module_& m) {
         require(n >= 0 && n <= most_vertices, "border_vertices: n is " + std::to_string(n));
         check_faces("border_vertices", F, n);
         const std::vector<char> mark = border_vertices(F, n);
-        return Eigen::Array<bool, Eigen::Dynamic, 1>(Eigen::Map<const Eigen::Array<char, Eigen::Dynamic, 1>>(mark.data(), n).cast<bool>());
+        return Eigen::Array<bool, Eigen::Dynamic, 1>(
+            Eigen::Map<const Eigen::Array<char, Eigen::Dynamic, 1>>(mark.data(), n).cast<bool>());
     }, free);
     m.def("unique_edges", [](const Faces& F) {
         check_faces("unique_edges", F, most_vertices);
@@ -94,25 +95,26 @@ void bind_geometry(py::module_& m) {
         .def_property_readonly("analyses", &CholeskyFactor::analyses);
     py::class_<SurfaceIndex>(m, "SurfaceIndex")
         .def(py::init([](const Vertices& V, const Faces& F) {
-            check_mesh("SurfaceIndex", V, F);
-            return std::make_unique<SurfaceIndex>(V, F);
-        }), free)
+        check_mesh("SurfaceIndex", V, F);
+        return std::make_unique<SurfaceIndex>(V, F);
+    }),
+             free)
         .def_property_readonly("V", &SurfaceIndex::vertices)
         .def_property_readonly("F", &SurfaceIndex::faces)
         .def("closest", &closest_arrays)
         .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from,
                             double to) {
-            require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +
-                                                             " rows, directions " + std::to_string(directions.rows()));
-            check_points("occluded", "origins", origins);
-            check_points("occluded", "directions", directions);
-            require(!std::isnan(from) && !std::isnan(to), "occluded: near or far is not a number");
-            Eigen::Array<bool, Eigen::Dynamic, 1> hit(origins.rows());
-            py::gil_scoped_release release;
-            for (Eigen::Index i = 0; i < origins.rows(); ++i)
-                hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);
-            return hit;
-        });
+        require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +
+                                                         " rows, directions " + std::to_string(directions.rows()));
+        check_points("occluded", "origins", origins);
+        check_points("occluded", "directions", directions);
+        require(!std::isnan(from) && !std::isnan(to), "occluded: near or far is not a number");
+        Eigen::Array<bool, Eigen::Dynamic, 1> hit(origins.rows());
+        py::gil_scoped_release release;
+        for (Eigen::Index i = 0; i < origins.rows(); ++i)
+            hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);
+        return hit;
+    });
 }
 
 }  // namespace toile::bind

@@ -28,9 +28,9 @@ void bind_inner(py::module_& m) {
     py::class_<InnerFrame>(m, "InnerFrame")
         .def(py::init([](Vertices rotations, Vec3 translation, Vertices tracked, Vector visible,
                          std::vector<InnerGarment> garments) {
-            return InnerFrame{std::move(rotations), std::move(translation), std::move(tracked), std::move(visible),
-                              std::move(garments)};
-        }));
+        return InnerFrame{std::move(rotations), std::move(translation), std::move(tracked), std::move(visible),
+                          std::move(garments)};
+    }));
     py::class_<InnerFused>(m, "InnerFused")
         .def_readonly("rest", &InnerFused::rest)
         .def_readonly("shape", &InnerFused::shape)
@@ -63,16 +63,16 @@ void bind_inner(py::module_& m) {
                          &InnerResult::analyses));
     py::class_<InnerGuess>(m, "InnerGuess")
         .def(py::init([](Vertices rest, Vertices skin_mean, bool asks_skin) {
-            return InnerGuess{std::move(rest), std::move(skin_mean), asks_skin};
-        }))
+        return InnerGuess{std::move(rest), std::move(skin_mean), asks_skin};
+    }))
         .def(as_tuple_of(&InnerGuess::rest, &InnerGuess::skin_mean, &InnerGuess::asks_skin))
         .def_readonly("rest", &InnerGuess::rest)
         .def_readonly("skin_mean", &InnerGuess::skin_mean)
         .def_readonly("asks_skin", &InnerGuess::asks_skin);
     py::class_<InnerSums>(m, "InnerSums")
         .def(py::init([](Vertices position, Vector weight, Vector skin, RoomCounts room, std::int64_t frames) {
-            return InnerSums{std::move(position), std::move(weight), std::move(skin), std::move(room), frames};
-        }))
+        return InnerSums{std::move(position), std::move(weight), std::move(skin), std::move(room), frames};
+    }))
         .def(as_tuple_of(&InnerSums::position, &InnerSums::weight, &InnerSums::skin, &InnerSums::room,
                          &InnerSums::frames))
         .def("__iadd__", &InnerSums::operator+=)
@@ -83,8 +83,8 @@ void bind_inner(py::module_& m) {
         .def_readonly("frames", &InnerSums::frames);
     py::class_<InnerSolver>(m, "InnerSolver")
         .def(py::init([](const BodyModel& model, Vector shape, Vertices J, const py::kwargs& options) {
-            return InnerSolver(model, std::move(shape), std::move(J), options_from<InnerOptions>(options, "inner"));
-        }))
+        return InnerSolver(model, std::move(shape), std::move(J), options_from<InnerOptions>(options, "inner"));
+    }))
         .def("fuse", &InnerSolver::fuse, py::call_guard<py::gil_scoped_release>())
         .def("sums", &InnerSolver::sums)
         .def("gather", &InnerSolver::gather, py::call_guard<py::gil_scoped_release>())
@@ -93,8 +93,9 @@ void bind_inner(py::module_& m) {
         .def(py::init<const InnerSolver&>(), py::keep_alive<1, 2>())
         .def_property_readonly("done", &InnerFusion::done)
         .def_property_readonly("guess", [](const InnerFusion& f) { return f.guess(); })
-        .def_property_readonly("fused", [](const InnerFusion& f) { return f.fused(); })
-        .def("step", &InnerFusion::step, py::call_guard<py::gil_scoped_release>());
+        .def_property_readonly("fused", [](const InnerFusion& f) {
+        return f.fused();
+    }).def("step", &InnerFusion::step, py::call_guard<py::gil_scoped_release>());
 }
 
 }  // namespace toile::bind

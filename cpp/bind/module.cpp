@@ -10,10 +10,13 @@ void bind_runtime(py::module_& m) {
     py::register_exception<InputError>(m, "InputError", PyExc_ValueError);
     py::register_exception<SolveError>(m, "SolveError", PyExc_RuntimeError);
     m.attr("stop_names") = py::cast(std::vector<std::string>(stop_names.begin(), stop_names.end()));
-    m.def("set_threads", [](int n) {
+    m.def("set_threads",
+          [](int n) {
         if (n < 1) throw InputError("set_threads: n is " + std::to_string(n) + ", expected at least 1");
         omp_set_num_threads(n);
-    }, "How many threads kernels may use that are called from this thread of Python. A forked child has one all the same.");
+    },
+          "How many threads kernels may use that are called from this thread of Python. A forked child has one all the "
+          "same.");
     m.def("threads", &thread_count, "How many threads a kernel called from here may use; 1 in a forked child.");
 }
 

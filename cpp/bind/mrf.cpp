@@ -21,9 +21,8 @@ void bind_mrf(py::module_& m) {
         .def_readonly("sweeps", &MrfResult::sweeps)
         .def_readonly("expansions", &MrfResult::expansions)
         .def_readonly("stop", &MrfResult::stop)
-        .def(as_tuple_of(&MrfResult::labels, &MrfResult::energy, &MrfResult::unary_energy,
-                         &MrfResult::pairwise_energy, &MrfResult::sweep_energy, &MrfResult::sweeps,
-                         &MrfResult::expansions, &MrfResult::stop));
+        .def(as_tuple_of(&MrfResult::labels, &MrfResult::energy, &MrfResult::unary_energy, &MrfResult::pairwise_energy,
+                         &MrfResult::sweep_energy, &MrfResult::sweeps, &MrfResult::expansions, &MrfResult::stop));
     m.def("mrf", [](const Matrix& unary, const Edges& edges, const Vector& weights, const Matrix& pairwise,
                     const py::kwargs& keywords) {
         const auto options = options_from<MrfOptions>(keywords, "mrf");

@@ -45,17 +45,18 @@ void bind_nricp(py::module_& m) {
     py::class_<NricpFrame>(m, "NricpFrame")
         .def(py::init([](Vertices V, Faces F, Vertices start, RowSparse W, Vertices P, Vector sigma,
                          const std::vector<std::pair<Indices, Vertices>>& boundary, Indices labels) {
-            NricpFrame frame{std::move(V), std::move(F), std::move(start), {std::move(W), std::move(P), std::move(sigma)},
-                             {}, std::move(labels)};
-            for (const auto& [vertices, polyline] : boundary) frame.loops.push_back({vertices, polyline});
-            return frame;
-        }));
+        NricpFrame frame{
+            std::move(V), std::move(F),     std::move(start), {std::move(W), std::move(P), std::move(sigma)},
+            {},           std::move(labels)};
+        for (const auto& [vertices, polyline] : boundary) frame.loops.push_back({vertices, polyline});
+        return frame;
+    }));
     py::class_<NricpSolver>(m, "NricpSolver")
         .def(py::init([](const Vertices& V, const Faces& F, const std::string& preset, const py::kwargs& options) {
-            const auto chosen = options_from<NricpOptions>(options, "nricp", nricp_preset(preset));
-            py::gil_scoped_release release;
-            return std::make_unique<NricpSolver>(V, F, chosen);
-        }))
+        const auto chosen = options_from<NricpOptions>(options, "nricp", nricp_preset(preset));
+        py::gil_scoped_release release;
+        return std::make_unique<NricpSolver>(V, F, chosen);
+    }))
         .def("solve", &NricpSolver::solve, py::call_guard<py::gil_scoped_release>())
         .def_property_readonly("analyses", &NricpSolver::analyses)
         .def_property_readonly("factorisations", &NricpSolver::factorisations);

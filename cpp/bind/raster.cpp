@@ -13,12 +13,11 @@ void bind_raster(py::module_& m) {
         .def_readonly("face", &RasterResult::face)
         .def_readonly("depth", &RasterResult::depth)
         .def_property_readonly("barycentric", [](const RasterResult& r) -> py::object {
-            if (r.barycentric.rows() == 0) return py::none();
-            return py::cast(r.barycentric).attr("reshape")(r.face.rows(), r.face.cols(), 3);
-        })
-        .def(as_tuple_of(&RasterResult::face, &RasterResult::depth, &RasterResult::barycentric));
-    m.def("raster", [](const Vertices& V, const Faces& F, const Mat3& K, int height, int width,
-                       const py::kwargs& keywords) {
+        if (r.barycentric.rows() == 0) return py::none();
+        return py::cast(r.barycentric).attr("reshape")(r.face.rows(), r.face.cols(), 3);
+    }).def(as_tuple_of(&RasterResult::face, &RasterResult::depth, &RasterResult::barycentric));
+    m.def("raster",
+          [](const Vertices& V, const Faces& F, const Mat3& K, int height, int width, const py::kwargs& keywords) {
         const auto options = options_from<RasterOptions>(keywords, "raster");
         py::gil_scoped_release release;
         return raster(V, F, K, height, width, options);

@@ -19,8 +19,9 @@ Readings read_pixels(const Pixels& pixels, const Eigen::Ref<const Matrix>& uv) {
 }  // namespace
 
 void bind_sight(py::module_& m) {
-    m.def("visibility", [](const Vertices& points, const Vertices& normals, const Mat3& K, const Vector& distortion,
-                    const Eigen::Matrix4d& T, const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine) {
+    m.def("visibility",
+          [](const Vertices& points, const Vertices& normals, const Mat3& K, const Vector& distortion,
+             const Eigen::Matrix4d& T, const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine) {
         Sight sight;
         {
             py::gil_scoped_release release;

@@ -24,15 +24,17 @@ void bind_skeleton(py::module_& m) {
         .def_readwrite("solve_shape", &SkeletonOptions::solve_shape)
         .def_readwrite("max_iterations", &SkeletonOptions::max_iterations)
         .def_readwrite("tolerance", &SkeletonOptions::tolerance);
-    py::class_<SkeletonPose>(m, "SkeletonPose").def(py::init([](Vertices rotations, Vec3 translation, Vector shape) {
+    py::class_<SkeletonPose>(m, "SkeletonPose")
+        .def(py::init([](Vertices rotations, Vec3 translation, Vector shape) {
         return SkeletonPose{std::move(rotations), std::move(translation), std::move(shape)};
     })).def(as_tuple_of(&SkeletonPose::rotations, &SkeletonPose::translation, &SkeletonPose::shape));
     py::class_<SkeletonFrame>(m, "SkeletonFrame")
         .def(py::init([](Vertices V, Faces F, Indices index, Vertices points, Vector sigma,
                          std::vector<SkeletonPose> start, std::vector<SkeletonPose> previous, Vector clothed) {
-            return SkeletonFrame{std::move(V), std::move(F), {std::move(index), std::move(points), std::move(sigma)},
-                                 std::move(start), std::move(previous), std::move(clothed)};
-        }));
+        return SkeletonFrame{
+            std::move(V),     std::move(F),        {std::move(index), std::move(points), std::move(sigma)},
+            std::move(start), std::move(previous), std::move(clothed)};
+    }));
     py::class_<SkeletonResult>(m, "SkeletonResult")
         .def_property_readonly("rotations", [](const SkeletonResult& r) { return r.pose.rotations; })
         .def_property_readonly("translation", [](const SkeletonResult& r) { return r.pose.translation; })
@@ -51,9 +53,9 @@ void bind_skeleton(py::module_& m) {
     py::class_<SkeletonSolver>(m, "SkeletonSolver")
         .def(py::init([](const BodyModel& model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights,
                          const py::kwargs& options) {
-            return SkeletonSolver(model, std::move(joint_sigma), std::move(joint_limit), std::move(vertex_weights),
-                                  options_from<SkeletonOptions>(options, "skeleton"));
-        }))
+        return SkeletonSolver(model, std::move(joint_sigma), std::move(joint_limit), std::move(vertex_weights),
+                              options_from<SkeletonOptions>(options, "skeleton"));
+    }))
         .def("solve", &SkeletonSolver::solve, py::call_guard<py::gil_scoped_release>())
         .def("solve_shared", &SkeletonSolver::solve_shared, py::call_guard<py::gil_scoped_release>());
 }

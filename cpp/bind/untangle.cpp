@@ -34,11 +34,10 @@ void bind_untangle(py::module_& m) {
     py::class_<UntangleSolver>(m, "UntangleSolver")
         .def(py::init([](const Faces& cloth_F, Eigen::Index cloth_n, const Faces& body_F, Eigen::Index body_n,
                          const py::kwargs& options) {
-            const auto chosen = options_from<UntangleOptions>(options, "untangle");
-            py::gil_scoped_release release;
-            return std::make_unique<UntangleSolver>(cloth_F, cloth_n, body_F, body_n, chosen);
-        }))
-        .def("solve", &UntangleSolver::solve, py::call_guard<py::gil_scoped_release>());
+        const auto chosen = options_from<UntangleOptions>(options, "untangle");
+        py::gil_scoped_release release;
+        return std::make_unique<UntangleSolver>(cloth_F, cloth_n, body_F, body_n, chosen);
+    })).def("solve", &UntangleSolver::solve, py::call_guard<py::gil_scoped_release>());
 }
 
 }  // namespace toile::bind

@@ -21,8 +21,7 @@ Mat3 log_jacobian(const Vec3& r) {
 
 BodyGradient::BodyGradient(const BodyModel& m)
     : values(Vector::Zero(3 * m.joints() + 3 + m.shapes())),
-      moment_(static_cast<std::size_t>(m.joints()), Vec3::Zero()),
-      mass_(static_cast<std::size_t>(m.joints()), 0.0),
+      moment_(static_cast<std::size_t>(m.joints()), Vec3::Zero()), mass_(static_cast<std::size_t>(m.joints()), 0.0),
       marked_(static_cast<std::size_t>(m.joints()), 0) {}
 
 void BodyGradient::clear() {

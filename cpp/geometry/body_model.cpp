@@ -38,7 +38,8 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
         require(k.joint < K && k.vertices.size() == k.weights.size() && (k.joint >= 0 || !k.vertices.empty()),
                 kernel + ": body_model.keypoints '" + k.name + "' has no joint or vertices of the model");
         for (int v : k.vertices)
-            require(v >= 0 && v < n, kernel + ": body_model.keypoints '" + k.name + "' holds vertex " + std::to_string(v));
+            require(v >= 0 && v < n,
+                    kernel + ": body_model.keypoints '" + k.name + "' holds vertex " + std::to_string(v));
     }
 }
 

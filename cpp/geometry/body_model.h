@@ -11,20 +11,20 @@ namespace toile {
 /// Keypoints tie to a joint, or to a convex combination of vertices of the posed surface.
 struct BodyKeypoint {
     std::string name;
-    int joint = -1;              ///< used when >= 0
-    std::vector<int> vertices;   ///< otherwise
-    std::vector<double> weights; ///< sum 1
+    int joint = -1;               ///< used when >= 0
+    std::vector<int> vertices;    ///< otherwise
+    std::vector<double> weights;  ///< sum 1
 };
 
 struct BodyModel {
-    Vertices v_template;                 ///< (n,3) rest surface [m]
-    Faces F;                             ///< (m,3)
-    Vertices J;                          ///< (K,3) rest joints [m]
-    std::vector<int> parents;            ///< (K,), parents[0] = -1, parents come before children
-    Eigen::MatrixXi weights_idx;         ///< (n,B) joints per vertex
-    Matrix weights_val;                  ///< (n,B), rows sum to 1
-    Matrix shapedirs;                    ///< (3n,S), row 3 i + c
-    Matrix J_shapedirs;                  ///< (3K,S)
+    Vertices v_template;          ///< (n,3) rest surface [m]
+    Faces F;                      ///< (m,3)
+    Vertices J;                   ///< (K,3) rest joints [m]
+    std::vector<int> parents;     ///< (K,), parents[0] = -1, parents come before children
+    Eigen::MatrixXi weights_idx;  ///< (n,B) joints per vertex
+    Matrix weights_val;           ///< (n,B), rows sum to 1
+    Matrix shapedirs;             ///< (3n,S), row 3 i + c
+    Matrix J_shapedirs;           ///< (3K,S)
     std::vector<BodyKeypoint> keypoints;
 
     int joints() const { return static_cast<int>(parents.size()); }

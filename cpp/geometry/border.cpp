@@ -37,8 +37,8 @@ std::vector<BorderEdge> border_edges(const Faces& F, Eigen::Index n) {
 /// Edges on the border, and which of them meet in a vertex.
 struct Network {
     std::vector<BorderEdge> edges;
-    std::vector<Row> off;               ///< conormals of the edges
-    std::vector<std::vector<int>> at;   ///< edges of each vertex
+    std::vector<Row> off;              ///< conormals of the edges
+    std::vector<std::vector<int>> at;  ///< edges of each vertex
 
     Network(const Vertices& V, const Faces& F)
         : edges(border_edges(F, V.rows())), at(static_cast<std::size_t>(V.rows())) {

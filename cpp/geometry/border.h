@@ -9,10 +9,10 @@ namespace toile {
 
 /// A connected set of edges that have one face only. Conormals lie in the surface, across the border, and point off it.
 struct Border {
-    std::vector<int> vertex;                   ///< ascending, those where two of its edges meet
-    std::vector<std::array<int, 2>> beside;    ///< the other ends of both, so that (x_1 - x_0) x normal points off
-    std::vector<double> length;                ///< half of both edges [m]
-    Vertices conormal;                         ///< (vertices,3) unit, mean of both edges'
+    std::vector<int> vertex;                 ///< ascending, those where two of its edges meet
+    std::vector<std::array<int, 2>> beside;  ///< the other ends of both, so that (x_1 - x_0) x normal points off
+    std::vector<double> length;              ///< half of both edges [m]
+    Vertices conormal;                       ///< (vertices,3) unit, mean of both edges'
 
     double total() const;
     /// Mean conormal: of unit length round a tube's end, zero round a hole in a flat sheet.

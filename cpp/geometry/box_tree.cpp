@@ -9,7 +9,7 @@ namespace toile {
 
 namespace {
 
-constexpr int leaf_size = 4;  // as many faces as a register has lanes
+constexpr int leaf_size = 4;      // as many faces as a register has lanes
 constexpr double tie = 1 + 2e-9;  // squares this near are equal: what symmetry makes equal, rounding must not decide
 
 /// The smallest face among the nearest of those added, in whatever order they come.
@@ -19,7 +19,8 @@ public:
         if (!(square <= limit())) return;
         least_ = std::min(least_, square);
         const auto end = candidates_ + count_;
-        if (std::any_of(candidates_, end, [&](const Candidate& c) { return c.face <= face && c.square <= square; })) return;
+        if (std::any_of(candidates_, end, [&](const Candidate& c) { return c.face <= face && c.square <= square; }))
+            return;
         count_ = static_cast<int>(std::remove_if(candidates_, end, [&](const Candidate& c) {
             return c.square > limit() || (face <= c.face && square <= c.square);
         }) - candidates_);
@@ -29,7 +30,8 @@ public:
     int slot() const {
         int first = -1;
         for (int k = 0; k < count_; ++k)
-            if (candidates_[k].square <= limit() && (first < 0 || candidates_[k].face < candidates_[first].face)) first = k;
+            if (candidates_[k].square <= limit() && (first < 0 || candidates_[k].face < candidates_[first].face))
+                first = k;
         return first < 0 ? -1 : candidates_[first].slot;
     }
 
@@ -77,7 +79,8 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
     std::vector<Centre> centres(m);
     parallel_for(F.rows(), [&](std::int64_t f) {
         const Vec3 place = toile::face_box(V, F, f).center() - origin;
-        centres[static_cast<std::size_t>(f)] = {{float(place[0]), float(place[1]), float(place[2])}, static_cast<int>(f)};
+        centres[static_cast<std::size_t>(f)] = {{float(place[0]), float(place[1]), float(place[2])},
+                                                static_cast<int>(f)};
     });
     std::vector<Part> parts{{0, 0, static_cast<int>(m), 0}};
     while (parts[0].end - parts[0].begin > 2048) {  // all parts are of one size, give or take a face
@@ -87,9 +90,8 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
             parts[n + static_cast<std::size_t>(k)] = halve(parts[static_cast<std::size_t>(k)], centres);
         }, 1);
     }
-    parallel_for(static_cast<std::int64_t>(parts.size()), [&](std::int64_t k) {
-        build(parts[static_cast<std::size_t>(k)], centres);
-    }, 1);
+    parallel_for(static_cast<std::int64_t>(parts.size()),
+                 [&](std::int64_t k) { build(parts[static_cast<std::size_t>(k)], centres); }, 1);
     for (std::size_t k = 0; k < m; ++k) slot_[static_cast<std::size_t>(order_[k])] = static_cast<int>(k);
     widen();
     refit(V, F);
@@ -99,7 +101,8 @@ BoxTree::BoxTree(const Vertices& V, const Faces& F) {
 BoxTree::Part BoxTree::halve(Part& part, std::vector<Centre>& centres) {
     const auto [node, begin, end, leaf] = part;
     Eigen::AlignedBox3f box;
-    for (int k = begin; k < end; ++k) box.extend(Eigen::Map<const Eigen::Vector3f>(centres[static_cast<std::size_t>(k)].place));
+    for (int k = begin; k < end; ++k)
+        box.extend(Eigen::Map<const Eigen::Vector3f>(centres[static_cast<std::size_t>(k)].place));
     int axis = 0;
     box.sizes().maxCoeff(&axis);
     const int middle = begin + (end - begin) / 2;
@@ -159,7 +162,8 @@ void BoxTree::refit(const Vertices& V, const Faces& F, const std::vector<char>& 
             const Triangle& t = triangles_[slot] = {V.row(F(f, 0)), V.row(F(f, 1)), V.row(F(f, 2))};
             for (int k = 0; k < 3; ++k) pack.a[k][lane] = t.a[k], pack.b[k][lane] = t.b[k], pack.c[k][lane] = t.c[k];
             boxes_[slot].setEmpty();
-            if (hidden.empty() || !hidden[static_cast<std::size_t>(f)]) boxes_[slot].extend(t.a).extend(t.b).extend(t.c);
+            if (hidden.empty() || !hidden[static_cast<std::size_t>(f)])
+                boxes_[slot].extend(t.a).extend(t.b).extend(t.c);
             node.box.extend(boxes_[slot]);
         }
     });
@@ -213,7 +217,8 @@ BoxTree::Lanes BoxTree::squared_distances(const Pack& t, const Vec3& p) {
     const auto within = [&](const Vector& from, const Vector& edge) { return n.cross(edge).dot(from) <= zero; };
     const Lanes edges = smaller(smaller(to_edge(a, ab), to_edge(b, bc)), to_edge(c, ca));
     const Lanes height = n.dot(a), square = n.dot(n), length = larger(ab.dot(ab), bc.dot(bc));
-    const auto inside = within(a, ab) & within(b, bc) & within(c, ca) & (square > 1e-18 * length * length) & (square > tiny);
+    const auto inside =
+        within(a, ab) & within(b, bc) & within(c, ca) & (square > 1e-18 * length * length) & (square > tiny);
     return inside ? height * height / square : edges;
 }
 

@@ -35,7 +35,9 @@ public:
 
     const std::vector<Node>& nodes() const { return nodes_; }
     const std::vector<int>& order() const { return order_; }  ///< faces, leaf after leaf
-    const Triangle& triangle(int slot) const { return triangles_[static_cast<std::size_t>(slot)]; }  ///< as in `order()`
+    const Triangle& triangle(int slot) const {
+        return triangles_[static_cast<std::size_t>(slot)];
+    }                                                                                  ///< as in `order()`
     const Box& box(int slot) const { return boxes_[static_cast<std::size_t>(slot)]; }  ///< empty for a hidden face
     int slot_of(int face) const { return slot_[static_cast<std::size_t>(face)]; }
 
@@ -95,7 +97,8 @@ void BoxTree::visit_overlapping(const Box& box, Visit&& visit) const {
         }
         const Wide& wide = wide_[static_cast<std::size_t>(node.wide)];
         auto meets = wide.low[0] <= box.max()[0];
-        for (int axis = 0; axis < 3; ++axis) meets &= (wide.low[axis] <= box.max()[axis]) & (wide.high[axis] >= box.min()[axis]);
+        for (int axis = 0; axis < 3; ++axis)
+            meets &= (wide.low[axis] <= box.max()[axis]) & (wide.high[axis] >= box.min()[axis]);
         for (int lane = 0; lane < 4; ++lane)
             if (meets[lane]) stack[top++] = wide.child[lane];
     }

@@ -82,7 +82,7 @@ bool beyond_float(const Vec3& local) { return !(local.cwiseAbs().maxCoeff() < 1e
 struct Query {
     const Vertices* V;
     const Faces* F;
-    Vec3 p;            // world
+    Vec3 p;  // world
     double scale;
     SurfacePoint best;
 };
@@ -90,9 +90,9 @@ struct Query {
 bool take_if_nearer(Query& q, int face) {
     const Faces& F = *q.F;
     SurfacePoint s = closest_on_triangle(q.p, q.V->row(F(face, 0)), q.V->row(F(face, 1)), q.V->row(F(face, 2)));
-    const bool nearer = q.best.face < 0 ? s.distance <= q.best.distance
-                                        : s.distance < q.best.distance ||
-                                              (s.distance == q.best.distance && face < q.best.face);
+    const bool nearer = q.best.face < 0
+                            ? s.distance <= q.best.distance
+                            : s.distance < q.best.distance || (s.distance == q.best.distance && face < q.best.face);
     if (!nearer) return false;
     s.face = face;
     q.best = s;
@@ -123,8 +123,8 @@ SurfaceIndex::SurfaceIndex(const Vertices& V, const Faces& F) : state_(std::make
     RTCGeometry mesh = rtcNewGeometry(s.device, RTC_GEOMETRY_TYPE_TRIANGLE);
     auto* vertex = static_cast<float*>(rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), static_cast<std::size_t>(V.rows())));
-    auto* index = static_cast<unsigned*>(rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                 3 * sizeof(unsigned), static_cast<std::size_t>(F.rows())));
+    auto* index = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
+        mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), static_cast<std::size_t>(F.rows())));
     for (Eigen::Index v = 0; v < V.rows(); ++v) {
         const Vec3 p = s.to_local(V.row(v));
         for (int c = 0; c < 3; ++c) vertex[3 * v + c] = static_cast<float>(p[c]);
@@ -163,12 +163,15 @@ SurfacePoint SurfaceIndex::closest(const Vec3& p, double radius, int guess) cons
     return q.best;
 }
 
-std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, double radius, const Indices& guesses) const {
-    require(guesses.size() == 0 || guesses.size() == points.rows(),
-            "closest: guess has " + std::to_string(guesses.size()) + " entries, points " + std::to_string(points.rows()));
+std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, double radius,
+                                                     const Indices& guesses) const {
+    require(
+        guesses.size() == 0 || guesses.size() == points.rows(),
+        "closest: guess has " + std::to_string(guesses.size()) + " entries, points " + std::to_string(points.rows()));
     for (Eigen::Index i = 0; i < guesses.size(); ++i)
-        require(guesses[i] < state_->F.rows(), "closest: guess[" + std::to_string(i) + "] is face " + std::to_string(guesses[i]) +
-                                                   " of " + std::to_string(state_->F.rows()));
+        require(guesses[i] < state_->F.rows(), "closest: guess[" + std::to_string(i) + "] is face " +
+                                                   std::to_string(guesses[i]) + " of " +
+                                                   std::to_string(state_->F.rows()));
     std::vector<SurfacePoint> out(static_cast<std::size_t>(points.rows()));
     parallel_for(points.rows(), [&](std::int64_t i) {
         out[static_cast<std::size_t>(i)] = closest(Vec3(points.row(i)), radius, guesses.size() > 0 ? guesses[i] : -1);

@@ -8,10 +8,10 @@
 namespace toile {
 
 struct SurfacePoint {
-    int face = -1;                 ///< -1: none within the radius
-    Vec3 point = Vec3::Zero();     ///< [m]
+    int face = -1;              ///< -1: none within the radius
+    Vec3 point = Vec3::Zero();  ///< [m]
     Vec3 barycentric = Vec3::Zero();
-    double distance = 0;           ///< [m]
+    double distance = 0;  ///< [m]
 };
 
 struct RayHit {
@@ -33,7 +33,8 @@ public:
     /// A face near the point may be guessed (-1: none): it saves time and changes nothing.
     SurfacePoint closest(const Vec3& p, double radius = 1e30, int guess = -1) const;
     /// In parallel; `guesses` are as many as points, or none.
-    std::vector<SurfacePoint> closest_each(const Vertices& points, double radius = 1e30, const Indices& guesses = {}) const;
+    std::vector<SurfacePoint> closest_each(const Vertices& points, double radius = 1e30,
+                                           const Indices& guesses = {}) const;
     RayHit first_hit(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
     bool occluded(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
 

@@ -116,12 +116,14 @@ using Pair = std::array<int, 2>;
 /// Walks two trees at once; `visit(i, j)` is called for slots whose boxes meet.
 template <class Visit>
 void walk(const BoxTree& first, int a, const BoxTree& second, int b, Visit&& visit) {
-    const BoxTree::Node &na = first.nodes()[static_cast<std::size_t>(a)], &nb = second.nodes()[static_cast<std::size_t>(b)];
+    const BoxTree::Node &na = first.nodes()[static_cast<std::size_t>(a)],
+                        &nb = second.nodes()[static_cast<std::size_t>(b)];
     if (!na.box.intersects(nb.box)) return;
     if (na.leaf() && nb.leaf()) {
         for (int i = na.begin; i < na.end; ++i)
-            if (first.box(i).intersects(nb.box)) for (int j = nb.begin; j < nb.end; ++j)
-                if (first.box(i).intersects(second.box(j))) visit(i, j);
+            if (first.box(i).intersects(nb.box))
+                for (int j = nb.begin; j < nb.end; ++j)
+                    if (first.box(i).intersects(second.box(j))) visit(i, j);
     } else if (nb.leaf() || (!na.leaf() && na.size() >= nb.size())) {
         walk(first, a + 1, second, b, visit);
         walk(first, na.right, second, b, visit);
@@ -175,12 +177,14 @@ bool share_vertex(const Faces& F, int f, int g) {
 
 }  // namespace
 
-bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const Vec3& b0, const Vec3& b1, const Vec3& b2) {
+bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const Vec3& b0, const Vec3& b1,
+                         const Vec3& b2) {
     return meet_exactly({a0, a1, a2}, {b0, b1, b2});
 }
 
 Edges meeting_faces(const BoxTree& first, const BoxTree& second) {
-    return collect(first, second, [&](int, int i, int, int j) { return meet_exactly(first.triangle(i), second.triangle(j)); });
+    return collect(first, second,
+                   [&](int, int i, int, int j) { return meet_exactly(first.triangle(i), second.triangle(j)); });
 }
 
 Edges intersecting_pairs(const Vertices& V1, const Faces& F1, const Vertices& V2, const Faces& F2) {

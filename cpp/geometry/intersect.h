@@ -6,7 +6,8 @@
 namespace toile {
 
 /// Do the closed triangles share a point? Touching counts. Exact; triangles of no area are segments or points.
-bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const Vec3& b0, const Vec3& b1, const Vec3& b2);
+bool triangles_intersect(const Vec3& a0, const Vec3& a1, const Vec3& a2, const Vec3& b0, const Vec3& b1,
+                         const Vec3& b2);
 
 /// Faces (f of F1, g of F2) that intersect, sorted by f, then g: (k,2).
 Edges intersecting_pairs(const Vertices& V1, const Faces& F1, const Vertices& V2, const Faces& F2);

@@ -73,7 +73,8 @@ Vector intrinsic_voronoi_mass(const Vertices& lengths, const Faces& F, Eigen::In
             const int next = (c + 1) % 3, last = (c + 2) % 3;
             const double share = obtuse ? shape.area / (c == sharpest ? 2 : 4)
                                         : (lengths(f, next) * lengths(f, next) * shape.cotangent[next] +
-                                           lengths(f, last) * lengths(f, last) * shape.cotangent[last]) / 8;
+                                           lengths(f, last) * lengths(f, last) * shape.cotangent[last]) /
+                                              8;
             mass[F(f, c)] += share;
         }
     }

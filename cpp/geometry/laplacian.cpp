@@ -99,8 +99,10 @@ Vertices vertex_normals(const Vertices& V, const Faces& F) {
     }
     for (Eigen::Index v = 0; v < V.rows(); ++v) {
         const double length = N.row(v).norm();
-        if (length > cancelled * area[v]) N.row(v) /= length;
-        else N.row(v).setZero();
+        if (length > cancelled * area[v])
+            N.row(v) /= length;
+        else
+            N.row(v).setZero();
     }
     return N;
 }

@@ -14,11 +14,8 @@ constexpr int TERMINAL = -1, ORPHAN = -2, NONE = -1;
 }  // namespace
 
 MaxFlow::MaxFlow(Eigen::Index nodes, const Edges& edges)
-    : node_(static_cast<std::size_t>(nodes) + 1),
-      arc_(2 * static_cast<std::size_t>(edges.rows())),
-      edge_(arc_.size()),
-      source_{1, 0, {}, {}, {}, 0, 0, false},
-      sink_{-1, 0, {}, {}, {}, 0, 0, false} {
+    : node_(static_cast<std::size_t>(nodes) + 1), arc_(2 * static_cast<std::size_t>(edges.rows())), edge_(arc_.size()),
+      source_{1, 0, {}, {}, {}, 0, 0, false}, sink_{-1, 0, {}, {}, {}, 0, 0, false} {
     for (Eigen::Index e = 0; e < edges.rows(); ++e)
         for (int c = 0; c < 2; ++c) ++node_[static_cast<std::size_t>(edges(e, c)) + 1].first;
     for (std::size_t v = 1; v < node_.size(); ++v) node_[v].first += node_[v - 1].first;

@@ -54,9 +54,9 @@ private:
     /// What grows from one terminal; `sign` times a distance is positive in its tree.
     struct Tree {
         int sign, depth;
-        std::vector<int> frontier, next;        // nodes of distance depth, and depth + 1 while growing
-        std::vector<int> orphan;                // by distance, the one to settle next, or NONE
-        int lowest_orphan, waiting;             // where the first of them are, and how many in all
+        std::vector<int> frontier, next;  // nodes of distance depth, and depth + 1 while growing
+        std::vector<int> orphan;          // by distance, the one to settle next, or NONE
+        int lowest_orphan, waiting;       // where the first of them are, and how many in all
         bool growing;
     };
 

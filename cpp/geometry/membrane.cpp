@@ -11,7 +11,7 @@ namespace toile {
 namespace {
 
 constexpr int block_size = 1024;
-constexpr double parallel = 1e-3;     // squared sine, below which half-spaces count as one
+constexpr double parallel = 1e-3;      // squared sine, below which half-spaces count as one
 constexpr double most_opposed = -0.5;  // cosine; the corner of more opposed half-spaces lies too far away to be meant
 
 using Row = Eigen::Vector4d;  // the fourth entry is 0: rows of 32 bytes
@@ -57,7 +57,8 @@ std::vector<int> breadth_first(const Adjacency& ring) {
 Membrane::Membrane(const Adjacency& ring) {
     const std::vector<int> order = breadth_first(ring);
     std::vector<int> block(order.size()), row(order.size());
-    for (std::size_t k = 0; k < order.size(); ++k) block[static_cast<std::size_t>(order[k])] = static_cast<int>(k) / block_size;
+    for (std::size_t k = 0; k < order.size(); ++k)
+        block[static_cast<std::size_t>(order[k])] = static_cast<int>(k) / block_size;
     std::vector<int> joints;
     vertex_.reserve(order.size());
     for (std::size_t k = 0; k < order.size(); ++k) {
@@ -95,7 +96,8 @@ double Membrane::update(Matrix& d, int k, const HalfSpaces& bounds, double stiff
     return step;
 }
 
-int Membrane::relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double stiffness, double tolerance, int max_sweeps) const {
+int Membrane::relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double stiffness, double tolerance,
+                    int max_sweeps) const {
     const auto n = static_cast<Eigen::Index>(vertex_.size());
     Matrix rows = Matrix::Zero(n, 4);
     std::vector<HalfSpaces> planes(vertex_.size());
@@ -114,7 +116,8 @@ int Membrane::relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double s
         return largest;
     };
     int sweeps = 0;
-    for (double largest = std::numeric_limits<double>::infinity(); sweeps < max_sweeps && largest > tolerance * tolerance; ++sweeps) {
+    for (double largest = std::numeric_limits<double>::infinity();
+         sweeps < max_sweeps && largest > tolerance * tolerance; ++sweeps) {
         parallel_for(static_cast<std::int64_t>(blocks_.size()), [&](std::int64_t b) {
             step[static_cast<std::size_t>(b)] = sweep(blocks_[static_cast<std::size_t>(b)]);
         }, 1);

@@ -29,7 +29,8 @@ public:
     explicit Membrane(const Adjacency& ring);
 
     /// Until no vertex moves further than `tolerance` [m] in a sweep; returns the number of sweeps.
-    int relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double stiffness, double tolerance, int max_sweeps) const;
+    int relax(Vertices& d, const std::vector<HalfSpaces>& bounds, double stiffness, double tolerance,
+              int max_sweeps) const;
 
 private:
     struct Range {
@@ -37,10 +38,10 @@ private:
     };
     double update(Matrix& d, int k, const HalfSpaces& bounds, double stiffness, double over) const;
 
-    std::vector<int> vertex_;          ///< vertices in the order of updates; rows below are in this order
-    std::vector<int> start_, row_;     ///< neighbours of a row, as rows
-    std::vector<Range> blocks_;        ///< independent of each other
-    Range joints_{0, 0};               ///< rows that have neighbours in another block
+    std::vector<int> vertex_;       ///< vertices in the order of updates; rows below are in this order
+    std::vector<int> start_, row_;  ///< neighbours of a row, as rows
+    std::vector<Range> blocks_;     ///< independent of each other
+    Range joints_{0, 0};            ///< rows that have neighbours in another block
 };
 
 }  // namespace toile

@@ -35,10 +35,10 @@ Cover cover(const GeodesicGraph& graph, double radius);
 struct DeformationNodes {
     static constexpr int carriers = 6;  ///< most nodes a vertex
 
-    std::vector<int> vertex;         ///< mesh vertex of each node
-    std::vector<int> start;          ///< (n+1) the nodes of vertex v are carrier[start[v] .. start[v + 1])
-    std::vector<int> carrier;        ///< ascending within a vertex
-    std::vector<double> weight;      ///< beside `carrier`, sums to 1 per vertex
+    std::vector<int> vertex;                 ///< mesh vertex of each node
+    std::vector<int> start;                  ///< (n+1) the nodes of vertex v are carrier[start[v] .. start[v + 1])
+    std::vector<int> carrier;                ///< ascending within a vertex
+    std::vector<double> weight;              ///< beside `carrier`, sums to 1 per vertex
     std::vector<std::pair<int, int>> pairs;  ///< (k, l), k <= l: nodes that share a vertex or are neighbours; sorted
 
     int size() const { return static_cast<int>(vertex.size()); }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr int no_face = -1, border_side = -2;  // across a non-manifold edge, and across none
-constexpr double on_edge = 1e-12;  // a barycentric coordinate this small lies on the edge
+constexpr double on_edge = 1e-12;              // a barycentric coordinate this small lies on the edge
 
 Vec3 unit_or_zero(const Vec3& v) {
     const double length = v.norm();
@@ -56,7 +56,8 @@ void Obstacle::pair_sides(int begin, int end) {
     std::vector<Side> sides;
     for (int v = begin; v < end; ++v) {
         sides.clear();
-        for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1]; ++k) {
+        for (int k = faces_of_.start[static_cast<std::size_t>(v)]; k < faces_of_.start[static_cast<std::size_t>(v) + 1];
+             ++k) {
             const int f = faces_of_.index[static_cast<std::size_t>(k)];
             for (int c = 0; c < 3; ++c) {
                 const int i = F_(f, c), j = F_(f, (c + 1) % 3);

@@ -11,13 +11,14 @@
 namespace toile {
 
 struct Probe {
-    double distance = 0;            ///< [m], negative inside
-    double nearest = 0;             ///< [m], to the closest point of the surface, whatever the side
-    Vec3 point = Vec3::Zero();      ///< the closest point of the surface [m]
-    Vec3 outward = Vec3::Zero();    ///< unit; from the surface outwards through the probe, or the surface's normal on it
-    int face = -1;                  ///< of the closest point
-    bool sided = false;             ///< false: the closest face has no area, hence no side
-    bool constrained = false;       ///< false: the surface gives no direction here (beyond a border, in an overlap, too deep)
+    double distance = 0;          ///< [m], negative inside
+    double nearest = 0;           ///< [m], to the closest point of the surface, whatever the side
+    Vec3 point = Vec3::Zero();    ///< the closest point of the surface [m]
+    Vec3 outward = Vec3::Zero();  ///< unit; from the surface outwards through the probe, or the surface's normal on it
+    int face = -1;                ///< of the closest point
+    bool sided = false;           ///< false: the closest face has no area, hence no side
+    bool constrained =
+        false;  ///< false: the surface gives no direction here (beyond a border, in an overlap, too deep)
     bool inside() const { return distance < 0; }
 };
 
@@ -55,11 +56,11 @@ private:
     Faces F_;
     double max_depth_;
     bool closed_ = true;
-    Faces across_;                  ///< (m,3) the face beyond edge (c, c+1); negative where there is not just one
-    std::vector<char> border_;         ///< per vertex, up to the largest index
-    Adjacency faces_of_;            ///< of vertices
-    double orientation_ = 1;        ///< -1: a closed surface whose faces look inwards
-    double size_ = 1;               ///< diagonal of the box [m]
+    Faces across_;              ///< (m,3) the face beyond edge (c, c+1); negative where there is not just one
+    std::vector<char> border_;  ///< per vertex, up to the largest index
+    Adjacency faces_of_;        ///< of vertices
+    double orientation_ = 1;    ///< -1: a closed surface whose faces look inwards
+    double size_ = 1;           ///< diagonal of the box [m]
     bool hollow_ = false;
     std::unique_ptr<BoxTree> tree_;
     std::unique_ptr<WindingMoments> winding_;

@@ -48,11 +48,14 @@ OrientedTree::OrientedTree(const Vertices& X, const Vertices& N) : leaf_of_(stat
     for (std::int64_t l = 0; l < leaves; ++l) {
         Leaf& leaf = leaves_[l];
         const int begin = share(n, l, leaves), end = share(n, l + 1, leaves);
-        std::sort(order.begin() + begin, order.begin() + end, [](const Place& a, const Place& b) { return a.point < b.point; });
+        std::sort(order.begin() + begin, order.begin() + end,
+                  [](const Place& a, const Place& b) { return a.point < b.point; });
         for (int i = 0; i < wide; ++i) {
             leaf.point[i] = begin + i < end ? order[begin + i].point : -1;
-            if (begin + i < end) leaf_of_[order[begin + i].point] = static_cast<int>(l);
-            else for (Row& at : leaf.at) at[i] = nowhere;
+            if (begin + i < end)
+                leaf_of_[order[begin + i].point] = static_cast<int>(l);
+            else
+                for (Row& at : leaf.at) at[i] = nowhere;
         }
     }
     follow(X, N);
@@ -127,7 +130,8 @@ int OrientedTree::nearest(const Vec3& x, const Vec3& n, double spread, double re
         }
         if (least<Row>(d) > best) return;
         for (int i = 0; i < wide; ++i)
-            if (const int point = leaf.point[i]; point >= 0 && (d[i] < best || (d[i] == best && (found < 0 || point < found)))) {
+            if (const int point = leaf.point[i];
+                point >= 0 && (d[i] < best || (d[i] == best && (found < 0 || point < found)))) {
                 best = d[i];
                 found = point;
             }

@@ -20,8 +20,8 @@ public:
     int nearest(const Vec3& x, const Vec3& n, double spread, double reach, int guess = -1) const;
 
 private:
-    static constexpr int wide = 8;                        ///< points of a leaf and children of a box: one vector
-    typedef float Row __attribute__((vector_size(32)));   ///< one coordinate of eight things
+    static constexpr int wide = 8;                       ///< points of a leaf and children of a box: one vector
+    typedef float Row __attribute__((vector_size(32)));  ///< one coordinate of eight things
     struct Leaf {
         Row at[6];
         int point[wide];  ///< ascending; -1: an empty place, far away

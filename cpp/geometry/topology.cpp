@@ -1,8 +1,8 @@
 #include "geometry/topology.h"
 
 #include <algorithm>
-#include <map>
 #include <iterator>
+#include <map>
 #include <numeric>
 
 #include "base/parallel.h"
@@ -21,7 +21,8 @@ Adjacency rows_of(Eigen::Index rows, Each&& each) {
     a.index.resize(static_cast<std::size_t>(a.start.back()));
     std::vector<int> next(a.start.begin(), a.start.end() - 1);
     each([&](int row, int value) { a.index[next[row]++] = value; });
-    parallel_for(rows, [&](std::int64_t r) { std::sort(a.index.begin() + a.start[r], a.index.begin() + a.start[r + 1]); }, 4096);
+    parallel_for(
+        rows, [&](std::int64_t r) { std::sort(a.index.begin() + a.start[r], a.index.begin() + a.start[r + 1]); }, 4096);
     return a;
 }
 
@@ -30,7 +31,8 @@ Adjacency each_once(const Adjacency& a) {
     once.start.assign(1, 0);
     once.index.reserve(a.index.size());
     for (int r = 0; r < a.size(); ++r) {
-        std::unique_copy(a.index.begin() + a.start[r], a.index.begin() + a.start[r + 1], std::back_inserter(once.index));
+        std::unique_copy(a.index.begin() + a.start[r], a.index.begin() + a.start[r + 1],
+                         std::back_inserter(once.index));
         once.start.push_back(static_cast<int>(once.index.size()));
     }
     return once;
@@ -72,7 +74,8 @@ Adjacency vertex_faces(const Faces& F, Eigen::Index n) {
 std::vector<std::vector<int>> boundary_loops(const Faces& F) {
     const Adjacency ends = sides(F, F.size() > 0 ? F.maxCoeff() + 1 : 0);
     const auto faces = [&](int i, int j) {
-        const auto [first, last] = std::equal_range(ends.index.begin() + ends.start[i], ends.index.begin() + ends.start[i + 1], j);
+        const auto [first, last] =
+            std::equal_range(ends.index.begin() + ends.start[i], ends.index.begin() + ends.start[i + 1], j);
         return last - first;
     };
     std::multimap<int, int> next;  // boundary half-edges i -> j
@@ -117,7 +120,8 @@ Indices vertex_components(const Faces& F, Eigen::Index n) {
     std::iota(parent.begin(), parent.end(), 0);
     auto root = [&](int v) {
         while (parent[static_cast<std::size_t>(v)] != v)
-            v = parent[static_cast<std::size_t>(v)] = parent[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)])];
+            v = parent[static_cast<std::size_t>(v)] =
+                parent[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)])];
         return v;
     };
     for (Eigen::Index f = 0; f < F.rows(); ++f)

@@ -62,7 +62,8 @@ Welded weld(const Vertices& V, const Faces& F) {
     for (int v = 0; v < V.rows(); ++v)
         if (open[v]) order.push_back(v);
     const auto place = [&](int v) { return std::tuple(V(v, 0), V(v, 1), V(v, 2)); };
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return std::tuple(place(a), a) < std::tuple(place(b), b); });
+    std::sort(order.begin(), order.end(),
+              [&](int a, int b) { return std::tuple(place(a), a) < std::tuple(place(b), b); });
     for (std::size_t i = 1; i < order.size(); ++i) {
         if (place(order[i]) != place(order[i - 1])) continue;
         if (out.to.empty()) {

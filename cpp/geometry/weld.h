@@ -16,8 +16,8 @@ std::vector<int> first_alike(const Faces& F, Eigen::Index n);
 Faces distinct_faces(const Faces& F, Eigen::Index n);
 
 struct Welded {
-    Faces F;             ///< distinct, in the numbers of the given vertices
-    std::vector<int> to; ///< per vertex the first one in the same place where both are open, else itself; empty: all
+    Faces F;              ///< distinct, in the numbers of the given vertices
+    std::vector<int> to;  ///< per vertex the first one in the same place where both are open, else itself; empty: all
 };
 
 /// Seams, and triangles with corners of their own, become one surface. Closed parts that touch stay apart.

@@ -111,14 +111,11 @@ Vector winding_numbers(const Vertices& points, const WindingNumber& winding) {
 
 Vector signed_distance(const Vertices& points, const SurfaceIndex& index, const WindingNumber& winding) {
     Vector out(points.rows());
-    parallel_for(
-        points.rows(),
-        [&](std::int64_t i) {
-            const Vec3 p = points.row(i);
-            const double distance = index.closest(p).distance;
-            out[i] = winding.inside(p) ? -distance : distance;
-        },
-        64);
+    parallel_for(points.rows(), [&](std::int64_t i) {
+        const Vec3 p = points.row(i);
+        const double distance = index.closest(p).distance;
+        out[i] = winding.inside(p) ? -distance : distance;
+    }, 64);
     return out;
 }
 

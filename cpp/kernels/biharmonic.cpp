@@ -123,9 +123,7 @@ bool BiharmonicSolver::factorize(const Sparse& L, const Vector& mass) {
 }
 
 /// How far the first column is from 1.
-double BiharmonicSolver::error_of_one(const Vertices& D) const {
-    return largest(D(unknown_, 0).array() - 1);
-}
+double BiharmonicSolver::error_of_one(const Vertices& D) const { return largest(D(unknown_, 0).array() - 1); }
 
 /// D_u = -Q_uu^-1 Q_uk D_k with Q = L M^-1 L.
 void BiharmonicSolver::substitute(Vertices& D) const {

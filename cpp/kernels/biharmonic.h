@@ -33,7 +33,7 @@ public:
     Vertices solve(const Vertices& D_known) const;
 
     std::int64_t factorisations() const { return factor_.factorisations(); }  ///< 1, and 1 more per mollification tried
-    double mollified() const { return mollified_; }  ///< amount added to every edge [m], 0 when none was needed
+    double mollified() const { return mollified_; }        ///< amount added to every edge [m], 0 when none was needed
     double factor_error() const { return factor_error_; }  ///< measured on the constant field
 
 private:

@@ -51,9 +51,9 @@ private:
 /// What one linear solve knows of each vertex.
 struct Evidence {
     Vertices skin_target;  // (n,3) displacement where skin was seen
-    Vector skin;          // (n,) in [0,1]
-    Vertices normals;     // (n,3)
-    Vector room;          // (n,) along the normal to the cloth less the gap, at d = 0; infinity: none
+    Vector skin;           // (n,) in [0,1]
+    Vertices normals;      // (n,3)
+    Vector room;           // (n,) along the normal to the cloth less the gap, at d = 0; infinity: none
 };
 
 struct Fitted {
@@ -125,7 +125,7 @@ Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin
     return room;
 }
 
-constexpr int kRoomNodes = 513;  // from -reach to reach
+constexpr int kRoomNodes = 513;    // from -reach to reach
 constexpr double kRoomUnit = 256;  // counts of one frame
 
 /// Counts a frame's room at the two nodes beside it, by nearness: the quantile stays continuous in the room, and whole
@@ -423,8 +423,7 @@ void InnerFusion::average(const InnerSums& sums) {
     if (s.passes < kSkinPasses) return;
     s.fused.shape = refit_shape(k.model_, k.shape_, s.seen, guess_.skin_mean, k.mass_, k.options_);
     s.model = shaped_vertices(k.model_, s.fused.shape);
-    s.seen.skin_target =
-        (guess_.skin_mean - s.model).array().colwise() * (s.seen.skin.array() > 0).cast<double>();
+    s.seen.skin_target = (guess_.skin_mean - s.model).array().colwise() * (s.seen.skin.array() > 0).cast<double>();
     s.fitted.d = Vertices::Zero(s.model.rows(), 3);
     guess_ = {s.model, Vertices(0, 3), false};
 }

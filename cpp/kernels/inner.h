@@ -22,21 +22,21 @@
 namespace toile {
 
 struct InnerOptions {
-    double length = 0.08;          ///< features shorter than this are smoothed away [m]
-    double skin = 1e4;             ///< weight of observed skin
-    double out = 1e3;              ///< weight of a body that pokes out of the cloth
-    double fit = 1;                ///< pull towards close cloth from inside
-    double fit_scale = 0.008;      ///< Geman-McClure scale of that pull [m]
-    double prior = 0.5;            ///< coupling to the model, and of a frame to the fused shape
-    double gap = 0.002;            ///< cloth stays this far off the skin [m]
-    double taper = 0.02;           ///< skin counts fully only this far from the cloth, along the surface [m]
-    double reach = 0.06;           ///< cloth farther than this from the body says nothing [m]
-    double tightness = 0.1;        ///< the bound of a hidden vertex is this quantile over the frames
-    double shape_sigma = 0.01;     ///< spread of the skin about the model's span [m]
-    double shape_observations = 200;///< independent observations that the skin counts as when the shape is refitted
-    int rounds = 3;                ///< cloth is looked for anew
-    int max_iterations = 8;        ///< reweightings a round
-    double tolerance = 2e-4;       ///< stop when no vertex moves by more [m]
+    double length = 0.08;             ///< features shorter than this are smoothed away [m]
+    double skin = 1e4;                ///< weight of observed skin
+    double out = 1e3;                 ///< weight of a body that pokes out of the cloth
+    double fit = 1;                   ///< pull towards close cloth from inside
+    double fit_scale = 0.008;         ///< Geman-McClure scale of that pull [m]
+    double prior = 0.5;               ///< coupling to the model, and of a frame to the fused shape
+    double gap = 0.002;               ///< cloth stays this far off the skin [m]
+    double taper = 0.02;              ///< skin counts fully only this far from the cloth, along the surface [m]
+    double reach = 0.06;              ///< cloth farther than this from the body says nothing [m]
+    double tightness = 0.1;           ///< the bound of a hidden vertex is this quantile over the frames
+    double shape_sigma = 0.01;        ///< spread of the skin about the model's span [m]
+    double shape_observations = 200;  ///< independent observations that the skin counts as when the shape is refitted
+    int rounds = 3;                   ///< cloth is looked for anew
+    int max_iterations = 8;           ///< reweightings a round
+    double tolerance = 2e-4;          ///< stop when no vertex moves by more [m]
 };
 
 struct InnerGarment {
@@ -53,27 +53,27 @@ struct InnerFrame {
 };
 
 struct InnerFused {
-    Vertices rest;                 ///< (n,3) [m]
-    Vector shape;                  ///< (S,) refitted to skin and cloth
-    Vector bound;  ///< (n,) room between the rest and the tightest cloth along the normal [m]; infinity: none
+    Vertices rest;  ///< (n,3) [m]
+    Vector shape;   ///< (S,) refitted to skin and cloth
+    Vector bound;   ///< (n,) room between the rest and the tightest cloth along the normal [m]; infinity: none
     Stop stop = Stop::max_iterations;  ///< converged or max_iterations
     int iterations = 0;
-    std::vector<double> energy;    ///< of each iteration
-    std::int64_t observed = 0;     ///< vertices seen as skin
-    std::int64_t bounded = 0;      ///< hidden vertices with cloth in reach
+    std::vector<double> energy;                     ///< of each iteration
+    std::int64_t observed = 0;                      ///< vertices seen as skin
+    std::int64_t bounded = 0;                       ///< hidden vertices with cloth in reach
     std::int64_t factorisations = 0, analyses = 0;  ///< numeric ones; symbolic ones beside the solver's own: none
 };
 
 struct InnerResult {
-    Vertices V;                    ///< (n,3) [m]
-    Vector skin;                   ///< (n,) share of the tracked surface in V
+    Vertices V;                        ///< (n,3) [m]
+    Vector skin;                       ///< (n,) share of the tracked surface in V
     Stop stop = Stop::max_iterations;  ///< converged or max_iterations
     int iterations = 0;
     std::vector<double> energy;
-    double depth_before = 0;       ///< deepest hidden vertex outside the cloth, fused shape posed [m]
-    double depth_after = 0;        ///< the same for V [m]
+    double depth_before = 0;  ///< deepest hidden vertex outside the cloth, fused shape posed [m]
+    double depth_after = 0;   ///< the same for V [m]
     std::int64_t outside_before = 0, outside_after = 0;  ///< their numbers
-    std::int64_t factorisations = 0, analyses = 0;  ///< as in InnerFused
+    std::int64_t factorisations = 0, analyses = 0;       ///< as in InnerFused
 };
 
 using RoomCounts = Eigen::Matrix<std::uint32_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -87,10 +87,10 @@ struct InnerGuess {
 
 /// What frames say at one guess, summed: the sums of a sequence's blocks add up. Their size does not grow with the frames.
 struct InnerSums {
-    Vertices position;     ///< (n,3) weighted sum of the rest positions of skin [m]
-    Vector weight;         ///< (n,) sum of those weights
-    Vector skin;           ///< (n,) sum of the frames' skin
-    RoomCounts room;       ///< (n,513) frames by their room from -reach to reach, in 1/256
+    Vertices position;  ///< (n,3) weighted sum of the rest positions of skin [m]
+    Vector weight;      ///< (n,) sum of those weights
+    Vector skin;        ///< (n,) sum of the frames' skin
+    RoomCounts room;    ///< (n,513) frames by their room from -reach to reach, in 1/256
     std::int64_t frames = 0;
     InnerSums& operator+=(const InnerSums& other);
 };
@@ -103,8 +103,9 @@ public:
     /// shape (s,) is where the refit starts; J (K,3) the rest joints of all poses.
     InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions options = {});
 
-    InnerFused fuse(const std::vector<InnerFrame>& frames) const;  ///< all frames in memory; InnerFusion takes any number
-    InnerSums sums() const;  ///< of no frame
+    InnerFused fuse(
+        const std::vector<InnerFrame>& frames) const;  ///< all frames in memory; InnerFusion takes any number
+    InnerSums sums() const;                            ///< of no frame
     void gather(const InnerFrame& frame, const InnerGuess& guess, InnerSums& sums,
                 const std::string& name = "frame") const;  ///< adds one frame
     InnerResult solve(const Vertices& fused_rest, const InnerFrame& frame) const;

@@ -21,9 +21,9 @@ std::string at(const char* name, Eigen::Index i, Eigen::Index j) {
 }
 
 void check_metric(const Matrix& V, Eigen::Index labels) {
-    require(V.rows() == labels && V.cols() == labels,
-            "mrf: pairwise has shape (" + std::to_string(V.rows()) + ", " + std::to_string(V.cols()) + "), unary has " +
-                std::to_string(labels) + " labels");
+    require(V.rows() == labels && V.cols() == labels, "mrf: pairwise has shape (" + std::to_string(V.rows()) + ", " +
+                                                          std::to_string(V.cols()) + "), unary has " +
+                                                          std::to_string(labels) + " labels");
     check_finite("mrf", "pairwise", V);
     const double tolerance = 1e-9 * V.cwiseAbs().maxCoeff();
     for (Eigen::Index a = 0; a < labels; ++a) {

@@ -17,13 +17,13 @@ struct MrfOptions {
 };
 
 struct MrfResult {
-    Indices labels;              ///< (n,)
-    double energy = 0;           ///< of `labels`, summed anew: unary_energy + pairwise_energy
-    double unary_energy = 0;     ///< votes included
+    Indices labels;           ///< (n,)
+    double energy = 0;        ///< of `labels`, summed anew: unary_energy + pairwise_energy
+    double unary_energy = 0;  ///< votes included
     double pairwise_energy = 0;
     std::vector<double> sweep_energy;  ///< of the first labels, then after each sweep
     int sweeps = 0;
-    int expansions = 0;          ///< moves tried
+    int expansions = 0;                ///< moves tried
     Stop stop = Stop::max_iterations;  ///< converged: no expansion lowers the energy; or max_iterations
 };
 

@@ -95,7 +95,7 @@ struct NricpSolver::State {
     Vec3 middle;
     double size;
     Vertices V, N;
-    std::vector<int> to;         ///< the vertex that a vertex is welded to; empty: none is
+    std::vector<int> to;  ///< the vertex that a vertex is welded to; empty: none is
     std::vector<Level> levels;
     TemplateBorders borders;
     std::optional<Samples> all;  ///< every visible vertex, for the fine steps
@@ -196,11 +196,13 @@ struct Progress {
     MatchSettings coarse(std::size_t level, double mu, bool local) const {
         const NricpOptions& o = options;
         const bool surface = level + 1 == o.relative_radii.size();
-        return {mu, o.relative_spread[level], o.reverse[level], local, surface, o.phong, o.point_weight, o.boundary_weight};
+        return {mu,      o.relative_spread[level], o.reverse[level], local, surface,
+                o.phong, o.point_weight,           o.boundary_weight};
     }
     MatchSettings fine() const {
         const NricpOptions& o = options;
-        return {o.relative_fine_robust, o.relative_spread.back(), 0, true, true, o.phong, o.point_weight, o.boundary_weight};
+        return {o.relative_fine_robust, o.relative_spread.back(), 0, true, true, o.phong,
+                o.point_weight,         o.boundary_weight};
     }
 };
 
@@ -305,8 +307,10 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
     for (std::size_t level = options.large_motion ? 0 : 1; level < options.relative_radii.size(); ++level)
         if (options.iterations[level] > 0) {
             Samples samples = samples_of(s.V, s.N, surface, seen, options.relative_detail[level]);
-            const double radius = std::max(options.relative_radii[level], 0.75 * surface.median_length());  // nodes must share vertices
-            s.levels.push_back({level, {surface, radius, merged(samples.vertex, s.borders.vertices)}, std::move(samples)});
+            const double radius =
+                std::max(options.relative_radii[level], 0.75 * surface.median_length());  // nodes must share vertices
+            s.levels.push_back(
+                {level, {surface, radius, merged(samples.vertex, s.borders.vertices)}, std::move(samples)});
         }
     s.all.emplace(samples_of(s.V, s.N, surface, seen, 0));
     if (options.fine_iterations > 0) s.fine.emplace(s.V, F, area);

@@ -22,9 +22,9 @@ struct NricpOptions {
     std::vector<double> stiffness_end{0.02, 0.02, 0.02};     ///< and at the last: smaller follows noise and clutter too
     std::vector<double> relative_robust_start{0.2, 0.036, 0.02};  ///< Geman-McClure scale at the first step,
     std::vector<double> relative_robust_end{0.07, 0.02, 0.008};   ///< and at the last; beyond 3 of it nothing pulls
-    std::vector<double> reverse{5, 1, 0.1};                  ///< weight of the scan -> template term
-    std::vector<double> relative_spread{0.2, 0.05, 0.03};    ///< distance that opposite normals are worth in a match
-    std::vector<double> relative_detail{0.03, 0.01, 0};      ///< spacing of the vertices that are matched, 0: all
+    std::vector<double> reverse{5, 1, 0.1};                       ///< weight of the scan -> template term
+    std::vector<double> relative_spread{0.2, 0.05, 0.03};  ///< distance that opposite normals are worth in a match
+    std::vector<double> relative_detail{0.03, 0.01, 0};    ///< spacing of the vertices that are matched, 0: all
     std::vector<double> settled{0.02, 0.005, 0.02};  ///< after a move of this share of the radius only the last is left
     // The vertices' own displacement, after the levels.
     int fine_iterations = 2;              ///< steps, at most; 0: the nodes' answer
@@ -33,13 +33,14 @@ struct NricpOptions {
     double fine_noise = 10;               ///< nor those shorter than this many times the scan's noise beside
     double relative_fine_robust = 0.004;  ///< Geman-McClure scale
     // Of all levels.
-    double phong = 1;            ///< share, 0 to 1, by which scan points are lifted off their faces to the smooth surface
-    double point_weight = 0.003;  ///< share of point-to-point beside point-to-plane: larger slides less along the surface
-    double boundary_weight = 3;   ///< of a loop vertex against a surface vertex; of the borders' pull; 0: both are free
-    double rotation_weight = 1;   ///< on differences of neighbouring nodes' rotations, as a share of the rigidity
-    double min_overlap = 0.01;    ///< matched share of the visible template below which there is no overlap
-    double exposure = 0.04;       ///< share of rays that must leave the template from a visible vertex; 0: all are
-    std::vector<int> labels;      ///< scan labels that are valid targets; needed with scan labels
+    double phong = 1;  ///< share, 0 to 1, by which scan points are lifted off their faces to the smooth surface
+    double point_weight =
+        0.003;  ///< share of point-to-point beside point-to-plane: larger slides less along the surface
+    double boundary_weight = 3;  ///< of a loop vertex against a surface vertex; of the borders' pull; 0: both are free
+    double rotation_weight = 1;  ///< on differences of neighbouring nodes' rotations, as a share of the rigidity
+    double min_overlap = 0.01;   ///< matched share of the visible template below which there is no overlap
+    double exposure = 0.04;      ///< share of rays that must leave the template from a visible vertex; 0: all are
+    std::vector<int> labels;     ///< scan labels that are valid targets; needed with scan labels
 };
 
 /// draft | standard | fine: the one place of the presets. InputError for another name.
@@ -59,19 +60,19 @@ struct NricpLoop {
 struct NricpFrame {
     Vertices V;
     Faces F;
-    Vertices start;                 ///< (n,3) or empty
-    NricpLandmarks landmarks;       ///< or empty
-    std::vector<NricpLoop> loops;   ///< or empty
-    Indices labels;                 ///< per face, or empty
+    Vertices start;                ///< (n,3) or empty
+    NricpLandmarks landmarks;      ///< or empty
+    std::vector<NricpLoop> loops;  ///< or empty
+    Indices labels;                ///< per face, or empty
 };
 
 struct NricpResult {
-    Vertices V;                  ///< (n,3) [m]; NaN when nothing overlaps
+    Vertices V;                        ///< (n,3) [m]; NaN when nothing overlaps
     Stop stop = Stop::max_iterations;  ///< converged, max_iterations or no_overlap
-    int iterations = 0;          ///< over all levels
-    std::vector<double> energy;  ///< data energy before each step [m^2]
-    double rms = 0;              ///< weighted, of the matched vertices to the planes of their matches [m]
-    Vector matched;              ///< (n,) weight of the last match in [0,1], of the sample that stands for a vertex
+    int iterations = 0;                ///< over all levels
+    std::vector<double> energy;        ///< data energy before each step [m^2]
+    double rms = 0;                    ///< weighted, of the matched vertices to the planes of their matches [m]
+    Vector matched;  ///< (n,) weight of the last match in [0,1], of the sample that stands for a vertex
 };
 
 /// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + borders + loops + landmarks + stiffness * rigidity(x),

@@ -20,9 +20,11 @@ constexpr std::int64_t GRAIN = 64;  // vertices
 void check(const Vertices& V, const Faces& F, const OcclusionOptions& o) {
     check_mesh("occlusion", V, F);
     if (o.rays < 1 || o.rays > MOST_RAYS)
-        throw InputError("occlusion: rays is " + std::to_string(o.rays) + ", expected 1 to " + std::to_string(MOST_RAYS));
+        throw InputError("occlusion: rays is " + std::to_string(o.rays) + ", expected 1 to " +
+                         std::to_string(MOST_RAYS));
     if (!(o.relative_offset > 0 && o.relative_offset <= 1))
-        throw InputError("occlusion: relative_offset is " + std::to_string(o.relative_offset) + ", expected above 0 and at most 1");
+        throw InputError("occlusion: relative_offset is " + std::to_string(o.relative_offset) +
+                         ", expected above 0 and at most 1");
     if (!(o.reach > 0 && std::isfinite(o.reach))) throw InputError("occlusion: reach is not positive and finite");
 }
 
@@ -51,7 +53,8 @@ std::vector<std::array<double, 3>> fan(int rays) {
     for (int i = 0; i < rays; ++i) {
         const double squared = radical_inverse(static_cast<std::uint32_t>(i)) + 0.5 / rays;
         const double angle = 2 * std::numbers::pi * (i + 0.5) / rays, r = std::sqrt(std::min(squared, 1.0));
-        out[static_cast<std::size_t>(i)] = {r * std::cos(angle), r * std::sin(angle), std::sqrt(std::max(0.0, 1 - squared))};
+        out[static_cast<std::size_t>(i)] = {r * std::cos(angle), r * std::sin(angle),
+                                            std::sqrt(std::max(0.0, 1 - squared))};
     }
     return out;
 }
@@ -72,28 +75,25 @@ Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptio
     const auto directions = fan(o.rays);
     const double offset = o.relative_offset * index.diagonal();
     Vector open = Vector::Ones(V.rows());
-    parallel_for(
-        V.rows(),
-        [&](std::int64_t v) {
-            const Vec3 n = N.row(v);
-            if (n.squaredNorm() == 0) return;
-            Vec3 a, b;
-            tangents(n, a, b);
-            const double turn = 2 * std::numbers::pi * draw(o.seed, static_cast<std::uint64_t>(v));
-            const Vec3 x = std::cos(turn) * a + std::sin(turn) * b, y = n.cross(x), origin = Vec3(V.row(v)) + offset * n;
-            int shaded = 0;
-            std::array<Vec3, SurfaceIndex::packet> rays;
-            for (int i = 0; i < o.rays; i += SurfaceIndex::packet) {
-                const int count = std::min(SurfaceIndex::packet, o.rays - i);
-                for (int k = 0; k < count; ++k) {
-                    const auto& d = directions[static_cast<std::size_t>(i + k)];
-                    rays[static_cast<std::size_t>(k)] = d[0] * x + d[1] * y + d[2] * n;
-                }
-                shaded += index.occluded_of(origin, rays.data(), count, o.reach);
+    parallel_for(V.rows(), [&](std::int64_t v) {
+        const Vec3 n = N.row(v);
+        if (n.squaredNorm() == 0) return;
+        Vec3 a, b;
+        tangents(n, a, b);
+        const double turn = 2 * std::numbers::pi * draw(o.seed, static_cast<std::uint64_t>(v));
+        const Vec3 x = std::cos(turn) * a + std::sin(turn) * b, y = n.cross(x), origin = Vec3(V.row(v)) + offset * n;
+        int shaded = 0;
+        std::array<Vec3, SurfaceIndex::packet> rays;
+        for (int i = 0; i < o.rays; i += SurfaceIndex::packet) {
+            const int count = std::min(SurfaceIndex::packet, o.rays - i);
+            for (int k = 0; k < count; ++k) {
+                const auto& d = directions[static_cast<std::size_t>(i + k)];
+                rays[static_cast<std::size_t>(k)] = d[0] * x + d[1] * y + d[2] * n;
             }
-            open[v] = 1 - static_cast<double>(shaded) / o.rays;
-        },
-        GRAIN);
+            shaded += index.occluded_of(origin, rays.data(), count, o.reach);
+        }
+        open[v] = 1 - static_cast<double>(shaded) / o.rays;
+    }, GRAIN);
     return open;
 }
 

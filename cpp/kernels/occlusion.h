@@ -7,10 +7,10 @@
 namespace toile {
 
 struct OcclusionOptions {
-    int rays = 64;            ///< per vertex; the error falls as 1 / rays
-    std::uint64_t seed = 0;   ///< turns every vertex's fan of rays by an angle of its own
+    int rays = 64;                  ///< per vertex; the error falls as 1 / rays
+    std::uint64_t seed = 0;         ///< turns every vertex's fan of rays by an angle of its own
     double relative_offset = 1e-4;  ///< share of the mesh's diagonal: rays start so far off the vertex along its normal
-    double reach = 1e30;      ///< what is farther away casts no shade [m]
+    double reach = 1e30;            ///< what is farther away casts no shade [m]
 };
 
 /// Openness (n,) in 0..1 of each vertex: the share of `rays` cosine-weighted directions about its area-weighted normal

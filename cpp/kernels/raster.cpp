@@ -107,8 +107,8 @@ std::int64_t edge_function(const Corner& a, const Corner& b, std::int64_t px, st
 }
 
 /// Adds the image triangle (a, b, c), all of face f or a piece of it, unless it covers no pixel centre for certain.
-void add_triangle(Corner a, Corner b, Corner c, const Vertices& V, const Faces& F, Eigen::Index f,
-                  const Camera& camera, std::vector<Triangle>& out) {
+void add_triangle(Corner a, Corner b, Corner c, const Vertices& V, const Faces& F, Eigen::Index f, const Camera& camera,
+                  std::vector<Triangle>& out) {
     const auto [left, right] = pixel_range(std::min({a.x, b.x, c.x}), std::max({a.x, b.x, c.x}), camera.width);
     const auto [top, bottom] = pixel_range(std::min({a.y, b.y, c.y}), std::max({a.y, b.y, c.y}), camera.height);
     if (left > right || top > bottom) return;
@@ -136,8 +136,8 @@ void add_clipped(const Vertices& V, const Faces& F, Eigen::Index f, const Camera
     }
     if (polygon.size() < 3) return;
     for (std::size_t i = 2; i < polygon.size(); ++i)
-        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), V, F,
-                     f, camera, out);
+        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), V, F, f,
+                     camera, out);
 }
 
 std::vector<Triangle> visible_triangles(const Vertices& V, const Faces& F, const Camera& camera) {

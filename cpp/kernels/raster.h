@@ -7,8 +7,8 @@ namespace toile {
 using FaceImage = Eigen::Matrix<std::int32_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 struct RasterOptions {
-    bool barycentric = false;   ///< also return perspective-correct barycentrics
-    double near_plane = 1e-9;   ///< what lies at z < near_plane is clipped away [m]; depth is double, so it may be tiny
+    bool barycentric = false;  ///< also return perspective-correct barycentrics
+    double near_plane = 1e-9;  ///< what lies at z < near_plane is clipped away [m]; depth is double, so it may be tiny
 };
 
 struct RasterResult {

@@ -68,7 +68,8 @@ Faces without_points(const Vertices& X, const Faces& F) {
         const double longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
         const bool point_like = ends(f, 0) == ends(f, 1) || ends(f, 1) == ends(f, 2) || ends(f, 2) == ends(f, 0);
         if (!point_like && (b - a).cross(c - a).norm() <= flat * longest)
-            throw InputError("remesh: the corners of face " + std::to_string(f) + " (repeated faces left out) lie on a line");
+            throw InputError("remesh: the corners of face " + std::to_string(f) +
+                             " (repeated faces left out) lie on a line");
     }
     return distinct_faces(ends, X.rows());
 }

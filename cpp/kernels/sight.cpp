@@ -30,16 +30,17 @@ void check_camera(const Camera& camera) {
 
 }  // namespace
 
-Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera, const Eigen::Ref<const Matrix>& depth,
-          double tolerance, double min_cosine) {
-    require(points.rows() == normals.rows(), "visibility: normals has " + std::to_string(normals.rows()) + " rows, points " +
-                                                 std::to_string(points.rows()));
+Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera,
+                 const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine) {
+    require(points.rows() == normals.rows(), "visibility: normals has " + std::to_string(normals.rows()) +
+                                                 " rows, points " + std::to_string(points.rows()));
     check_points("visibility", "points", points);
     check_finite("visibility", "normals", normals);
     check_camera(camera);
     require(tolerance >= 0 && std::isfinite(tolerance),
             "visibility: tolerance is " + std::to_string(tolerance) + ", expected a length >= 0");
-    require(min_cosine > 0 && min_cosine <= 1, "visibility: min_cosine is " + std::to_string(min_cosine) + ", expected 0 to 1");
+    require(min_cosine > 0 && min_cosine <= 1,
+            "visibility: min_cosine is " + std::to_string(min_cosine) + ", expected 0 to 1");
     const Mat3 &K = camera.K, R = camera.T_camera_world.topLeftCorner<3, 3>();
     const Vec3 t = camera.T_camera_world.topRightCorner<3, 1>(), centre = -R.transpose() * t;
     Sight out{Matrix(points.rows(), 2), Vector(points.rows()), Vector(points.rows())};
@@ -52,9 +53,9 @@ Sight visibility(const Vertices& points, const Vertices& normals, const Camera& 
         out.uv(i, 0) = u;
         out.uv(i, 1) = v;
         double clearance = -infinity;
-        const bool inside = u >= 0 && v >= 0 && u < static_cast<double>(depth.cols()) && v < static_cast<double>(depth.rows());
-        if (p[2] > 0 && inside)
-            clearance = depth(static_cast<Eigen::Index>(v), static_cast<Eigen::Index>(u)) - p[2];
+        const bool inside =
+            u >= 0 && v >= 0 && u < static_cast<double>(depth.cols()) && v < static_cast<double>(depth.rows());
+        if (p[2] > 0 && inside) clearance = depth(static_cast<Eigen::Index>(v), static_cast<Eigen::Index>(u)) - p[2];
         out.clearance[i] = clearance;
         const Vec3 ray = centre - world;
         const double cosine = ray.dot(normals.row(i)) / std::max(ray.norm(), 1e-12);
@@ -66,8 +67,8 @@ Sight visibility(const Vertices& points, const Vertices& normals, const Camera& 
 
 Readings bilinear(const Picture& picture, const Eigen::Ref<const Matrix>& uv) {
     const auto [values, height, width, channels] = picture;
-    require(height >= 2 && width >= 2, "bilinear: the picture is " + std::to_string(height) + " x " + std::to_string(width) +
-                                           " pixels, expected at least 2 x 2");
+    require(height >= 2 && width >= 2, "bilinear: the picture is " + std::to_string(height) + " x " +
+                                           std::to_string(width) + " pixels, expected at least 2 x 2");
     require(uv.cols() == 2, "bilinear: uv has " + std::to_string(uv.cols()) + " columns, expected 2");
     Readings out(uv.rows(), channels);
     const auto place = [](double at, std::int64_t size) {

@@ -22,8 +22,8 @@ struct Sight {
 
 /// `depth` (H,W) [m], +inf where empty. Visible is what lies at most `tolerance` / cosine [m] behind the surface, and
 /// faces the camera by more than `min_cosine`.
-Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera, const Eigen::Ref<const Matrix>& depth,
-          double tolerance, double min_cosine);
+Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera,
+                 const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine);
 
 /// A picture (H,W,C), channels side by side.
 struct Picture {

@@ -63,15 +63,16 @@ void place_rigidly(const BodyModel& model, const SkeletonFrame& frame, BodyState
     const Vec3 root = body.joint(0);
     if (kp.index.size() == 0) {
         const Vertices Y = body.vertices();
-        state.translation += scan_box(frame).center() -
-                             0.5 * (Y.colwise().minCoeff() + Y.colwise().maxCoeff()).transpose();
+        state.translation +=
+            scan_box(frame).center() - 0.5 * (Y.colwise().minCoeff() + Y.colwise().maxCoeff()).transpose();
         return;
     }
     Vertices P(kp.index.size(), 3);
     for (Eigen::Index i = 0; i < P.rows(); ++i) {
         const BodyKeypoint& k = model.keypoints[static_cast<std::size_t>(kp.index[i])];
         Vec3 y = Vec3::Zero();
-        if (k.joint >= 0) y = body.joint(k.joint);
+        if (k.joint >= 0)
+            y = body.joint(k.joint);
         else
             for (std::size_t j = 0; j < k.vertices.size(); ++j) y += k.weights[j] * body.vertex(k.vertices[j]);
         P.row(i) = y;
@@ -177,11 +178,8 @@ void fit_keypoints(Problem& problem, BodyState& state, const SkeletonOptions& o)
 
 SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights,
                                SkeletonOptions options)
-    : model_(std::move(model)),
-      joint_sigma_(std::move(joint_sigma)),
-      joint_limit_(std::move(joint_limit)),
-      vertex_weights_(std::move(vertex_weights)),
-      options_(options) {
+    : model_(std::move(model)), joint_sigma_(std::move(joint_sigma)), joint_limit_(std::move(joint_limit)),
+      vertex_weights_(std::move(vertex_weights)), options_(options) {
     check_body_model("skeleton", model_);
     require(joint_sigma_.size() == model_.joints() && joint_limit_.size() == model_.joints(),
             "skeleton: joint_sigma and joint_limit need " + std::to_string(model_.joints()) + " entries");
@@ -201,8 +199,8 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
     const SkeletonOptions& o = options_;
     require(o.surface_samples > 0 && o.max_iterations > 0,
             "skeleton: surface_samples and max_iterations must be positive");
-    for (double positive : {o.surface_sigma, o.surface_robust, o.reach_start, o.reach, o.keypoint_robust_sigmas, o.limit_sigma,
-                            o.temporal_sigma, o.temporal_translation, o.shape_weight, o.pose_weight})
+    for (double positive : {o.surface_sigma, o.surface_robust, o.reach_start, o.reach, o.keypoint_robust_sigmas,
+                            o.limit_sigma, o.temporal_sigma, o.temporal_translation, o.shape_weight, o.pose_weight})
         require(std::isfinite(positive) && positive > 0,
                 "skeleton: sigmas, robust scales, reaches and prior weights must be positive");
     require(o.surface_weight >= 0 && o.cloth_fit >= 0 && std::isfinite(o.surface_weight) && std::isfinite(o.cloth_fit),
@@ -292,7 +290,8 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
     const int S = model_.shapes();
     for (const SkeletonFrame& frame : frames) check_frame(frame, model_);
     const auto each_frame = [&](auto&& work) {
-        parallel_for(static_cast<std::int64_t>(frames.size()), [&](std::int64_t f) { work(static_cast<std::size_t>(f)); }, 1);
+        parallel_for(static_cast<std::int64_t>(frames.size()),
+                     [&](std::int64_t f) { work(static_cast<std::size_t>(f)); }, 1);
     };
     std::vector<std::unique_ptr<ScanSurface>> scans(frames.size());
     std::vector<SkeletonResult> results(frames.size());
@@ -319,13 +318,14 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
             problem.keypoint_robust = options_.keypoint_robust_sigmas;
             problem.surface_robust = options_.surface_robust;
             if (scans[f])
-                problem.matches = scans[f]->match(results[f].V, vertex_normals(results[f].V, model_.F), samples_, options_.reach,
-                                                  options_.min_cosine);
+                problem.matches = scans[f]->match(results[f].V, vertex_normals(results[f].V, model_.F), samples_,
+                                                  options_.reach, options_.min_cosine);
             const System s = problem.linearise(state_of(results[f].pose, model_));
             const int P = problem.shape_start();
             const MatrixXd C = s.H.bottomLeftCorner(S, P).transpose();
             const auto factor = damped_factor(s.H.topLeftCorner(P, P), 1e-9);
-            H_of[f] = MatrixXd(s.H.bottomRightCorner(S, S).selfadjointView<Eigen::Lower>()) - C.transpose() * factor.solve(C);
+            H_of[f] =
+                MatrixXd(s.H.bottomRightCorner(S, S).selfadjointView<Eigen::Lower>()) - C.transpose() * factor.solve(C);
             g_of[f] = s.g.tail(S) - C.transpose() * factor.solve(s.g.head(P));
         });
         if (round == rounds) break;

@@ -24,29 +24,29 @@ class ScanSurface;
 }
 
 struct SkeletonOptions {
-    double surface_weight = 200;       ///< independent observations that the whole surface counts as
-    double surface_sigma = 0.005;      ///< [m]
-    double surface_robust = 0.015;     ///< Geman-McClure scale of the last rounds [m]
-    double cloth_fit = 0.1;            ///< weight of a clothed vertex whose scan lies outside it, as cloth should
-    double reach_start = 0.10;         ///< closest points farther than this do not count, cold [m]
-    double reach = 0.04;               ///< the same in the last rounds, and from a warm start [m]
-    double min_cosine = 0.5;           ///< between model and scan normals
-    int surface_samples = 5000;        ///< model vertices that look for the scan
-    double keypoint_robust_sigmas = 4; ///< Geman-McClure scale of keypoints, in multiples of their sigma
-    double pose_weight = 1;            ///< scales the prior on joint angles
-    double shape_weight = 1;           ///< scales |beta|^2
-    double limit_sigma = 0.05;         ///< softness of the joints' limits [rad]
-    double temporal_sigma = 0.15;      ///< departure of a joint from its prediction by earlier frames [rad]
-    double temporal_translation = 0.05;///< the same for the translation [m]
-    bool solve_shape = true;           ///< false: the shape of the start is kept (zero without one)
-    int max_iterations = 40;           ///< Levenberg-Marquardt steps in the surface stage
-    double tolerance = 2e-4;           ///< stop when a step moves the vertices by less, root mean square [m]
+    double surface_weight = 200;         ///< independent observations that the whole surface counts as
+    double surface_sigma = 0.005;        ///< [m]
+    double surface_robust = 0.015;       ///< Geman-McClure scale of the last rounds [m]
+    double cloth_fit = 0.1;              ///< weight of a clothed vertex whose scan lies outside it, as cloth should
+    double reach_start = 0.10;           ///< closest points farther than this do not count, cold [m]
+    double reach = 0.04;                 ///< the same in the last rounds, and from a warm start [m]
+    double min_cosine = 0.5;             ///< between model and scan normals
+    int surface_samples = 5000;          ///< model vertices that look for the scan
+    double keypoint_robust_sigmas = 4;   ///< Geman-McClure scale of keypoints, in multiples of their sigma
+    double pose_weight = 1;              ///< scales the prior on joint angles
+    double shape_weight = 1;             ///< scales |beta|^2
+    double limit_sigma = 0.05;           ///< softness of the joints' limits [rad]
+    double temporal_sigma = 0.15;        ///< departure of a joint from its prediction by earlier frames [rad]
+    double temporal_translation = 0.05;  ///< the same for the translation [m]
+    bool solve_shape = true;             ///< false: the shape of the start is kept (zero without one)
+    int max_iterations = 40;             ///< Levenberg-Marquardt steps in the surface stage
+    double tolerance = 2e-4;             ///< stop when a step moves the vertices by less, root mean square [m]
 };
 
 struct SkeletonPose {
-    Vertices rotations;                ///< (K,3) rotation vectors about world axes, relative to the parent [rad]
-    Vec3 translation = Vec3::Zero();   ///< [m]
-    Vector shape;                      ///< (s,), s <= S; empty: zero
+    Vertices rotations;               ///< (K,3) rotation vectors about world axes, relative to the parent [rad]
+    Vec3 translation = Vec3::Zero();  ///< [m]
+    Vector shape;                     ///< (s,), s <= S; empty: zero
 };
 
 /// Observed keypoints, as indices into the model's table.
@@ -57,12 +57,12 @@ struct SkeletonKeypoints {
 };
 
 struct SkeletonFrame {
-    Vertices scan_V;                   ///< may be empty: keypoints alone
+    Vertices scan_V;  ///< may be empty: keypoints alone
     Faces scan_F;
-    SkeletonKeypoints keypoints;       ///< may be empty: the surface alone, from a close start
-    std::vector<SkeletonPose> start;   ///< none, or one
-    std::vector<SkeletonPose> previous;///< frames before, newest first: none, one (held) or two (extrapolated)
-    Vector clothed;                    ///< (n,) in [0,1], or empty: vertices under cloth
+    SkeletonKeypoints keypoints;         ///< may be empty: the surface alone, from a close start
+    std::vector<SkeletonPose> start;     ///< none, or one
+    std::vector<SkeletonPose> previous;  ///< frames before, newest first: none, one (held) or two (extrapolated)
+    Vector clothed;                      ///< (n,) in [0,1], or empty: vertices under cloth
 };
 
 struct SkeletonResult {
@@ -71,10 +71,10 @@ struct SkeletonResult {
     Vertices joints;                   ///< (K,3) [m]
     Stop stop = Stop::max_iterations;  ///< converged, max_iterations, or unmatched: a scan, none of it in reach
     int iterations = 0;
-    std::vector<double> energy;        ///< per iteration of the last stage
-    double rms = 0;                    ///< of matched point-to-plane distances [m]
-    std::int64_t matched = 0;          ///< samples that found the scan
-    double keypoint_rms = 0;           ///< [m], outliers included
+    std::vector<double> energy;  ///< per iteration of the last stage
+    double rms = 0;              ///< of matched point-to-plane distances [m]
+    std::int64_t matched = 0;    ///< samples that found the scan
+    double keypoint_rms = 0;     ///< [m], outliers included
 };
 
 /// Keeps the model, the vertices that look for the scan and their shares of area. Nothing is factorised across steps: the

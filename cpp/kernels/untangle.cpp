@@ -42,9 +42,7 @@ void check_scale(const char* name, const Vertices& V) {
                 std::string("untangle: ") + name + "[" + std::to_string(i) + "] lies beyond 1e30");
 }
 
-void check_span(double span) {
-    require(span >= smallest, "untangle: the faces of body_V span less than 1e-30");
-}
+void check_span(double span) { require(span >= smallest, "untangle: the faces of body_V span less than 1e-30"); }
 
 double mean_edge(const Vertices& V, const Adjacency& ring) {
     double sum = 0;
@@ -142,7 +140,8 @@ UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& bo
     Vertices best, d = Vertices::Zero(s.cloth_n, 3);
     for (int idle = 0, former = std::numeric_limits<int>::max();; ++r.iterations) {
         int violations = frame.violations();
-        const bool see_pairs = violations == 0 || 2 * violations >= former;  // stubborn ones must not keep pairs waiting
+        const bool see_pairs =
+            violations == 0 || 2 * violations >= former;  // stubborn ones must not keep pairs waiting
         former = violations;
         if (see_pairs) {
             if (r.iterations > 0) {

@@ -10,25 +10,27 @@
 namespace toile {
 
 struct UntangleOptions {
-    double margin = 0.002;     ///< kept between cloth and body [m]; less where the body leaves less than twice as much room
-    double spread = 0.03;      ///< length over which a push dies away in the cloth [m]
-    double relative_tolerance = 0.1;  ///< share of the margin: a vertex is clear from (1 - relative_tolerance) margin on
-    double max_depth = 0.05;   ///< an open body has no inside deeper than this, overlaps are crossed no further [m]
-    int max_iterations = 60;   ///< solves of the membrane
+    double margin =
+        0.002;             ///< kept between cloth and body [m]; less where the body leaves less than twice as much room
+    double spread = 0.03;  ///< length over which a push dies away in the cloth [m]
+    double relative_tolerance =
+        0.1;                  ///< share of the margin: a vertex is clear from (1 - relative_tolerance) margin on
+    double max_depth = 0.05;  ///< an open body has no inside deeper than this, overlaps are crossed no further [m]
+    int max_iterations = 60;  ///< solves of the membrane
 };
 
 struct UntangleResult {
     Vertices V;                        ///< (n,3) the cloth, moved [m]
     Vertices displacement;             ///< (n,3) V - cloth_V [m]
     Vector depth_before, depth_after;  ///< (n,) how far inside the body, 0 outside [m]
-    Vector margin;                     ///< (n,) what was asked for at the vertex: the option, or half the room there [m]
-    Edges pairs_left;                  ///< (k,2) faces of cloth and body that still intersect
+    Vector margin;     ///< (n,) what was asked for at the vertex: the option, or half the room there [m]
+    Edges pairs_left;  ///< (k,2) faces of cloth and body that still intersect
     int intersections_before = 0, intersections_left = 0;
-    int vertices_left = 0;             ///< still inside
-    int vertices_short = 0;            ///< inside or outside, nearer than (1 - relative_tolerance) of their margin
+    int vertices_left = 0;   ///< still inside
+    int vertices_short = 0;  ///< inside or outside, nearer than (1 - relative_tolerance) of their margin
     int iterations = 0;
     Stop stop = Stop::max_iterations;  ///< clear: nothing left and nothing short; stalled or max_iterations
-    std::string reason;  ///< why something is left, in words; empty when nothing is
+    std::string reason;                ///< why something is left, in words; empty when nothing is
 };
 
 /// Keeps the topology of both meshes, the order in which the membrane updates vertices, and the trees of boxes, which are
@@ -42,7 +44,8 @@ struct UntangleResult {
 /// body's normal in the section's middle; a limb that passes right through the cloth is led to its border.
 class UntangleSolver {
 public:
-    UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n, UntangleOptions options = {});
+    UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n,
+                   UntangleOptions options = {});
     ~UntangleSolver();
     UntangleSolver(UntangleSolver&&) noexcept;
     UntangleSolver& operator=(UntangleSolver&&) noexcept;

@@ -7,22 +7,26 @@ inline int& toile_failures() {
     return count;
 }
 
-#define CHECK(condition)                                                             \
-    do {                                                                             \
-        if (!(condition)) {                                                          \
-            std::printf("%s:%d: failed: %s\n", __FILE__, __LINE__, #condition);      \
-            ++toile_failures();                                                      \
-        }                                                                            \
+#define CHECK(condition)                                                        \
+    do {                                                                        \
+        if (!(condition)) {                                                     \
+            std::printf("%s:%d: failed: %s\n", __FILE__, __LINE__, #condition); \
+            ++toile_failures();                                                 \
+        }                                                                       \
     } while (false)
 
-#define CHECK_THROWS(Error, expression)                                              \
-    do {                                                                             \
-        bool thrown = false;                                                         \
-        try { (void)(expression); } catch (const Error&) { thrown = true; }          \
-        if (!thrown) {                                                               \
+#define CHECK_THROWS(Error, expression)                                                     \
+    do {                                                                                    \
+        bool thrown = false;                                                                \
+        try {                                                                               \
+            (void)(expression);                                                             \
+        } catch (const Error&) {                                                            \
+            thrown = true;                                                                  \
+        }                                                                                   \
+        if (!thrown) {                                                                      \
             std::printf("%s:%d: no %s from %s\n", __FILE__, __LINE__, #Error, #expression); \
-            ++toile_failures();                                                      \
-        }                                                                            \
+            ++toile_failures();                                                             \
+        }                                                                                   \
     } while (false)
 
 #define LAW(name) std::printf("law: %s\n", name);

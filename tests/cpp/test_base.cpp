@@ -69,7 +69,8 @@ int main() {
     CHECK_THROWS(SolveError, factor.factorize(A));
     CHECK(factor.factorisations() == 2 && factor.analyses() == 1);
 
-    LAW("another pattern of the same size is analysed anew, a copied analysis gives the same bits without one of its own");
+    LAW("another pattern of the same size is analysed anew, a copied analysis gives the same bits without one of its "
+        "own");
     Sparse B(3, 3);
     for (int i = 0; i < 3; ++i) B.insert(i, i) = 2;
     B.insert(2, 0) = -1;

@@ -48,13 +48,14 @@ int main() {
     std::vector<std::pair<int, int>> brute;
     for (int f = 0; f < 12; ++f)
         for (int g = 0; g < 12; ++g)
-            if (triangles_intersect(V1.row(F1(f, 0)), V1.row(F1(f, 1)), V1.row(F1(f, 2)), V2.row(F2(g, 0)), V2.row(F2(g, 1)),
-                                    V2.row(F2(g, 2))))
+            if (triangles_intersect(V1.row(F1(f, 0)), V1.row(F1(f, 1)), V1.row(F1(f, 2)), V2.row(F2(g, 0)),
+                                    V2.row(F2(g, 1)), V2.row(F2(g, 2))))
                 brute.emplace_back(f, g);
     const Edges pairs = intersecting_pairs(V1, F1, V2, F2);
     CHECK(!brute.empty() && pairs.rows() == static_cast<Eigen::Index>(brute.size()));
     for (Eigen::Index k = 0; k < pairs.rows(); ++k)
-        CHECK(pairs(k, 0) == brute[static_cast<std::size_t>(k)].first && pairs(k, 1) == brute[static_cast<std::size_t>(k)].second);
+        CHECK(pairs(k, 0) == brute[static_cast<std::size_t>(k)].first &&
+              pairs(k, 1) == brute[static_cast<std::size_t>(k)].second);
 
     LAW("a cube does not intersect itself; two overlapping cubes in one mesh do, exactly as two meshes");
     CHECK(self_intersections(V1, F1).rows() == 0);

@@ -16,7 +16,8 @@ double least_cut(const Vector& terminal, const Edges& edges, const Vector& forwa
     for (int subset = 0; subset < 1 << terminal.size(); ++subset) {
         const auto source = [&](int v) { return (subset >> v & 1) != 0; };
         double cut = 0;
-        for (int v = 0; v < terminal.size(); ++v) cut += source(v) ? std::max(0.0, -terminal[v]) : std::max(0.0, terminal[v]);
+        for (int v = 0; v < terminal.size(); ++v)
+            cut += source(v) ? std::max(0.0, -terminal[v]) : std::max(0.0, terminal[v]);
         for (int e = 0; e < edges.rows(); ++e) {
             if (source(edges(e, 0)) && !source(edges(e, 1))) cut += forward[e];
             if (!source(edges(e, 0)) && source(edges(e, 1))) cut += backward[e];

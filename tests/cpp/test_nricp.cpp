@@ -110,7 +110,8 @@ int main() {
         NricpSolver solver(V, body.F);
         CHECK((solver.solve({V, body.F, {}, {}, {}, {}}).V - V).cwiseAbs().maxCoeff() < 1e-6);
         const Eigen::AngleAxisd turn(0.1, Vec3(1, 2, 3).normalized());
-        const Vertices moved = (V * turn.toRotationMatrix().transpose()).rowwise() + Eigen::RowVector3d(0.02, -0.03, 0.01);
+        const Vertices moved =
+            (V * turn.toRotationMatrix().transpose()).rowwise() + Eigen::RowVector3d(0.02, -0.03, 0.01);
         const NricpResult found = solver.solve({moved, body.F, {}, {}, {}, {}});
         CHECK((found.V - moved).cwiseAbs().maxCoeff() < 2e-3);
     }

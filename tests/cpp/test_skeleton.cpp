@@ -51,8 +51,10 @@ int main() {
     for (int item = 0; item < 156 + 3; item += item < 150 ? 7 : 1) {
         const bool vertex = item < 156;
         g.clear();
-        if (vertex) body.add_vertex(item, direction, g);
-        else body.add_joint(item - 156, direction, g);
+        if (vertex)
+            body.add_vertex(item, direction, g);
+        else
+            body.add_joint(item - 156, direction, g);
         for (int u = 0; u < 14; ++u) {
             const double h = 1e-5;
             const PosedBody plus(m, nudged(state, u, h), false), minus(m, nudged(state, u, -h), false);

@@ -19,8 +19,8 @@ void sphere(double radius, int rows, int columns, Vertices& V, Faces& F) {
     for (int i = 0; i < rows; ++i)
         for (int j = 0; j < columns; ++j) {
             const double theta = std::numbers::pi * (i + 1) / (rows + 1), phi = 2 * std::numbers::pi * j / columns;
-            V.row(i * columns + j) << radius * std::sin(theta) * std::cos(phi), radius * std::sin(theta) * std::sin(phi),
-                -radius * std::cos(theta);
+            V.row(i * columns + j) << radius * std::sin(theta) * std::cos(phi),
+                radius * std::sin(theta) * std::sin(phi), -radius * std::cos(theta);
         }
     V.row(south) << 0, 0, -radius;
     V.row(north) << 0, 0, radius;

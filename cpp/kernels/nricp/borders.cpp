@@ -23,7 +23,7 @@ Vertices smoothed(const Vertices& x, const Border& border) {
 }
 
 constexpr std::size_t fewest = 8;  // vertices: fewer are a fin's or a scrap's
-constexpr double shortest = 0.5;  // a hole, or a scrap's edge, is shorter than this share of the template's curve
+constexpr double shortest = 0.5;   // a hole, or a scrap's edge, is shorter than this share of the template's curve
 
 }  // namespace
 
@@ -38,7 +38,8 @@ TemplateBorders::TemplateBorders(const Vertices& V, const Vertices& N, const Fac
     std::sort(vertices.begin(), vertices.end());
 }
 
-BorderTarget::BorderTarget(const TemplateBorders& of_template, const NricpTarget& target) : borders_(of_template), target_(target) {
+BorderTarget::BorderTarget(const TemplateBorders& of_template, const NricpTarget& target)
+    : borders_(of_template), target_(target) {
     double least = INFINITY;
     for (const Border& own : of_template.curves) least = std::min(least, shortest * own.total());
     if (of_template.curves.empty()) return;
@@ -64,12 +65,12 @@ BorderTarget::BorderTarget(const TemplateBorders& of_template, const NricpTarget
 }
 
 void BorderTarget::pull(const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound,
-                     Pull& pull) const {
+                        Pull& pull) const {
     for (const Border& own : borders_.curves) pull_curve(own, pose, settings, bound, pull);
 }
 
-void BorderTarget::pull_curve(const Border& own, const Pose& pose, const MatchSettings& s, const std::vector<char>& bound,
-                           Pull& pull) const {
+void BorderTarget::pull_curve(const Border& own, const Pose& pose, const MatchSettings& s,
+                              const std::vector<char>& bound, Pull& pull) const {
     const std::size_t count = own.vertex.size();
     std::vector<Vec3> along(count), off(count);
     Vec3 facing = Vec3::Zero();

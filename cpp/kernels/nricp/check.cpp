@@ -46,15 +46,20 @@ void check_options(const NricpOptions& o) {
     fits(o.relative_spread, "relative_spread");
     fits(o.relative_detail, "relative_detail");
     fits(o.settled, "settled");
-    const std::pair<const char*, double> shares[]{
-        {"phong", o.phong}, {"point_weight", o.point_weight}, {"boundary_weight", o.boundary_weight},
-        {"rotation_weight", o.rotation_weight}, {"min_overlap", o.min_overlap}, {"exposure", o.exposure},
-        {"fine_noise", o.fine_noise}};
+    const std::pair<const char*, double> shares[]{{"phong", o.phong},
+                                                  {"point_weight", o.point_weight},
+                                                  {"boundary_weight", o.boundary_weight},
+                                                  {"rotation_weight", o.rotation_weight},
+                                                  {"min_overlap", o.min_overlap},
+                                                  {"exposure", o.exposure},
+                                                  {"fine_noise", o.fine_noise}};
     for (const auto& [name, value] : shares)
         require(value >= 0 && std::isfinite(value), std::string("nricp: ") + name + " is not a number >= 0");
     require(o.passes > 0, "nricp: passes is not positive");
-    require(o.relative_fine_robust >= 1e-12 && o.relative_fine_robust <= 1e12, "nricp: relative_fine_robust lies outside of 1e-12 to 1e12");
-    require(o.relative_fine_length > 0 && o.relative_fine_length <= 1e12, "nricp: relative_fine_length is not in 0 to 1e12");
+    require(o.relative_fine_robust >= 1e-12 && o.relative_fine_robust <= 1e12,
+            "nricp: relative_fine_robust lies outside of 1e-12 to 1e12");
+    require(o.relative_fine_length > 0 && o.relative_fine_length <= 1e12,
+            "nricp: relative_fine_length is not in 0 to 1e12");
     require(o.fine_iterations >= 0 && o.fine_sweeps > 0, "nricp: fine_iterations or fine_sweeps is out of range");
 }
 

@@ -29,8 +29,7 @@ double dot(const Vertices& a, const Vertices& b) {
 
 }  // namespace
 
-NricpFine::NricpFine(const Vertices& V, const Faces& F, const Vector& area)
-    : mass_(area.cwiseMax(1e-3 * area.mean())) {
+NricpFine::NricpFine(const Vertices& V, const Faces& F, const Vector& area) : mass_(area.cwiseMax(1e-3 * area.mean())) {
     const Sparse L = laplacian(V, F);
     bilaplacian_ = L * mass_.cwiseInverse().asDiagonal() * L;
     analysis_.analyze(Sparse(bilaplacian_ + Sparse(mass_.asDiagonal())));

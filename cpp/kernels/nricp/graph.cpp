@@ -66,8 +66,8 @@ struct Motion {
     Motion(const Mat3& A, const Vec3& b, const Vec3& x) : pulled(!A.isZero(0)) {
         const Mat3 X = cross_matrix(x), XA = X * A, K = -XA * X;
         const Vec3 m = x.cross(b);
-        H = {K(0, 0), K(1, 0), K(2, 0), K(1, 1), K(2, 1), K(2, 2), A(0, 0), A(1, 0), A(2, 0), A(1, 1), A(2, 1), A(2, 2),
-             XA(0, 0), XA(1, 0), XA(2, 0), XA(0, 1), XA(1, 1), XA(2, 1), XA(0, 2), XA(1, 2), XA(2, 2)};
+        H = {K(0, 0), K(1, 0),  K(2, 0),  K(1, 1),  K(2, 1),  K(2, 2),  A(0, 0),  A(1, 0),  A(2, 0),  A(1, 1), A(2, 1),
+             A(2, 2), XA(0, 0), XA(1, 0), XA(2, 0), XA(0, 1), XA(1, 1), XA(2, 1), XA(0, 2), XA(1, 2), XA(2, 2)};
         g.head<3>() = m;
         g.tail<3>() = b;
     }
@@ -161,8 +161,10 @@ void NricpGraph::add_rigidity(double stiffness, double rotation_weight, Matrix& 
             own.template bottomLeftCorner<3, 3>() -= alpha * X;
             own.template bottomRightCorner<3, 3>() += alpha * I;
             other.template bottomRightCorner<3, 3>() += alpha * I;
-            if (from == k) lk.template bottomLeftCorner<3, 3>() += alpha * X;
-            else lk.template topRightCorner<3, 3>() -= alpha * X;
+            if (from == k)
+                lk.template bottomLeftCorner<3, 3>() += alpha * X;
+            else
+                lk.template topRightCorner<3, 3>() -= alpha * X;
             lk.template bottomRightCorner<3, 3>() -= alpha * I;
             gradient.middleRows<3>(6 * from) += alpha * a.cross(r);
             gradient.middleRows<3>(6 * from + 3) += alpha * r;

@@ -9,7 +9,7 @@ namespace toile {
 struct Pull {
     std::vector<Mat3> A;
     Vertices b;
-    Vector matched;      ///< (n,) robust weight of the scan match
+    Vector matched;           ///< (n,) robust weight of the scan match
     std::vector<int> marked;  ///< vertices that borders, loops or landmarks pull, ascending
     double energy = 0, rms = 0, overlap = 0;
 
@@ -26,11 +26,11 @@ inline double geman_mcclure(double squared, double mu) {
 }
 
 struct MatchSettings {
-    double mu;           ///< Geman-McClure scale; pairs farther apart than 3 mu do not match
-    double spread;       ///< what opposite normals are worth
-    double reverse;      ///< weight of the scan -> template term
-    bool local;          ///< look about the last match only: the template has hardly moved since
-    bool surface;        ///< match to the closest surface point, false: to the closest scan vertex
+    double mu;       ///< Geman-McClure scale; pairs farther apart than 3 mu do not match
+    double spread;   ///< what opposite normals are worth
+    double reverse;  ///< weight of the scan -> template term
+    bool local;      ///< look about the last match only: the template has hardly moved since
+    bool surface;    ///< match to the closest surface point, false: to the closest scan vertex
     double phong, point_weight, boundary_weight;
 };
 
@@ -51,7 +51,7 @@ private:
     BorderTarget borders_;
     std::vector<char> in_loop_;  ///< a given loop holds this vertex
     std::vector<int> guess_, marked_;
-    std::vector<int> reverse_guess_;            ///< places in the samples last used
+    std::vector<int> reverse_guess_;  ///< places in the samples last used
     const Samples* reverse_samples_ = nullptr;
 };
 

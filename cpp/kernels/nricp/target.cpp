@@ -168,8 +168,10 @@ ScanPoint NricpTarget::closest(int v, const Vec3& x, double phong) const {
         const Vec3 n = row(N_, i);
         normal += best.barycentric[c] * n;
         lift += best.barycentric[c] * n.dot(row(V_, i) - best.point) * n;
-        if (best.barycentric[c] < touch) interior = false;
-        else corners_open &= static_cast<bool>(open_[i]);
+        if (best.barycentric[c] < touch)
+            interior = false;
+        else
+            corners_open &= static_cast<bool>(open_[i]);
     }
     const double length = normal.norm();
     return {best.point + phong * lift, length > 0 ? Vec3(normal / length) : row(N_, v), !interior && corners_open};

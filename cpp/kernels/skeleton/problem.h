@@ -88,12 +88,7 @@ class Problem {
 public:
     Problem(const BodyModel& model, const Vector& joint_sigma, const Vector& joint_limit, const Vector& area,
             const SkeletonFrame& frame, const SkeletonOptions& o, bool free_shape)
-        : model_(model),
-          sigma_(joint_sigma),
-          limit_(joint_limit),
-          area_(area),
-          frame_(frame),
-          o_(o),
+        : model_(model), sigma_(joint_sigma), limit_(joint_limit), area_(area), frame_(frame), o_(o),
           free_shape_(free_shape) {
         column_.assign(static_cast<std::size_t>(model.joints()), -1);
         for (int k = 0; k < model.joints(); ++k)
@@ -121,10 +116,10 @@ public:
         const PosedBody body = posed(state);
         double e =
             parallel_sum<double>(static_cast<std::int64_t>(matches.size()), 0.0, [&](double& sum, std::int64_t i) {
-                const Match& m = matches[static_cast<std::size_t>(i)];
-                const double d = m.normal.dot(m.point - body.vertex(m.vertex));
-                sum += surface_scale(m, d) * robust_value(d * d, surface_robust);
-            });
+            const Match& m = matches[static_cast<std::size_t>(i)];
+            const double d = m.normal.dot(m.point - body.vertex(m.vertex));
+            sum += surface_scale(m, d) * robust_value(d * d, surface_robust);
+        });
         for (Eigen::Index i = 0; i < frame_.keypoints.index.size(); ++i)
             e += robust_value(keypoint_residual(body, i).squaredNorm(), keypoint_robust);
         System unused;
@@ -139,14 +134,11 @@ public:
         zero.g = Vector::Zero(unknowns_);
         const auto count = static_cast<std::int64_t>(matches.size());
         const std::int64_t blocks = (count + kBlock - 1) / kBlock;
-        System system = parallel_sum<System>(
-            blocks, zero,
-            [&](System& sum, std::int64_t b) {
-                BodyGradient gradient(model_);
-                for (std::int64_t i = b * kBlock, end = std::min(count, i + kBlock); i < end; ++i)
-                    add_match(body, matches[static_cast<std::size_t>(i)], gradient, sum);
-            },
-            1);
+        System system = parallel_sum<System>(blocks, zero, [&](System& sum, std::int64_t b) {
+            BodyGradient gradient(model_);
+            for (std::int64_t i = b * kBlock, end = std::min(count, i + kBlock); i < end; ++i)
+                add_match(body, matches[static_cast<std::size_t>(i)], gradient, sum);
+        }, 1);
         BodyGradient gradient(model_);
         for (Eigen::Index i = 0; i < frame_.keypoints.index.size(); ++i) add_keypoint(body, i, gradient, system);
         add_priors(state, system, true);
@@ -166,8 +158,7 @@ public:
     double keypoint_rms(const PosedBody& body) const {
         const Eigen::Index n = frame_.keypoints.index.size();
         double sum = 0;
-        for (Eigen::Index i = 0; i < n; ++i)
-            sum += (keypoint_sigma(i) * keypoint_residual(body, i)).squaredNorm();
+        for (Eigen::Index i = 0; i < n; ++i) sum += (keypoint_sigma(i) * keypoint_residual(body, i)).squaredNorm();
         return n ? std::sqrt(sum / static_cast<double>(n)) : 0;
     }
 
@@ -182,7 +173,7 @@ private:
     bool free_shape_;
     std::vector<int> column_;
     int unknowns_ = 0, translation_ = 0;
-    BodyState predicted_;  // empty without earlier frames
+    BodyState predicted_;                               // empty without earlier frames
     mutable std::shared_ptr<const ShapedBody> shaped_;  // of the last state
 
     void predict() {
@@ -221,7 +212,8 @@ private:
     Vec3 keypoint_residual(const PosedBody& body, Eigen::Index i) const {
         const BodyKeypoint& k = model_.keypoints[static_cast<std::size_t>(frame_.keypoints.index[i])];
         Vec3 y = Vec3::Zero();
-        if (k.joint >= 0) y = body.joint(k.joint);
+        if (k.joint >= 0)
+            y = body.joint(k.joint);
         else
             for (std::size_t j = 0; j < k.vertices.size(); ++j) y += k.weights[j] * body.vertex(k.vertices[j]);
         return (y - frame_.keypoints.points.row(i).transpose()) / keypoint_sigma(i);
@@ -235,7 +227,8 @@ private:
         for (int c = 0; c < 3; ++c) {
             const Vec3 direction = Vec3::Unit(c) / keypoint_sigma(i);
             gradient.clear();
-            if (k.joint >= 0) body.add_joint(k.joint, direction, gradient);
+            if (k.joint >= 0)
+                body.add_joint(k.joint, direction, gradient);
             else
                 for (std::size_t j = 0; j < k.vertices.size(); ++j)
                     body.add_vertex(k.vertices[j], k.weights[j] * direction, gradient);

@@ -63,11 +63,14 @@ std::vector<int> steps_to_border(const Faces& F, const Adjacency& ring) {
 /// Groups of vertices, each named by its smallest.
 class Groups {
 public:
-    explicit Groups(Eigen::Index n) : parent_(static_cast<std::size_t>(n)) { std::iota(parent_.begin(), parent_.end(), 0); }
+    explicit Groups(Eigen::Index n) : parent_(static_cast<std::size_t>(n)) {
+        std::iota(parent_.begin(), parent_.end(), 0);
+    }
     int of(int v) {
         int root = v;
         while (parent_[static_cast<std::size_t>(root)] != root) root = parent_[static_cast<std::size_t>(root)];
-        while (parent_[static_cast<std::size_t>(v)] != root) v = std::exchange(parent_[static_cast<std::size_t>(v)], root);
+        while (parent_[static_cast<std::size_t>(v)] != root)
+            v = std::exchange(parent_[static_cast<std::size_t>(v)], root);
         return root;
     }
     void join(int v, int w) {
@@ -94,7 +97,8 @@ void Cloth::fit_tree(const Vertices& V) {
     tour = tour_of(*tree, F, V.rows());
 }
 
-UntangleFrame::UntangleFrame(const Vertices& cloth_V, Cloth& cloth, const Obstacle& body, const UntangleOptions& options)
+UntangleFrame::UntangleFrame(const Vertices& cloth_V, Cloth& cloth, const Obstacle& body,
+                             const UntangleOptions& options)
     : x(cloth_V), margin(Vector::Constant(cloth_V.rows(), options.margin)), start_(cloth_V), cloth_(cloth), F_(cloth.F),
       body_(body), options_(options), probed_at_(cloth_V), pushes_(Vertices::Zero(cloth_V.rows(), 3)) {
     const auto n = static_cast<std::size_t>(cloth_V.rows());
@@ -236,7 +240,8 @@ bool UntangleFrame::carry_over() {
             if (!carried_[v] && carries_[v]++ >= carries_allowed) continue;
             carried_[v] = 1;
             const Probe& there = at(j);
-            planes[v] = HalfSpaces::one(there.outward, there.outward.dot(there.point - start_.row(i).transpose()) + margin[j]);
+            planes[v] =
+                HalfSpaces::one(there.outward, there.outward.dot(there.point - start_.row(i).transpose()) + margin[j]);
             lifts_[v] = {};
             pushes_.row(i).setZero();
             any = true;
@@ -352,7 +357,8 @@ std::string UntangleFrame::reason_left() const {
     std::string why = text(vertices_inside()) + " vertices inside, " + text(pairs.rows()) + " pairs left";
     if (violations() > 0) why += "; " + text(violations()) + " vertices nearer than their margin";
     if (overlap > 0) why += "; " + text(overlap) + " vertices lie where the body overlaps itself";
-    if (tight > 0) why += "; " + text(tight) + " vertices have less room than half the margin between two parts of the body";
+    if (tight > 0)
+        why += "; " + text(tight) + " vertices have less room than half the margin between two parts of the body";
     if (pairs.rows() > 0 && overlap == 0 && tight == 0)
         why += "; the body passes through the cloth further than pushes along its normals can mend";
     return why;

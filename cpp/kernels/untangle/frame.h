@@ -15,16 +15,16 @@ namespace toile {
 /// What a cloth keeps from frame to frame.
 struct Cloth {
     Cloth(Faces faces, Eigen::Index n);
-    void fit_tree(const Vertices& V);      ///< built where it is not yet
-    const std::vector<int>& to_border();      ///< edges to the nearest border; the largest int where there is none
+    void fit_tree(const Vertices& V);     ///< built where it is not yet
+    const std::vector<int>& to_border();  ///< edges to the nearest border; the largest int where there is none
 
     Faces F;
-    Adjacency ring;                 ///< neighbours of vertices
+    Adjacency ring;  ///< neighbours of vertices
     std::unique_ptr<BoxTree> tree;
-    std::vector<int> tour;          ///< vertices, neighbours in space one after the other
+    std::vector<int> tour;  ///< vertices, neighbours in space one after the other
 
 private:
-    std::vector<int> to_border_;       ///< empty until asked for
+    std::vector<int> to_border_;  ///< empty until asked for
 };
 
 class UntangleFrame {
@@ -56,7 +56,9 @@ public:
 private:
     Probe& at(Eigen::Index i) { return probes_[static_cast<std::size_t>(i)]; }
     const Probe& at(Eigen::Index i) const { return probes_[static_cast<std::size_t>(i)]; }
-    bool violated(Eigen::Index i) const { return at(i).constrained && at(i).distance < (1 - options_.relative_tolerance) * margin[i]; }
+    bool violated(Eigen::Index i) const {
+        return at(i).constrained && at(i).distance < (1 - options_.relative_tolerance) * margin[i];
+    }
     double sure_distance(Eigen::Index i) const;
     bool known_clear(Eigen::Index i) const;
     void shrink_margin(Eigen::Index i);
@@ -71,13 +73,13 @@ private:
     const Obstacle& body_;
     const UntangleOptions& options_;
 
-    double rounding_ = 0;              // of a distance, with room for needles and for places far from the origin [m]
+    double rounding_ = 0;  // of a distance, with room for needles and for places far from the origin [m]
     std::vector<Probe> probes_;
     Vertices probed_at_;
-    std::vector<char> given_up_;       // the body gave no direction where the vertex was when its side was decided
+    std::vector<char> given_up_;  // the body gave no direction where the vertex was when its side was decided
     std::vector<char> was_violated_;
-    std::vector<char> carried_;        // to another side of the body in the coming step
-    std::vector<int> carries_;         // in how many steps
+    std::vector<char> carried_;  // to another side of the body in the coming step
+    std::vector<int> carries_;   // in how many steps
     std::vector<int> shortfalls_;
     std::vector<HalfSpaces> creases_;  // the other side of a crease
     std::vector<HalfSpaces> lifts_;    // of corners of pierced faces; stay for the frame
