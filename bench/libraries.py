@@ -20,6 +20,7 @@ from toile import kernels
 from toile.io.body import load_body_model
 from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA, by_prefix
 from toile.stages.template import cut
+from toile.surface.remeshing import remesh as by_pymeshlab
 
 ROOT = Path(__file__).parents[1]
 FLAGS = "-std=c++20 -O3 -march=x86-64-v3 -ffp-contract=off -DNDEBUG -fPIC -shared -fvisibility=hidden -fopenmp".split()
@@ -47,17 +48,6 @@ def garment_of(body):
     part = kernels.vertex_components(F, len(V))[F[:, 0]]
     used, F = np.unique(F[part == np.bincount(part).argmax()], return_inverse=True)
     return V[used], F.reshape(-1, 3).astype(np.int32)
-
-
-def by_pymeshlab(V, F, edge):
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(V, F))
-    meshes.meshing_isotropic_explicit_remeshing(iterations=8, targetlen=pymeshlab.PureValue(edge), featuredeg=60.0)
-    meshes.meshing_remove_unreferenced_vertices()
-    mesh = meshes.current_mesh()
-    return np.asarray(mesh.vertex_matrix()).copy(), np.asarray(mesh.face_matrix()).astype(np.int32)
 
 
 def to_polylines(points, V, loops):
@@ -103,7 +93,9 @@ def measure_loops(V, F):
         for name in ("own", "openmesh", "cgal"):
             runs = [getattr(module, name)(faces, n) for _ in range(5)]
             _, loops, refused = runs[0]
-            print(f"  {name:9s} {1e3 * np.median([r[0] for r in runs]):7.1f} ms, {len(loops)} loops, {refused} faces refused")
+            print(
+                f"  {name:9s} {1e3 * np.median([r[0] for r in runs]):7.1f} ms, {len(loops)} loops, {refused} faces refused"
+            )
 
 
 def measure_skeleton(body):
@@ -117,14 +109,21 @@ def measure_skeleton(body):
         shape = rng.normal(0, 0.5, body.shapedirs.shape[-1])
         rest, J = body.rest(shape)
         scan = body.skin(rest, J, true, np.zeros(3))
-        for what, tolerance, most in (("to the optimum", 1e-9, 100), ("one step, as after each renewal of the matches", 0, 1)):
+        for what, tolerance, most in (
+            ("to the optimum", 1e-9, 100),
+            ("one step, as after each renewal of the matches", 0, 1),
+        ):
             for threads in (1, 2):
                 kernels.set_threads(threads)
                 pose = np.zeros_like(true), np.zeros(3), np.zeros(len(shape))
                 rows = module.compare(body.core, sigma, limit, scan, body.f, *pose, 0.1, tolerance, most)
-                print(f"skeleton, seed {seed}, {rows[0][4]} matches, {rows[0][5]} unknowns, {what}, {threads} threads of ours")
+                print(
+                    f"skeleton, seed {seed}, {rows[0][4]} matches, {rows[0][5]} unknowns, {what}, {threads} threads of ours"
+                )
                 for name, seconds, energy, steps, *_ in rows:
-                    print(f"  {name:30s} {seconds:7.3f} s ({seconds / rows[0][1]:5.2f} x own), energy {energy:.6f}, {steps} steps")
+                    print(
+                        f"  {name:30s} {seconds:7.3f} s ({seconds / rows[0][1]:5.2f} x own), energy {energy:.6f}, {steps} steps"
+                    )
 
 
 if __name__ == "__main__":

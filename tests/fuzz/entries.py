@@ -155,7 +155,11 @@ def run_mrf(unary, edges, weights, options, **more):
 
 
 UNTANGLE_OPTIONS = dict(
-    margin=(1e-5, 0.1), spread=(1e-4, 10), relative_tolerance=(1e-3, 0.9), max_depth=(1e-3, 1), max_iterations=range(0, 30)
+    margin=(1e-5, 0.1),
+    spread=(1e-4, 10),
+    relative_tolerance=(1e-3, 0.9),
+    max_depth=(1e-3, 1),
+    max_iterations=range(0, 30),
 )
 
 
@@ -245,7 +249,12 @@ def run_occlusion(V, F, rays, seed, options):
 
 def draw_remesh(d):
     V, F = d.dressed(*d.mesh())
-    return {"V": V, "F": F, "edge": d.number(0.05, 10), "options": d.options(iterations=range(1, 4), crease_angle=(1e-3, 3))}
+    return {
+        "V": V,
+        "F": F,
+        "edge": d.number(0.05, 10),
+        "options": d.options(iterations=range(1, 4), crease_angle=(1e-3, 3)),
+    }
 
 
 def run_remesh(V, F, edge, options):

@@ -73,7 +73,9 @@ def test_biharmonic_does_not_depend_on_the_order_of_known():
     V, F, border, _ = dome()
     D_known = np.random.default_rng(4).normal(size=(len(border), 3))
     order = np.random.default_rng(5).permutation(len(border))
-    np.testing.assert_allclose(biharmonic(V, F, border[order], D_known[order]), biharmonic(V, F, border, D_known), atol=1e-11)
+    np.testing.assert_allclose(
+        biharmonic(V, F, border[order], D_known[order]), biharmonic(V, F, border, D_known), atol=1e-11
+    )
 
 
 def test_biharmonic_factors_once_for_any_number_of_solves():

@@ -95,7 +95,9 @@ def test_raster_shared_edges_neither_crack_nor_double(grid):
     F, V = quads(n, n, np.stack([u * z, v * z, z], -1).reshape(-1, 3))
     counts = cover_counts(V, F, (24, 30), UNIT)
     expected = np.zeros((24, 30), int)
-    expected[2:20, 2:26] = 1  # centres on the left and top border belong to the sheet, on the right and bottom they do not
+    expected[2:20, 2:26] = (
+        1  # centres on the left and top border belong to the sheet, on the right and bottom they do not
+    )
     assert (counts == expected).all()
 
 

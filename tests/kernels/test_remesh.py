@@ -31,7 +31,9 @@ def test_sides_become_equal_on_the_same_surface(tube, edge):
     length = sides(X, G) / edge
     assert 0.85 < length.mean() < 1.1 and length.std() < 0.2 and length.max() < 1.6
     assert SurfaceIndex(V, F).closest(X)[3].max() < 1e-6
-    assert trimesh.Trimesh(X, G, process=False).area == pytest.approx(trimesh.Trimesh(V, F, process=False).area, rel=0.01)
+    assert trimesh.Trimesh(X, G, process=False).area == pytest.approx(
+        trimesh.Trimesh(V, F, process=False).area, rel=0.01
+    )
 
 
 def test_borders_stay_on_their_polylines_and_faces_keep_their_side(tube):
@@ -60,7 +62,9 @@ def test_scale_place_and_threads_change_nothing(tube):
     large, H = remesh(1024 * V, F, 1024 * 0.02)  # a power of two changes no bit
     assert np.array_equal(G, H) and np.array_equal(large, 1024 * X)
     far, H = remesh(V + [1e3, 0, -1e3], F, 0.02)
-    assert len(far) == pytest.approx(len(X), rel=0.02) and sides(far, H).mean() == pytest.approx(sides(X, G).mean(), rel=0.01)
+    assert len(far) == pytest.approx(len(X), rel=0.02) and sides(far, H).mean() == pytest.approx(
+        sides(X, G).mean(), rel=0.01
+    )
     before = kernels.threads()
     try:
         for threads in (1, 3):
@@ -82,7 +86,11 @@ def test_a_side_without_length_shrinks_to_a_point(tube):
     V, F = tube
     corner = np.flatnonzero((F == 100).any(1))[0]
     at = list(F[corner]).index(100)
-    x, y, new = F[corner][at - 2], F[corner][at - 1], len(V)  # face (100, x, y) gets a corner of its own in the same place
+    x, y, new = (
+        F[corner][at - 2],
+        F[corner][at - 1],
+        len(V),
+    )  # face (100, x, y) gets a corner of its own in the same place
     G = np.r_[np.delete(F, corner, 0), [[new, x, y], [x, new, 100], [new, y, 100]]]
     X, H = remesh(np.r_[V, V[[100]]], G, 0.03)
     assert len(boundary_loops(H)) == 2 and sides(X, H).min() > 0.003
