@@ -5,7 +5,7 @@ import numpy
 import numpy.typing
 import scipy.sparse
 import typing
-__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'RasterOptions', 'RasterResult', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'ambient_occlusion', 'bilinear', 'boundary_loops', 'cotangent_laplacian', 'face_areas', 'face_normals', 'intersecting_pairs', 'mrf', 'raster', 'self_intersections', 'set_threads', 'signed_distance', 'threads', 'unique_edges', 'vertex_components', 'vertex_normals', 'visibility', 'voronoi_mass', 'winding_number']
+__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cotangent_laplacian', 'face_areas', 'face_normals', 'intersecting_pairs', 'mrf', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'stop_names', 'threads', 'unique_edges', 'vertex_components', 'vertex_normals', 'visibility', 'voronoi_mass', 'winding_number']
 class InputError(ValueError):
     pass
 class SolveError(RuntimeError):
@@ -54,12 +54,6 @@ class NricpOptions:
     def boundary_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
-    def detail(self) -> list[float]:
-        ...
-    @detail.setter
-    def detail(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
-        ...
-    @property
     def exposure(self) -> float:
         ...
     @exposure.setter
@@ -72,22 +66,10 @@ class NricpOptions:
     def fine_iterations(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     @property
-    def fine_length(self) -> float:
-        ...
-    @fine_length.setter
-    def fine_length(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
-    @property
     def fine_noise(self) -> float:
         ...
     @fine_noise.setter
     def fine_noise(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
-    @property
-    def fine_robust(self) -> float:
-        ...
-    @fine_robust.setter
-    def fine_robust(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
     def fine_sweeps(self) -> int:
@@ -132,28 +114,52 @@ class NricpOptions:
     def point_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
-    def radii(self) -> list[float]:
+    def relative_detail(self) -> list[float]:
         ...
-    @radii.setter
-    def radii(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
+    @relative_detail.setter
+    def relative_detail(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
+        ...
+    @property
+    def relative_fine_length(self) -> float:
+        ...
+    @relative_fine_length.setter
+    def relative_fine_length(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def relative_fine_robust(self) -> float:
+        ...
+    @relative_fine_robust.setter
+    def relative_fine_robust(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def relative_radii(self) -> list[float]:
+        ...
+    @relative_radii.setter
+    def relative_radii(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
+        ...
+    @property
+    def relative_robust_end(self) -> list[float]:
+        ...
+    @relative_robust_end.setter
+    def relative_robust_end(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
+        ...
+    @property
+    def relative_robust_start(self) -> list[float]:
+        ...
+    @relative_robust_start.setter
+    def relative_robust_start(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
+        ...
+    @property
+    def relative_spread(self) -> list[float]:
+        ...
+    @relative_spread.setter
+    def relative_spread(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
         ...
     @property
     def reverse(self) -> list[float]:
         ...
     @reverse.setter
     def reverse(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
-        ...
-    @property
-    def robust_end(self) -> list[float]:
-        ...
-    @robust_end.setter
-    def robust_end(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
-        ...
-    @property
-    def robust_start(self) -> list[float]:
-        ...
-    @robust_start.setter
-    def robust_start(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
         ...
     @property
     def rotation_weight(self) -> float:
@@ -166,12 +172,6 @@ class NricpOptions:
         ...
     @settled.setter
     def settled(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
-        ...
-    @property
-    def spread(self) -> list[float]:
-        ...
-    @spread.setter
-    def spread(self, arg0: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]) -> None:
         ...
     @property
     def stiffness_end(self) -> list[float]:
@@ -335,16 +335,16 @@ class UntangleOptions:
     def max_iterations(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     @property
+    def relative_tolerance(self) -> float:
+        ...
+    @relative_tolerance.setter
+    def relative_tolerance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
     def spread(self) -> float:
         ...
     @spread.setter
     def spread(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
-        ...
-    @property
-    def tolerance(self) -> float:
-        ...
-    @tolerance.setter
-    def tolerance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
 class UntangleResult:
     def __getstate__(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 2]"], int, int, int, int, int, str, str]:
@@ -406,10 +406,10 @@ class SkeletonOptions:
     def cloth_fit(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
-    def keypoint_robust(self) -> float:
+    def keypoint_robust_sigmas(self) -> float:
         ...
-    @keypoint_robust.setter
-    def keypoint_robust(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    @keypoint_robust_sigmas.setter
+    def keypoint_robust_sigmas(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
     def limit_sigma(self) -> float:
@@ -650,9 +650,12 @@ class InnerFrame:
     def __init__(self, arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg4: collections.abc.Sequence[InnerGarment]) -> None:
         ...
 class InnerFused:
-    def __getstate__(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], str, int, list[float], int, int, int]:
+    def __getstate__(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], str, int, list[float], int, int, int, int]:
         ...
     def __setstate__(self, arg0: tuple) -> None:
+        ...
+    @property
+    def analyses(self) -> int:
         ...
     @property
     def bound(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
@@ -682,12 +685,15 @@ class InnerFused:
     def stop(self) -> str:
         ...
 class InnerResult:
-    def __getstate__(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], str, int, list[float], float, float, int, int, int]:
+    def __getstate__(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"], str, int, list[float], float, float, int, int, int, int]:
         ...
     def __setstate__(self, arg0: tuple) -> None:
         ...
     @property
     def V(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"]:
+        ...
+    @property
+    def analyses(self) -> int:
         ...
     @property
     def depth_after(self) -> float:
@@ -805,14 +811,23 @@ class RasterResult:
     @property
     def face(self) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, n]"]:
         ...
-class OcclusionOptions:
+class RemeshOptions:
     def __init__(self) -> None:
         ...
     @property
-    def offset(self) -> float:
+    def crease_angle(self) -> float:
         ...
-    @offset.setter
-    def offset(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    @crease_angle.setter
+    def crease_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
+    def iterations(self) -> int:
+        ...
+    @iterations.setter
+    def iterations(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+class OcclusionOptions:
+    def __init__(self) -> None:
         ...
     @property
     def rays(self) -> int:
@@ -827,6 +842,12 @@ class OcclusionOptions:
     def reach(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
     @property
+    def relative_offset(self) -> float:
+        ...
+    @relative_offset.setter
+    def relative_offset(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    @property
     def seed(self) -> int:
         ...
     @seed.setter
@@ -835,6 +856,8 @@ class OcclusionOptions:
 def ambient_occlusion(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], **kwargs) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     ...
 def bilinear(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float32], arg1: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]", "flags.c_contiguous"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float32], "[m, n]"]:
+    ...
+def border_vertices(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg1: typing.SupportsInt | typing.SupportsIndex) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]:
     ...
 def boundary_loops(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> list[list[int]]:
     ...
@@ -849,6 +872,8 @@ def intersecting_pairs(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.floa
 def mrf(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 2]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], **kwargs) -> MrfResult:
     ...
 def raster(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"], arg3: typing.SupportsInt | typing.SupportsIndex, arg4: typing.SupportsInt | typing.SupportsIndex, **kwargs) -> RasterResult:
+    ...
+def remesh(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg2: typing.SupportsFloat | typing.SupportsIndex, **kwargs) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 3]"]]:
     ...
 def self_intersections(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 2]"]:
     ...
@@ -874,3 +899,4 @@ def voronoi_mass(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "
     ...
 def winding_number(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     ...
+stop_names: list = ['converged', 'clear', 'max_iterations', 'stalled', 'unmatched', 'no_overlap']
