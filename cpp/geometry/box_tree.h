@@ -35,9 +35,8 @@ public:
 
     const std::vector<Node>& nodes() const { return nodes_; }
     const std::vector<int>& order() const { return order_; }  ///< faces, leaf after leaf
-    const Triangle& triangle(int slot) const {
-        return triangles_[static_cast<std::size_t>(slot)];
-    }                                                                                  ///< as in `order()`
+    /// In the order of `order()`.
+    const Triangle& triangle(int slot) const { return triangles_[static_cast<std::size_t>(slot)]; }
     const Box& box(int slot) const { return boxes_[static_cast<std::size_t>(slot)]; }  ///< empty for a hidden face
     int slot_of(int face) const { return slot_[static_cast<std::size_t>(face)]; }
 
