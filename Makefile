@@ -45,13 +45,13 @@ LAYOUT = find cpp tests/cpp -name "*.h" -print0 -o -name "*.cpp" -print0 | xargs
 lint: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check --quiet
-	test ! -e .clang-format || $(LAYOUT) --dry-run -Werror
+	$(LAYOUT) --dry-run -Werror
 	$(BIN)/mypy
 
 format: setup
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
-	test ! -e .clang-format || $(LAYOUT) -i
+	$(LAYOUT) -i
 
 # SLOW="--time-budget SECONDS" runs as many as fit and says which do not
 test-slow: setup sanitize

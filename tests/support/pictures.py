@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from toile.avatar.measure.heldout import Picture
+from toile.avatar.measure.heldout import HeldOutPicture
 from toile.io.capture import open_capture
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -20,6 +20,6 @@ def pictures(frame=0, cameras=("cam00", "cam03"), blur=(("layered", 1.0), ("base
         rendered = {name: cv2.GaussianBlur(image, (0, 0), sigma) if sigma else image for name, sigma in blur}
         rows, columns = np.nonzero(captured.labels[camera] == SHIRT)
         hem = np.stack([columns, np.full(len(columns), rows.max())], axis=1).astype(float)
-        yield Picture(
+        yield HeldOutPicture(
             frame, camera, image, captured.masks[camera], captured.labels[camera], rendered, {"hem": hem}, 3.0
         )
