@@ -192,7 +192,7 @@ def put(field, value):
 for name, change, said in [
     ("a list", lambda c: [], "cameras.json"),
     ("a number", lambda c: 7, "cameras.json"),
-    ("nothing", lambda c: {"cameras": []}, "no camera"),
+    ("nothing", lambda c: {"cameras": []}, "no such camera in cameras.json"),
     ("twice", lambda c: c.append(c[0]), "twice"),
     ("K short", put("K", [[1, 0, 0]]), "cameras.0.K"),
     ("K ragged", put("K", [[1, 0], [1], [1]]), "cameras.0.K"),
@@ -390,7 +390,7 @@ add(
     ("register", SAMPLE, "IN"),
     "config.toml",
 )
-add("register into another run", "run", nothing, ("register", SAMPLE, "IN", "--quality", "fine"), "config.toml")
+add("register into another run", "run", nothing, ("register", SAMPLE, "IN", "--quality", "standard"), "config.toml")
 add("register into a capture", "capture", nothing, ("register", "IN", "IN"), "holds no run")
 add("register into a file", "capture", nothing, ("register", "IN", "IN/scene.toml"), "scene.toml")
 add("register below a file", "capture", nothing, ("register", "IN", "IN/scene.toml/run"), "scene.toml")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from tests.support.processes import hears_ctrl_c
 from toile import cli
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -84,7 +85,7 @@ def test_ctrl_c_stops_with_one_line_that_says_how_to_go_on(tmp_path):
     arguments = ["register", str(SAMPLE), str(tmp_path / "run"), "--quality", "draft", "--workers", "2"]
     program = [sys.executable, "-m", "toile", *arguments]
     with open(tmp_path / "said", "w") as said:
-        child = subprocess.Popen(program, stderr=said, stdout=said, start_new_session=True)
+        child = subprocess.Popen(program, stderr=said, stdout=said, start_new_session=True, preexec_fn=hears_ctrl_c)
         deadline = time.monotonic() + 120
         while not (tmp_path / "run" / "config.toml").exists() and time.monotonic() < deadline:
             assert child.poll() is None

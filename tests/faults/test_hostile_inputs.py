@@ -127,7 +127,10 @@ def files(folder):
     return {p.relative_to(folder): p.lstat().st_mtime_ns for p in folder.rglob("*") if not p.name.startswith(".lock")}
 
 
-marked = [pytest.param(case, id=name, marks=[pytest.mark.slow(seconds=4)] if case.slow else []) for name, case in CASES.items()]
+marked = [
+    pytest.param(case, id=name, marks=[pytest.mark.slow(seconds=4)] if case.slow else [])
+    for name, case in CASES.items()
+]
 
 
 @pytest.mark.parametrize("case", marked)

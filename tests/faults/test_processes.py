@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zarr
 
+from tests.support.processes import hears_ctrl_c
 from toile import console
 from toile.config import preset
 from toile.errors import UserError
@@ -94,7 +95,9 @@ def test_killed_workers_leave_a_run_that_goes_on_with_the_same_bits(capture, und
 def test_ctrl_c_ends_the_workers_too_and_says_how_to_go_on(capture, tmp_path):
     arguments = ["register", str(capture), str(tmp_path / "run"), "--quality", "draft", "--workers", "2"]
     with open(tmp_path / "said", "w") as said:
-        child = subprocess.Popen([sys.executable, "-m", "toile", *arguments], stdout=said, stderr=said)
+        child = subprocess.Popen(
+            [sys.executable, "-m", "toile", *arguments], stdout=said, stderr=said, preexec_fn=hears_ctrl_c
+        )
         deadline = time.monotonic() + 120
         while not (tmp_path / "run" / "work").exists() and time.monotonic() < deadline:
             assert child.poll() is None, "the run ended before it could be stopped"

@@ -155,7 +155,7 @@ def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tm
     steps = {step.stage: step for step in plan(open_capture(bare))}
     assert steps["track"].runs and not any(steps[s].runs for s in ("segment", "dress", "inner"))
     assert "no [[garment]]" in steps["dress"].why
-    for module, name in (("segment", "segment"), ("segment", "prepare"), ("dress", "prepare"), ("inner", "prepare")):
+    for module, name in (("segment", "segment"), ("segment", "prepare"), ("dress", "prepare"), ("inner", "Fusion")):
         monkeypatch.setattr(getattr(pipeline, module), name, lambda *_: pytest.fail(f"{module}.{name} ran"))
     pipeline.register(bare, tmp_path / "run", CONFIG, (0,))
     found = arrays(tmp_path / "run")

@@ -150,17 +150,10 @@ def write_scene(part, stage):
 def take_frames(stage, folder, progress, workers):
     """All pictured frames that are missing, spread over the workers."""
     numbers = stage.options.pictured
-    if workers == 1:
-        taken = (k for number in numbers for k in stage.capture(number))
-    else:
-        pool = Workers(workers, CaptureMaker, stage.part, folder, stage.options, stage.seed)
-        taken = pool.each("capture", numbers)
-    try:
-        for done, _ in enumerate(taken):
+    with Workers(workers, CaptureMaker, stage.part, folder, stage.options, stage.seed) as pool:
+        here = (k for number in numbers for k in stage.capture(number))
+        for done, _ in enumerate(here if workers == 1 else pool.each(CaptureMaker.capture, numbers)):
             progress("frames", done + 1, len(numbers))
-    finally:
-        if workers > 1:
-            pool.close()
 
 
 def scene_toml(options):

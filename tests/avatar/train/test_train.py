@@ -113,7 +113,7 @@ def test_divergence_after_a_kill_is_the_same(tmp_path, monkeypatch):
 def test_gives_up_after_the_stated_number_of_returns(tmp_path, monkeypatch):
     said = []
     data = Samples(lambda i, sample: sample | {"y": torch.tensor(float("nan"))} if job.at.total >= 10 else sample)
-    job = training(tmp_path, monkeypatch, data, settings(returns=3), said.append)
+    job = training(tmp_path, monkeypatch, data, settings(max_returns=3), said.append)
     with pytest.raises(UserError, match="after 3 returns .* --lr"):
         job.run()
     assert len(said) == 3
@@ -205,7 +205,7 @@ def test_baseline_takes_as_many_steps():
 def test_unused_parameters_stay_as_they_are(tmp_path, monkeypatch):
     """AdamW leaves what has no gradient alone, so a phase needs no list of its modules."""
     avatar = tiny_avatar()
-    monkeypatch.setattr("loop.tiny_avatar", lambda: avatar)
+    monkeypatch.setattr("tests.support.loop.tiny_avatar", lambda: avatar)
     avatar.other = torch.nn.Linear(2, 2)
     before = avatar.other.weight.detach().clone()
     training(tmp_path, monkeypatch).run()
