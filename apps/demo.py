@@ -20,14 +20,14 @@ from toile.pipeline.run import register
 
 ROOT = Path(__file__).parents[1]
 MINUTES = 1.0  # of training
-GOALS = {"joint_mm": 10, "track_to_scan_mm": 1.5, "surface_mm": 2, "boundary_mm": 4, "hidden_mm": 10, "visible_mm": 2}
+BOUNDS = {"joint_mm": 10, "track_to_scan_mm": 1.5, "surface_mm": 2, "boundary_mm": 4, "hidden_mm": 10, "visible_mm": 2}
 
 
-def goal(name):
+def bound_of(name):
     """The bound that a measure is held against, where it has one."""
     if name == "label_iou tshirt":
         return "> 0.95"
-    return next((f"< {bound}" for key, bound in GOALS.items() if key in name), "")
+    return next((f"< {bound}" for key, bound in BOUNDS.items() if key in name.split()), "")
 
 
 def main():
@@ -36,10 +36,10 @@ def main():
     out.mkdir()
     with progress_bars() as progress:
         register(ROOT / "data_samples" / "tshirt-talk", out / "run", preset("standard"), progress=progress)
-    table = Table("measure", "value", "goal", title="The bundled capture against its truth")
+    table = Table("measure", "value", "bound", title="The bundled capture against its truth")
     for name, value in flatten(evaluate(out / "run")["all"]).items():
         if value is not None:
-            table.add_row(name, f"{value:.3f}" if isinstance(value, float) else str(value), goal(name))
+            table.add_row(name, f"{value:.3f}" if isinstance(value, float) else str(value), bound_of(name))
     Console().print(table)
     print(write_report(out / "run", out / "report.html", avatar(out / "run", out / "avatar")))
 

@@ -127,7 +127,7 @@ def membrane(V, F, spread=0.03):
     return A
 
 
-@pytest.mark.parametrize("spread", [0.01, 0.03, 0.1])
+@pytest.mark.parametrize("spread", [0.01, 0.03, pytest.param(0.1, marks=pytest.mark.slow(seconds=40))])
 def test_above_a_plane_the_answer_is_that_of_the_exact_quadratic_program(spread):
     import trimesh
     from scipy.optimize import lsq_linear
