@@ -20,7 +20,7 @@ from toile import kernels
 from toile.io.body import load_body_model
 from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA, by_prefix
 from toile.stages.template import cut
-from toile.surface.remeshing import remesh as by_pymeshlab
+from toile.studio.remeshing import remesh as by_pymeshlab
 
 ROOT = Path(__file__).parents[1]
 FLAGS = "-std=c++20 -O3 -march=x86-64-v3 -ffp-contract=off -DNDEBUG -fPIC -shared -fvisibility=hidden -fopenmp".split()

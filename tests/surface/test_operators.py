@@ -8,7 +8,6 @@ from toile import kernels
 from toile.surface.operators import (
     adjacency,
     border_sides,
-    border_vertices,
     distance_to_polyline,
     neighbour_mean,
     offset_to_polyline,
@@ -59,15 +58,15 @@ def test_mean_of_equal_values_is_that_value_and_an_edge_given_twice_counts_once(
 def test_border_is_what_the_boundary_loops_pass(mesh):
     V, F = mesh
     loops = np.concatenate(kernels.boundary_loops(F))
-    assert np.array_equal(np.flatnonzero(border_vertices(F, len(V))), np.sort(loops))
+    assert np.array_equal(np.flatnonzero(kernels.border_vertices(F, len(V))), np.sort(loops))
     ends = sides(F)[border_sides(F)]
     assert len(ends) == len(loops) and np.array_equal(np.unique(ends), np.sort(loops))
-    assert not border_vertices(np.zeros((0, 3), np.int32), 4).any()
+    assert not kernels.border_vertices(np.zeros((0, 3), np.int32), 4).any()
 
 
 def test_only_the_base_of_a_pyramid_is_its_border():
     pyramid = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
-    assert border_vertices(pyramid, 5).tolist() == [True] * 4 + [False]
+    assert kernels.border_vertices(pyramid, 5).tolist() == [True] * 4 + [False]
 
 
 def test_offsets_end_on_the_nearest_point_of_a_square():

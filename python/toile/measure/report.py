@@ -12,7 +12,6 @@ from .. import kernels
 from ..errors import UserError
 from ..io.files import output_file, write_text
 from ..io.run import open_run
-from ..surface.operators import border_vertices
 from .evaluate import evaluate
 from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number
 
@@ -121,7 +120,7 @@ class _Page:
             return []
         index = kernels.SurfaceIndex(scan.vertices, scan.faces)
 
-        border = border_vertices(scan.faces, len(scan.vertices))
+        border = kernels.border_vertices(scan.faces, len(scan.vertices))
 
         def coloured(surface):
             V, F = surface.at(number), surface.faces

@@ -6,8 +6,7 @@ from .. import kernels
 from ..errors import UserError
 from ..scene import GarmentTemplate
 from ..surface.loop_names import name_loops
-from ..surface.operators import smooth_on
-from ..surface.remeshing import compact
+from ..surface.operators import compact, smooth_on
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 
 

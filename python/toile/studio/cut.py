@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..surface.operators import adjacency, neighbour_mean, sides, umbrella
-from ..surface.remeshing import compact, remesh
+from ..surface.operators import adjacency, compact, neighbour_mean, sides, umbrella
 from .body import skin_component
+from .remeshing import remesh
 from .surface import border_edges, vertex_normals
 from .template import REMESHING
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene import Mesh
-from ..surface.remeshing import remesh
 from ..surface.transfer import move_with_body, unwrap
+from .remeshing import remesh
 from .surface import barycentric, border_edges, open_loops
 
 EDGE = 0.0118  # m: about 6k vertices on a shirt

@@ -56,11 +56,10 @@ def border_sides(F):
     return count[edge.ravel()] == 1
 
 
-def border_vertices(F, n):
-    """bool (n,): which vertices lie on a side of one face only."""
-    border = np.zeros(n, bool)
-    border[sides(F)[border_sides(F)]] = True
-    return border
+def compact(V, F):
+    """The vertices (k,...) that faces use, in their order, and the faces into those."""
+    used, F = np.unique(F, return_inverse=True)
+    return V[used], F.reshape(-1, 3).astype(np.int32)
 
 
 def distance_to_polyline(points, closed):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .. import kernels
-from .operators import border_vertices, offset_to_polyline
+from .operators import offset_to_polyline
 
 
 class NonRigidRefinement:
@@ -33,7 +33,7 @@ class NonRigidRefinement:
     def solve(self, scan, start, boundary, steps=None):
         """Fitted vertices (n,3) from `start` (n,3) to a Mesh; `boundary` [(vertex indices, closed polyline (k,3))]; only
         the last `steps` of the schedule for a start within millimetres."""
-        border = border_vertices(scan.faces, len(scan.vertices))
+        border = kernels.border_vertices(scan.faces, len(scan.vertices))
         V, face = np.array(start, dtype=np.float64), ()
         for stiffness, reach in self.steps[-(steps or len(self.steps)) :]:
             face, point, bary, distance = scan.index.closest(V, guess=face)

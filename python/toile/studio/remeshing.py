@@ -1,4 +1,4 @@
-"""Triangles of equal size in place of others."""
+"""Triangles of equal size in place of others, by a library: no kernel of toile touches the truth."""
 
 import numpy as np
 
@@ -16,9 +16,3 @@ def remesh(V, F, edge, iterations=8, crease=60.0):
     meshes.meshing_remove_unreferenced_vertices()
     out = meshes.current_mesh()
     return np.asarray(out.vertex_matrix()).copy(), np.asarray(out.face_matrix()).astype(np.int32)
-
-
-def compact(V, F):
-    """The vertices (k,...) that faces use, in their order, and the faces into those."""
-    used, F = np.unique(F, return_inverse=True)
-    return V[used], F.reshape(-1, 3).astype(np.int32)
