@@ -32,9 +32,10 @@ $(VENV)/.core: $(VENV)/.python $(CPP)
 demo: setup
 	$(BIN)/python apps/demo.py
 
+# a process a core: most tests run on one
 test: setup lint
 	ctest --test-dir build --output-on-failure
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto
 
 # the types of the compiled module, after a change of the bindings
 stubs: setup

@@ -52,6 +52,8 @@ def test_evidence_is_over_every_outside_vertex_and_over_the_whole_scan(made):
     store["track/vertices"][:], store["confidence/track"][:] = vertices, confidence
     after = evaluate(made[1])["all"]
     assert after["track_to_scan_mm"] <= before["track_to_scan_mm"] + 0.1
+    assert after["fingertip_mm"] - before["fingertip_mm"] == pytest.approx(200, abs=20)  # one hand of two
+    assert after["face_mm"] == pytest.approx(before["face_mm"], abs=1e-6) and before["face_mm"] < 1
     moved = outside[hand].sum() / outside.sum()
     far = after["evidence"]["surface_to_scan_mm"]["mean"] - before["evidence"]["surface_to_scan_mm"]["mean"]
     assert 0.1 * 400 * moved < far < 400 * moved

@@ -24,7 +24,8 @@ def evaluate(run: Run | Path | str) -> dict:
 
     joint_mm: mean distance of the model's joints to the true ones of the same name. track_to_scan_mm: only the tracked
     vertices that were found on the scan, to its surface: small by definition. evidence: over all outside vertices and the
-    whole scan, see measure/evidence.py. label_iou: by area over the outside of the tracked surface, against the label of
+    whole scan, see measure/evidence.py. fingertip_mm, face_mm: the tracked surface's fingertips and facial keypoints to the
+    true ones, seen or not. label_iou: by area over the outside of the tracked surface, against the label of
     the nearest point of the true outer surface (garments, and the body that no garment covers).
     garment: over all vertices of the template, seen or not. observed, share of them that lie on the labelled scan;
     boundary_mm, each loop's vertices to the true border that is its own; boundary_all_mm, the same over the vertices of all
@@ -66,7 +67,8 @@ class _Evaluation:
         run, true = self.run, self.truth is not None and number in self.truth
         tracked = run.track.at(number)
         out = self._nothing()
-        out["joint_mm"] = self._joints(number) if true else None
+        if true:
+            out |= {"joint_mm": self._joints(number), **self._fine_parts(tracked, number)}
         out |= self._evidence(number, tracked)
         if not run.garments:
             return out
@@ -105,6 +107,8 @@ class _Evaluation:
         )
         return {
             "joint_mm": None,
+            "fingertip_mm": None,
+            "face_mm": None,
             "track_to_scan_mm": None,
             "evidence": nothing(),
             "label_iou": None,
@@ -118,6 +122,18 @@ class _Evaluation:
         at = [self.model.joint_names.index(n) for n in names if n in self.model.joint_names]
         there = [i for i, n in enumerate(names) if n in self.model.joint_names]
         return millimetres(np.linalg.norm(x[at] - true[there], axis=1))
+
+    def _fine_parts(self, tracked, number):
+        """Fingertips and facial keypoints, which skin alone shows and few pixels."""
+        places = dict(zip(self.model.keypoint_names, self.model.keypoints(tracked, self._model_joints(number))))
+        distance = {
+            name: np.linalg.norm(places[name] - true)
+            for name, true in self.truth.keypoints(number).items()
+            if name in places
+        }
+        tips = [d for name, d in distance.items() if name.startswith("hand_") and "-tip" in name]
+        face = [d for name, d in distance.items() if name.startswith("face.")]
+        return {"fingertip_mm": millimetres(tips), "face_mm": millimetres(face)}
 
     def _evidence(self, number, tracked):
         """What the frame itself shows of the tracked surface; nothing where the capture has lost it."""

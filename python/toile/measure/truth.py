@@ -40,6 +40,13 @@ class Truth:
         """(k,3), and their names."""
         return self.group["joints"][self.rows[number]], [str(n) for n in self.group.attrs["joint_names"]]
 
+    def keypoints(self, number):
+        """{name: place (3,)}; empty where the capture was made without."""
+        if "keypoints" not in self.group:
+            return {}
+        names = [str(n) for n in self.group.attrs["keypoint_names"]]
+        return dict(zip(names, self.group["keypoints"][self.rows[number]].astype(np.float64)))
+
     def places(self, name, number):
         """Where the vertices of the pipeline's template truly are (g,3)."""
         group, (V, F), kept = (
