@@ -18,7 +18,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "surface": BASE | {"io"},
     "vision": BASE | {"surface"},
     "stages": BASE | {"config", "surface", "vision"},
-    "pipeline": BASE | {"config", "io", "stages", "surface", "vision"},
+    "pipeline": BASE | {"config", "io", "measure", "stages", "surface", "vision"},
     "measure": BASE | {"io", "surface", "vision"},
     "align": BASE | {"config", "console", "io", "measure", "pipeline", "surface", "vision"},
     "avatar": {"config", "errors"},

@@ -1,4 +1,4 @@
-"""The command line: parses, calls, reports. Exit codes: 0 ok, 1 bad input, 2 some frames failed, 3 internal error."""
+"""The command line: parses, calls, reports. Exit codes: 0 ok, 1 bad input, 2 some frames failed or are wrong, 3 internal error."""
 
 from __future__ import annotations
 
@@ -63,7 +63,9 @@ def register(
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
-    retry: Annotated[str | None, typer.Option(help="failed: give the failed frames of a run again")] = None,
+    retry: Annotated[
+        str | None, typer.Option(help="failed: give the failed frames of a run again; wrong: also those judged wrong")
+    ] = None,
     verify: Annotated[
         bool, typer.Option("--verify", help="compare the contents of every input that a run has read")
     ] = False,
@@ -73,10 +75,11 @@ def register(
     """Register a capture: the body and each garment, every frame, in fixed topologies."""
     from .config import from_options, preset
     from .io.capture import open_capture
+    from .pipeline.run import RETRIES
     from .pipeline.run import register as run_pipeline
 
-    if retry not in (None, "failed"):
-        raise UserError(f"--retry {retry}: expected failed")
+    if retry not in (None, *RETRIES):
+        raise UserError(f"--retry {retry}: expected one of {', '.join(RETRIES)}")
     part, budget = shard_of(shard), positive("--budget", budget)
     opened = open_capture(capture)
     numbers = frame_numbers(frames, opened.frames, step)
@@ -84,17 +87,19 @@ def register(
         quality = quality_within(budget, quality, opened, numbers)
     settings = from_options(preset, quality, config, changes)
     with progress_bars() as progress:
-        outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry == "failed", verify)
+        outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry or False, verify)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
-    typer.echo(f"{run}: {len(outcome.ok)} frames registered, {len(outcome.failed)} failed{waiting}")
+    judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
+    typer.echo(f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}")
     for warning in outcome.warnings:
         typer.echo(f"  warning: {warning}", err=True)
     if outcome.unsupported_contact:
         numbers = ", ".join(map(str, outcome.unsupported_contact))
         typer.echo(f"  unsupported contact, hands touch the cloth: frames {numbers}", err=True)
-    for number, reason in outcome.failed.items():
-        typer.echo(f"  frame {number}: {reason}", err=True)
-    raise typer.Exit(2 if outcome.failed else 0)
+    for kind, frames_of in {"doubtful": outcome.doubtful, "wrong": outcome.wrong, "failed": outcome.failed}.items():
+        for number, reason in frames_of.items():
+            typer.echo(f"  frame {number}: {'' if kind == 'failed' else f'{kind}: '}{reason}", err=True)
+    raise typer.Exit(2 if outcome.failed or outcome.wrong else 0)
 
 
 @app.command()
@@ -118,6 +123,9 @@ def evaluate(
         return
     for line in table(result["all"]):
         typer.echo(line)
+    for frame in result["per_frame"]:
+        if frame.get("reasons"):
+            typer.echo(f"frame {frame['frame']}: {frame['verdict']}: {'; '.join(frame['reasons'])}")
 
 
 @app.command()

@@ -85,13 +85,13 @@ def shard_of(text: str) -> tuple[int, int]:
 
 
 def table(values: Mapping[str, Any], indent: str = "") -> Iterator[str]:
-    """Nested measures as aligned lines."""
+    """Nested measures as aligned lines, without those that are not known."""
     for name, value in values.items():
         if isinstance(value, dict):
-            yield f"{indent}{name}"
-            yield from table(value, indent + "  ")
-        else:
-            yield f"{indent}{name:<24} {'-' if value is None else f'{value:.3f}' if isinstance(value, float) else value}"
+            lines = list(table(value, indent + "  "))
+            yield from [f"{indent}{name}", *lines] if lines else []
+        elif value is not None:
+            yield f"{indent}{name:<24} {f'{value:.3f}' if isinstance(value, float) else value}"
 
 
 @contextmanager

@@ -13,11 +13,15 @@ import pytest
 import zarr
 
 from tests.support.processes import hears_ctrl_c
-from toile import console
+from toile import cli, console
 from toile.config import preset
 from toile.errors import UserError
+from toile.io.layout import WRONG
+from toile.io.mesh import read_mesh, write_mesh
+from toile.io.run import open_run
 from toile.pipeline import run as pipeline
 from toile.pipeline.blocks import blocks
+from toile.scene import Mesh
 from toile.stages import inner
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -127,6 +131,27 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
         assert np.array_equal(
             after[name][2], arrays(undisturbed)[name][2]
         )  # the first of its block: no temporal state either way
+
+
+def test_a_wrong_frame_is_told_ends_with_2_and_is_given_again_where_asked(capture, undisturbed, tmp_path, monkeypatch):
+    """Its scan lies 30 cm beside the person whom the cameras see."""
+    folder, run = tmp_path / "capture", tmp_path / "run"
+    shutil.copytree(capture, folder)
+    scan = folder / "frames" / "000050" / "scan.ply"
+    whole, mesh = scan.read_bytes(), read_mesh(scan)
+    write_mesh(scan, Mesh(mesh.vertices + [0.3, 0, 0], mesh.faces))
+    outcome = pipeline.register(folder, run, CONFIG, FRAMES)
+    assert outcome.ok == FRAMES and list(outcome.wrong) == [50] and "on the scan" in outcome.wrong[50]
+    assert open_run(run).verdict[2] == WRONG
+    monkeypatch.setattr(sys, "argv", ["toile", "register", str(folder), str(run), "--config", str(run / "config.toml")])
+    with pytest.raises(SystemExit, match="2"):
+        cli.main()
+    scan.write_bytes(whole)
+    made, make = [], pipeline.first_stages
+    monkeypatch.setattr(pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest)))
+    assert not pipeline.register(folder, run, CONFIG, FRAMES, retry="wrong").wrong
+    assert made == [50] and np.array_equal(arrays(run)["done"], [1, 1, 1, 1])
+    assert np.array_equal(arrays(run)["track/vertices"][2], arrays(undisturbed)["track/vertices"][2])
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "-1/2", "1/0"])

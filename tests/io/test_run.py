@@ -12,7 +12,7 @@ import zarr
 
 import toile
 from toile.errors import UserError
-from toile.io.layout import LAYOUT, layout_of
+from toile.io.layout import DOUBTFUL, GOOD, LAYOUT, layout_of
 from toile.io.run import FrameArray, open_run
 from toile.io.run_folder import write_diagnostics
 from toile.io.run_writer import RunWriter, copy_store
@@ -83,7 +83,7 @@ def run(tmp_path):
         folder, FRAMES, SCENE, model, Person(np.array([0.5]), model.v_template, model.J), [vest()]
     )
     for number in (3, 7):
-        writer.write(number, *frame_of(number))
+        writer.write(number, *frame_of(number), verdict=DOUBTFUL if number == 7 else GOOD)
     writer.fail(4)
     return folder
 
@@ -97,7 +97,11 @@ def damage(run, key, *chunk):
 def test_every_array_comes_back_as_it_was_written(run):
     opened, template = open_run(run), vest()
     assert opened.frames.tolist() == list(FRAMES) and opened.done.tolist() == [1, 2, 1] and opened.ok == [3, 7]
-    assert opened.rows().tolist() == [0, 2] and opened.rows([4, 7]).tolist() == [2] and opened.verdict is None
+    assert (
+        opened.rows().tolist() == [0, 2]
+        and opened.rows([4, 7]).tolist() == [2]
+        and opened.verdict.tolist() == [0, 2, 1]
+    )
     assert opened.shape.tolist() == [0.5] and opened.joint_names == ("root", "hip", "knee")
     assert (opened.scene.name, opened.scene.fps, opened.scene.up) == ("small", 25.0, "y")
     garment = opened.garments["vest"]
@@ -121,6 +125,11 @@ def test_every_array_comes_back_as_it_was_written(run):
             for found in (array[row], array.at(number), array[:][row], array[[row]][0], array[row:][0]):
                 assert found.dtype == values.dtype and np.array_equal(found, values)
     assert np.isnan(opened.track.at(4)).all() and np.isnan(opened.pose.at(4)[0]).all()
+
+
+def test_an_older_store_has_no_verdict(run):
+    del zarr.open_group(str(run / "registered.zarr"), mode="r+")["verdict"]
+    assert open_run(run).verdict is None
 
 
 def test_the_store_is_laid_out_as_the_table_says(run):
@@ -259,13 +268,8 @@ def test_failed_frames_are_given_again(run):
     writer = RunWriter.of(run)
     writer.write_diagnostics({})
     assert writer.pending(FRAMES) == ()
-    writer.reopen()
+    writer.reopen([4])
     assert writer.pending(FRAMES) == (4,) and not writer.whole and open_run(run).ok == [3, 7]
-
-
-def test_a_verdict_is_read_where_there_is_one(run):
-    zarr.open_group(str(run / "registered.zarr"), mode="r+").create_array("verdict", data=np.array([0, 2, 1], np.uint8))
-    assert open_run(run).verdict.tolist() == [0, 2, 1]
 
 
 def test_a_run_without_garments_or_face_has_neither(tmp_path):

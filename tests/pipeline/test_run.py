@@ -108,7 +108,7 @@ def test_store_is_laid_out_to_the_letter(run):
     n, m, g = 13718, 27420, len(group["garment/tshirt/skin"][:])
     T, K, q = len(FRAMES), 104, group["face"].shape[1]
     layout = {
-        "frames": ((T,), "int64"), "done": ((T,), "uint8"), "shape": (group["shape"].shape, "float64"),
+        "frames": ((T,), "int64"), "done": ((T,), "uint8"), "verdict": ((T,), "uint8"), "shape": (group["shape"].shape, "float64"),
         "track/vertices": ((T, n, 3), "float64"), "track/faces": ((m, 3), "int32"),
         "pose/rotations": ((T, K, 3), "float64"), "pose/translation": ((T, 3), "float64"), "face": ((T, q, 3), "float64"),
         "labels": ((T, n), "uint8"), "confidence/track": ((T, n), "uint8"),
@@ -159,9 +159,10 @@ def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tm
         monkeypatch.setattr(getattr(pipeline, module), name, lambda *_: pytest.fail(f"{module}.{name} ran"))
     pipeline.register(bare, tmp_path / "run", CONFIG, (0,))
     found = arrays(tmp_path / "run")
-    assert {name.split("/")[1] for name in found if name.startswith("diagnostics/")} == {"track", "seconds"}
+    assert {name.split("/")[1] for name in found if name.startswith("diagnostics/")} == {"track", "evidence", "seconds"}
     assert {name for name in found if not name.startswith("diagnostics/")} == {
-        "frames", "done", "shape", "face", "track/vertices", "track/faces", "pose/rotations", "pose/translation", "confidence/track",
+        "frames", "done", "verdict", "shape", "face", "track/vertices", "track/faces", "pose/rotations", "pose/translation",
+        "confidence/track",
     }  # fmt: skip
     stages = {json.loads(line)["stage"] for line in (tmp_path / "run" / "status.jsonl").read_text().splitlines()}
     assert stages == {"reconstruct", "track"}
@@ -173,7 +174,11 @@ def test_one_bad_frame_is_recorded_and_the_others_finish(bare, tmp_path):
     outcome = pipeline.register(bare, tmp_path / "run", CONFIG, (0, 3))
     assert outcome.ok == (0,) and "scan.ply" in outcome.failed[3]
     found = arrays(tmp_path / "run")
-    assert found["done"].tolist() == [1, 2] and np.isnan(found["track/vertices"][1]).all()
+    assert (
+        found["done"].tolist() == [1, 2]
+        and found["verdict"].tolist() == [0, 2]
+        and np.isnan(found["track/vertices"][1]).all()
+    )
 
 
 def test_another_setting_on_the_same_run_is_refused(run):

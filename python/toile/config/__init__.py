@@ -14,6 +14,7 @@ from .stages import (
     RefinementSettings,
     SegmentSettings,
     TrackSettings,
+    VerdictSettings,
 )
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "SegmentSettings",
     "Settings",
     "TrackSettings",
+    "VerdictSettings",
     "changed",
     "configured",
     "from_options",

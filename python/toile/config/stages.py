@@ -230,6 +230,27 @@ class InnerSettings(Settings):
     layering_rounds: int = setting(3, "count", "of several layers: a push out of one may lead into another", ge=1)
 
 
+class VerdictSettings(Settings):
+    """From where on a frame is doubtful, and from where on it is wrong, by what it shows of its layers; see
+    measure/verdicts.py. The worst measure decides."""
+
+    observed: tuple[float, float] = setting((0.5, 0.25), "1", "share of the body's surface found on the scan, at least")
+    scan_to_surface_mm: tuple[float, float] = setting((6.0, 15.0), "mm", "the scan to the tracked surface, mean")
+    scan_to_surface_p95_mm: tuple[float, float] = setting((25.0, 80.0), "mm", "the same, what 95 % stay below")
+    surface_to_scan_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "the tracked surface to the scan, mean")
+    surface_to_scan_p95_mm: tuple[float, float] = setting((80.0, 200.0), "mm", "the same, what 95 % stay below")
+    keypoint_mm: tuple[float, float] = setting((25.0, 60.0), "mm", "keypoints to those detected, median")
+    keypoint_p95_mm: tuple[float, float] = setting((150.0, 400.0), "mm", "the same, what 95 % stay below")
+    silhouette_iou: tuple[float, float] = setting((0.9, 0.75), "1", "overlap of silhouette and masks, at least")
+    cloth_to_garment_mm: tuple[float, float] = setting((6.0, 15.0), "mm", "the labelled scan to its garment, mean")
+    cloth_to_garment_p95_mm: tuple[float, float] = setting((25.0, 80.0), "mm", "the same, what 95 % stay below")
+    garment_to_cloth_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "a garment to the labelled scan, mean")
+    garment_to_cloth_p95_mm: tuple[float, float] = setting((60.0, 150.0), "mm", "the same, what 95 % stay below")
+    loop_observed: tuple[float, float] = setting((0.3, 0.0), "1", "share of a garment's loops that was seen, at least")
+    loop_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
+    unclaimed_opening_mm: tuple[float, float] = setting((200.0, 600.0), "mm", "openings that belong to no loop")
+
+
 class Config(Settings):
     """All settings of a run, as RUN/config.toml keeps them."""
 
@@ -242,3 +263,4 @@ class Config(Settings):
     segment: SegmentSettings = SegmentSettings()
     dress: DressSettings = DressSettings()
     inner: InnerSettings = InnerSettings()
+    verdict: VerdictSettings = VerdictSettings()

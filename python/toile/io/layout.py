@@ -12,6 +12,8 @@ from pydantic import BaseModel, Field
 VERSION = 2  # an attribute of the store; a store without one is of version 1, whose arrays are the same
 STORE = "registered.zarr"
 PENDING, OK, FAILED = 0, 1, 2  # values of `done`
+GOOD, DOUBTFUL, WRONG = 0, 1, 2  # values of `verdict`
+VERDICTS = ("good", "doubtful", "wrong")
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ CONFIDENCE = "2 observed, 1 interpolated, 0 hidden"
 LAYOUT = {  # NAME stands for each garment
     "frames": _fixed("T", "int64", "numbers of the frames in the capture"),
     "done": _framed("T", "uint8", "0 pending, 1 ok, 2 failed (its arrays are NaN, or 0); written last"),
+    "verdict": _framed("T", "uint8", "0 good, 1 doubtful, 2 wrong, also where it failed; older stores have none"),
     "shape": _fixed("S", "float64", "coefficients of the body model's shape basis"),
     "track/faces": _fixed("m 3", "int32", "of the body model"),
     "track/vertices": _framed("T n 3", "float64", "the clothed surface as one layer [m]"),
@@ -57,7 +60,7 @@ LAYOUT = {  # NAME stands for each garment
     "garment/NAME/vertices": _framed("T g 3", "float64", "[m]", "garments"),
     "confidence/NAME": _framed("T g", "uint8", CONFIDENCE, "garments"),
 }
-VERDICT = "verdict"  # (T,) uint8: 0 good, 1 doubtful, 2 wrong; not in every store
+VERDICT = "verdict"
 DIAGNOSTICS = "diagnostics"  # a group of STAGE/NAME (T,) float64, written once all frames are done
 
 

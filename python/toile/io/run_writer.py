@@ -13,7 +13,21 @@ import numpy as np
 
 from ..scene import BodyModel, Dressed, GarmentTemplate, Inner, Person, Scene, Segmented, Tracked
 from .files import replace_file
-from .layout import DIAGNOSTICS, FAILED, OK, PENDING, STORE, VERSION, Attributes, StoredGarment, StoredScene, layout_of
+from .layout import (
+    DIAGNOSTICS,
+    FAILED,
+    GOOD,
+    OK,
+    PENDING,
+    STORE,
+    VERDICT,
+    VERSION,
+    WRONG,
+    Attributes,
+    StoredGarment,
+    StoredScene,
+    layout_of,
+)
 from .run import Run
 
 
@@ -82,8 +96,9 @@ class RunWriter:
         segmented: Segmented | None = None,
         dressed: dict[str, Dressed] | None = None,
         layer: Inner | None = None,
+        verdict: int = GOOD,
     ) -> None:
-        """A registered frame; the last three where the scene names a garment."""
+        """A registered frame; `segmented`, `dressed` and `layer` where the scene names a garment."""
         values = {
             "track/vertices": tracked.vertices,
             "pose/rotations": tracked.rotations,
@@ -102,11 +117,17 @@ class RunWriter:
                 values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
         for key, value in values.items():
             self.group[key][self._row[frame]] = value
+        self._judge(frame, verdict)
         self.group["done"][self._row[frame]] = OK
 
     def fail(self, frame: int) -> None:
         """Records a frame as failed."""
+        self._judge(frame, WRONG)
         self.group["done"][self._row[frame]] = FAILED
+
+    def _judge(self, frame: int, verdict: int) -> None:
+        if VERDICT in self.group:  # not in a store of an older version that is gone on with
+            self.group[VERDICT][self._row[frame]] = verdict
 
     def write_garment(self, frame: int, name: str, vertices: np.ndarray, confidence: np.ndarray) -> None:
         """Another surface (g,3) [m] and confidence (g,) uint8 of a garment in a frame that is ok."""
@@ -125,14 +146,13 @@ class RunWriter:
             group.create_array(f"{stage}/{name}", data=np.array(column, np.float64))
         group.attrs["whole"] = True
 
-    def reopen(self) -> None:
-        """Failed frames become pending, and the store is no longer whole."""
-        failed = np.flatnonzero(self.group["done"][:] == FAILED)
-        if len(failed):
-            if DIAGNOSTICS in self.group:
-                self.group[DIAGNOSTICS].attrs["whole"] = False
-            for row in failed:
-                self.group["done"][row] = PENDING
+    def reopen(self, frames: Iterable[int]) -> None:
+        """These frames become pending, and the store is no longer whole."""
+        rows = [self._row[frame] for frame in frames]
+        if rows and DIAGNOSTICS in self.group:
+            self.group[DIAGNOSTICS].attrs["whole"] = False
+        for row in rows:
+            self.group["done"][row] = PENDING
 
     @property
     def whole(self) -> bool:

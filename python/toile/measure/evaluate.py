@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
+from ..io.layout import VERDICTS
 from ..io.run import Run, open_run
 from ..scene import HIDDEN, OBSERVED
 from .evidence import evidence, nothing
@@ -36,7 +37,8 @@ def evaluate(run: Run | Path | str) -> dict:
     hidden_model_mm, the hidden ones of the model alone, posed and shaped by the tracking, before anything was fused of the
     sequence; hidden_share, of the outside vertices.
     intersections_left: triangle pairs of garments with the inner skin, whole, and with one another, by exact predicates.
-    seconds: mean a frame.
+    seconds: mean a frame. verdicts: how many registered frames are good, doubtful and wrong, by measure/verdicts.py; a
+    frame has its "verdict" and "reasons".
     """
     return _Evaluation(run if isinstance(run, Run) else open_run(run)).result()
 
@@ -60,8 +62,19 @@ class _Evaluation:
         if everything.get("intersections_left") is not None:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
+        everything["verdicts"] = self._verdicts(per_frame)
         everything["frames_ok"], everything["frames_failed"] = len(per_frame), len(self.run.frames) - len(per_frame)
         return {"all": everything, "per_frame": per_frame}
+
+    def _verdicts(self, per_frame):
+        """Counts of the registered frames by verdict, each frame's and its reasons noted with it; None in older runs."""
+        if self.run.verdict is None:
+            return None
+        for measures in per_frame:
+            measures["verdict"] = VERDICTS[self.run.verdict[self.run.row(measures["frame"])]]
+            measures["reasons"] = self.run.diagnostics.at(measures["frame"]).get("reasons", [])
+        found = [measures["verdict"] for measures in per_frame]
+        return {name: found.count(name) for name in VERDICTS}
 
     def _frame(self, number, errors):
         run, true = self.run, self.truth is not None and number in self.truth

@@ -13,13 +13,14 @@ from ..errors import UserError
 from ..io.files import output_file, write_text
 from ..io.run import open_run
 from .evaluate import evaluate
-from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number
+from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number, table
 
 WORST = 40  # frames shown with pictures
 SIZE = (360, 220)  # (height, width) of a picture [px]
 BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
 HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
 UNSEEN = (176, 174, 170)  # over holes of the scan
+GRAVE = {"good": 0.0, "doubtful": 1e6, "wrong": 2e6}  # of a verdict, when frames are ranked
 
 
 def write_report(run: Path | str, out: Path | str | None = None, more: str = "") -> Path:
@@ -37,6 +38,9 @@ class _Page:
     def __init__(self, run, result):
         self.run, self.result = run, result
         self.flat = {f["frame"]: flatten({k: v for k, v in f.items() if k != "frame"}) for f in result["per_frame"]}
+        self.judged = {
+            f["frame"]: (f["verdict"], "; ".join(f["reasons"])) for f in result["per_frame"] if "verdict" in f
+        }
 
     def html(self, more):
         ok, failed = self.result["all"].get("frames_ok", 0), self.result["all"].get("frames_failed", 0)
@@ -48,12 +52,20 @@ class _Page:
         return document(
             title,
             f"<p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
-            f"{self._warnings()}{cards(flatten(self.result['all']))}<h2>Errors over time</h2><div class='plots'>{self._plots()}</div>{more}"
+            f"{self._warnings()}{self._verdicts()}{cards(flatten(self.result['all']))}<h2>Errors over time</h2><div class='plots'>{self._plots()}</div>{more}"
             f"<h2>Frames, worst first</h2>{_scale()}{shown}<h2>Settings and versions</h2><pre>{settings}</pre>",
         )
 
     def _warnings(self):
         return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in self.run.status.warnings())
+
+    def _verdicts(self):
+        """How many frames are good, doubtful and wrong, and why those that are not good are not."""
+        if not self.judged:
+            return ""
+        rows = [(str(n), verdict, why) for n, (verdict, why) in sorted(self.judged.items()) if why]
+        counts = ", ".join(f"{count} {name}" for name, count in self.result["all"]["verdicts"].items())
+        return f"<h2>Verdicts: {counts}</h2>{table(('frame', 'verdict', 'why'), rows) if rows else ''}"
 
     def _plots(self):
         names = list(dict.fromkeys(name for values in self.flat.values() for name in values))
@@ -65,7 +77,8 @@ class _Page:
         return "".join(plots)
 
     def _ranked(self):
-        """[(frame, why)]: failed ones first, then by the measure that is farthest above its median over the run."""
+        """[(frame, why)]: failed ones first, then those judged wrong and doubtful, then by the measure that is farthest
+        above its median over the run."""
         ranked = []
         medians = {}
         for name in {n for values in self.flat.values() for n in values}:
@@ -86,7 +99,9 @@ class _Page:
                 default=(0.0, "no measure"),
             )
             contact = _contact(self.run.diagnostics.at(number))
-            ranked.append((score + (100 if contact else 0), number, f"{contact}; {why}" if contact else why))
+            verdict, reasons = self.judged.get(number, ("good", ""))
+            why = "; ".join(text for text in (f"{verdict}: {reasons}" if reasons else "", contact, why) if text)
+            ranked.append((score + (100 if contact else 0) + GRAVE[verdict], number, why))
         ranked.sort(key=lambda item: (-item[0], item[1]))
         return [(number, why) for _, number, why in ranked]
 

@@ -79,10 +79,11 @@ class FrameFolders:
         write_text(self.folder(frame) / "failed.json", json.dumps({"reason": reason, **told}))
         self.status.add(frame=frame, stage=self.stage, seconds=0.0, ok=False, reason=reason)
 
-    def reopen_failed(self) -> None:
-        """Failed frames are no longer done."""
-        for path in self.root.glob("*/failed.json"):
-            path.unlink()
+    def reopen(self, frames: Sequence[int]) -> None:
+        """These frames are no longer done."""
+        for frame in frames:
+            (self.folder(frame) / "failed.json").unlink(missing_ok=True)
+            (self.folder(frame) / "whole").unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ from ..io.run import is_run
 from ..io.run_folder import write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
+from ..measure.glimpse import Glimpse, glimpse
+from ..measure.verdicts import judge
 from ..scene import BodyModel, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
@@ -40,10 +42,11 @@ from ..vision.colours import ColourModel
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
 from .manifest import begin_run, note_frame
-from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen_failed
+from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 
 # of `register`, besides its settings
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
+RETRIES = ("failed", "wrong")  # which frames of a run are given again
 
 
 def register(
@@ -54,7 +57,7 @@ def register(
     progress: Progress | None = None,
     workers: int = 1,
     shard: tuple[int, int] = (1, 1),
-    retry: bool = False,
+    retry: bool | str = False,
     verify: bool = False,
     **settings: Any,
 ) -> Outcome:
@@ -66,8 +69,9 @@ def register(
 
     `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
     stood. `workers` processes share the work. `shard` (i, n) takes every n-th block from the i-th on, on its own or
-    beside other shards of the run; whichever ends last finishes the run. `retry` gives failed frames again, whose files
-    may have been mended, with no temporal state of the frames that stand; nothing else is touched. Input files that have
+    beside other shards of the run; whichever ends last finishes the run. `retry` "failed" (or True) gives failed
+    frames again, whose files may have been mended, "wrong" those that are judged wrong too, with no temporal state of the
+    frames that stand; nothing else is touched. Input files that have
     changed since the run read them are refused: by name, size and time, with `verify` by all their contents. The bits
     depend on neither workers nor shards. UserError: no such setting (the message names the nearest), or the capture, or a run
     folder that holds something else, cannot be used; nothing is left behind.
@@ -88,9 +92,10 @@ def register(
     title = "track, segment, dress" if capture.scene.garments else "track"
     job = BlockJob(run, results, prepare, (capture.root, run, config, frames), first_stages, 1, title)
     try:
-        begin_run(run, capture, config, frames, verify, failed_frames(run, frames, results) if retry else ())
+        again = _again(run, frames, results, retry)
+        begin_run(run, capture, config, frames, verify, again)
         if retry:
-            reopen_failed(run, results)
+            reopen(run, again, results)
         last = partial(last_stages, run, frames, results, progress)
         run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
         return outcome_of(run, frames, results)
@@ -98,6 +103,14 @@ def register(
         if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
         raise
+
+
+def _again(run, frames, results, retry):
+    """The frames that `retry` gives again."""
+    if retry not in (False, True, *RETRIES):
+        raise UserError(f"retry {retry}: expected one of {', '.join(RETRIES)}")
+    failed = failed_frames(run, frames, results) if retry else ()
+    return (*failed, *wrong_frames(run, frames)) if retry == "wrong" else failed
 
 
 # Preparation: what all frames need, made once and kept in RUN/prepared ------------------------------------------------
@@ -248,6 +261,7 @@ def first_stages(prepared, number, previous, results) -> None:
         for template, dresser in zip(prepared.templates, prepared.dressers):
             dressed = timed("dress", lambda: dresser.dress(frame, tracked, *found))
             save_record(folder / f"dress.{template.name}.npz", dressed)
+    save_record(folder / "seen.npz", glimpse(frame, found[0].scan_faces if prepared.templates else None))
     for stage, value in seconds.items():
         results.status.add(frame=number, stage=stage, seconds=value, ok=True)
 
@@ -311,8 +325,10 @@ def _finish(run, results, prepared, numbers):
             write_diagnostics(run, number, {"reason": results.reason(number)})
             writer.fail(number)
         else:
-            write_diagnostics(run, number, _measured(*made))
-            writer.write(number, *made)
+            measures, level, reasons = _judged(prepared, number, results, *made)
+            words = {"evidence": measures, "verdict": level, "reasons": reasons}
+            write_diagnostics(run, number, _measured(*made) | words)
+            writer.write(number, *made, verdict=level)
         yield number
 
 
@@ -334,3 +350,12 @@ def _measured(tracked, segmented=None, dressed=None, layer=None):
     garments = {f"dress {name}": dressed[name].diagnostics for name in layer.garments}
     stages = {"track": tracked, "segment": segmented, "inner": layer}
     return {stage: made.diagnostics for stage, made in stages.items()} | garments
+
+
+def _judged(prepared, number, results, tracked, segmented=None, dressed=None, layer=None):
+    """({measure: number}, verdict, reasons) of a frame, from what it shows of its layers."""
+    seen = load_record(results.folder(number) / "seen.npz", Glimpse)
+    templates = {template.name: template for template in prepared.templates}
+    worn = [(templates[name], V, dressed[name]) for name, V in layer.garments.items()] if layer else []
+    capture, model, settings = prepared.capture, prepared.model, prepared.config.verdict
+    return judge(seen, capture.cameras, model, prepared.person, tracked, worn, settings)

@@ -1,0 +1,71 @@
+"""What a frame shows, thinned: enough to measure any surface against it later without reading the frame again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import kernels
+from ..kernels.arrays import Anything
+from ..surface.sampling import evenly
+
+SCAN_POINTS = 4000  # of a scan, evenly by area
+MASK_VIEWS = 4  # pictures whose masks are kept, spread over the cameras
+MASK_SIDE = 96  # longer side of a kept mask, about [px]
+
+
+@dataclass(frozen=True)
+class Glimpse:
+    """Points of the scan and their unit normals, evenly by area, with their labels (0: none); the 2D keypoints; masks by
+    every `step`-th pixel of few cameras. Empty where the frame has none."""
+
+    points: Anything  # (p,3) [m]
+    normals: Anything  # (p,3)
+    labels: Anything  # (p,) uint8
+    spacing: float  # square root of the area that a point stands for [m]
+    keypoint_names: tuple[str, ...]
+    keypoint_views: tuple[str, ...]
+    keypoints: Anything  # (C,k,3) u, v [px], confidence
+    mask_views: tuple[str, ...]
+    mask_steps: Anything  # (M,)
+    mask_sizes: Anything  # (M,2) height, width [px] of a kept mask
+    masks: Anything  # (sum of their pixels,) bool
+
+
+def glimpse(frame, scan_labels=None) -> Glimpse:
+    """The Glimpse of a frame; `scan_labels` (m,) label ids of its scan's faces."""
+    points, normals, labels, spacing = _scan_points(frame.scan, scan_labels)
+    found = frame.keypoints
+    views = () if found is None else tuple(name for name, at in found.points.items() if len(at))
+    keypoints = np.stack([found.points[name] for name in views]) if views else np.zeros((0, 0, 3))
+    chosen = evenly(sorted(frame.masks), MASK_VIEWS) if frame.masks else []
+    steps = [-(-max(frame.masks[name].shape) // MASK_SIDE) for name in chosen]
+    thin = [frame.masks[name][step // 2 :: step, step // 2 :: step] for name, step in zip(chosen, steps)]
+    pixels = np.concatenate([mask.ravel() for mask in thin]) if thin else np.zeros(0, bool)
+    sizes = np.array([mask.shape for mask in thin], np.int64).reshape(-1, 2)
+    names = () if found is None else tuple(found.names)
+    return Glimpse(
+        points,
+        normals,
+        labels,
+        spacing,
+        names,
+        views,
+        keypoints,
+        tuple(chosen),
+        np.array(steps, np.int64),
+        sizes,
+        pixels,
+    )
+
+
+def _scan_points(scan, labels):
+    """Centroids of the faces that equal steps of area fall on: no draw, so that the bits are the same."""
+    if scan is None:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.uint8), 0.0
+    area = np.cumsum(kernels.face_areas(scan.vertices, scan.faces))
+    step = area[-1] / SCAN_POINTS
+    face = np.searchsorted(area, (np.arange(SCAN_POINTS) + 0.5) * step).clip(max=len(scan.faces) - 1)
+    kept = np.zeros(len(face), np.uint8) if labels is None else np.asarray(labels, np.uint8)[face]
+    return scan.vertices[scan.faces[face]].mean(1), scan.face_normals[face], kept, float(np.sqrt(step))

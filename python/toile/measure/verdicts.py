@@ -1,0 +1,179 @@
+"""Is a registered frame to be trusted? Evidence from both sides, without truth, and a verdict with its reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import kernels
+from ..io.layout import DOUBTFUL, GOOD, WRONG
+from ..scene import OBSERVED
+
+VERTICES = 2000  # of a surface, that look for the scan
+UNSEEN = 0.1  # a keypoint of less confidence counts as unseen
+
+
+@dataclass(frozen=True)
+class JudgedLayer:
+    """A surface that a frame was registered as. `label`: of the scan's points that are its own; None for all of them."""
+
+    name: str
+    label: int | None
+    vertices: np.ndarray  # (n,3) [m]
+    faces: np.ndarray  # (m,3)
+    confidence: np.ndarray  # (n,)
+    looks: np.ndarray  # indices (k,) of the vertices that a scan can show
+
+
+def judge(seen, cameras, model, person, tracked, worn, settings) -> tuple[dict[str, float], int, list[str]]:
+    """(measures, verdict, reasons) of a frame: a Glimpse of it against its Tracked and its garments `worn`, each a
+    (GarmentTemplate, vertices (g,3), Dressed)."""
+    outside = np.flatnonzero(~model.inside)
+    body = JudgedLayer("body", None, tracked.vertices, model.skin_faces, tracked.confidence, outside)
+    joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
+    layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
+    measures = agreement(seen, cameras, model, joints, body, layers)
+    for template, _, made in worn:
+        measures |= _openings(template, made.diagnostics)
+    return measures, *verdict(measures, settings)
+
+
+def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, float]:
+    """How well layers explain a Glimpse, from both sides; what the frame lacks is left out.
+
+    `body`: the tracked JudgedLayer, `joints` (K,3) its joints; `garments`: Layers. observed: share of the body's vertices found
+    on the scan. scan_to_surface_mm, surface_to_scan_mm: mean, and what 95 % stay below (_p95_mm); the second to the
+    scan's points with their normals. keypoint_px: of the model's keypoints and those detected, all cameras, median and
+    p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. Of a garment NAME:
+    NAME.observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95.
+    """
+    out = {"observed": float((body.confidence[body.looks] == OBSERVED).mean())}
+    if len(seen.points):
+        skin = kernels.SurfaceIndex(body.vertices, body.faces)
+        out |= _spread("scan_to_surface", "mm", 1e3 * skin.closest(seen.points)[3], np.mean)
+        out |= _spread("surface_to_scan", "mm", 1e3 * _to_points(seen, None, body), np.mean)
+    if seen.keypoints.size:
+        pixels, millimetres = _reprojection(seen, cameras, model, body.vertices, joints)
+        if len(pixels):
+            out |= _spread("keypoint", "px", pixels, np.median) | _spread("keypoint", "mm", millimetres, np.median)
+    if len(seen.mask_views):
+        out["silhouette_iou"] = float(np.mean(list(_silhouettes(seen, cameras, body))))
+    for layer in garments:
+        out[f"{layer.name}.observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
+        own = seen.points[seen.labels == layer.label]
+        if len(own):
+            cloth = kernels.SurfaceIndex(layer.vertices, layer.faces)
+            out |= _spread(f"{layer.name}.cloth_to_garment", "mm", 1e3 * cloth.closest(own)[3], np.mean)
+            out |= _spread(f"{layer.name}.garment_to_cloth", "mm", 1e3 * _to_points(seen, layer.label, layer), np.mean)
+    return out
+
+
+def verdict(measures, settings) -> tuple[int, list[str]]:
+    """GOOD, DOUBTFUL or WRONG by the settings' limits, and the reasons in words, the gravest first."""
+    found = []
+    for name, (doubtful, wrong, words) in _limits(settings).items():
+        for key in measures:
+            owner, _, measure = key.rpartition(".")
+            if measure != name:
+                continue
+            value, low = measures[key], wrong < doubtful
+            level = WRONG if _beyond(value, wrong, low) else DOUBTFUL if _beyond(value, doubtful, low) else GOOD
+            if level != GOOD:
+                said = f"{words.format(_words(value))} ({'at least' if low else 'at most'} {_words(doubtful)} is good)"
+                found.append((level, f"{owner}: {said}" if owner else said))
+    if "scan_to_surface_mm" not in measures:
+        found.append((DOUBTFUL, "no scan shows where the surface lies"))
+    found.sort(key=lambda item: -item[0])
+    return max([GOOD, *(level for level, _ in found)]), [reason for _, reason in found]
+
+
+def _limits(settings):
+    """{measure: (doubtful from, wrong from, words)}."""
+    return {name: (*getattr(settings, name), words) for name, words in WORDS.items()}
+
+
+WORDS = {
+    "observed": "{} of the surface was found on the scan",
+    "scan_to_surface_mm": "the scan lies {} mm from the surface on average",
+    "scan_to_surface_p95_mm": "a twentieth of the scan lies beyond {} mm from the surface",
+    "surface_to_scan_mm": "the surface lies {} mm from the scan on average",
+    "surface_to_scan_p95_mm": "a twentieth of the surface lies beyond {} mm from the scan",
+    "keypoint_mm": "the keypoints are {} mm off in the middle",
+    "keypoint_p95_mm": "a twentieth of the keypoints are more than {} mm off",
+    "silhouette_iou": "silhouette and masks overlap by {}",
+    "cloth_to_garment_mm": "the labelled scan lies {} mm from the garment on average",
+    "cloth_to_garment_p95_mm": "a twentieth of the labelled scan lies beyond {} mm from the garment",
+    "garment_to_cloth_mm": "the garment lies {} mm from the labelled scan on average",
+    "garment_to_cloth_p95_mm": "a twentieth of the garment lies beyond {} mm from the labelled scan",
+    "loop_observed": "{} of the openings was seen",
+    "loop_mm": "an opening lies {} mm from the one that was seen",
+    "unclaimed_opening_mm": "{} mm of seen openings belong to no loop",
+}
+
+
+def _openings(template, diagnostics):
+    """What dressing said of a garment's loops: the share seen, the largest distance, openings that belong to none."""
+    seen = [diagnostics[f"loop_observed.{name}"] for name in template.loop_names]
+    off = [diagnostics[f"loop_mm.{name}"] for name in template.loop_names]  # -1 where none was seen
+    return {
+        f"{template.name}.loop_observed": float(np.mean(seen)),
+        f"{template.name}.loop_mm": max([0.0, *off]),
+        f"{template.name}.unclaimed_opening_mm": diagnostics["unclaimed_opening_mm"],
+    }
+
+
+def _beyond(value, limit, low):
+    return value < limit if low else value > limit
+
+
+def _words(value):
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+
+
+def _spread(name, unit, values, middle):
+    return {f"{name}_{unit}": float(middle(values)), f"{name}_p95_{unit}": float(np.percentile(values, 95))}
+
+
+def _to_points(seen, label, layer):
+    """Distances (k,) [m] of the layer's vertices to the surface that the scan's points stand for: across their normals,
+    and along them beyond half their spacing."""
+    from scipy.spatial import cKDTree
+
+    own = slice(None) if label is None else seen.labels == label
+    points, normals = seen.points[own], seen.normals[own]
+    V = layer.vertices[layer.looks[:: max(len(layer.looks) // VERTICES, 1)]]
+    at = cKDTree(points).query(V)[1]
+    way = V - points[at]
+    across = np.abs(np.einsum("ki,ki->k", way, normals[at]))
+    along = np.sqrt(np.maximum((way**2).sum(1) - across**2, 0))
+    return np.hypot(across, np.maximum(along - seen.spacing, 0))
+
+
+def _reprojection(seen, cameras, model, vertices, joints):
+    """Distances between the model's keypoints and those detected [px], and times depth over focal length [mm]."""
+    places = dict(zip(model.keypoint_names, model.keypoints(vertices, joints)))
+    known = [i for i, name in enumerate(seen.keypoint_names) if name in places]
+    points = np.array([places[seen.keypoint_names[i]] for i in known]).reshape(-1, 3)
+    pixels, millimetres = [np.zeros(0)], [np.zeros(0)]
+    for name, found in zip(seen.keypoint_views, seen.keypoints):
+        at, depth = cameras[name].project(points)
+        there = (found[known, 2] > UNSEEN) & (depth > 0)
+        off = np.linalg.norm(at - found[known, :2], axis=1)[there]
+        pixels.append(off)
+        millimetres.append(1e3 * off * depth[there] / cameras[name].K[0, 0])
+    return np.concatenate(pixels), np.concatenate(millimetres)
+
+
+def _silhouettes(seen, cameras, body):
+    """Intersection over union of each kept mask and the surface's silhouette."""
+    masks = np.split(seen.masks, np.cumsum(seen.mask_sizes.prod(1))[:-1])
+    for name, step, size, mask in zip(seen.mask_views, seen.mask_steps, seen.mask_sizes, masks):
+        camera = cameras[name]
+        p = camera.to_camera(body.vertices)
+        z = np.maximum(p[:, 2:], 1e-3)
+        moved = np.concatenate([camera.distort(p[:, :2] / z) * z, p[:, 2:]], axis=1)
+        K = camera.K / [[step], [step], [1]]
+        covered = kernels.raster(moved, body.faces, K, tuple(int(side) for side in size)).face >= 0
+        mask = mask.reshape(size)
+        yield (covered & mask).sum() / max((covered | mask).sum(), 1)

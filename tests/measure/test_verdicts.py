@@ -1,0 +1,116 @@
+"""Evidence from both sides and the verdict that it gives, against exact cases and against full resolution."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.support.shapes import sphere
+from toile.config import VerdictSettings
+from toile.io.files import load_record, save_record
+from toile.io.layout import DOUBTFUL, GOOD, WRONG
+from toile.io.run import open_run
+from toile.measure.evaluate import evaluate
+from toile.measure.glimpse import Glimpse, glimpse
+from toile.measure.verdicts import JudgedLayer, agreement, verdict
+from toile.scene import Frame, Keypoints, Mesh
+
+SETTINGS = VerdictSettings()
+FINE = {"observed": 0.9, "scan_to_surface_mm": 1.0, "surface_to_scan_mm": 1.0, "silhouette_iou": 0.98}
+
+
+def ball():
+    return sphere(radius=0.5)
+
+
+def layer(V, F, label=None):
+    return JudgedLayer("ball", label, V, F, np.full(len(V), 2, np.uint8), np.arange(len(V)))
+
+
+def frame(V, F):
+    return Frame(0, Mesh(V, F))
+
+
+def test_two_spheres_about_one_point_lie_the_difference_of_their_radii_apart_from_either_side():
+    V, F = ball()
+    found = agreement(glimpse(frame(V, F)), {}, None, None, layer(1.02 * V, F))
+    for name in ("scan_to_surface", "surface_to_scan"):
+        assert found[f"{name}_mm"] == pytest.approx(10, abs=0.4)
+        assert found[f"{name}_p95_mm"] == pytest.approx(10, abs=0.8)
+    assert found["observed"] == 1 and set(found) == {
+        "observed", "scan_to_surface_mm", "scan_to_surface_p95_mm", "surface_to_scan_mm", "surface_to_scan_p95_mm",
+    }  # fmt: skip
+
+
+def test_a_rigid_motion_of_everything_changes_no_distance():
+    V, F = ball()
+    turn, move = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0.0]]), np.array([3, -20, 5.0])
+    one = agreement(glimpse(frame(V, F)), {}, None, None, layer(1.02 * V, F))
+    two = agreement(glimpse(frame(V @ turn.T + move, F)), {}, None, None, layer(1.02 * V @ turn.T + move, F))
+    assert one == pytest.approx(two, abs=1e-6)
+
+
+def test_what_the_surface_lacks_shows_from_the_scan_and_what_the_scan_lacks_from_the_surface():
+    V, F = ball()
+    half = F[(V[F][:, :, 2] > 0).all(1)]
+    scan_only = agreement(glimpse(frame(V, F)), {}, None, None, layer(V, half))
+    assert scan_only["scan_to_surface_p95_mm"] > 300 and scan_only["observed"] == 1
+    surface_only = agreement(glimpse(frame(V, half)), {}, None, None, layer(V, F))
+    assert surface_only["surface_to_scan_p95_mm"] > 300 and surface_only["scan_to_surface_p95_mm"] < 1
+
+
+def test_the_thinned_evidence_is_that_of_the_whole_scan(sample_run):
+    """An independent oracle: evaluate measures every vertex of the scan against every vertex of the surface."""
+    run = open_run(sample_run)
+    for whole in evaluate(run)["per_frame"]:
+        thin = run.diagnostics.at(whole["frame"])["evidence"]
+        assert thin["observed"] == pytest.approx(whole["evidence"]["observed"])
+        assert thin["scan_to_surface_mm"] == pytest.approx(whole["evidence"]["scan_to_surface_mm"]["mean"], abs=0.7)
+        assert thin["surface_to_scan_mm"] == pytest.approx(whole["evidence"]["surface_to_scan_mm"]["mean"], abs=2.5)
+        assert thin["keypoint_px"] == pytest.approx(whole["evidence"]["keypoint_px"]["median"], rel=0.05)
+        assert thin["silhouette_iou"] == pytest.approx(whole["evidence"]["silhouette_iou"], abs=0.04)
+
+
+def test_a_glimpse_comes_back_from_its_file(tmp_path):
+    V, F = ball()
+    keypoints = Keypoints(("body.nose",), {"a": np.array([[3.0, 4.0, 0.5]])})
+    made = glimpse(Frame(0, Mesh(V, F), keypoints, masks={"a": np.eye(200, dtype=bool)}), np.ones(len(F)))
+    save_record(tmp_path / "seen.npz", made)
+    back = load_record(tmp_path / "seen.npz", Glimpse)
+    for name in (field.name for field in dataclasses.fields(Glimpse)):
+        assert np.array_equal(getattr(made, name), getattr(back, name)), name
+
+
+def test_evidence_without_fault_is_good_and_the_worst_measure_decides():
+    assert verdict(FINE, SETTINGS) == (GOOD, [])
+    doubtful, wrong = SETTINGS.scan_to_surface_mm
+    between = (doubtful + wrong) / 2
+    level, reasons = verdict(FINE | {"scan_to_surface_mm": between}, SETTINGS)
+    assert level == DOUBTFUL and len(reasons) == 1 and f"{between:.0f} mm from the surface" in reasons[0]
+    level, reasons = verdict(FINE | {"scan_to_surface_mm": between, "silhouette_iou": 0.1}, SETTINGS)
+    assert level == WRONG and len(reasons) == 2 and "silhouette" in reasons[0]
+
+
+@pytest.mark.parametrize("name", list(VerdictSettings.model_fields))
+def test_a_frame_gets_no_better_as_a_measure_gets_worse(name):
+    doubtful, wrong = getattr(SETTINGS, name)
+    steps = np.linspace(2 * doubtful - wrong, 2 * wrong - doubtful, 40)
+    levels = [verdict(FINE | {name: value}, SETTINGS)[0] for value in steps]
+    assert levels == sorted(levels) and levels[0] == GOOD and levels[-1] == WRONG
+    assert levels == [verdict(FINE | {f"shirt.{name}": value}, SETTINGS)[0] for value in steps]
+
+
+def test_a_frame_without_a_scan_is_doubtful_at_best():
+    level, reasons = verdict({"observed": 0.0, "keypoint_mm": 5.0}, SETTINGS)
+    assert level >= DOUBTFUL and any("no scan" in reason for reason in reasons)
+
+
+def test_every_registered_frame_has_a_verdict_and_its_measures(sample_run):
+    run = open_run(sample_run)
+    assert run.verdict.dtype == np.uint8 and run.verdict.shape == run.done.shape
+    for number in run.ok:
+        found = run.diagnostics.at(number)
+        assert found["verdict"] == run.verdict[run.row(number)] == verdict(found["evidence"], SETTINGS)[0]
+        assert found["evidence"]["tshirt.observed"] > 0.5
+    counts = evaluate(run)["all"]["verdicts"]
+    assert sum(counts.values()) == 4 and counts["wrong"] == 0
