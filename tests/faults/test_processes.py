@@ -122,7 +122,9 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
     before = arrays(tmp_path / "run")
     scan.write_bytes(whole)
     made, make = [], pipeline.first_stages
-    monkeypatch.setattr(pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest)))
+    monkeypatch.setattr(
+        pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest))[1]
+    )
     assert pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES, retry=True).ok == FRAMES
     after = arrays(tmp_path / "run")
     assert made == [50] and after["done"].tolist() == [1, 1, 1, 1]

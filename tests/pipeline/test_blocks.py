@@ -1,10 +1,12 @@
 """The resumable runner alone, on frames whose results are numbers."""
 
 import json
+import multiprocessing
 from functools import partial
 
 import pytest
 
+from toile import kernels
 from toile.errors import UserError
 from toile.io.files import write_text
 from toile.io.status import Status
@@ -75,7 +77,7 @@ def test_a_job_that_was_stopped_makes_only_what_is_missing(tmp_path, monkeypatch
     whole, job = run(job_in(tmp_path / "whole")), job_in(tmp_path / "stopped")
     with pytest.raises(KeyboardInterrupt):
         run(job, progress=stop)
-    kept = [path for path in (tmp_path / "stopped").rglob("made.json")]
+    kept = [path for path in (tmp_path / "stopped").rglob("made.json") if path.with_name("whole").exists()]
     times = [path.stat().st_mtime_ns for path in kept]
     assert 0 < len(kept) < len(FRAMES) and run(job) == whole
     assert [path.stat().st_mtime_ns for path in kept] == times and (tmp_path / "stopped" / "whole.json").exists()
@@ -91,6 +93,16 @@ def test_workers_make_the_same(tmp_path):
     bad = job_in(tmp_path / "two", bad=[49]), job_in(tmp_path / "one", bad=[49])
     assert run(bad[0], workers=2) == run(bad[1])
     assert bad[0].results.reason(49) == bad[1].results.reason(49) == "frames/000049: frame 49 is bad"
+
+
+def test_the_cores_of_workers_without_a_block_go_to_threads(tmp_path):
+    found, before = [], kernels.threads()
+
+    def progress(*_):
+        found.append((kernels.threads(), len(multiprocessing.active_children())))
+
+    run(job_in(tmp_path / "one"), FRAMES[:3], workers=before + 1, progress=progress)
+    assert set(found) == {(before + 1, 0)} and kernels.threads() == before
 
 
 def test_frames_that_are_not_left_only_cut_the_blocks(tmp_path):

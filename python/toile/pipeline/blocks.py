@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import signal
 import threading
@@ -31,9 +32,11 @@ from ..io.bounded import read_json
 from ..io.files import write_text
 from ..io.status import Status
 from ..kernels import InputError, SolveError
+from .overlap import overlapped
 
 Progress = Callable[[str, int, int], None]  # (stage, done, total)
 BLOCK = 50
+SHARES = 4  # a worker, where the work is not in blocks
 EXPECTED = (UserError, InputError, SolveError, OSError, MemoryError, np.linalg.LinAlgError)  # of bad frames
 DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE}  # no frame's own fault
 
@@ -89,8 +92,9 @@ class FrameFolders:
 @dataclass(frozen=True)
 class BlockJob:
     """What is done to each frame. `prepare(*arguments)` gives what all frames need: it is called under the folder's lock, and
-    again in every worker. `make(prepared, frame, previous, folders)` makes one frame's results in its folder; `previous`
-    is the frame before it whose results give temporal state, or None. `reach`: how many numbers that one may lie back.
+    again in every worker. `make(prepared, frame, previous, folders)` makes one frame's results in its folder, and may yield
+    between its steps: while one frame takes a step, the next takes those before it, see `overlapped`. `previous` is the frame
+    before it whose results give temporal state, or None: what that frame's steps up to the same one have left is there. `reach`: how many numbers that one may lie back.
     `title`: what progress calls it. Functions are named in modules, and arguments pickle: they go to other processes."""
 
     folder: Path
@@ -116,12 +120,17 @@ def run_job(
 
     `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
     the blocks. `prepare` is given `progress(stage, done, total)` in this process."""
-    with one_blas_thread(), Workers(workers, job.prepare, *job.arguments) as pool:
+    own = blocks(frames)[shard[0] - 1 :: shard[1]]
+    busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
+    with (
+        one_blas_thread(),
+        _threads(max(kernels.threads(), workers)),
+        Workers(busy, job.prepare, *job.arguments) as pool,
+    ):
         with locked(job.folder):
             if whole():
                 return
             prepared, wanted = pool.prepared(progress), set(left() if left else frames)
-        own = blocks(frames)[shard[0] - 1 :: shard[1]]
         for i, _ in enumerate(pool.each(partial(_make_block, job.make, job.reach, job.results, wanted), own)):
             progress(job.title, i + 1, sum(map(len, own)))
         with locked(job.folder):
@@ -137,19 +146,23 @@ def check_shares(workers: int, shard: tuple[int, int]) -> None:
 
 
 def _make_block(make, reach, results, wanted, prepared, numbers):
-    """One block's frames in their order; yields each number when it is behind."""
-    last = None
-    for number in numbers:
-        if number in wanted and not results.done(number):
-            near = last is not None and 0 < number - last <= reach
-            try:
-                make(prepared, number, last if near else None, results)
-            except Exception as error:
-                results.fail(number, error)
-            else:
-                write_text(results.folder(number) / "whole", "")
-        if results.whole(number):
-            last = number
+    """One block's frames, in their order and several under way at once; yields each number when it is behind."""
+    place = {number: i for i, number in enumerate(numbers)}
+    whole = [number for number in numbers if results.whole(number)]
+    left = [number for number in numbers if number in wanted and not results.done(number)]
+
+    def begin(number, before):
+        earlier = [n for n in whole if place[n] < place[number]] + ([] if before is None else [before])
+        last = max(earlier, key=place.get, default=None)
+        near = last is not None and 0 < number - last <= reach
+        yield from make(prepared, number, last if near else None, results) or ()
+
+    yield from (number for number in numbers if number not in left)
+    for number, error in overlapped(begin, left):
+        if error is None:
+            write_text(results.folder(number) / "whole", "")
+        else:
+            results.fail(number, error)
         yield number
 
 
@@ -170,6 +183,17 @@ def one_blas_thread() -> threadpool_limits:
     import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
 
     return threadpool_limits(1, "blas")
+
+
+@contextmanager
+def _threads(count):
+    """Lets kernels called from this thread use `count` threads."""
+    before = kernels.threads()
+    kernels.set_threads(count)
+    try:
+        yield
+    finally:
+        kernels.set_threads(before)
 
 
 class Workers:
@@ -197,6 +221,11 @@ class Workers:
         if not self._prepared:
             self._prepared.append(self.prepare(*self.arguments, *progress))
         return self._prepared[0]
+
+    def shares(self, items: Sequence) -> list[tuple]:
+        """The items in shares for `each`: one for this process, several a worker, so that all end at about one time."""
+        most = len(items) if self.count == 1 else math.ceil(len(items) / (SHARES * self.count))
+        return [tuple(items[i : i + most]) for i in range(0, len(items), max(most, 1))]
 
     def each(self, function: Callable, items: Sequence) -> Iterator:
         """Yields what the generator `function(prepared, item)` yields, item by item as they are done."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import shutil
 import time
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -43,6 +43,7 @@ from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_
 from .fusing import fuse
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
+from .overlap import overlapped
 
 # of `register`, besides its settings
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
@@ -237,13 +238,10 @@ def _segment(prepared, colours, frame, tracked, previous):
 # Every frame: track, segment, dress -----------------------------------------------------------------------------------
 
 
-def first_stages(prepared, number, previous, results) -> None:
-    """Makes a frame's Tracked, Segmented and Dressed; the frame `previous` gives temporal state."""
-    before, before_labels = None, None
-    if previous is not None:
-        before, before_labels, _ = _load_first_stages(prepared.templates, results.folder(previous))
-    note_frame(prepared.folder.parent, prepared.capture, number)
-    frame, folder = prepared.capture.frame(number), results.folder(number)
+def first_stages(prepared, number, previous, results) -> Iterator[None]:
+    """Makes a frame's Tracked, Segmented and Dressed, a step each; the frame `previous` gives temporal state."""
+    capture, folder = prepared.capture, results.folder(number)
+    before = None if previous is None else results.folder(previous)
     seconds: dict[str, float] = {}
 
     def timed(stage, make):
@@ -252,12 +250,19 @@ def first_stages(prepared, number, previous, results) -> None:
         seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
         return result
 
-    points = timed("reconstruct", lambda: _points(prepared.capture, prepared.config, frame))
-    tracked = timed("track", lambda: prepared.tracker.track(frame, points, before))
+    note_frame(prepared.folder.parent, capture, number)
+    frame = capture.frame(number)
+    points = timed("reconstruct", lambda: _points(capture, prepared.config, frame))
+    yield
+    last = None if before is None else load_record(before / "track.npz", Tracked)
+    tracked = timed("track", lambda: prepared.tracker.track(frame, points, last))
     save_record(folder / "track.npz", tracked)
+    yield
     if prepared.templates:
-        found = timed("segment", lambda: _segment(prepared, prepared.colours, frame, tracked, before_labels))
+        last = None if before is None else _load_segmented(before / "segment.npz")
+        found = timed("segment", lambda: _segment(prepared, prepared.colours, frame, tracked, last))
         save_record(folder / "segment.npz", found[0])
+        yield
         for template, dresser in zip(prepared.templates, prepared.dressers):
             dressed = timed("dress", lambda: dresser.dress(frame, tracked, *found))
             save_record(folder / f"dress.{template.name}.npz", dressed)
@@ -292,8 +297,8 @@ def last_stages(run, frames, results, progress, prepared, pool) -> None:
         _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(run, frames, results, prepared, pool))
     if not is_run(run):
         RunWriter.create(run, frames, scene, prepared.model, prepared.person, prepared.templates)
-    left = [(number,) for number in frames_left(run, frames)]
-    for i, _ in enumerate(pool.each(partial(_finish, run, results), left)):
+    left = frames_left(run, frames)
+    for i, _ in enumerate(pool.each(partial(_finish, run, results), pool.shares(left))):
         progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
     RunWriter.of(run).write_diagnostics(diagnostics_of(run, frames, results.status))
     shutil.rmtree(run / "work", ignore_errors=True)
@@ -313,34 +318,41 @@ def _load_results(results, prepared, number):
 
 def _finish(run, results, prepared, numbers):
     """Solves the inner layer of these frames and writes them to the store, a chunk a frame; yields each number."""
-    writer = RunWriter.of(run)
-    for number in numbers:
-        made = None
-        if results.whole(number):
-            try:
-                made = _last_stage(prepared, number, results)
-            except Exception as error:
-                results.fail(number, error)
-        if made is None:
+    writer, made = RunWriter.of(run), {}
+    for number, error in overlapped(lambda number, _: _last_stage(prepared, number, results, made), numbers):
+        if error is not None:
+            results.fail(number, error)
+        if number in made:
+            found, (measures, level, reasons) = made.pop(number)
+            words = {"evidence": measures, "verdict": level, "reasons": reasons}
+            write_diagnostics(run, number, _measured(*found) | words)
+            writer.write(number, *found, verdict=level)
+        else:
             write_diagnostics(run, number, {"reason": results.reason(number)})
             writer.fail(number)
-        else:
-            measures, level, reasons = _judged(prepared, number, results, *made)
-            words = {"evidence": measures, "verdict": level, "reasons": reasons}
-            write_diagnostics(run, number, _measured(*made) | words)
-            writer.write(number, *made, verdict=level)
         yield number
 
 
-def _last_stage(prepared, number, results):
-    """(Tracked, Segmented, {garment: Dressed}, Inner) of a frame; only the first without garments."""
-    tracked, segmented, dressed = _load_first_stages(prepared.templates, results.folder(number))
-    if not prepared.templates:
-        return (tracked,)
-    start = time.perf_counter()
-    layer = prepared.inner.solve(tracked, segmented, dressed)
-    results.status.add(frame=number, stage="inner", seconds=time.perf_counter() - start, ok=True)
-    return tracked, segmented, dressed, layer
+def _last_stage(prepared, number, results, made) -> Iterator[None]:
+    """(Tracked, Segmented, {garment: Dressed}, Inner) of a frame, only the first without garments, and what is judged of it,
+    into `made`; nothing of a frame that failed."""
+    if not results.whole(number):
+        return
+    found = _load_first_stages(prepared.templates, results.folder(number))
+    if prepared.templates:
+        start = time.perf_counter()
+        body = prepared.inner.body(*found)
+        seconds = time.perf_counter() - start
+        yield
+        start = time.perf_counter()
+        layer = prepared.inner.layered(body, *found)
+        seconds += time.perf_counter() - start
+        results.status.add(frame=number, stage="inner", seconds=seconds, ok=True)
+        found = (*found, layer)
+        yield
+    else:
+        found = found[:1]
+    made[number] = found, _judged(prepared, number, results, *found)
 
 
 def _measured(tracked, segmented=None, dressed=None, layer=None):

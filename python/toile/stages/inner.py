@@ -82,12 +82,20 @@ class InnerLayer:
 
     def solve(self, tracked, segmented, dressed):
         """The inner body of one frame, then every garment out of the body and of the garments under it."""
+        return self.layered(self.body(tracked, segmented, dressed), tracked, segmented, dressed)
+
+    def body(self, tracked, segmented, dressed):
+        """The vertices (n,3) of the inner body of one frame."""
         visible = _visible(tracked, segmented, self.templates)
         meshes = _meshes(self.templates, dressed)
         fit = self.solver.solve(
             self.shape.rest, tracked.rotations, tracked.translation, tracked.vertices, visible, meshes
         )
-        V = np.asarray(fit.V)
+        return np.asarray(fit.V)
+
+    def layered(self, V, tracked, segmented, dressed):
+        """The Inner of one frame from its inner body (n,3): every garment out of it and of the garments under it."""
+        visible = _visible(tracked, segmented, self.templates)
         hidden = {name: d.confidence < OBSERVED for name, d in dressed.items()}
         layers = self.layering.solve(
             V, self.layering.move_inside({name: d.vertices for name, d in dressed.items()}, hidden)
