@@ -150,7 +150,9 @@ def test_a_wrong_frame_is_told_ends_with_2_and_is_given_again_where_asked(captur
         cli.main()
     scan.write_bytes(whole)
     made, make = [], pipeline.first_stages
-    monkeypatch.setattr(pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest)))
+    monkeypatch.setattr(
+        pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest))[1]
+    )
     assert not pipeline.register(folder, run, CONFIG, FRAMES, retry="wrong").wrong
     assert made == [50] and np.array_equal(arrays(run)["done"], [1, 1, 1, 1])
     assert np.array_equal(arrays(run)["track/vertices"][2], arrays(undisturbed)["track/vertices"][2])
