@@ -69,11 +69,14 @@ def register(
     verify: Annotated[
         bool, typer.Option("--verify", help="compare the contents of every input that a run has read")
     ] = False,
+    template_from_scan: Annotated[
+        list[str] | None, typer.Option(help="a garment whose template is cut from the capture itself, by its label")
+    ] = None,
     config: ConfigFile = None,
     changes: Changes = None,
 ):
     """Register a capture: the body and each garment, every frame, in fixed topologies."""
-    from .config import from_options, preset
+    from .config import changed, from_options, preset
     from .io.capture import open_capture
     from .pipeline.run import RETRIES
     from .pipeline.run import register as run_pipeline
@@ -86,6 +89,8 @@ def register(
     if budget is not None:
         quality = quality_within(budget, quality, opened, numbers)
     settings = from_options(preset, quality, config, changes)
+    if template_from_scan:
+        settings = changed(settings, {"template_from_scan": list(template_from_scan)})
     with progress_bars() as progress:
         outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry or False, verify)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""

@@ -125,7 +125,7 @@ class Garment:
     """One garment of the scene: `label` is its name in the label table."""
 
     name: str
-    template: str  # path inside the capture
+    template: str  # path inside the capture; "" for one that is cut from the scans
     label: str
 
 

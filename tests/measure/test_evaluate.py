@@ -7,9 +7,12 @@ import pytest
 import zarr
 
 from tests.support.synthetic_run import copy_capture, true_run
-from toile.errors import UserError
+from toile import kernels
 from toile.io.body import load_body_model
+from toile.io.mesh import read_mesh, write_mesh
 from toile.measure.evaluate import evaluate
+from toile.measure.report import write_report
+from toile.scene import Mesh
 
 
 @pytest.fixture
@@ -141,7 +144,61 @@ def test_a_loop_on_another_loops_rim_is_not_on_its_own(made):
     assert boundary["loop0"] > 100 and boundary["loop1"] < 5
 
 
-def test_a_garment_that_the_truth_lacks_is_named(made):
+def test_a_garment_that_the_truth_lacks_is_named_and_not_measured(made):
     shutil.rmtree(made[0] / "truth" / "truth.zarr" / "garment")
-    with pytest.raises(UserError, match="garment/tshirt"):
-        evaluate(made[1])
+    found = evaluate(made[1])
+    assert len(found["warnings"]) == 1 and "garment tshirt: the truth has no such garment" in found["warnings"][0]
+    shirt = found["all"]["garment"]["tshirt"]
+    assert shirt["surface_mm"] is None and shirt["observed"] == 1 and found["all"]["label_iou"] is None
+    assert found["all"]["inner"]["visible_mm"] < 1e-3
+
+
+def with_another_template(made):
+    """The run as if its template were the truth's own mesh, whose openings it names by the bones."""
+    truth = zarr.open_group(str(made[0] / "truth" / "truth.zarr"), mode="r")
+    store = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")
+    V, F = truth["garment/tshirt/vertices"][:].astype(float), truth["garment/tshirt/faces"][:]
+    for name, values in (("vertices", V), ("faces", F)):
+        store.create_array(f"garment/tshirt/{name}", data=values, chunks=(1, *values.shape[1:]), overwrite=True)
+    sure = np.full(V.shape[:2], 2, np.uint8)
+    store.create_array("confidence/tshirt", data=sure, chunks=(1, sure.shape[1]), overwrite=True)
+    scene = store.attrs["scene"]
+    names = ("hem", "neck", "sleeve_right", "sleeve_left")
+    scene["garments"][0]["loops"] = {n: l.tolist() for n, l in zip(names, kernels.boundary_loops(F))}
+    store.attrs["scene"] = scene
+    return store
+
+
+def test_a_template_that_the_truth_has_no_map_of_is_measured_by_surface_and_openings(made):
+    with_another_template(made)
+    found = evaluate(made[1])
+    assert "no map of this template" in found["warnings"][0]
+    shirt = found["all"]["garment"]["tshirt"]
+    assert shirt["correspondence_mm"] is None and shirt["jitter_mm"] is None
+    assert shirt["surface_mm"] < 1e-3 and max(shirt["boundary_mm"].values()) < 1e-3 and len(shirt["boundary_mm"]) == 4
+    assert "no map of this template" in write_report(made[1]).read_text()
+
+
+def test_without_a_map_a_loop_is_measured_against_the_opening_of_its_name(made):
+    """Sleeves that lie on one another's rims: the nearest rim would call them right."""
+    store = with_another_template(made)
+    scene = store.attrs["scene"]
+    loops = scene["garments"][0]["loops"]
+    loops["sleeve_left"], loops["sleeve_right"] = loops["sleeve_right"], loops["sleeve_left"]
+    store.attrs["scene"] = scene
+    boundary = evaluate(made[1])["all"]["garment"]["tshirt"]["boundary_mm"]
+    assert boundary["sleeve_left"] > 100 and boundary["sleeve_right"] > 100 and boundary["hem"] < 1e-3
+
+
+def test_a_map_of_as_many_vertices_in_another_order_is_not_used(made):
+    """The capture's template exchanged after the truth was made: the map would be silently wrong."""
+    template = made[0] / "templates" / "tshirt.obj"
+    mesh = read_mesh(template)
+    order = np.random.default_rng(0).permutation(len(mesh.vertices)).astype(np.int32)
+    V = np.empty_like(mesh.vertices)
+    V[order] = mesh.vertices
+    write_mesh(template, Mesh(V, order[mesh.faces], mesh.uv, mesh.face_uv))
+    store = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")
+    store["garment/tshirt/faces"][:] = order[mesh.faces]
+    found = evaluate(made[1])
+    assert "no map" in found["warnings"][0] and found["all"]["garment"]["tshirt"]["correspondence_mm"] is None

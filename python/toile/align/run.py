@@ -26,6 +26,7 @@ from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
 from ..pipeline.blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
 from ..pipeline.manifest import claim
+from ..scene import GarmentTemplate
 from ..surface.layering import Layering
 from ..surface.layers import read_layers
 from .matching import Matched, Matcher
@@ -144,7 +145,9 @@ def prepare(run, out, settings, progress=lambda *_: None) -> PreparedAlignment:
 
 
 def _template(run, layer):
-    """Vertices of the capture's template, whose lengths the cloth keeps."""
+    """Vertices of the template, whose lengths the cloth keeps: the capture's, or the one that the run cut from it."""
+    if layer.name in run.config.get("settings", {}).get("template_from_scan", ()):
+        return load_record(run.path / "prepared" / f"template.{layer.name}.npz", GarmentTemplate, ("loops",)).rest
     mesh = run.capture.templates[layer.name]
     if not np.array_equal(mesh.faces, layer.faces):
         raise UserError(f"{run.capture.root}: the template of {layer.name} is not the one that {run.path} registered")

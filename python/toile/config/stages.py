@@ -258,6 +258,9 @@ class Config(Settings):
     preparation_frames: int = setting(
         10, "count", "spread over the run, that make the person, the colours and the templates", ge=1
     )
+    template_from_scan: tuple[str, ...] = setting(
+        (), "name", "garments whose template is cut from the tracked surface of those frames, by their labels"
+    )
     reconstruct: ReconstructSettings = ReconstructSettings()
     track: TrackSettings = TrackSettings()
     segment: SegmentSettings = SegmentSettings()

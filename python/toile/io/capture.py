@@ -52,7 +52,7 @@ class _FaceTable(_Table):
 
 class _GarmentTable(_Table):
     name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)
-    template: str
+    template: str = ""
     label: str
 
 
@@ -78,7 +78,7 @@ class Capture:
     scene: Scene
     cameras: dict[str, Camera]
     frames: tuple[int, ...]
-    templates: dict[str, Mesh]  # cleaned, see io/template.py
+    templates: dict[str, Mesh]  # of the garments that name one; cleaned, see io/template.py
     kept: dict[str, np.ndarray]  # of each template, the vertices of its file that it has (g,)
     files: tuple[Path, ...] = ()  # that the scene is made of
     warnings: tuple[str, ...] = ()
@@ -162,10 +162,11 @@ def open_capture(path: Path | str) -> Capture:
     )
     if not frames:
         raise UserError(f"{root / 'frames'}: no frames (folders named 000000, 000001, ...)")
-    found = {g.name: read_template(root / g.template, g.name) for g in scene.garments}
+    with_file = [g for g in scene.garments if g.template]
+    found = {g.name: read_template(root / g.template, g.name) for g in with_file}
     templates = {name: _scaled(t.mesh, METRES[scene.units]) for name, t in found.items()}
     warnings = tuple(warning for t in found.values() for warning in t.warnings)
-    named = [table.cameras.file, *(g.template for g in scene.garments)]
+    named = [table.cameras.file, *(g.template for g in with_file)]
     named += [scene.body_model] if scene.body_model.endswith(".npz") else []
     files = tuple(path for path in (file, *(root / name for name in named)) if path.exists())
     kept = {name: t.kept for name, t in found.items()}
@@ -225,7 +226,8 @@ def _scene(root: Path, file: Path, table: Any) -> Scene:
             )
         if names.index(garment.name) != i:
             raise UserError(f"{file}: garment.{i}.name: '{garment.name}' stands there twice")
-        _inside(root, file, f"garment.{i}.template", garment.template)
+        if "template" in garment.model_fields_set:
+            _inside(root, file, f"garment.{i}.template", garment.template)
     if table.body.model.endswith(".npz"):
         _inside(root, file, "body.model", table.body.model)
     elif table.body.model != "anny":

@@ -18,8 +18,8 @@ from .truth import mean_measures, millimetres, open_truth, second_difference
 
 
 def evaluate(run: Run | Path | str) -> dict:
-    """Measures of a run, opened or a folder, as {"all": {...}, "per_frame": [...]}; lengths in mm; None where the truth
-    or the thing is missing.
+    """Measures of a run, opened or a folder, as {"all": {...}, "per_frame": [...], "warnings": [...]}; lengths in mm; None
+    where the truth or the thing is missing, or where the truth has no map of the run's template, which is then warned of.
 
     "all" holds means over the frames that are ok (its p95 is the mean of theirs), but the sum of intersections_left.
 
@@ -48,7 +48,10 @@ class _Evaluation:
         self.run, self.capture, self.model = run, run.capture, run.body_model
         self.rest = self.model.rest(run.shape)
         self.labels = {name: garment.label for name, garment in run.garments.items()}
-        self.truth = open_truth(self.capture, list(run.garments))
+        self.truth = open_truth(self.capture)
+        self.known = [name for name in run.garments if self.truth is not None and self.truth.has(name)]
+        self.mapped = {name: self.truth.maps(name, run.garments[name].faces) for name in self.known}
+        self.borders = {name: self.truth.border_names(name, self.model) for name in self.known}
         self.outside = ~self.model.inside
 
     def result(self):
@@ -58,13 +61,27 @@ class _Evaluation:
         everything = mean_measures(per_frame or [self._nothing()])
         everything.pop("frame", None)
         for name, by_frame in errors.items():
+            if not self.mapped[name]:
+                continue
             everything["garment"][name]["jitter_mm"] = second_difference(by_frame)
         if everything.get("intersections_left") is not None:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
         everything["verdicts"] = self._verdicts(per_frame)
         everything["frames_ok"], everything["frames_failed"] = len(per_frame), len(self.run.frames) - len(per_frame)
-        return {"all": everything, "per_frame": per_frame}
+        return {"all": everything, "per_frame": per_frame, "warnings": self._warnings()}
+
+    def _warnings(self):
+        """What the truth cannot measure of this run's garments."""
+        said = [] if self.truth is None else [n for n in self.run.garments if n not in self.known]
+        said = [
+            f"garment {name}: the truth has no such garment: it is not measured, nor are the labels" for name in said
+        ]
+        without = [name for name, mapped in self.mapped.items() if not mapped]
+        return said + [
+            f"garment {name}: the truth has no map of this template: correspondence_mm and jitter_mm are not measurable"
+            for name in without
+        ]
 
     def _verdicts(self, per_frame):
         """Counts of the registered frames by verdict, each frame's and its reasons noted with it; None in older runs."""
@@ -95,10 +112,12 @@ class _Evaluation:
             out["garment"][name] |= {"observed": float(seen.mean()), "loop_observed": shares}
         if not true:
             return out
-        for name, garment in run.garments.items():
-            measures, errors[name][number] = self.truth.garment_errors(name, garment.loops, cloth[name], number)
+        for name in self.known:
+            loops, told = run.garments[name].loops, (self.mapped[name], self.borders[name])
+            measures, errors[name][number] = self.truth.garment_errors(name, loops, cloth[name], number, *told)
             out["garment"][name] |= measures
-        out["label_iou"] = self._labels(run.labels.at(number), tracked, number)
+        if len(self.known) == len(run.garments):
+            out["label_iou"] = self._labels(run.labels.at(number), tracked, number)
         hidden = run.inner.confidence.at(number) == HIDDEN
         model = self.model.skin(*self.rest, *run.pose.at(number))
         alone = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]

@@ -57,7 +57,8 @@ class _Page:
         )
 
     def _warnings(self):
-        return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in self.run.status.warnings())
+        told = [*self.run.status.warnings(), *self.result["warnings"]]
+        return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in told)
 
     def _verdicts(self):
         """How many frames are good, doubtful and wrong, and why those that are not good are not."""

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .. import kernels
 from ..errors import UserError
+from ..surface.loop_names import name_loops
 from ..surface.operators import distance_to_polyline
+
+MAPPED = 3.0  # factor within which a map keeps the lengths of the edges of the template that it is of
 
 
 class Truth:
     """CAPTURE/truth/truth.zarr, read a frame at a time; surfaces are (V, F) in metres."""
 
-    def __init__(self, path, kept=None):
-        """`kept` {garment: vertices of its template's file (g,) that the template has}; the truth's maps have all."""
+    def __init__(self, path, capture=None):
+        """`capture`: its templates are those of the truth's maps; of those templates' files the maps have all vertices."""
         import zarr
 
-        self.kept = kept or {}
+        self.templates = {} if capture is None else capture.templates
+        self.kept = {} if capture is None else capture.kept
         self.path, self.group = path, zarr.open_group(str(path), mode="r")
         self.rows = {int(f): i for i, f in enumerate(self.group["frames"][:])}
 
     def __contains__(self, number):
         return number in self.rows
 
-    def check(self, garments):
-        """UserError where one of these garments has no truth."""
-        missing = [name for name in garments if f"garment/{name}" not in self.group]
-        if missing:
-            raise UserError(f"{self.path}: garment/{missing[0]}: the run has this garment, the truth does not")
+    def has(self, garment):
+        return f"garment/{garment}" in self.group
 
     def body(self, number):
         return self.group["body/vertices"][self.rows[number]].astype(np.float64), self.group["body/faces"][:]
@@ -47,8 +50,20 @@ class Truth:
         names = [str(n) for n in self.group.attrs["keypoint_names"]]
         return dict(zip(names, self.group["keypoints"][self.rows[number]].astype(np.float64)))
 
+    def maps(self, name, faces):
+        """Does the truth know the true places of a garment of these faces (f,3)? Of the capture's own template alone, which
+        the same vertices and faces tell, and the map's places, which keep the lengths of its edges."""
+        group, template, kept = self.group[f"garment/{name}"], self.templates.get(name), self.kept.get(name)
+        if template is None or "map_face" not in group or not _same_faces(template.faces, faces):
+            return False
+        if len(kept) and kept.max() >= group["map_face"].shape[0]:
+            return False
+        edges = kernels.unique_edges(template.faces)
+        mapped, own = (_edge_share(V, edges) for V in (self.places(name, min(self.rows)), template.vertices))
+        return bool(own / MAPPED < mapped < own * MAPPED)
+
     def places(self, name, number):
-        """Where the vertices of the pipeline's template truly are (g,3)."""
+        """Where the vertices of the capture's template truly are (g,3)."""
         group, (V, F), kept = (
             self.group[f"garment/{name}"],
             self.garment(name, number),
@@ -68,26 +83,41 @@ class Truth:
         faces = np.concatenate([f + o for (_, f), o in zip(surfaces, offset)]).astype(np.int32)
         return np.concatenate([v for v, _ in surfaces]), faces, np.concatenate(labels)
 
-    def garment_errors(self, name, loops, V, number):
+    def border_names(self, name, model):
+        """Names of a garment's openings, in the order of its boundary loops, told by the bones of the first frame."""
+        first = min(self.rows)
+        (V, F), (x, joints) = self.garment(name, first), self.joints(first)
+        at = dict(zip(joints, x))
+        if any(joint not in at for joint in model.joint_names):
+            return ()
+        posed = replace(model, J=np.array([at[joint] for joint in model.joint_names]))
+        return name_loops(posed, V, kernels.boundary_loops(F))
+
+    def garment_errors(self, name, loops, V, number, mapped=True, borders=()):
         """Measures of a garment's vertices V (g,3), and their error vectors (g,3). loops {name: vertex indices}.
 
         boundary_mm: each loop's vertices to the true border that is its own; boundary_all_mm: those of all loops;
         surface_mm: to the true surface;
         correspondence_mm: to the vertices' true places.
+        Without a map (`mapped`, see `maps`) a loop's own border is that of its name among `borders`, their names, else the
+        nearest; neither correspondence nor errors are known.
         """
         T, F = self.garment(name, number)
-        place = self.places(name, number)
-        borders, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}  # {loop: distances (k,) [m]}
+        place = self.places(name, number) if mapped else V
+        curves, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}  # {loop: distances (k,) [m]}
+        named = {} if mapped else dict(zip(borders, curves))
         for loop, at in loops.items():
-            own = min(borders, key=lambda loop: distance_to_polyline(place[at], loop).mean())
+            own = named.get(loop)
+            if own is None:
+                own = min(curves, key=lambda curve: distance_to_polyline(place[at], curve).mean())
             boundary[loop] = distance_to_polyline(V[at], own)
         measures = {
             "boundary_mm": {loop: millimetres(distances) for loop, distances in boundary.items()},
             "boundary_all_mm": millimetres(np.concatenate([*boundary.values(), []])),
             "surface_mm": millimetres(kernels.SurfaceIndex(T, F).closest(V)[3]),
-            "correspondence_mm": millimetres(np.linalg.norm(V - place, axis=1)),
+            "correspondence_mm": millimetres(np.linalg.norm(V - place, axis=1)) if mapped else None,
         }
-        return measures, V - place
+        return measures, V - place if mapped else None
 
     def body_errors(self, V, hidden, outside, number):
         """Distances of body vertices (n,3) to the true body, where `hidden` (n,) and where not; `outside` (n,) alone count."""
@@ -107,13 +137,25 @@ def _uncovered(V, F, over):
 
 
 def open_truth(capture, garments=()):
-    """The truth of an opened capture that has these garments, or None where it brings none."""
+    """The truth of an opened capture, or None where it brings none. UserError where one of the garments has no truth."""
     path = capture.root / "truth" / "truth.zarr"
     if not path.exists():
         return None
-    truth = Truth(path, capture.kept)
-    truth.check(garments)
+    truth = Truth(path, capture)
+    missing = [name for name in garments if not truth.has(name)]
+    if missing:
+        raise UserError(f"{path}: garment/{missing[0]}: the run has this garment, the truth does not")
     return truth
+
+
+def _same_faces(F, G):
+    """Whether two garments have the same faces; one may be turned inside out."""
+    return F.shape == G.shape and np.array_equal(np.sort(F, 1), np.sort(G, 1))
+
+
+def _edge_share(V, edges):
+    """Median length of the edges, as a share of the diagonal of the box about V."""
+    return np.median(np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)) / np.linalg.norm(np.ptp(V, axis=0))
 
 
 def millimetres(distances):

@@ -44,6 +44,7 @@ from .fusing import fuse
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
+from .template import check_templates, template_from_scan
 
 # of `register`, besides its settings
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
@@ -87,6 +88,7 @@ def register(
     unknown = sorted(set(frames) - set(capture.frames))
     if unknown or not frames:
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
+    check_templates(capture, config)
     check_capture(capture, frames)
     run, fresh = Path(run), not Path(run).exists()
     results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
@@ -198,7 +200,8 @@ def _prepare_garments(prepared, sampled, status):
             status.add(stage="dress", ok=False, warning=warning)
         made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
         save_record(colours, made)
-        labelled = [(f, t, *_segment(prepared, made, f, t, None)) for f, t in dress.fit_samples(samples, config.dress)]
+        wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
+        labelled = [(f, t, *_segment(prepared, made, f, t, None)) for f, t in wanted]
         for garment, path in zip(scene.garments, paths):
             save_record(path, _template(prepared, garment, labelled, status))
     prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
@@ -212,11 +215,15 @@ def _prepare_garments(prepared, sampled, status):
 def _template(prepared, garment, labelled, status):
     """The GarmentTemplate of a garment of the scene; what its preparation warned of goes to the status."""
     capture, over = prepared.capture, _over(prepared.capture.scene, garment.name)
-    label, mesh = capture.scene.labels[garment.label], capture.templates[garment.name]
+    label, mesh = capture.scene.labels[garment.label], capture.templates.get(garment.name)
+    if garment.name in prepared.config.template_from_scan:
+        shown = [(tracked, segmented) for _, tracked, segmented, _ in labelled]
+        mesh = template_from_scan(prepared.model, prepared.person, garment, label, shown)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         settings = prepared.config.dress
-        template = dress.prepare(prepared.model, prepared.person, garment, label, mesh, labelled, settings, over)
+        samples = dress.fit_samples(labelled, settings)
+        template = dress.prepare(prepared.model, prepared.person, garment, label, mesh, samples, settings, over)
     for warning in caught:
         status.add(stage="dress", ok=False, warning=str(warning.message))
     return template

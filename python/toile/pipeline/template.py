@@ -1,20 +1,25 @@
-"""`toile template`: a garment template cut from the tracked surface of a run, along its labels."""
+"""Garment templates cut from tracked surfaces along their labels: by `toile template` of a run, and within a run for the
+garments that `template_from_scan` names."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from ..config import Config
 from ..errors import UserError
+from ..io.capture import Capture
 from ..io.files import output_file
 from ..io.mesh import write_mesh
 from ..io.run import Run, open_run
-from ..scene import GarmentTemplate, Mesh, Person
+from ..scene import BodyModel, Garment, GarmentTemplate, Mesh, Person, Segmented, Tracked
 from ..stages.template import make_template
 from ..surface.transfer import move_with_body
 
+Sample = tuple[Tracked, Segmented]
 REACH = 0.04  # over which the way from the person to the model's mean body is averaged [m]
 
 
@@ -26,9 +31,41 @@ def template_of_run(run: Run, name: str, label: str) -> GarmentTemplate:
         raise UserError(f"--label {label}: the run knows {', '.join(ids)}")
     if run.labels is None:
         raise UserError(f"{run.path}: labels: the run has none, its scene names no garment")
-    person = person_of(run)
-    template = make_template(run.body_model, person, name, ids[label], run.labels[run.rows()])
-    return replace(template, rest=move_with_body(template.rest, person.rest, run.body_model.v_template, REACH))
+    return _cut(run.body_model, person_of(run), name, ids[label], run.labels[run.rows()])
+
+
+def template_from_scan(
+    model: BodyModel, person: Person, garment: Garment, label: int, samples: Iterable[Sample]
+) -> Mesh:
+    """The template of a garment as the sampled frames' tracked surfaces show it, in the body model's own rest pose."""
+    poses, labels = [], []
+    for tracked, segmented in samples:
+        poses.append(model.unskin(tracked.vertices, person.J, tracked.rotations, tracked.translation))
+        labels.append(segmented.vertices)
+    worn = replace(person, rest=np.median(poses, axis=0))
+    try:
+        made = _cut(model, worn, garment.name, label, np.array(labels))
+    except UserError as error:
+        raise UserError(f"template_from_scan {garment.name}: {error}") from None
+    return Mesh(made.rest, made.faces, made.uv, made.face_uv)
+
+
+def check_templates(capture: Capture, config: Config) -> None:
+    """UserError where a garment of the scene has neither a template nor is one to be cut from the scans."""
+    names, asked = [garment.name for garment in capture.scene.garments], config.template_from_scan
+    for name in asked:
+        if name not in names:
+            raise UserError(f"template_from_scan {name}: the scene names {', '.join(names) or 'no garment'}")
+    for i, garment in enumerate(capture.scene.garments):
+        if not garment.template and garment.name not in asked:
+            advice = f"name a file, or have it cut with --template-from-scan {garment.name}"
+            raise UserError(f"{capture.root / 'scene.toml'}: garment.{i}.template: missing: {advice}")
+
+
+def _cut(model, person, name, label_id, vertex_labels):
+    """The template in the body model's own rest pose."""
+    template = make_template(model, person, name, label_id, vertex_labels)
+    return replace(template, rest=move_with_body(template.rest, person.rest, model.v_template, REACH))
 
 
 def person_of(run: Run) -> Person:

@@ -10,11 +10,13 @@ from ..surface.operators import compact, smooth_on
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 
 
-def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offset=0.003):
+def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offset=0.003, hole=0.01):
     """A template of the region that `vertex_labels` ((n,) ids, or (T,n): the majority over frames) give `label_id`
     on the tracked surface: its rest shape cut along the smoothed border, `offset` [m] outside it, remeshed to edges of
-    about `edge` [m]. Raises UserError where no region or no open loop is left."""
+    about `edge` [m]. Islands of other labels smaller than `hole` [m^2] are no openings. Raises UserError where no region or
+    no open loop is left."""
     share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
+    share[_islands(person.rest, model.f, share <= 0.5, hole)] = 1
     V, F = cut(person.rest, model.f, smooth_on(model.f, share, 2), 0.5)
     if len(F) < 20:
         raise UserError(f"labels: no region of the tracked surface carries {name} (id {label_id})")
@@ -28,6 +30,16 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
     at_rest = move_with_body(V, person.rest, model.v_template, 0.04)
     skin = transfer_skin(model, at_rest, F, 10)
     return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(model, at_rest, loops))
+
+
+def _islands(V, F, other, area):
+    """Those of the vertices `other` (n,) whose connected part of the surface is smaller than `area` [m^2]."""
+    among = F[other[F].all(1)]
+    if len(among) == 0:
+        return other
+    part = kernels.vertex_components(among, len(V))
+    size = np.bincount(part[among[:, 0]], kernels.face_areas(V, among), minlength=part.max() + 1)
+    return other & (size[part] < area)
 
 
 def cut(V, F, value, level):

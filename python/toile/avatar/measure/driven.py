@@ -115,7 +115,11 @@ class Driven(HeldOut):
         found, truth, step = {}, self.registered.truth, stride_of(self.span) or 1
         for garment in self.registered.garment_labels:
             shown = {n: self._placed("layered", n)[garment] for n in self.span}
-            true = {n: truth.places(garment, n) for n in shown if n in truth} if truth else {}
+            true = (
+                {n: truth.places(garment, n) for n in shown if n in truth}
+                if truth and self.registered.mapped[garment]
+                else {}
+            )
             found[garment] = {
                 "acceleration_mm": second_difference(shown, step),
                 "true_acceleration_mm": second_difference(true, step),

@@ -192,6 +192,8 @@ class RegisteredRun:
         self.garment_labels = {name: garment.label for name, garment in self.run.garments.items()}
         self.loops = {name: garment.loops for name, garment in self.run.garments.items()}
         self.truth = open_truth(self.run.capture, self.garment_labels)
+        faces = {name: garment.faces for name, garment in self.run.garments.items()}
+        self.mapped = {name: self.truth.maps(name, F) for name, F in faces.items()} if self.truth else {}
         self._outer = None, None  # a frame and its true outer surface
 
     def garment(self, name, frame):
@@ -217,9 +219,8 @@ class RegisteredRun:
         measures = {"outer_mm": self._outer_error(frame, decoded, layers)}
         for name, V in decoded.items():
             if layers[name].kind == "garment":
-                measures.setdefault("garment", {})[name] = self.truth.garment_errors(name, self.loops[name], V, frame)[
-                    0
-                ]
+                found = self.truth.garment_errors(name, self.loops[name], V, frame, self.mapped[name])[0]
+                measures.setdefault("garment", {})[name] = found
             elif layers[name].kind == "body":
                 hidden = self.run.body.confidence.at(frame) == HIDDEN
                 measures["body"] = self.truth.body_errors(V, hidden, self.outside, frame)
