@@ -1,29 +1,31 @@
-"""Work spread over threads: the order stays, kernels inside have one thread each, errors come out."""
+"""Work spread over threads: results in order, and tools that serve one item at a time."""
+
+import threading
+import time
 
 import pytest
 
 from toile import kernels
-from toile.vision.threads import parallel_map
+from toile.vision.threads import parallel_map_with
 
 
-@pytest.fixture(autouse=True)
-def two_threads():
-    before = kernels.threads()
-    kernels.set_threads(2)
-    yield
-    kernels.set_threads(before)
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_tool_serves_one_item_at_a_time_and_results_keep_their_order(count):
+    made, before = [], kernels.threads()
 
+    def work(lock, item):
+        assert lock.acquire(blocking=False), "two items at one tool"
+        time.sleep(0.002)
+        lock.release()
+        return item * item
 
-def test_results_come_in_the_order_of_the_items():
-    assert parallel_map(lambda x: x * x, range(50)) == [x * x for x in range(50)]
+    def make():
+        made.append(threading.Lock())
+        return made[-1]
 
-
-def test_kernels_inside_have_one_thread_each_and_work_within_work_ends():
-    assert parallel_map(lambda _: kernels.threads(), range(8)) == [1] * 8
-    assert parallel_map(lambda _: parallel_map(lambda x: x, range(3)), range(8)) == [[0, 1, 2]] * 8
-    assert kernels.threads() == 2
-
-
-def test_an_error_comes_out():
-    with pytest.raises(ValueError, match="item 3"):
-        parallel_map(lambda x: x if x < 3 else (_ for _ in ()).throw(ValueError(f"item {x}")), range(5))
+    kernels.set_threads(count)
+    try:
+        assert parallel_map_with(make, work, range(20)) == [i * i for i in range(20)]
+    finally:
+        kernels.set_threads(before)
+    assert 1 <= len(made) <= count

@@ -17,7 +17,7 @@ import time
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ from ..stages import dress, inner, reconstruct, segment, track
 from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
+from ..vision.threads import parallel_map, parallel_map_with
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
 from .manifest import begin_run, note_frame
@@ -150,7 +151,7 @@ def prepare(root, run, config, frames, progress=lambda *_: None) -> PreparedRun:
     progress("prepare", 0, 1)
     capture, folder = open_capture(root), run / "prepared"
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
-    sampled = partial(_samples, capture, run, config, frames)
+    sampled = cache(partial(_samples, capture, run, config, frames))
     person = _kept(folder / "person.npz", Person, lambda: track.prepare(model, sampled(), config.track))
     prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
     if capture.scene.garments:
@@ -168,17 +169,19 @@ def _kept(path, kind, make):
 
 def _samples(capture, run, config, frames):
     """Frames spread evenly over the run that can be read, with their keypoints in space."""
-    chosen = evenly(frames, config.preparation_frames)
-    samples, reasons = [], []
-    for number in chosen:
+
+    def read(number):
         try:
             note_frame(run, capture, number)
             frame = capture.frame(number)
-            samples.append((frame, _points(capture, config, frame)))
+            return frame, _points(capture, config, frame)
         except Exception as error:
-            reasons.append(first_line(error))
+            return first_line(error)
+
+    found = parallel_map(read, evenly(frames, config.preparation_frames))
+    samples = [sample for sample in found if not isinstance(sample, str)]
     if not samples:
-        raise UserError(reasons[0])
+        raise UserError(found[0])
     return samples
 
 
@@ -195,13 +198,14 @@ def _prepare_garments(prepared, sampled, status):
     paths = [prepared.folder / f"template.{garment.name}.npz" for garment in scene.garments]
     colours = prepared.folder / "colours.npz"
     if not all(path.exists() for path in (colours, *paths)):
-        samples = [(frame, prepared.tracker.track(frame, points)) for frame, points in sampled()]
+        tracker = partial(track.Tracker, model, person, config.track)
+        samples = parallel_map_with(tracker, lambda tool, sample: (sample[0], tool.track(*sample)), sampled())
         for warning in prepared.capture.warnings:
             status.add(stage="dress", ok=False, warning=warning)
         made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
         save_record(colours, made)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
-        labelled = [(f, t, *_segment(prepared, made, f, t, None)) for f, t in wanted]
+        labelled = parallel_map(lambda sample: (*sample, *_segment(prepared, made, *sample, None)), wanted)
         for garment, path in zip(scene.garments, paths):
             save_record(path, _template(prepared, garment, labelled, status))
     prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)

@@ -16,6 +16,7 @@ from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.refinement import NonRigidRefinement
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
+from ..vision.threads import parallel_map_with
 
 HANDS = "hand_left", "hand_right"  # segments of a body model
 
@@ -81,10 +82,13 @@ class _Skinning:
 
 def _personalise(model, person, template, samples, settings, over):
     """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed."""
-    dresser = Dresser(model, person, template, settings, over)
+    registered = parallel_map_with(
+        lambda: Dresser(model, person, template, settings, over),
+        lambda dresser, sample: dresser.register(*sample),
+        samples,
+    )
     total, weight, lengths = 0, 0, []
-    for frame, tracked, segmented, evidence in samples:
-        dressed, matches = dresser.register(frame, tracked, segmented, evidence)
+    for (_, tracked, _, _), (dressed, matches) in zip(samples, registered):
         lengths.append([_observed_length(m, settings.measured_share) for m in matches])
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
         w = (dressed.confidence == OBSERVED)[:, None]

@@ -7,6 +7,7 @@ from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Tracked
 from ..surface.operators import smooth_on
 from ..surface.refinement import NonRigidRefinement
+from ..vision.threads import parallel_map_with
 
 
 def prepare(model, frames, settings):
@@ -20,15 +21,17 @@ def prepare(model, frames, settings):
     _refuse_unmatched([frame.number for frame, _ in frames], fits)
     shape = np.asarray(fits[0].shape)
     rest, J = model.rest(shape)
-    surface = _Surface(model, rest, settings)
-    offsets, weight = np.zeros_like(rest), np.zeros((len(rest), 1))
-    for (frame, _), fit in zip(frames, fits):
-        if frame.scan is None:
-            continue
-        posed = model.skin(rest, J, fit.rotations, fit.translation)
-        V, confidence = surface.fit(frame.scan, posed)
+
+    def offset(surface, found):
+        scan, pose = found[0].scan, (found[1].rotations, found[1].translation)
+        V, confidence = surface.fit(scan, model.skin(rest, J, *pose))
         seen = (confidence == OBSERVED)[:, None]
-        offsets += np.where(seen, model.unskin(V, J, fit.rotations, fit.translation) - rest, 0)
+        return np.where(seen, model.unskin(V, J, *pose) - rest, 0), seen
+
+    offsets, weight = np.zeros_like(rest), np.zeros((len(rest), 1))
+    scanned = [(frame, fit) for (frame, _), fit in zip(frames, fits) if frame.scan is not None]
+    for moved, seen in parallel_map_with(lambda: _Surface(model, rest, settings), offset, scanned):
+        offsets += moved
         weight += seen
     mean = offsets / np.maximum(weight, 1) * (weight >= max(len(frames) // 2, 1))
     return Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J)

@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from queue import Empty, SimpleQueue
 
 from .. import kernels
 
@@ -13,6 +14,24 @@ def parallel_map(function, items):
     if count == 1 or len(items) < 2:
         return [function(item) for item in items]
     return list(_pool(count).map(function, items))
+
+
+def parallel_map_with(make, function, items):
+    """[function(tool, item) for item in items] as `parallel_map` does, where a tool serves one item at a time: each thread
+    has one of its own from `make()`."""
+    idle = SimpleQueue()
+
+    def one(item):
+        try:
+            tool = idle.get_nowait()
+        except Empty:
+            tool = make()
+        try:
+            return function(tool, item)
+        finally:
+            idle.put(tool)
+
+    return parallel_map(one, items)
 
 
 @lru_cache(maxsize=1)
