@@ -221,6 +221,25 @@ class DressSettings(Settings):
     biharmonic: BiharmonicSettings = BiharmonicSettings()
 
 
+class MotionSettings(Settings):
+    """Smoothing over consecutive frames."""
+
+    temporal: bool = setting(True, "switch", "smooth pose and surfaces over consecutive frames")
+    margin: int = setting(12, "count", "frames read on either side of a block, so that its border shows no seam", ge=2)
+    samples: int = setting(1000, "count", "vertices of a surface that tell its noise from its motion", ge=1)
+    max_strength: float = setting(10.0, "1", "of second differences against displacements, at most", gt=0)
+    across_share: float = setting(
+        0.5, "1", "of the strength found across a surface: folds that pass look like noise there", ge=0, le=1
+    )
+    interpolated_weight: float = setting(
+        0.2, "1", "of an interpolated vertex' place against an observed one's", gt=0, le=1
+    )
+    hidden_weight: float = setting(0.05, "1", "of a hidden vertex' place against an observed one's", gt=0, le=1)
+    outlier: float = setting(
+        4.0, "sigma", "a place this far from where its neighbours in time put it counts half", gt=0
+    )
+
+
 class InnerSettings(Settings):
     """The body under the garments, and the garments out of it."""
 
@@ -265,5 +284,6 @@ class Config(Settings):
     track: TrackSettings = TrackSettings()
     segment: SegmentSettings = SegmentSettings()
     dress: DressSettings = DressSettings()
+    motion: MotionSettings = MotionSettings()
     inner: InnerSettings = InnerSettings()
     verdict: VerdictSettings = VerdictSettings()

@@ -56,6 +56,7 @@ def reopen(run: Path, frames: Sequence[int], results: FrameFolders) -> None:
     with locked(run):
         if is_whole(run):
             shutil.rmtree(run / "work", ignore_errors=True)
+        shutil.rmtree(run / "work" / "smoothed", ignore_errors=True)  # with other neighbours, other results
         results.reopen(frames)
         if is_run(run):
             RunWriter.of(run).reopen(frames)

@@ -2,7 +2,8 @@
 
 prepare   a person from sampled frames; colour models; each garment's template
 track     every frame: pose and surface           segment, dress   where the scene names a garment
-fuse      once all are dressed: the shape of the body under the garments, of every frame
+motion    once all are dressed: what flickers is smoothed over consecutive frames
+fuse      then: the shape of the body under the garments, of every frame
 inner     every frame: the body under the garments, and the garments out of it
 
 Temporal state lives inside blocks of 50 absolute frame numbers and is dropped where a frame is missing or failed; workers
@@ -34,8 +35,8 @@ from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse
 from ..measure.verdicts import judge
-from ..scene import BodyModel, Dressed, GarmentTemplate, InnerShape, Person, Segmented, Tracked
-from ..stages import dress, inner, reconstruct, segment, track
+from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented, Tracked
+from ..stages import dress, inner, motion, reconstruct, segment, track
 from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
@@ -45,6 +46,7 @@ from .fusing import fuse
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
+from .smoothing import load_layers, smooth
 from .template import check_templates, template_from_scan
 
 # of `register`, besides its settings
@@ -133,6 +135,11 @@ class PreparedRun:
     colours: segment.SegmentModel | None = None  # these where the scene names a garment
     templates: tuple[GarmentTemplate, ...] = ()
     dressers: tuple[dress.Dresser, ...] = ()
+
+    @cached_property
+    def smoother(self) -> motion.Smoother:
+        """Smooths consecutive frames."""
+        return motion.Smoother(self.model, self.person, self.templates, self.config.motion)
 
     @cached_property
     def fusion(self) -> inner.Fusion:
@@ -282,15 +289,6 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
         results.status.add(frame=number, stage=stage, seconds=value, ok=True)
 
 
-def _load_first_stages(templates, folder):
-    """(Tracked, Segmented, {garment: Dressed}) of a frame; the last two None and {} without garments."""
-    tracked = load_record(folder / "track.npz", Tracked)
-    if not templates:
-        return tracked, None, {}
-    dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in templates}
-    return tracked, _load_segmented(folder / "segment.npz"), dressed
-
-
 def _load_segmented(path):
     """JSON turned the openings' ids into strings and their curves into plain dictionaries."""
     segmented = load_record(path, Segmented)
@@ -298,12 +296,15 @@ def _load_segmented(path):
     return replace(segmented, openings=openings)
 
 
-# Once all are dressed: the inner layer, and the store -----------------------------------------------------------------
+# Once all are dressed: smoothing, the inner layer, and the store ------------------------------------------------------
 
 
 def last_stages(run, frames, results, progress, prepared, pool) -> None:
     """The body under the garments, the garments out of it, and every frame's arrays to the store."""
     scene = prepared.capture.scene
+    if prepared.config.motion.temporal:
+        good = [number for number in frames if results.whole(number)]
+        smooth(results, good, _smoothed(results), prepared, pool)
     if scene.garments:
         _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(run, frames, results, prepared, pool))
     if not is_run(run):
@@ -323,8 +324,17 @@ def _fuse(run, frames, results, prepared, pool):
     return fuse(good, partial(_load_results, results), run / "work" / "fusion", prepared, pool)
 
 
+def _smoothed(results):
+    """The folders of the frames as `smooth` leaves them."""
+    return FrameFolders(results.root.parent / "smoothed", results.status, "motion")
+
+
 def _load_results(results, prepared, number):
-    return _load_first_stages(prepared.templates, results.folder(number))
+    """A frame as the last stages take it: smoothed, where that is asked for."""
+    layers = _smoothed(results) if prepared.config.motion.temporal else results
+    tracked, dressed = load_layers(layers.folder(number), prepared.templates)
+    segmented = _load_segmented(results.folder(number) / "segment.npz") if prepared.templates else None
+    return tracked, segmented, dressed
 
 
 def _finish(run, results, prepared, numbers):
@@ -349,7 +359,7 @@ def _last_stage(prepared, number, results, made) -> Iterator[None]:
     into `made`; nothing of a frame that failed."""
     if not results.whole(number):
         return
-    found = _load_first_stages(prepared.templates, results.folder(number))
+    found = _load_results(results, prepared, number)
     if prepared.templates:
         start = time.perf_counter()
         body = prepared.inner.body(*found)

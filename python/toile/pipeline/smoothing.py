@@ -1,0 +1,81 @@
+"""Frames smoothed over time, a block of 50 absolute numbers at a time, each with a margin of the frames beside it. All of
+them are read as the first stages made them, and what is smoothed lies in files of its own: so a block's border leaves no
+seam, and who smooths which block, or again, changes no bit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+from ..io.files import load_record, save_record, write_text
+from ..scene import Dressed, Tracked
+from ..stages.motion import Strengths, strength_of
+from .blocks import BLOCK, FrameFolders, Workers, blocks
+
+
+def smooth(raw: FrameFolders, numbers: Sequence[int], smoothed: FrameFolders, prepared, pool: Workers) -> None:
+    """Smooths the frames `numbers` of `raw`, which are whole there, into the folders of `smoothed`. Frames that do not
+    follow one another say nothing of each other. `prepared.smoother` is a stages.motion.Smoother, of each process."""
+    numbers, settings = sorted(numbers), prepared.config.motion
+    kept = smoothed.root / "strengths.npz"
+    if not kept.exists():
+        gathered = dict(pool.each(partial(_gather, raw), list(enumerate(blocks(numbers)))))
+        total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
+        save_record(kept, strength_of(total, settings.max_strength))
+    left = [own for own in blocks(numbers) if not all(map(smoothed.whole, own))]
+    around = [(own, [n for n in numbers if _beside(n, own[0] // BLOCK, settings.margin)]) for own in left]
+    for _ in pool.each(partial(_smooth, raw, smoothed, load_record(kept, Strengths)), around):
+        pass
+
+
+def load_layers(folder: Path, templates) -> tuple[Tracked, dict[str, Dressed]]:
+    """A frame's tracked surface and garments, from a folder of the first stages or of `smooth`."""
+    dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in templates}
+    return load_record(folder / "track.npz", Tracked), dressed
+
+
+def _beside(number, block, margin):
+    """Is it a frame of the block, or of its margins?"""
+    return block * BLOCK - margin <= number < (block + 1) * BLOCK + margin
+
+
+def _consecutive(numbers):
+    """The numbers, in order, cut where one does not follow the other."""
+    cuts = [i + 1 for i, (a, b) in enumerate(pairwise(numbers)) if b != a + 1]
+    return [numbers[a:b] for a, b in pairwise([0, *cuts, len(numbers)])]
+
+
+def _gather(raw, prepared, block):
+    """Yields what one (index, numbers) says of its roughness."""
+    index, numbers = block
+    total = prepared.smoother.nothing()
+    for run in _consecutive(numbers):
+        total += prepared.smoother.gather([load_layers(raw.folder(n), prepared.templates) for n in run])
+    yield index, total
+
+
+def _smooth(raw, smoothed, strengths, prepared, block):
+    """Writes one block's frames, given (its numbers, those with its margins); yields its first number."""
+    own, around = block
+    for run in _consecutive(around):
+        wanted = sorted(set(run) & set(own))
+        start = time.perf_counter()
+        if wanted:
+            frames = [load_layers(raw.folder(n), prepared.templates) for n in run]
+            made = dict(zip(run, prepared.smoother.smooth(frames, strengths)))
+        for number in wanted:
+            _save(smoothed.folder(number), *made[number])
+        for number in wanted:
+            seconds = (time.perf_counter() - start) / len(wanted)
+            smoothed.status.add(frame=number, stage=smoothed.stage, seconds=seconds, ok=True)
+    yield own[0]
+
+
+def _save(folder, tracked, dressed):
+    save_record(folder / "track.npz", tracked)
+    for name, garment in dressed.items():
+        save_record(folder / f"dress.{name}.npz", garment)
+    write_text(folder / "whole", "")

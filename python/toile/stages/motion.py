@@ -1,0 +1,265 @@
+"""Motion over time: pose, tracked surface and garments of consecutive frames, with their flicker taken out.
+
+Each frame is registered alone, so that its surfaces slide a little otherwise than the frame's before. Here a vertex is
+taken as its displacement y_t from the posed model, in axes that turn with the body there, and moves by
+
+    d = argmin  sum_t w_t |d_t|^2 + strength sum_t |D2 (y + d)_t|^2,     D2 x_t = x_{t-1} - 2 x_t + x_{t+1},
+
+a Whittaker smoother (Eilers, A perfect smoother, 2003) whose `strength` the sequence itself tells, see `strength_of`. An
+observed vertex is known better across the surface, where the scan lies, than along it: the two have strengths of their
+own. Joint angles are smoothed alike, as small turns from the angles found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .. import kernels
+from ..kernels.arrays import Floats
+from ..scene import (
+    HIDDEN,
+    INTERPOLATED,
+    OBSERVED,
+    BodyModel,
+    Dressed,
+    GarmentTemplate,
+    Person,
+    Tracked,
+    blended_transforms,
+)
+
+Layers = tuple[Tracked, dict[str, Dressed]]  # of one frame
+LAGS = (1, 2)
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Squared second differences [m^2, rad^2] at `LAGS` frames: `total` and `count` (s, 2), where s runs over the
+    translation, the joints' angles, and along and across the tracked surface and every garment."""
+
+    total: Floats
+    count: Floats
+
+    def __add__(self, other: Roughness) -> Roughness:
+        return Roughness(self.total + other.total, self.count + other.count)
+
+
+@dataclass(frozen=True)
+class Strengths:
+    """`strength` (s,) and `noise` (s,), the root mean square of a place's error [m, rad], in the order of a Roughness."""
+
+    strength: Floats
+    noise: Floats
+
+
+def strength_of(roughness: Roughness, largest: float) -> Strengths:
+    """The strengths at which noise and motion are parted as a sequence's own roughness says.
+
+    White noise of variance n and accelerations of variance a give second differences at lag k the variance
+    6 n + a k (2 k^2 + 1) / 3, which lags 1 and 2 solve for both; the strength is n / a, the best of a Wiener filter, at
+    most `largest`. 0 where no five frames follow one another."""
+    known = roughness.count.min(1) > 0
+    near, far = (roughness.total / np.maximum(roughness.count, 1)).T
+    motion = np.clip((far - near) / 5, 0, near)
+    noise = (near - motion) / 6
+    strength = np.minimum(noise / np.maximum(motion, 1e-30), largest)
+    return Strengths(np.where(known, strength, 0.0), np.where(known, np.sqrt(noise), 0.0))
+
+
+class Smoother:
+    """Smooths consecutive frames of one person; what does not change from frame to frame is kept."""
+
+    def __init__(self, model: BodyModel, person: Person, templates: Sequence[GarmentTemplate], settings: Any):
+        self.model, self.person, self.templates, self.settings = model, person, templates, settings
+
+    def nothing(self) -> Roughness:
+        """Of no frames."""
+        return Roughness(*np.zeros((2, 4 + 2 * len(self.templates), 2)))
+
+    def gather(self, frames: Sequence[Layers]) -> Roughness:
+        """What consecutive frames say of their own roughness, by the joints and by vertices spread over each surface."""
+        turns, moves = _poses([tracked for tracked, _ in frames])
+        rows = [_squares(lambda k: _second(moves[:, None], k)), _squares(lambda k: _turn_differences(turns, k))]
+        for name in (None, *(t.name for t in self.templates)):
+            V, confidence = _positions(frames, name)
+            chosen = slice(None, None, max(V.shape[1] // self.settings.samples, 1))
+            y, normals = self._local(name, turns, moves, V, chosen)
+            seen = confidence[:, chosen] == OBSERVED
+            rows.append(_squares(lambda k: _parted(_second(y, k), normals[k:-k])[0], seen))
+            rows.append(_squares(lambda k: _parted(_second(y, k), normals[k:-k])[1], seen))
+        total, count = np.moveaxis(np.array(rows), 2, 0)
+        return Roughness(total, count)
+
+    def smooth(self, frames: Sequence[Layers], strengths: Strengths) -> list[Layers]:
+        """The frames again, smoothed."""
+        if len(frames) < 3:
+            return list(frames)
+        strength, noise = strengths.strength, strengths.noise
+        turns, moves = self._smooth_pose([tracked for tracked, _ in frames], strength)
+        surfaces = []
+        for i, name in enumerate((None, *(t.name for t in self.templates)), 1):
+            own = slice(2 * i, 2 * i + 2)
+            surfaces.append(self._smooth_surface(name, turns, moves, frames, strength[own], noise[own]))
+        out = []
+        for t, (tracked, dressed) in enumerate(frames):
+            face = self._face(tracked, turns[t], moves[t])
+            pose = {"rotations": turns[t], "translation": moves[t], "face": face}
+            made = [_moved(layer, s[t]) for layer, s in zip((tracked, *self._garments(dressed)), surfaces)]
+            out.append((replace(made[0], **pose), {g.name: d for g, d in zip(self.templates, made[1:])}))
+        return out
+
+    def _garments(self, dressed):
+        return [dressed[t.name] for t in self.templates]
+
+    def _smooth_pose(self, tracked, strength):
+        """Rotation vectors (T,K,3) and translations (T,3)."""
+        from scipy.spatial.transform import Rotation
+
+        turns, moves = _poses(tracked)
+        weight = np.ones((len(turns), 1))
+        moves = moves + _smoothing(weight, strength[0], _second(moves[:, None]))[:, 0]
+        d = _smoothing(weight, strength[1], _turn_differences(turns).reshape(len(turns) - 2, 1, -1))
+        turned = Rotation.from_rotvec(turns.reshape(-1, 3)) * Rotation.from_rotvec(d.reshape(-1, 3))
+        return turned.as_rotvec().reshape(turns.shape), moves
+
+    def _smooth_surface(self, name, turns, moves, frames, strength, noise):
+        """Vertices (T,n,3) of the tracked surface, or of the garment `name`."""
+        V, confidence = _positions(frames, name)
+        y, normals = self._local(name, turns, moves, V)
+        strength = strength * [1.0, self.settings.across_share]
+        parts = _parted(_second(y), normals[1:-1])
+        trust = np.select([confidence == OBSERVED, confidence == INTERPOLATED, confidence == HIDDEN], self._weights)
+        d = sum(_smoothing(trust, s, a) for s, a in zip(strength, parts))
+        if strength.any():  # a vertex that would be moved far was misplaced in that frame (Cauchy's weight)
+            outlying = np.einsum("tni,tni->tn", d, d) / (self.settings.outlier**2 * (noise**2).sum())
+            trust = trust / (1 + outlying)
+            d = sum(_smoothing(trust, s, a) for s, a in zip(strength, parts))
+        for t in range(len(V)):
+            V[t] += np.einsum("nij,nj->ni", _axes(self._transforms(name, turns[t], moves[t])[0]), d[t])
+        return V
+
+    @property
+    def _weights(self):
+        return [1.0, self.settings.interpolated_weight, self.settings.hidden_weight]
+
+    def _template(self, name):
+        return next(t for t in self.templates if t.name == name)
+
+    def _local(self, name, turns, moves, V, chosen=slice(None)):
+        """Displacements (T,k,3) of vertices from the posed model, and their normals, in axes that turn with it."""
+        y = np.empty((len(V), len(V[0][chosen]), 3))
+        normals = np.empty_like(y)
+        layer = self.person if name is None else self._template(name)
+        F = self.model.f if name is None else layer.faces
+        for t, v in enumerate(V):
+            A, b = self._transforms(name, turns[t], moves[t], chosen)
+            axes = _axes(A)
+            y[t] = np.einsum("nji,nj->ni", axes, v[chosen] - b - np.einsum("nij,nj->ni", A, layer.rest[chosen]))
+            normals[t] = np.einsum("nji,nj->ni", axes, kernels.vertex_normals(v, F)[chosen])
+        return y, normals
+
+    def _transforms(self, name, turns, move, chosen=slice(None)):
+        """Skinning of a surface as matrices (k,3,3) and offsets (k,3)."""
+        model, J = self.model, self.person.J
+        R, x = model.joint_transforms(J, turns, move)
+        if name is None:
+            return blended_transforms(J, R, x, model.weights_idx[chosen], model.weights_val[chosen])
+        skin = self._template(name).skin[chosen]
+        return (skin @ R.reshape(-1, 9)).reshape(-1, 3, 3), skin @ (x - np.einsum("kij,kj->ki", R, J))
+
+    def _face(self, tracked, turns, move):
+        """Facial keypoints stay where they are in the world, and are told in the smoothed head's frame."""
+        head = self.model.joint("head")
+        if head is None or not len(tracked.face):
+            return tracked.face
+        R, x = self.model.joint_transforms(self.person.J, tracked.rotations, tracked.translation)
+        S, y = self.model.joint_transforms(self.person.J, turns, move)
+        return (tracked.face @ R[head].T + x[head] - y[head]) @ S[head]
+
+
+def _poses(tracked):
+    """Rotation vectors (T,K,3) and translations (T,3)."""
+    return np.stack([t.rotations for t in tracked]), np.stack([t.translation for t in tracked])
+
+
+def _positions(frames, name):
+    """Vertices (T,n,3) and confidence (T,n) of the tracked surface, or of the garment `name`."""
+    layers = [tracked if name is None else dressed[name] for tracked, dressed in frames]
+    return np.stack([layer.vertices for layer in layers]), np.stack([layer.confidence for layer in layers])
+
+
+def _moved(layer, vertices):
+    """The Tracked or Dressed with other vertices, which tells how far they were moved."""
+    moved = float(1e3 * np.linalg.norm(vertices - layer.vertices, axis=1).mean())
+    return replace(layer, vertices=vertices, diagnostics=layer.diagnostics | {"smoothed_mm": moved})
+
+
+def _axes(A):
+    """Rotations (n,3,3) near matrices (n,3,3): their columns made orthonormal, the first first."""
+    first, second = A[..., 0], A[..., 1]
+    first = first / np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
+    second = second - np.einsum("ni,ni->n", first, second)[:, None] * first
+    second = second / np.maximum(np.linalg.norm(second, axis=1, keepdims=True), 1e-12)
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
+
+
+def _second(x, lag=1):
+    """Second differences (T - 2 lag, ...) over time."""
+    return x[: -2 * lag] - 2 * x[lag:-lag] + x[2 * lag :] if len(x) > 2 * lag else x[:0]
+
+
+def _turn_differences(turns, lag=1):
+    """Second differences (T - 2 lag, K, 3) of rotation vectors (T,K,3): those of the turns from frame to frame."""
+    from scipy.spatial.transform import Rotation
+
+    if len(turns) <= 2 * lag:
+        return turns[:0]
+    at, later = (Rotation.from_rotvec(x.reshape(-1, 3)) for x in (turns[:-lag], turns[lag:]))
+    steps = (at.inv() * later).as_rotvec().reshape(-1, *turns.shape[1:])
+    return steps[lag:] - steps[:-lag]
+
+
+def _parted(a, normals):
+    """Vectors (T,n,3) along and across a surface of unit normals."""
+    across = np.einsum("tni,tni->tn", a, normals)[..., None] * normals
+    return a - across, across
+
+
+def _squares(second, seen=None):
+    """[(sum of squares, how many)] of second(lag) (T', n, 3) at every lag, where `seen` (T,n) in all three frames."""
+    rows = []
+    for lag in LAGS:
+        squares = np.einsum("tni,tni->tn", second(lag), second(lag))
+        if seen is not None and len(squares):
+            squares = squares[seen[: -2 * lag] & seen[lag:-lag] & seen[2 * lag :]]
+        rows.append((squares.sum(), float(squares.size)))
+    return rows
+
+
+def _smoothing(weight, strength, a):
+    """d (T,n,c), the argmin of this module's head, from weights (T,n) or (T,1) and second differences a (T-2,n,c):
+    (W + s D'D) d = - s D'a by LDL' of five bands, all vertices side by side."""
+    T = len(weight)
+    D = np.diff(np.eye(T), 2, axis=0)
+    H = strength * D.T @ D
+    z = np.tensordot(-strength * D.T, a, 1)
+    pivot, below, beyond = np.empty_like(weight), np.zeros_like(weight), np.zeros_like(weight)
+    for t in range(T):
+        pivot[t] = weight[t] + H[t, t]
+        if t > 1:
+            beyond[t] = H[t, t - 2] / pivot[t - 2]
+            pivot[t] -= beyond[t] ** 2 * pivot[t - 2]
+            z[t] -= beyond[t][:, None] * z[t - 2]
+        if t > 0:
+            below[t] = (H[t, t - 1] - (beyond[t] * pivot[t - 2] * below[t - 1] if t > 1 else 0)) / pivot[t - 1]
+            pivot[t] -= below[t] ** 2 * pivot[t - 1]
+            z[t] -= below[t][:, None] * z[t - 1]
+    z /= pivot[..., None]
+    for t in range(T - 2, -1, -1):
+        z[t] -= below[t + 1][:, None] * z[t + 1]
+        if t < T - 2:
+            z[t] -= beyond[t + 2][:, None] * z[t + 2]
+    return z

@@ -1,0 +1,131 @@
+"""Smoothing block by block: no seam, the same bits whoever does it, and no word across a gap."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from tests.support.bending_tube import VERTICES, posed, smoother
+from toile.config import preset
+from toile.io.files import save_record, write_text
+from toile.io.status import Status
+from toile.pipeline.blocks import FrameFolders, Workers, one_blas_thread
+from toile.pipeline.outcome import reopen
+from toile.pipeline.smoothing import load_layers, smooth
+from toile.scene import HIDDEN, OBSERVED
+from toile.stages.motion import Smoother, strength_of
+
+FRAMES = tuple(range(30, 80))
+
+
+@dataclass(frozen=True)
+class Prepared:
+    smoother: Smoother
+    config: object
+
+    @property
+    def templates(self):
+        return self.smoother.templates
+
+
+def prepare(progress=None):
+    return Prepared(smoother(), preset("standard"))
+
+
+def made(frames=FRAMES, seed=0):
+    """{frame: its layers}: a swinging tube, each frame with errors of its own, a strip of vertices hidden for a while."""
+    rng, t = np.random.default_rng(seed), np.array(frames)
+    noise = 0.003 * rng.standard_normal((2, len(t), VERTICES, 3))
+    confidence = np.full((len(t), VERTICES), OBSERVED)
+    confidence[(t > 44) & (t < 56), :12] = HIDDEN
+    return dict(zip(frames, posed(smoother(), 0.5 * np.sin(0.2 * t), *noise, confidence)))
+
+
+def folders(root):
+    status = Status(root / "status.jsonl")
+    return FrameFolders(root / "frames", status, "frame"), FrameFolders(root / "smoothed", status, "motion")
+
+
+def run(root, layers, workers=1):
+    """The sleeve and the tube by frame, smoothed."""
+    raw, smoothed = folders(root)
+    for number, (tracked, dressed) in layers.items():
+        save_record(raw.folder(number) / "track.npz", tracked)
+        save_record(raw.folder(number) / "dress.sleeve.npz", dressed["sleeve"])
+        write_text(raw.folder(number) / "whole", "")
+    with one_blas_thread(), Workers(workers, prepare) as pool:
+        smooth(raw, list(layers), smoothed, pool.prepared(), pool)
+    return {n: loaded(root, n) for n in layers}
+
+
+def loaded(root, number):
+    tracked, dressed = load_layers(folders(root)[1].folder(number), smoother().templates)
+    return np.concatenate([dressed["sleeve"].vertices, tracked.vertices, tracked.rotations])
+
+
+def second(x):
+    return np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=2).mean(1)
+
+
+def test_a_block_s_border_shows_no_seam(tmp_path):
+    layers = made()
+    found = np.stack(list(run(tmp_path, layers).values()))
+    bends = second(found)
+    borders = [50 - FRAMES[0] - 2, 50 - FRAMES[0] - 1]
+    assert bends[borders].max() < 1.5 * np.median(bends)
+    prepared = prepare()
+    frames = list(layers.values())
+    once = prepared.smoother.smooth(frames, strength_of(prepared.smoother.gather(frames), 10))
+    at_once = np.stack([np.concatenate([d["sleeve"].vertices, t.vertices, t.rotations]) for t, d in once])
+    assert np.abs(found - at_once).max() < 0.1 * bends.mean()  # and blocks differ little from no blocks
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_same_bits_with_workers_and_after_a_stop(tmp_path, workers):
+    layers = made()
+    once = run(tmp_path / "once", layers)
+    raw, smoothed = folders(tmp_path / "again")
+    run(tmp_path / "again", layers)
+    for number in (47, 50, 51, 79):  # as if a kill had come before them
+        (smoothed.folder(number) / "whole").unlink()
+        (smoothed.folder(number) / "track.npz").unlink()
+    again = run(tmp_path / "again", layers, workers)
+    assert all(np.array_equal(once[n], again[n]) for n in layers)
+
+
+def test_frames_apart_are_left_as_they_are(tmp_path):
+    layers = {n: x for n, x in made().items() if n % 3 == 0}
+    found = run(tmp_path, layers)
+    for number, (tracked, dressed) in layers.items():
+        kept = np.concatenate([dressed["sleeve"].vertices, tracked.vertices, tracked.rotations])
+        assert np.array_equal(found[number], kept)
+
+
+def test_a_gap_of_any_length_parts_the_frames(tmp_path):
+    """What lies beyond a frame that failed changes nothing but the strengths, which all frames tell."""
+    layers = {n: x for n, x in made().items() if n not in (56, 62, 63)}
+    once = run(tmp_path / "once", layers)
+    other = {n: made(seed=1)[n] if n > 63 else x for n, x in layers.items()}
+    (tmp_path / "again" / "smoothed").mkdir(parents=True)
+    strengths = "smoothed/strengths.npz"
+    (tmp_path / "again" / strengths).write_bytes((tmp_path / "once" / strengths).read_bytes())
+    again = run(tmp_path / "again", other)
+    assert all(np.array_equal(once[n], again[n]) == (n < 62) for n in layers)
+
+
+def test_each_frame_tells_how_far_it_was_moved_and_how_long_that_took(tmp_path):
+    layers = made()
+    run(tmp_path, layers)
+    tracked, dressed = load_layers(folders(tmp_path)[1].folder(50), smoother().templates)
+    for before, after in ((layers[50][0], tracked), (layers[50][1]["sleeve"], dressed["sleeve"])):
+        moved = 1e3 * np.linalg.norm(after.vertices - before.vertices, axis=1).mean()
+        assert after.diagnostics["smoothed_mm"] == pytest.approx(moved) and 0.5 < moved < 10
+    lines = [line for line in Status(tmp_path / "status.jsonl").lines() if line["stage"] == "motion"]
+    assert sorted(line["frame"] for line in lines) == list(FRAMES)
+
+
+def test_failed_frames_that_are_given_again_smooth_their_neighbours_anew(tmp_path):
+    smoothed = tmp_path / "work" / "smoothed"
+    smoothed.mkdir(parents=True)
+    reopen(tmp_path, (3,), FrameFolders(tmp_path / "work" / "frames", Status.of(tmp_path), "frame"))
+    assert not smoothed.exists()

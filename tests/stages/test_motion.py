@@ -1,0 +1,129 @@
+"""Smoothing over time on a bending tube with a sleeve: what moves evenly stays, what flickers goes, by the dense solution."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.support.bending_tube import VERTICES, posed, smoother
+from toile.scene import HIDDEN, OBSERVED
+from toile.stages.motion import Roughness, Strengths, _smoothing, strength_of
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module", name="smoother")
+def smoother_():
+    return smoother()
+
+
+def strengths(value, noise=0.002):
+    return Strengths(np.full(6, float(value)), np.full(6, noise))
+
+
+def shirts(frames):
+    return np.stack([dressed["sleeve"].vertices for _, dressed in frames])
+
+
+def second(x):
+    return x[2:] - 2 * x[1:-1] + x[:-2]
+
+
+def test_an_even_motion_passes_unchanged(smoother):
+    drift = np.arange(9)[:, None, None] * np.array([0.001, 0, 0.002])
+    frames = posed(smoother, np.zeros(9), drift, drift)
+    for before, after in zip(frames, smoother.smooth(frames, strengths(5))):
+        assert np.allclose(after[0].vertices, before[0].vertices, atol=1e-12)
+        assert np.allclose(after[1]["sleeve"].vertices, before[1]["sleeve"].vertices, atol=1e-12)
+    frames = posed(smoother, 0.05 * np.arange(9))  # a joint that turns at one speed about one axis
+    for before, after in zip(frames, smoother.smooth(frames, strengths(5))):
+        assert np.allclose(after[0].rotations, before[0].rotations, atol=1e-12)
+        assert np.allclose(after[0].vertices, before[0].vertices, atol=1e-9)
+        assert np.allclose(after[0].face, before[0].face, atol=1e-9)
+
+
+def test_a_constant_acceleration_passes_away_from_the_ends(smoother):
+    fall = 0.001 * np.arange(41.0)[:, None, None] ** 2 * np.array([0, 0, 1.0])
+    after = shirts(smoother.smooth(posed(smoother, np.zeros(41), 0, fall), strengths(1, noise=1)))
+    middle = slice(14, 27)
+    assert np.allclose(second(after)[middle], second(fall)[middle], atol=2e-6)
+
+
+def test_noise_of_a_still_body_falls_by_the_dense_solution(smoother):
+    T, s = 12, 3.0
+    noise = 0.001 * RNG.standard_normal((T, VERTICES, 3))
+    D = np.diff(np.eye(T), 2, axis=0)
+    weight = RNG.uniform(0.1, 1, (T, VERTICES))
+    d = _smoothing(weight, s, second(noise))
+    for v in (0, 7, 50):
+        expected = np.linalg.solve(np.diag(weight[:, v]) + s * D.T @ D, -s * D.T @ D @ noise[:, v])
+        assert np.allclose(d[:, v], expected, atol=1e-12)
+    after = shirts(smoother.smooth(posed(smoother, np.zeros(T), 0, noise), strengths(s)))
+    assert np.abs(second(after)).mean() < 0.25 * np.abs(second(noise)).mean()
+
+
+def test_a_vertex_hidden_for_some_frames_follows_its_neighbours_in_time(smoother):
+    T, hidden = 15, slice(5, 9)
+    drift = np.arange(T)[:, None, None] * np.array([0.004, 0, 0])
+    wrong, confidence = np.array(np.broadcast_to(drift, (T, VERTICES, 3))), np.full((T, VERTICES), OBSERVED)
+    wrong[hidden, 3] += 0.02 * RNG.standard_normal((4, 3))
+    confidence[hidden, 3] = HIDDEN
+    after = shirts(smoother.smooth(posed(smoother, np.zeros(T), 0, wrong, confidence), strengths(2)))
+    true = smoother.templates[0].rest[3] + drift[:, 0] + [0, 0, 1]
+    before = np.linalg.norm(wrong[hidden, 3] - drift[hidden, 0], axis=1)
+    assert np.linalg.norm(after[hidden, 3] - true[hidden], axis=1).max() < 0.1 * before.max()
+    others = np.arange(VERTICES) != 3
+    assert np.allclose(after[:, others], smoother.templates[0].rest[others] + drift + [0, 0, 1], atol=1e-12)
+
+
+def test_a_frame_that_misplaced_an_observed_vertex_counts_little(smoother):
+    wrong = np.zeros((11, VERTICES, 3))
+    wrong[5, 3] = [0, 0, 0.1]
+    after = shirts(smoother.smooth(posed(smoother, np.zeros(11), 0, wrong), strengths(1)))[:, 3]
+    assert np.linalg.norm(after - smoother.templates[0].rest[3] - [0, 0, 1], axis=1).max() < 0.01
+
+
+@pytest.mark.parametrize("noise, acceleration", [(2e-5, 2e-5), (1e-5, 4e-5), (2e-5, 1e-5)])
+def test_noise_and_motion_are_told_apart_by_their_second_differences(smoother, noise, acceleration):
+    """Noise and accelerations that are white, of these standard deviations a coordinate."""
+    T, n = 50, VERTICES
+    rng = np.random.default_rng(1)
+    motion = acceleration * rng.standard_normal((T, n, 3)).cumsum(0).cumsum(0)
+    frames = posed(smoother, np.zeros(T), 0, motion + noise * rng.standard_normal((T, n, 3)))
+    found = strength_of(smoother.gather(frames), 1e3)
+    assert found.strength[4] == pytest.approx((noise / acceleration) ** 2, rel=0.3)  # along the sleeve
+    assert found.noise[4] == pytest.approx(noise * np.sqrt(2), rel=0.2)
+
+
+def test_what_the_strength_knows_of_and_what_it_does_not(smoother):
+    count = np.ones((4, 2))
+    total = np.array([[1.0, 1.0], [1, 6], [1, 16], [0, 0]])  # noise alone, motion alone, smoother than that, stillness
+    assert strength_of(Roughness(total, count), 7).strength.tolist() == [7, 0, 0, 0]
+    assert not strength_of(
+        smoother.gather(posed(smoother, [0.3, 0, 0.3, 0])), 7
+    ).strength.any()  # fewer than five frames
+    frames = posed(smoother, [0.3, 0.0])
+    assert smoother.smooth(frames, strengths(5)) == frames
+
+
+def test_of_no_strength_nothing_moves(smoother):
+    frames = posed(smoother, RNG.uniform(0, 1, 7), 0, 0.01 * RNG.standard_normal((7, VERTICES, 3)))
+    assert np.array_equal(shirts(smoother.smooth(frames, strengths(0, noise=0))), shirts(frames))
+
+
+def test_the_whole_scene_turned_and_moved_is_smoothed_alike(smoother):
+    """The root carries the rigid motion, so all that was found of the frames turns with it."""
+    noise = 0.003 * RNG.standard_normal((9, VERTICES, 3))
+    R, shift = Rotation.from_rotvec([0.3, -1, 0.5]), np.array([2, -1, 0.5])
+    frames = posed(smoother, 0.02 * np.arange(9) ** 1.5, noise, noise)
+    turned = []
+    for tracked, dressed in frames:
+        turns = tracked.rotations.copy()
+        turns[0] = (R * Rotation.from_rotvec(turns[0])).as_rotvec()
+        joint = smoother.model.J[0]
+        layers = [replace(x, vertices=R.apply(x.vertices) + shift) for x in (tracked, dressed["sleeve"])]
+        pose = {"rotations": turns, "translation": R.apply(tracked.translation + joint) + shift - joint}
+        turned.append((replace(layers[0], **pose), {"sleeve": layers[1]}))
+    one, other = smoother.smooth(frames, strengths(1)), smoother.smooth(turned, strengths(1))
+    assert np.allclose(R.apply(shirts(one).reshape(-1, 3)) + shift, shirts(other).reshape(-1, 3), atol=1e-9)
