@@ -4,6 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 
@@ -16,6 +17,7 @@ from toile.config import (
     QUALITIES,
     Config,
     DressSettings,
+    NricpSettings,
     Settings,
     changed,
     configured,
@@ -73,7 +75,7 @@ def groups(settings):
 
 def test_every_setting_is_read_somewhere():
     code = "\n".join(p.read_text() for p in SOURCE.rglob("*.py") if p.parent != SOURCE / "config")
-    kernels = {type(group_of(Config(), name)) for name in KERNELS}
+    kernels = {type(group_of(Config(), name)) for name in KERNELS} | {NricpSettings}
     for group in {group for settings in COMMANDS for group in groups(settings)} - kernels:
         for name in group.model_fields:
             if name != "quality":  # the name of the preset
@@ -86,6 +88,11 @@ def test_kernel_options_have_the_core_s_names_and_defaults(name):
     for option, value in group_of(Config(), name).model_dump().items():
         if option not in face:
             assert value == getattr(core, option), option
+
+
+def test_options_of_nricp_have_the_core_s_names_and_defaults():
+    for option, value in NricpSettings().model_dump().items():
+        assert np.array_equal(value, getattr(_core.NricpOptions(), option)), option
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
@@ -121,9 +128,9 @@ def test_a_bad_name_is_told_with_where_it_stands(tmp_path):
 
 
 def test_dotted_names_and_tables_are_one():
-    a = configured({"track": {"refinement": {"stiffness": 0.1}, "rest_smoothing": 2}})
-    b = configured({"track.refinement.stiffness": 0.1, "track.rest_smoothing": 2})
-    assert a == b and a.track.refinement.steps == Config().track.refinement.steps
+    a = configured({"track": {"nricp": {"fine_noise": 7.0}, "rest_smoothing": 2}})
+    b = configured({"track.nricp.fine_noise": 7.0, "track.rest_smoothing": 2})
+    assert a == b and a.track.nricp.iterations == Config().track.nricp.iterations
 
 
 def test_an_unknown_name_is_refused_with_the_nearest():

@@ -7,14 +7,13 @@ import pytest
 
 from tests.support.shapes import box, tube
 from toile import kernels
-from toile.config import DressSettings, RefinementSettings, SegmentSettings
+from toile.config import DressSettings, SegmentSettings
 from toile.errors import UserError
 from toile.io.body import load_body_model
 from toile.scene import BodyModel, Frame, Garment, Mesh, Person, Segmented, Tracked
 from toile.stages.dress import Dresser, prepare
 from toile.stages.template import cut, make_template
 from toile.surface.curves import Curve
-from toile.surface.refinement import NonRigidRefinement
 from toile.vision.evidence import Evidence
 
 SLEEVE = Garment("sleeve", "templates/sleeve.obj", "sleeve")
@@ -161,20 +160,21 @@ def test_missing_loop_is_said(scene):
         prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one, dark(frame))], DressSettings())
 
 
-def test_refinement_onto_itself_moves_nothing():
-    V, F = sleeve(0.1)
-    moved = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(V, F), V, [])
-    assert np.abs(moved - V).max() < 1e-9
+def test_a_sleeve_finds_its_scan_from_a_pose_whose_end_is_8_cm_off(scene):
+    model, person, frame, tracked, segmented, target, F = scene
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    swung = replace(tracked, rotations=tracked.rotations + [[0, 0, 0], [0.08 / 0.3, 0, 0]])
+    result = Dresser(model, person, template, DressSettings()).dress(frame, swung, segmented, dark(frame))
+    assert kernels.SurfaceIndex(target, F).closest(result.vertices)[3].max() < 0.003
+    assert kernels.SurfaceIndex(result.vertices, template.faces).closest(target)[3].max() < 0.005
 
 
-def test_refinement_follows_a_rigid_motion_of_the_world():
-    V, F = sleeve(0.1)
-    S, T = sleeve(0.104, rings=60, sectors=80)
-    c, s = np.cos(0.5), np.sin(0.5)
-    R, t = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([1.0, -2, 3])
-    a = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(S, T), V, [])
-    b = NonRigidRefinement(V, F, RefinementSettings()).solve(Mesh(S @ R.T + t, T), V @ R.T + t, [])
-    np.testing.assert_allclose(b, a @ R.T + t, atol=2e-4)  # a symmetric start ties for closest faces
+def test_a_sleeve_far_from_the_faces_that_carry_it_is_refused(scene):
+    model, person, frame, tracked, segmented, _, _ = scene
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    far = replace(tracked, translation=tracked.translation + [5.0, 0, 0])
+    with pytest.raises(UserError, match="garment sleeve lies nowhere near"):
+        Dresser(model, person, template, DressSettings()).dress(frame, far, segmented, dark(frame))
 
 
 def test_cut_keeps_the_area_above_the_level():

@@ -1,6 +1,7 @@
 """Settings: what decides the results of a command, as small models that presets, files and options fill alike."""
 
 from .changes import changed, from_options, read_config, read_set
+from .kernels import NricpSettings
 from .presets import QUALITIES, configured, preset
 from .settings import Settings, listed, setting
 from .stages import (
@@ -11,7 +12,6 @@ from .stages import (
     LoopSettings,
     OpeningSettings,
     ReconstructSettings,
-    RefinementSettings,
     SegmentSettings,
     TrackSettings,
     VerdictSettings,
@@ -24,9 +24,9 @@ __all__ = [
     "EvidenceSettings",
     "InnerSettings",
     "LoopSettings",
+    "NricpSettings",
     "OpeningSettings",
     "ReconstructSettings",
-    "RefinementSettings",
     "SegmentSettings",
     "Settings",
     "TrackSettings",

@@ -48,6 +48,25 @@ class SkeletonSettings(Settings):
     other_joint_limit: float = setting(OTHER_LIMIT, "rad", "the same of all other joints but the root", gt=0)
 
 
+class NricpSettings(Settings):
+    """A surface onto the scan, see kernels.NricpSolver; relative lengths are shares of the root of the template's area,
+    1.4 m for an adult, 1 m for a shirt. Lists hold a value a level of nodes, coarse to fine."""
+
+    iterations: tuple[int, int, int] = setting(
+        (8, 8, 3), "count", "steps of each level, at most; 0 leaves it out, the first is not used from a posed start"
+    )
+    stiffness_end: tuple[float, float, float] = setting(
+        (0.02, 0.02, 0.02), "1", "weight of rigidity at each level's last step: less follows folds, and clutter too"
+    )
+    fine_iterations: int = setting(2, "count", "steps of the vertices' own displacement, at most", ge=0)
+    relative_fine_length: float = setting(0.016, "1", "shorter waves of that displacement are not followed", gt=0)
+    fine_noise: float = setting(10.0, "1", "nor those shorter than so many times the scan's noise beside", ge=0)
+    relative_fine_robust: float = setting(0.004, "1", "Geman-McClure scale of those steps", gt=0)
+    boundary_weight: float = setting(
+        3.0, "1", "of a loop vertex against a surface vertex, and of the pull of the scan's borders", ge=0
+    )
+
+
 class InnerSolverSettings(Settings):
     """The body under cloth, see kernels.InnerSolver."""
 

@@ -6,6 +6,7 @@ from .kernels import (
     BiharmonicSettings,
     InnerSolverSettings,
     MrfSettings,
+    NricpSettings,
     SkeletonSettings,
     UntangleSettings,
 )
@@ -26,30 +27,15 @@ class ReconstructSettings(Settings):
     seed: int = setting(0, "count", "of the drawn pairs", ge=0)
 
 
-class RefinementSettings(Settings):
-    """Non-rigid refinement of a surface that already lies within centimetres of the scan."""
-
-    stiffness: float = setting(0.05, "1", "of the surface's bending against its distance to the scan", gt=0)
-    steps: int = setting(6, "count", "of the schedule; fewer are faster and stop farther from the scan", ge=1, le=6)
-    stiffness_factors: tuple[float, float, float, float, float, float] = setting(
-        (60.0, 20.0, 6.0, 2.0, 1.0, 1.0), "1", "of each step: stiff first, so that no vertex takes another part's point"
-    )
-    reaches: tuple[float, float, float, float, float, float] = setting(
-        (0.05, 0.04, 0.03, 0.02, 0.02, 0.02), "m", "of each step: scan points farther than this say nothing"
-    )
-    min_cosine: float = setting(0.6, "1", "least agreement of normals, which tells front from back", ge=-1, le=1)
-    loop_weight: float = setting(
-        0.01, "1", "of a loop vertex against a surface vertex: its start is laid there, more pins noise", ge=0
-    )
-
-
 class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
     surface_samples: int = setting(
         5000, "count", "vertices of the body that look for the scan when a frame's pose is fitted", ge=1
     )
-    refinement: RefinementSettings = RefinementSettings(stiffness=0.02)
+    nricp: NricpSettings = NricpSettings(
+        iterations=(0, 8, 0), fine_iterations=3, relative_fine_length=0.004, fine_noise=5.0
+    )
     rest_smoothing: int = setting(5, "count", "umbrella steps on the personal offsets, which carry scan noise", ge=0)
     min_cosine: float = setting(
         0.3, "1", "least agreement of a vertex' normal with its scan point's: else it is another limb's", ge=-1, le=1
@@ -196,8 +182,22 @@ class DressSettings(Settings):
     trace_openings: bool = setting(
         True, "switch", "find openings that hang free of the scan in the pictures, and refine again"
     )
-    refinement: RefinementSettings = RefinementSettings()
-    traced_steps: int = setting(2, "count", "last steps of the refinement that follow such an opening", ge=1, le=6)
+    nricp: NricpSettings = NricpSettings(
+        iterations=(0, 4, 0),
+        fine_iterations=4,
+        relative_fine_length=0.005,
+        fine_noise=5.0,
+        relative_fine_robust=0.01,
+        boundary_weight=0.1,
+    )
+    traced_nricp: NricpSettings = NricpSettings(
+        iterations=(0, 0, 0),
+        fine_iterations=3,
+        relative_fine_length=0.005,
+        fine_noise=5.0,
+        relative_fine_robust=0.01,
+        boundary_weight=1.0,
+    )
     min_faces: int = setting(100, "count", "faces of the scan that carry the garment, else the frame fails", ge=1)
     fit_reach: float = setting(0.04, "m", "reach of the body's shape when a template is carried to the person", gt=0)
     skin_smoothing: int = setting(10, "count", "umbrella steps on transferred skinning weights", ge=0)

@@ -13,7 +13,6 @@ from ..surface.curves import isolines, pieces
 from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
-from ..surface.refinement import NonRigidRefinement
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
 from ..vision.threads import parallel_map_with
@@ -143,7 +142,10 @@ class Dresser:
         self.biharmonic = kernels.BiharmonicSolver(
             template.rest, template.faces, self.known, **settings.biharmonic.model_dump()
         )
-        self.refinement = NonRigidRefinement(template.rest, template.faces, settings.refinement)
+        self.solver, self.traced_solver = (
+            kernels.NricpSolver(template.rest, template.faces, large_motion=False, rebase=True, **options.model_dump())
+            for options in (settings.nricp, settings.traced_nricp)
+        )
         self.hands = [body_model.segments[name] for name in HANDS if name in body_model.segments]
 
     def dress(self, frame, tracked, segmented, evidence):
@@ -155,8 +157,8 @@ class Dresser:
     def register(self, frame, tracked, segmented, evidence):
         """The Dressed of the cloth alone, and the LoopMatch of each loop.
 
-        The loops are laid on the scan's openings first, and the garment is refined; then each is laid on the opening that
-        the pictures show along it, which may hang free of the scan, and the garment is refined again."""
+        The loops are laid on the scan's openings first, and the garment is fitted; then each is laid on the opening that
+        the pictures show along it, which may hang free of the scan, and the garment is fitted again."""
         t, s = self.template, self.settings
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
@@ -169,12 +171,11 @@ class Dresser:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
         cloth = Mesh(V, F[inside])
-        vertices = self.refinement.solve(cloth, start, self._boundary(matches))
+        vertices = self._fitted(self.solver, cloth, start, matches)
         if s.trace_openings and evidence.views:
             garment = Mesh(vertices, t.faces)
             matches = [trace_opening(garment, l, evidence, rivals, m, s.loop) for l, m in zip(t.loops, matches)]
-            start_again, boundary = self._to_openings(vertices, matches), self._boundary(matches)
-            vertices = self.refinement.solve(cloth, start_again, boundary, s.traced_steps)
+            vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches)
         confidence, distance = self._confidence(vertices, cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
@@ -185,6 +186,13 @@ class Dresser:
         """Biharmonic displacement that takes the loops to their targets."""
         move = np.concatenate([m.target - vertices[l] for m, l in zip(matches, self.template.loops)])
         return vertices + self.biharmonic.solve(move)
+
+    def _fitted(self, solver, cloth, start, matches):
+        """Vertices (n,3) from `start` onto the labelled scan."""
+        fit = solver.solve(cloth.vertices, cloth.faces, start=start, boundary=self._boundary(matches))
+        if fit.stop == "no_overlap":
+            raise UserError(f"dress: garment {self.template.name} lies nowhere near the scan's faces that carry it")
+        return fit.V
 
     def _boundary(self, matches):
         """What loops are drawn to: openings where they are seen; where another garment hides one, the place that the pose gives."""

@@ -6,7 +6,6 @@ from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Tracked
 from ..surface.operators import smooth_on
-from ..surface.refinement import NonRigidRefinement
 from ..vision.threads import parallel_map_with
 
 
@@ -98,15 +97,15 @@ class _Surface:
 
     def __init__(self, model, rest, settings):
         self.model, self.settings = model, settings
-        self.refinement = NonRigidRefinement(rest, model.f, settings.refinement)
+        self.solver = kernels.NricpSolver(rest, model.f, large_motion=False, rebase=True, **settings.nricp.model_dump())
 
     def fit(self, scan, start):
         """-> vertices (n,3) and confidence (n,)."""
-        V = self.refinement.solve(scan, start, ())
-        confidence = self._confidence(V, scan)
-        if not (confidence == OBSERVED).any():
+        fit = self.solver.solve(scan.vertices, scan.faces, start=start)
+        confidence = None if fit.stop == "no_overlap" else self._confidence(fit.V, scan)
+        if confidence is None or not (confidence == OBSERVED).any():
             raise UserError("scan.ply: the scan and the posed body do not overlap")
-        return V, confidence
+        return fit.V, confidence
 
     def _confidence(self, V, scan):
         """Observed where the scan is near and faces the same way; interpolated beside that; else hidden."""
