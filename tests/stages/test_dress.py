@@ -11,7 +11,7 @@ from toile.config import DressSettings, SegmentSettings
 from toile.errors import UserError
 from toile.io.body import load_body_model
 from toile.scene import BodyModel, Frame, Garment, Mesh, Person, Segmented, Tracked
-from toile.stages.dress import Dresser, prepare
+from toile.stages.dress import Dresser, crumpling, prepare
 from toile.stages.template import cut, make_template
 from toile.surface.curves import Curve
 from toile.vision.evidence import Evidence
@@ -197,3 +197,13 @@ def test_template_made_from_labels_has_the_region_s_loops_and_weights():
     upper = template.rest[:, 2] > 0.65
     assert (template.skin[upper, 1] > 0.9).all()
     assert template.uv.min() >= 0 and template.uv.max() <= 1
+
+
+def test_crumpling_of_a_rigid_motion_a_stretch_and_a_fold_is_exact():
+    V, F = tube(20, 24, 0.1, 0.5)
+    turned = V @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]).T + [1, 2, 3]
+    found = crumpling(V, turned, turned, F)
+    assert found["stretch_p95"] == pytest.approx(1, abs=1e-6) and found["flipped_share"] == 0
+    assert crumpling(V, V, V * [1, 1, 2.5], F)["stretch_p95"] == pytest.approx(2.5, abs=1e-9)
+    through = V * [1, 1, -1]  # the tube mirrored along its axis: every face looks inwards
+    assert crumpling(V, V, through, F) == pytest.approx({"stretch_p95": 1, "flipped_share": 1})

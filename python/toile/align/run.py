@@ -38,6 +38,7 @@ from .sliding import SlidingSurface
 from .smoothing import over_time
 
 NEAR = 10  # frame numbers within which a frame starts from the one before
+SCALED = 1.2  # a template that a run made larger or smaller by more is no longer the capture's
 
 
 @dataclass(frozen=True)
@@ -145,13 +146,21 @@ def prepare(run, out, settings, progress=lambda *_: None) -> PreparedAlignment:
 
 
 def _template(run, layer):
-    """Vertices of the template, whose lengths the cloth keeps: the capture's, or the one that the run cut from it."""
-    if layer.name in run.config.get("settings", {}).get("template_from_scan", ()):
-        return load_record(run.path / "prepared" / f"template.{layer.name}.npz", GarmentTemplate, ("loops",)).rest
-    mesh = run.capture.templates[layer.name]
-    if not np.array_equal(mesh.faces, layer.faces):
+    """Vertices of the template, whose lengths the cloth keeps: the capture's; where the run cut one from the capture, turned
+    the capture's or scaled it, the run's own."""
+    prepared, mesh = run.path / "prepared" / f"template.{layer.name}.npz", run.capture.templates.get(layer.name)
+    own = load_record(prepared, GarmentTemplate, ("loops",)).rest if prepared.exists() else None
+    cut = layer.name in run.config.get("settings", {}).get("template_from_scan", ())
+    same = not cut and mesh is not None and np.array_equal(mesh.faces, layer.faces)
+    if same and (own is None or _size(own) / SCALED < _size(mesh.vertices) < _size(own) * SCALED):
+        return mesh.vertices
+    if own is None:
         raise UserError(f"{run.capture.root}: the template of {layer.name} is not the one that {run.path} registered")
-    return mesh.vertices
+    return own
+
+
+def _size(V):
+    return np.linalg.norm(np.ptp(V, axis=0))
 
 
 def _make_references(pictured, settings, reader, matchers, paths, layers, progress):

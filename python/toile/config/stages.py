@@ -176,6 +176,19 @@ class LoopSettings(Settings):
     stay_weight: float = setting(0.05, "1", "of staying, where no opening is seen, against a seen one", ge=0)
 
 
+class PlacementSettings(Settings):
+    """A template laid on the body at rest, where the capture shows its garment."""
+
+    lies: float = setting(0.05, "m", "mean distance of a template to where the capture shows it, at most", gt=0)
+    near: float = setting(0.06, "m", "a template off by less is left where it is", gt=0)
+    clearly: float = setting(1.25, "1", "factor by which one way to lay it is nearer than another", gt=1)
+    size: tuple[float, float] = setting((0.5, 2.0), "1", "of a template, and of a rim, against those of the capture")
+    same_size: float = setting(1.2, "1", "factor within which a template is of the person's size", gt=1)
+    rim_near: float = setting(0.09, "m", "a rim nearer than this to the capture's is left to the frames", gt=0)
+    rim_reach: float = setting(0.25, "m", "a rim farther than this from the capture's is of another cut", gt=0)
+    loop: LoopSettings = LoopSettings(reach=0.3)
+
+
 class DressSettings(Settings):
     """Garments from labelled scans."""
 
@@ -217,6 +230,7 @@ class DressSettings(Settings):
     contact_share: float = setting(0.05, "1", "of one hand's vertices that makes an unsupported contact", ge=0, le=1)
     size_tolerance: float = setting(0.15, "1", "loop lengths off by more than this share are reported", ge=0)
     measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
+    placement: PlacementSettings = PlacementSettings()
     loop: LoopSettings = LoopSettings()
     biharmonic: BiharmonicSettings = BiharmonicSettings()
 
@@ -268,6 +282,10 @@ class VerdictSettings(Settings):
     loop_observed: tuple[float, float] = setting((0.3, 0.0), "1", "share of a garment's loops that was seen, at least")
     loop_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
     unclaimed_opening_mm: tuple[float, float] = setting((200.0, 600.0), "mm", "openings that belong to no loop")
+    stretch_p95: tuple[float, float] = setting(
+        (2.0, 3.0), "1", "stretch of a garment, what 95 % of its area stay below"
+    )
+    flipped_share: tuple[float, float] = setting((0.05, 0.15), "1", "of a garment's area, turned over by the fit")
 
 
 class Config(Settings):

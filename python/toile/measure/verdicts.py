@@ -109,7 +109,12 @@ WORDS = {
     "loop_observed": "{} of the openings was seen",
     "loop_mm": "an opening lies {} mm from the one that was seen",
     "unclaimed_opening_mm": "{} mm of seen openings belong to no loop",
+    "stretch_p95": "a twentieth of the garment is stretched {} times and more",
+    "flipped_share": "{} of the garment is turned over",
 }
+
+
+CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 
 def _openings(template, diagnostics):
@@ -119,7 +124,7 @@ def _openings(template, diagnostics):
     return {
         f"{template.name}.loop_observed": float(np.mean(seen)),
         f"{template.name}.loop_mm": max([0.0, *off]),
-        f"{template.name}.unclaimed_opening_mm": diagnostics["unclaimed_opening_mm"],
+        **{f"{template.name}.{name}": diagnostics[name] for name in CRUMPLED if name in diagnostics},
     }
 
 

@@ -47,7 +47,7 @@ from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
 from .smoothing import load_layers, smooth
-from .template import check_templates, template_from_scan
+from .template import Worn, check_templates, template_from_scan, template_on_body
 
 # of `register`, besides its settings
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
@@ -227,14 +227,19 @@ def _template(prepared, garment, labelled, status):
     """The GarmentTemplate of a garment of the scene; what its preparation warned of goes to the status."""
     capture, over = prepared.capture, _over(prepared.capture.scene, garment.name)
     label, mesh = capture.scene.labels[garment.label], capture.templates.get(garment.name)
+    settings, model = prepared.config.dress, prepared.model
+    shown, changes = [(tracked, segmented) for _, tracked, segmented, _ in labelled], []
+    worn = Worn.of(model, prepared.person, shown)
     if garment.name in prepared.config.template_from_scan:
-        shown = [(tracked, segmented) for _, tracked, segmented, _ in labelled]
-        mesh = template_from_scan(prepared.model, prepared.person, garment, label, shown)
+        mesh = template_from_scan(model, worn, garment, label)
+    elif shown:
+        mesh, changes = template_on_body(model, worn, garment, label, mesh, settings.placement, bool(over))
+    for change in changes:
+        status.add(stage="dress", ok=False, warning=change)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        settings = prepared.config.dress
         samples = dress.fit_samples(labelled, settings)
-        template = dress.prepare(prepared.model, prepared.person, garment, label, mesh, samples, settings, over)
+        template = dress.prepare(model, prepared.person, garment, label, mesh, samples, settings, over)
     for warning in caught:
         status.add(stage="dress", ok=False, warning=str(warning.message))
     return template

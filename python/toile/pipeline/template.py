@@ -4,19 +4,20 @@ garments that `template_from_scan` names."""
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ..config import Config
+from ..config import Config, PlacementSettings
 from ..errors import UserError
 from ..io.capture import Capture
 from ..io.files import output_file
 from ..io.mesh import write_mesh
 from ..io.run import Run, open_run
 from ..scene import BodyModel, Garment, GarmentTemplate, Mesh, Person, Segmented, Tracked
-from ..stages.template import make_template
+from ..stages.template import make_template, worn_region
+from ..surface.placing import check_near_body, place_template
 from ..surface.transfer import move_with_body
 
 Sample = tuple[Tracked, Segmented]
@@ -34,20 +35,55 @@ def template_of_run(run: Run, name: str, label: str) -> GarmentTemplate:
     return _cut(run.body_model, person_of(run), name, ids[label], run.labels[run.rows()])
 
 
-def template_from_scan(
-    model: BodyModel, person: Person, garment: Garment, label: int, samples: Iterable[Sample]
-) -> Mesh:
+def template_from_scan(model: BodyModel, worn: Worn, garment: Garment, label: int) -> Mesh:
     """The template of a garment as the sampled frames' tracked surfaces show it, in the body model's own rest pose."""
-    poses, labels = [], []
-    for tracked, segmented in samples:
-        poses.append(model.unskin(tracked.vertices, person.J, tracked.rotations, tracked.translation))
-        labels.append(segmented.vertices)
-    worn = replace(person, rest=np.median(poses, axis=0))
     try:
-        made = _cut(model, worn, garment.name, label, np.array(labels))
+        made = _cut(model, worn.person, garment.name, label, worn.labels)
     except UserError as error:
         raise UserError(f"template_from_scan {garment.name}: {error}") from None
     return Mesh(made.rest, made.faces, made.uv, made.face_uv)
+
+
+@dataclass(frozen=True)
+class Worn:
+    """The person's rest surface as sampled frames show it clothed, and its labels (T,n)."""
+
+    person: Person
+    labels: np.ndarray
+
+    @staticmethod
+    def of(model: BodyModel, person: Person, samples: Iterable[Sample]) -> Worn:
+        """The median of the tracked surfaces, unposed."""
+        poses, labels = [], []
+        for tracked, segmented in samples:
+            poses.append(model.unskin(tracked.vertices, person.J, tracked.rotations, tracked.translation))
+            labels.append(segmented.vertices)
+        return Worn(replace(person, rest=np.median(poses, axis=0)) if poses else person, np.array(labels))
+
+    def region(self, model: BodyModel, garment: Garment, label: int) -> Mesh:
+        """Where the body model at rest carries a garment. UserError: nowhere."""
+        try:
+            V, F = worn_region(model, self.person, garment.name, label, self.labels)
+        except UserError as error:
+            raise UserError(f"garment {garment.name}: {error}: is it worn?") from None
+        return Mesh(move_with_body(V, self.person.rest, model.v_template, REACH), F)
+
+
+def template_on_body(
+    model: BodyModel,
+    worn: Worn,
+    garment: Garment,
+    label: int,
+    mesh: Mesh,
+    settings: PlacementSettings,
+    covered: bool = False,
+) -> tuple[Mesh, list[str]]:
+    """A capture's template as it lies on the body model at rest, and what was changed of it; see surface/placing.py. One
+    that is worn under another, `covered`, shows only a part: it must lie on the body as it is. UserError: it cannot be laid."""
+    if covered:
+        check_near_body(model, garment.name, mesh, settings)
+        return mesh, []
+    return place_template(model, garment.name, mesh, worn.region(model, garment, label), settings)
 
 
 def check_templates(capture: Capture, config: Config) -> None:

@@ -180,6 +180,7 @@ class Dresser:
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
         diagnostics = self._diagnostics(vertices, matches, unclaimed, tracked, confidence, distance, start)
+        diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
         return Dressed(vertices, confidence, diagnostics), matches
 
     def _to_openings(self, vertices, matches):
@@ -231,6 +232,28 @@ class Dresser:
         out["hand_contact"] = float(max(touch, default=0.0))
         out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out
+
+
+def crumpling(rest, posed, V, F):
+    """How far a garment V (g,3) is from cloth that was bent: stretch_p95, the largest stretch of a face against its shape at
+    `rest`, what 95 % of the area stay below; flipped_share, of the area whose faces look against those of the template as the
+    body's pose bends it, `posed`."""
+    a, b = (X[F[:, 1:]] - X[F[:, :1]] for X in (rest, V))  # (m,2,3) two sides of each face
+    A, B = (
+        np.einsum("mij,mkj->mik", sides, sides) for sides in (a, b)
+    )  # metrics: stretch^2 are the eigenvalues of A^-1 B
+    area = kernels.face_areas(rest, F)
+    sound = np.linalg.det(A) > 1e-16 * area.mean() ** 2
+    M = np.linalg.solve(A[sound], B[sound])
+    half, det = np.trace(M, axis1=1, axis2=2) / 2, np.linalg.det(M)
+    stretch = np.sqrt(half + np.sqrt(np.maximum(half**2 - det, 0)))
+    order = np.argsort(stretch)
+    share = np.cumsum(area[sound][order]) / area[sound].sum()
+    against = np.einsum("mi,mi->m", kernels.face_normals(posed, F), kernels.face_normals(V, F)) < 0
+    return {
+        "stretch_p95": float(stretch[order][np.searchsorted(share, 0.95)]),
+        "flipped_share": float(area[against].sum() / area.sum()),
+    }
 
 
 def _scan_of(frame, tracked, model):

@@ -15,12 +15,7 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
     on the tracked surface: its rest shape cut along the smoothed border, `offset` [m] outside it, remeshed to edges of
     about `edge` [m]. Islands of other labels smaller than `hole` [m^2] are no openings. Raises UserError where no region or
     no open loop is left."""
-    share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
-    share[_islands(person.rest, model.f, share <= 0.5, hole)] = 1
-    V, F = cut(person.rest, model.f, smooth_on(model.f, share, 2), 0.5)
-    if len(F) < 20:
-        raise UserError(f"labels: no region of the tracked surface carries {name} (id {label_id})")
-    V, F = _largest_component(V, F)
+    V, F = worn_region(model, person, name, label_id, vertex_labels, hole)
     V = V + offset * kernels.vertex_normals(V, F)
     V, F = kernels.remesh(V, F, edge)
     loops = tuple(kernels.boundary_loops(F))
@@ -30,6 +25,16 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
     at_rest = move_with_body(V, person.rest, model.v_template, 0.04)
     skin = transfer_skin(model, at_rest, F, 10)
     return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(model, at_rest, loops))
+
+
+def worn_region(model, person, name, label_id, vertex_labels, hole=0.01):
+    """The largest part (V, F) of the person's rest surface that carries the label, cut along its smoothed border."""
+    share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
+    share[_islands(person.rest, model.f, share <= 0.5, hole)] = 1
+    V, F = cut(person.rest, model.f, smooth_on(model.f, share, 2), 0.5)
+    if len(F) < 20:
+        raise UserError(f"labels: no region of the tracked surface carries {name} (id {label_id})")
+    return _largest_component(V, F)
 
 
 def _islands(V, F, other, area):
