@@ -11,7 +11,9 @@ import scipy.sparse as sp
 from ..io.body import load_body_model
 from ..scene import BodyModel
 from ..surface.operators import smooth_on
+from . import deviation
 from .surface import smooth_noise, vertex_normals
+from .truths import PLAIN, Hard
 
 OFFSET_MM = (5.0, 15.0)  # largest displacement outside the model's span, drawn from this range
 OFFSET_LENGTH = 0.12  # m, correlation length of the offsets
@@ -27,8 +29,11 @@ class TruthBody:
     neutral: np.ndarray  # (n,3) anny's average body, soles at z = 0: coordinates that mean the same on every body
     skin_faces: np.ndarray  # (m,3) faces of the skin component, without eyes and tongue
     phenotype: dict[str, float]
-    expressions: np.ndarray | None  # (e,n,3) facial actions as rest displacements [m]
+    expressions: np.ndarray | None  # (e,n,3) facial actions, then a full breath, as rest displacements [m]
     offset: np.ndarray  # (n,3) what was added outside the model's span [m]
+    bulges: np.ndarray  # (b,n,3) rest displacements [m] of muscles at full bend
+    bulge_joints: np.ndarray  # (b,) the joint that bends each
+    bulge_angles: np.ndarray  # (b,) [rad] at which it is full
 
     @property
     def rest(self):
@@ -47,6 +52,9 @@ class TruthBody:
     def pose(self, rotations, translation, expression=None):
         """Posed vertices (n,3) for rotations (K,3), translation (3,) and facial actions (e,)."""
         rest = self.rest if expression is None else self.rest + np.tensordot(expression, self.expressions, 1)
+        if len(self.bulges):
+            bend = np.linalg.norm(np.asarray(rotations)[self.bulge_joints], axis=1) / self.bulge_angles
+            rest = rest + np.tensordot(np.sin(0.5 * np.pi * np.minimum(bend, 1)), self.bulges, 1)
         return self.model.skin(rest, self.J, rotations, translation)
 
     def joints(self, rotations, translation):
@@ -63,24 +71,28 @@ PHENOTYPES = {  # gender 0 male .. 1 female; the rest around 0.5; drawn uniforml
 }
 
 
-def make_body(subject, rng):
-    """Draws a truth body for `subject` in PHENOTYPES."""
+def make_body(subject, rng, hard: Hard = PLAIN):
+    """Draws a truth body for `subject` in PHENOTYPES that leaves the pipeline's model as `hard` says."""
     phenotype = {k: round(float(rng.uniform(*v)), 4) for k, v in PHENOTYPES[subject].items()}
     phenotype["proportions"] = round(float(rng.uniform(0.4, 0.6)), 4)
     anny_model = load_anny()
     rest, J = anny_rest(anny_model, phenotype)
     neutral, _ = anny_rest(anny_model, dict.fromkeys(phenotype, 0.5) | {"age": 0.67})
     neutral = neutral - [0, 0, neutral[:, 2].min()]
-    faces = load_body_model("anny").f  # anny cuts its quads along other diagonals on another processor
+    theirs = load_body_model("anny")
+    faces = theirs.f  # anny cuts its quads along other diagonals on another processor
+    skin = skin_component(faces, len(rest))
     names = tuple(anny_model.bone_labels)
     idx, val = anny_model.vertex_bone_indices.numpy(), anny_model.vertex_bone_weights.numpy()
-    offset = model_offset(neutral, rest, faces, idx, val, names, rng)
+    if hard.surface:
+        offset = deviation.surface_offset(theirs, neutral, rest, J, skin, hard.surface, rng)
+    else:
+        offset = model_offset(neutral, rest, faces, idx, val, names, rng)
     w_idx, w_val = other_weights(idx, val, faces, len(names))
-    rest_moved = rest + offset
     model = BodyModel(
-        v_template=rest_moved,
+        v_template=rest + offset,
         f=faces,
-        J=J,
+        J=deviation.moved_joints(J, names, hard.joints, rng) if hard.joints else J,
         parents=np.array(anny_model.bone_parents),
         weights_idx=w_idx,
         weights_val=w_val,
@@ -88,8 +100,13 @@ def make_body(subject, rng):
         J_shapedirs=np.zeros((len(J), 3, 0)),
         joint_names=names,
     )
-    actions = facial_actions(phenotype, rest)
-    return TruthBody(model, neutral, skin_component(faces, len(rest)), phenotype, actions, offset)
+    normals, where = vertex_normals(rest + offset, skin), deviation.trunk_and_limbs(theirs)
+    breath = deviation.breath(model, normals, hard.breath)
+    actions = np.concatenate([facial_actions(phenotype, rest), breath[None]])
+    bulges = (
+        deviation.muscles(model, normals, where, hard.bulge, rng) if hard.bulge else deviation.no_muscles(len(rest))
+    )
+    return TruthBody(model, neutral, skin, phenotype, actions, offset, *bulges)
 
 
 def load_anny(**options):

@@ -41,6 +41,8 @@ def studio(
     garment: Annotated[str, typer.Option(help="newton, cut (from the body), or a shirt as .obj")] = "newton",
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
     trousers: Annotated[bool, typer.Option("--trousers", help="a garment of their own, cut from the body")] = False,
+    truth: Annotated[str, typer.Option(help="plain, hard, or parts of it joined by +")] = "hard",
+    template: Annotated[str, typer.Option(help="other, scan, settled, or a foreign garment as .obj")] = "other",
     workers: Annotated[
         int, typer.Option(help="processes that share the frames; 0: as many as processors", min=0, max=WORKERS)
     ] = 0,
@@ -60,7 +62,7 @@ def studio(
             motion=motion, image_step=image_step, span=span, noise=noise, holes=holes, keypoint_noise=keypoint_noise
         ),
         **dict(keypoint_outliers=keypoint_outliers, label_errors=label_errors, scan_faces=scan_faces, garment=garment),
-        "trousers": trousers,
+        **dict(trousers=trousers, truth=truth, template=template),
     }
     own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
     options = changed(from_options(lambda _: StudioOptions(), None, config, changes), own)

@@ -13,6 +13,7 @@ from .template import REMESHING
 OFFSET = 0.012  # m outside the skin
 EDGE = 0.011  # m: about 6k vertices
 SLEEVE = 0.75  # share of the upper arm that the sleeve covers
+NECKLINE = np.array([0, -0.35, 0.94])  # the neck's opening looks up and forward
 SMOOTHING = 8  # umbrella steps on the offset surface
 WAIST, ANKLE = 1.05, 0.16  # m, heights of the trousers' borders on the neutral body
 LEG_OFFSET = 0.009  # m: the thighs leave little room
@@ -31,9 +32,7 @@ def cut_trousers(body):
 
 def cut_out(body, field, offset, over):
     """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`."""
-    V, F = keep_positive(body.rest, body.skin_faces, field)
-    V, F = largest_part(V, F)
-    V, F = remesh(V, F, EDGE, **REMESHING)
+    V, F = cut_skin(body, field, EDGE)
     N = smoothed(vertex_normals(V, F), F)
     V = V + offset * N / np.linalg.norm(N, axis=1, keepdims=True)
     for _ in range(3):
@@ -41,32 +40,47 @@ def cut_out(body, field, offset, over):
     return V, F
 
 
+def cut_skin(body, field, edge):
+    """The skin where `field` is positive, its largest part, remeshed to edges of `edge` [m]."""
+    V, F = keep_positive(body.rest, body.skin_faces, field)
+    V, F = largest_part(V, F)
+    return remesh(V, F, edge, **REMESHING)
+
+
 def arm_vertices(body):
     limb = [n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in body.model.joint_names]
     return body.dense_weights[:, limb].sum(1) > 0.3
 
 
-def trousers_field(body):
-    """Per body vertex, positive where the trousers go: metres to the nearest cut."""
-    z = body.neutral[:, 2]
-    return np.where(arm_vertices(body), -1.0, np.minimum(WAIST - z, z - ANKLE))
+def trousers_field(body, z=None, waist=WAIST, ankle=ANKLE):
+    """Per body vertex, positive where the trousers go: metres to the nearest cut; heights `z` (n,) are the neutral
+    body's unless given."""
+    z = body.neutral[:, 2] if z is None else z
+    return np.where(arm_vertices(body), -1.0, np.minimum(waist - z, z - ankle))
 
 
-def shirt_field(body):
-    """Per body vertex, positive where the shirt goes: metres to the nearest cut."""
+def shirt_field(body, hem=None, neck=0.0, sleeves=(SLEEVE, SLEEVE)):
+    """Per body vertex, positive where the shirt goes: metres to the nearest cut. `hem` [m] is a height, `neck` [m] the
+    distance of the opening from the neck's joint along NECKLINE, `sleeves` the shares of the upper arms."""
     P, J = body.rest, body.J
     at = lambda n: J[body.model.joint(n)]
     arm = arm_vertices(body)
-    hem = np.where(arm, 1.0, P[:, 2] - at("upperleg01.L")[2] - 0.01)
-    out = np.array([0, -0.35, 0.94])
-    neck = np.where(np.abs(P[:, 0]) < 0.11, -(P - at("neck01") - [0, 0, 0.0]) @ out, 1.0)
+    hem = at("upperleg01.L")[2] + 0.01 if hem is None else hem
+    below = np.where(arm, 1.0, P[:, 2] - hem)
+    above = np.where(np.abs(P[:, 0]) < 0.11, neck - (P - at("neck01")) @ NECKLINE, 1.0)
     sleeve = np.ones(len(P))
-    for side in "LR":
-        axis = at(f"lowerarm01.{side}") - at(f"upperarm01.{side}")
-        t = (P - at(f"upperarm01.{side}")) @ axis / (axis @ axis)
+    for side, covered in zip("LR", sleeves):
+        t, axis = along_arm(body, P, side)
         mine = arm & (np.sign(P[:, 0]) == np.sign(axis[0]))
-        sleeve[mine] = (SLEEVE - t[mine]) * np.linalg.norm(axis)
-    return np.minimum(np.minimum(hem, neck), sleeve)
+        sleeve[mine] = (covered - t[mine]) * np.linalg.norm(axis)
+    return np.minimum(np.minimum(below, above), sleeve)
+
+
+def along_arm(body, points, side):
+    """Where points (p,3) lie along the upper arm (0 shoulder, 1 elbow), and the vector between (3,)."""
+    shoulder, elbow = (body.J[body.model.joint(f"{j}.{side}")] for j in ("upperarm01", "lowerarm01"))
+    axis = elbow - shoulder
+    return (points - shoulder) @ axis / (axis @ axis), axis
 
 
 def keep_positive(V, F, field):

@@ -16,9 +16,11 @@ from ..scene import Mesh
 from .cameras import make_cameras
 from .keypoints import KeypointTable, noisy
 from .labels import wrong_labels
+from .lasting import LastingKeypoints, LastingLabels
 from .outfit import joined_faces
 from .paint import Appearance
 from .pictures import OuterSurface, make_sensors, take_picture
+from .scan_faults import spoilt_scan
 from .scans import scan
 from .sequence import Sequence
 
@@ -37,6 +39,22 @@ class CaptureMaker:
         self.garment_faces = joined_faces(settled) if settled else None
         self.look = Appearance(options.subject, self.body, [(s.name, s.flat) for s in settled], rng)
         self.table = KeypointTable(load_body_model("anny"))
+        self.amounts = options.amounts
+        worn = [self.sequence.draped(s) for s in settled]
+        self.rest = np.concatenate([self.body.rest, *worn])
+        self.lasting_keypoints = LastingKeypoints(self.table, len(self.rig), self.amounts, seed)
+        self.lasting_labels = None
+        if self.amounts.lasting_labels:
+            outer = OuterSurface(
+                self.body.rest, self.body.model.f, np.concatenate(worn) if worn else None, self.garment_faces
+            )
+            self.lasting_labels = LastingLabels(
+                outer,
+                self.look,
+                options.label_error_share,
+                options.span / options.size,
+                np.random.default_rng([seed, 5]),
+            )
         self.tracer = None
         if options.renderer == "mitsuba":
             from .pathtrace import PathTracer
@@ -71,25 +89,30 @@ class CaptureMaker:
         options = self.options
         rng = np.random.default_rng([self.seed, 3, number])
         vertices, garment = self.sequence.frame(number)
-        outer = OuterSurface(vertices, self.body.model.f, garment, self.garment_faces)
+        outer = OuterSurface(vertices, self.body.model.f, garment, self.garment_faces, self.rest)
         for name in ("images", "masks", "labels"):
             (folder / name).mkdir(parents=True)
         traced = self._traced(outer, number)
         views = [take_picture(outer, c, self.look, s, rng, t) for c, s, t in zip(self.rig, self.sensors, traced)]
-        labels, share = wrong_labels(views, self.rig, options.label_error_share, rng)
+        if self.lasting_labels is None:
+            labels, share = wrong_labels(views, self.rig, options.label_error_share, rng)
+        else:
+            labels, share = self.lasting_labels.images(views)
         block, i = self.sequence.block_of(number)
-        points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])[1]
+        joints, points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])
         keypoints = {}
-        for camera, view, label in zip(self.rig, views, labels):
+        for c, (camera, view, label) in enumerate(zip(self.rig, views, labels)):
             write_image(folder / "images" / f"{camera.name}.jpg", view.image)
             write_image(folder / "masks" / f"{camera.name}.png", view.mask.astype(np.uint8) * 255)
             write_image(folder / "labels" / f"{camera.name}.png", label)
             noise, outliers = options.keypoint_noise, options.keypoint_outlier_share
             seen = noisy(self.table, camera, view.depth, points, noise, outliers, rng)
+            seen = self.lasting_keypoints.spoil(seen, c, number)
             keypoints[camera.name] = np.round(seen, 3).tolist()
         write_json(folder / "keypoints.json", {"names": list(self.table.names), "points": keypoints})
         scanned = scan(outer, options.scan_faces, options.scan_noise, options.hole_share, rng)
-        write_mesh(folder / "scan.ply", Mesh(*scanned))
+        spoilt = spoilt_scan(*scanned, outer, joints, self.body.model, self.amounts, self.seed, number)
+        write_mesh(folder / "scan.ply", Mesh(*spoilt))
         return share
 
     def _traced(self, outer, number):

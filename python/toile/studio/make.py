@@ -15,7 +15,6 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
-from ..io.mesh import write_mesh
 from ..pipeline.blocks import Workers, locked
 from . import truth as checks
 from .cameras import cameras_json
@@ -25,7 +24,7 @@ from .options import StudioOptions
 from .outfit import split
 from .paint import LABELS
 from .sequence import Sequence
-from .template import make_template
+from .templates import write_templates
 
 ATTEMPTS = 5  # seeds tried before giving up
 PACKAGES = ("anny", "newton", "warp-lang", "open3d", "pymeshlab", "xatlas", "libigl", "mitsuba", "numpy")
@@ -86,7 +85,9 @@ def begin(part, options):
         write_text(part / "work" / "options.json", json.dumps(asked))
         return True
     found = json.loads(kept.read_text())
-    found["options"] = StudioOptions().model_dump() | found["options"]  # one that came later had its default
+    found["options"] = (
+        StudioOptions(truth="plain").model_dump() | found["options"]
+    )  # one that came later had its default
     for table, values in asked.items():
         for name, value in values.items():
             if found[table].get(name) != value:
@@ -102,8 +103,9 @@ def fill(part, options, progress, workers):
         return StudioReport(part, made["seed"], made["rejected"], figures=made["figures"])
     report, folder = accepted_sequence(part / "work", options, progress)
     stage = CaptureMaker(part, folder, options, report.seed)
-    templates = write_scene(part, stage)
+    write_scene(part, stage)
     take_frames(stage, folder, progress, workers)
+    templates = write_templates(part, stage)
     report.figures, report.per_frame = stage.sequence.measures()
     shares = [json.loads(stage.share_file(k).read_text()) for k in options.pictured]
     report.figures["label_error_share"] = float(np.mean(shares))
@@ -136,15 +138,9 @@ def derived_seed(seed, attempt):
 
 
 def write_scene(part, stage):
-    """scene.toml, cameras.json, and the garments' templates, which it returns by name."""
-    templates, sequence, mean = {}, stage.sequence, stage.table.model.v_template
-    for s in sequence.settled:
-        template = templates[s.name] = make_template(s.flat, s.faces, sequence.draped(s), stage.body.rest, mean)
-        (part / "templates").mkdir(exist_ok=True)
-        write_mesh(part / "templates" / f"{s.name}.obj", template.mesh)
+    """scene.toml and cameras.json."""
     (part / "scene.toml").write_text(scene_toml(stage.options))
     write_json(part / "cameras.json", cameras_json(stage.rig))
-    return templates
 
 
 def take_frames(stage, folder, progress, workers):
@@ -186,9 +182,10 @@ def write_truth_store(folder, stage, templates, report):
         "labels": stage.look.vertex_labels(),
     }
     for s in sequence.settled:
-        t = templates[s.name]
         at = f"garment/{s.name}"
-        fixed |= {f"{at}/faces": s.faces, f"{at}/map_face": t.map_face, f"{at}/map_bary": t.map_bary}
+        fixed[f"{at}/faces"] = s.faces
+        if (t := templates[s.name]) is not None:
+            fixed |= {f"{at}/map_face": t.map_face, f"{at}/map_bary": t.map_bary}
 
     def garments(b):
         parts = split(b.garment, sequence.settled) if sequence.clothed else ()
@@ -218,6 +215,6 @@ def studio_json(options, report):
         "options": options.model_dump(), "seed": report.seed, "rejected": report.rejected, "figures": report.figures,
         "bounds": {"strain_p99": checks.STRAIN_P99, "strain_max": checks.STRAIN_MAX, "step_m": checks.STEP_MAX},
         "self_contact": "off: the cloth may pierce itself; triangle pairs are counted per frame in truth.zarr",
-        "label_errors": "drawn anew for every frame, alike in all views",
+        "label_errors": "alike in all views, and " + ("lasting" if options.amounts.lasting_labels else "drawn every frame"),
         "versions": versions(),
     }  # fmt: skip

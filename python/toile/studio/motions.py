@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .bvh import bvh_motion
-from .motion import RAMP, BodyMotion, eased, range_of_motion, smoothstep, talk, walk
+from .motion import FPS, RAMP, BodyMotion, eased, range_of_motion, smoothstep, talk, walk
 from .touch import touch_motion
 
 JOIN = 30  # frames over which one motion passes into the next
+BREATH = 3.0  # s
 
 
 def make_motion(name, body, frames, rng):
     """walk, rom, talk, hands-on-cloth, several of them joined by "+", or a path that ends in .bvh; eased in from the
     A-pose over RAMP frames."""
     if name.lower().endswith(".bvh"):
-        return eased(bvh_motion(name, body, RAMP + frames))
-    return eased(joined(name.split("+"), body, frames, rng))
+        return eased(breathing(bvh_motion(name, body, RAMP + frames), rng))
+    return eased(breathing(joined(name.split("+"), body, frames, rng), rng))
+
+
+def breathing(motion, rng):
+    """The motion with a breath as its last action: in and out again every BREATH seconds."""
+    t = np.arange(len(motion.root)) / FPS
+    breath = 0.5 - 0.5 * np.cos(2 * np.pi * (t / BREATH + rng.uniform()))
+    return replace(motion, expression=np.concatenate([motion.expression, breath[:, None]], 1))
 
 
 def joined(names, body, frames, rng):

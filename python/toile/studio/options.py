@@ -11,8 +11,10 @@ from ..errors import UserError
 from .cameras import VISIBLE
 from .garment import SIZES
 from .motions import JOIN
+from .truths import PARTS, Hard, chosen
 
 MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
+TEMPLATES = ("other", "scan", "settled")
 
 
 class StudioOptions(Settings):
@@ -39,7 +41,14 @@ class StudioOptions(Settings):
     garment: str | None = setting(
         "newton", "name", "newton, cut (from the body), or the path of a shirt as .obj; empty: the bare body"
     )
+    truth: str = setting("hard", "name", "plain, hard, or parts of it joined by +: names of the settings hard.*")
+    template: str = setting(
+        "other",
+        "name",
+        "other: a cut of its own; scan: cut from the first frame; settled: the true garment; or an .obj",
+    )
     trousers: bool = setting(False, "switch", "a garment of their own, cut from the body, under the shirt")
+    hard: Hard = Hard()
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -54,6 +63,12 @@ class StudioOptions(Settings):
     def _check(self) -> Self:
         if self.subject not in SIZES:
             raise UserError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
+        parts = self.truth.split("+")
+        if self.truth not in ("plain", "hard") and not set(parts) <= set(PARTS):
+            known = f'plain, hard, or some of {", ".join(PARTS)} joined by "+"'
+            raise UserError(f"studio: truth is {self.truth!r}, must be {known}")
+        if self.template not in TEMPLATES and not self.template.lower().endswith(".obj"):
+            raise UserError(f"studio: template is {self.template!r}, must be {', '.join(TEMPLATES)} or an .obj")
         self._check_motion()
         return self
 
@@ -72,6 +87,11 @@ class StudioOptions(Settings):
         """Name and source of each garment, inner to outer."""
         worn = (("trousers", "cut" if self.trousers else None), ("tshirt", self.garment))
         return tuple((name, source) for name, source in worn if source)
+
+    @property
+    def amounts(self) -> Hard:
+        """How hard each part of the truth is."""
+        return chosen(self.truth, self.hard)
 
     @property
     def pictured(self):

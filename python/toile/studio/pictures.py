@@ -26,6 +26,7 @@ class OuterSurface:
     body_faces: np.ndarray
     garment: np.ndarray | None  # (g,3) all garments, one after the other
     garment_faces: np.ndarray | None
+    rest: np.ndarray | None = None  # (n+g,3) where the vertices are on the dressed body at rest
 
     @property
     def vertices(self):
@@ -52,6 +53,7 @@ class SyntheticView:
     labels: np.ndarray  # (H,W) uint8, true
     depth: np.ndarray  # (H,W) [m], the nearest sample's, inf on background
     points: np.ndarray  # (p,3) world points of mask pixels in row order
+    rest_points: np.ndarray | None = None  # (p,3) the same points on the dressed body at rest
 
 
 @dataclass(frozen=True)
@@ -93,9 +95,11 @@ def take_picture(outer, camera, look, sensor, rng, traced=None):
     labels = np.where(mask, votes.argmax(-1), 0).astype(np.uint8)
     near = np.full((camera.height, camera.width), np.inf)
     np.minimum.at(near, (row // SAMPLES, col // SAMPLES), depth)
-    place = np.zeros((camera.height, camera.width, 3))
-    place[row // SAMPLES, col // SAMPLES] = points
-    return SyntheticView((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask, labels, near, place[mask])
+    place = np.zeros((2, camera.height, camera.width, 3))
+    place[0, row // SAMPLES, col // SAMPLES] = points
+    if outer.rest is not None:
+        place[1, row // SAMPLES, col // SAMPLES] = at(outer.rest)
+    return SyntheticView((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask, labels, near, *place[:, mask])
 
 
 def distorted(camera, V):

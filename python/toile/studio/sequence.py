@@ -45,7 +45,9 @@ class Sequence:
     def __init__(self, folder, options, seed):
         self.folder, self.options, self.frames = folder, options, options.frames
         streams = [np.random.default_rng([seed, i]) for i in range(2)]
-        self.body = self._kept("body", TruthBody, lambda: make_body(options.subject, streams[0]), model=BodyModel)
+        self.body = self._kept(
+            "body", TruthBody, lambda: make_body(options.subject, streams[0], options.amounts), model=BodyModel
+        )
         self.ground = -self.body.rest[:, 2].min()
         self.motion = self._kept("motion", motion.BodyMotion, lambda: self._make_motion(streams[1]))
         self.block = lru_cache(2)(self._block)

@@ -26,7 +26,15 @@ def chain(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two")
     capture, run, avatar, out = (folder / name for name in ("capture", "run", "avatar", "out"))
     options = dict(
-        frames=4, cameras=6, size=256, seed=5, motion="talk", garment="cut", trousers=True, scan_faces=20_000
+        frames=4,
+        cameras=6,
+        size=256,
+        seed=5,
+        motion="talk",
+        garment="cut",
+        trousers=True,
+        scan_faces=20_000,
+        truth="plain",
     )
     with pytest.MonkeyPatch.context() as patch:  # short preludes
         patch.setattr(garment, "SETTLING", 4)
