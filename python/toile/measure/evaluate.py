@@ -14,7 +14,10 @@ from ..io.layout import VERDICTS
 from ..io.run import Run, open_run
 from ..scene import HIDDEN, OBSERVED
 from .evidence import evidence, nothing
-from .truth import mean_measures, millimetres, open_truth, second_difference
+from .motion import Followed, MotionError
+from .truth import mean_measures, millimetres, open_truth
+
+INNER = ("hidden_mm", "visible_mm", "hidden_model_mm", "hidden_share", "jitter_mm", "acceleration")
 
 
 def evaluate(run: Run | Path | str) -> dict:
@@ -32,10 +35,12 @@ def evaluate(run: Run | Path | str) -> dict:
     boundary_mm, each loop's vertices to the true border that is its own; boundary_all_mm, the same over the vertices of all
     loops together; loop_observed, share of a loop's vertices that lie on the scan and whose opening was seen; surface_mm,
     vertices to the true garment's surface; correspondence_mm, vertices to their true places through the truth's map;
-    jitter_mm, mean length of the second difference over time of that error (consecutive frames only).
+    jitter_mm, mean length of the second difference over time of that error (consecutive frames only); acceleration, mean
+    length of the second difference of the vertices as a share of their true places'.
     inner: outside vertices to the true body's surface, hidden_mm under the garments (confidence 0), visible_mm elsewhere;
     hidden_model_mm, the hidden ones of the model alone, posed and shaped by the tracking, before anything was fused of the
-    sequence; hidden_share, of the outside vertices.
+    sequence; hidden_share, of the outside vertices; jitter_mm and acceleration as those of garments, of the visible
+    vertices against the points of the true body that are nearest in the first frame.
     intersections_left: triangle pairs of garments with the inner skin, whole, and with one another, by exact predicates.
     seconds: mean a frame. verdicts: how many registered frames are good, doubtful and wrong, by measure/verdicts.py; a
     frame has its "verdict" and "reasons".
@@ -53,17 +58,16 @@ class _Evaluation:
         self.mapped = {name: self.truth.maps(name, run.garments[name].faces) for name in self.known}
         self.borders = {name: self.truth.border_names(name, self.model) for name in self.known}
         self.outside = ~self.model.inside
+        self.followed = None
 
     def result(self):
-        per_frame, errors = [], defaultdict(dict)
+        per_frame, motions = [], defaultdict(MotionError)
         for number in self.run.ok:
-            per_frame.append({"frame": number, **self._frame(number, errors)})
+            per_frame.append({"frame": number, **self._frame(number, motions)})
         everything = mean_measures(per_frame or [self._nothing()])
         everything.pop("frame", None)
-        for name, by_frame in errors.items():
-            if not self.mapped[name]:
-                continue
-            everything["garment"][name]["jitter_mm"] = second_difference(by_frame)
+        for name, motion in motions.items():
+            (everything["garment"][name] if name else everything["inner"]).update(motion.measures())
         if everything.get("intersections_left") is not None:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
@@ -93,7 +97,7 @@ class _Evaluation:
         found = [measures["verdict"] for measures in per_frame]
         return {name: found.count(name) for name in VERDICTS}
 
-    def _frame(self, number, errors):
+    def _frame(self, number, motions):
         run, true = self.run, self.truth is not None and number in self.truth
         tracked = run.track.at(number)
         out = self._nothing()
@@ -114,16 +118,21 @@ class _Evaluation:
             return out
         for name in self.known:
             loops, told = run.garments[name].loops, (self.mapped[name], self.borders[name])
-            measures, errors[name][number] = self.truth.garment_errors(name, loops, cloth[name], number, *told)
+            measures, error = self.truth.garment_errors(name, loops, cloth[name], number, *told)
             out["garment"][name] |= measures
+            if error is not None:
+                motions[name].add(number, cloth[name], cloth[name] - error)
         if len(self.known) == len(run.garments):
             out["label_iou"] = self._labels(run.labels.at(number), tracked, number)
         hidden = run.inner.confidence.at(number) == HIDDEN
         model = self.model.skin(*self.rest, *run.pose.at(number))
         alone = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]
         share = float((hidden & self.outside).sum() / self.outside.sum())
-        out["inner"] = self.truth.body_errors(inner, hidden, self.outside, number)
+        out["inner"] |= self.truth.body_errors(inner, hidden, self.outside, number)
         out["inner"] |= {"hidden_model_mm": alone, "hidden_share": share}
+        body = self.truth.body(number)
+        self.followed = self.followed or Followed(inner, ~hidden & self.outside, *body)
+        motions[None].add(number, inner[self.followed.at], self.followed.places(body[0]))
         return out
 
     def _nothing(self):
@@ -136,6 +145,7 @@ class _Evaluation:
             "surface_mm",
             "correspondence_mm",
             "jitter_mm",
+            "acceleration",
         )
         return {
             "joint_mm": None,
@@ -145,7 +155,7 @@ class _Evaluation:
             "evidence": nothing(),
             "label_iou": None,
             "garment": {name: dict.fromkeys(garment) for name in self.run.garments},
-            "inner": dict.fromkeys(("hidden_mm", "visible_mm", "hidden_model_mm", "hidden_share")),
+            "inner": dict.fromkeys(INNER),
             "intersections_left": None,
         }
 

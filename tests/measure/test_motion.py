@@ -1,0 +1,41 @@
+"""Jitter and acceleration of motions whose second differences are known."""
+
+import numpy as np
+import pytest
+
+from tests.support.shapes import sphere
+from toile.measure.motion import Followed, MotionError
+
+X = np.random.default_rng(0).standard_normal((5, 3))
+
+
+def measured(places, trues):
+    motion = MotionError()
+    for number in places:
+        motion.add(number, places[number], trues[number])
+    return motion.measures()
+
+
+def test_a_shake_of_known_size_adds_to_a_fall_of_known_speed():
+    fall = {n: X - 0.002 * n**2 * np.array([0, 0, 1.0]) for n in range(6)}  # second difference 4 mm
+    shake = {n: x + (-1) ** n * np.array([0.003 / 4, 0, 0]) for n, x in fall.items()}  # 3 mm
+    assert measured(shake, fall) == pytest.approx({"jitter_mm": 3.0, "acceleration": 1.25})
+    assert measured(fall, fall) == pytest.approx({"jitter_mm": 0.0, "acceleration": 1.0})
+    still = {n: X for n in range(6)}
+    assert measured(still, fall) == pytest.approx({"jitter_mm": 4.0, "acceleration": 0.0})
+    assert measured(still, still)["acceleration"] is None
+
+
+def test_frames_that_do_not_follow_one_another_say_nothing():
+    apart = {n: X * n**2 for n in (0, 1, 3, 4, 6)}
+    assert measured(apart, apart) == {"jitter_mm": None, "acceleration": None}
+
+
+def test_points_of_a_true_body_are_followed_where_it_moves():
+    V, F = sphere(24, 48)
+    shown = np.arange(len(V)) % 7 > 0
+    far = V.copy()
+    far[1] *= 1.5
+    followed = Followed(far, shown, V, F)
+    assert followed.at.tolist() == np.flatnonzero(shown & (np.arange(len(V)) != 1)).tolist()
+    assert np.allclose(followed.places(2 * V + [0, 0, 1]), 2 * V[followed.at] + [0, 0, 1], atol=1e-9)
