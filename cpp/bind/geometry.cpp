@@ -5,6 +5,7 @@
 #include "bind/common.h"
 #include "geometry/closest.h"
 #include "geometry/laplacian.h"
+#include "geometry/path.h"
 #include "geometry/topology.h"
 
 namespace toile::bind {
@@ -51,6 +52,7 @@ void bind_geometry(py::module_& m) {
         check_mesh("vertex_normals", V, F);
         return vertex_normals(V, F);
     }, free);
+    m.def("cheapest_path", &cheapest_path, free);
     m.def("face_normals", [](const Vertices& V, const Faces& F) {
         check_mesh("face_normals", V, F);
         return face_normals(V, F);

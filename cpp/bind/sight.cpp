@@ -2,6 +2,7 @@
 
 #include <pybind11/numpy.h>
 
+#include "base/errors.h"
 #include "bind/common.h"
 
 namespace toile::bind {
@@ -16,9 +17,66 @@ Readings read_pixels(const Pixels& pixels, const Eigen::Ref<const Matrix>& uv) {
     return bilinear(picture, uv);
 }
 
+using Depth = py::array_t<double, py::array::c_style>;
+
+/// A view whose arrays are numpy's.
+struct BoundView {
+    Depth depth;
+    Pixels pixels;
+    View view;
+};
+
+BoundView view_of(const Mat3& K, Vector distortion, const Eigen::Matrix4d& T, Depth depth, Pixels pixels,
+                  const Eigen::Vector2d& corner) {
+    if (depth.ndim() != 2 || pixels.ndim() != 3) throw InputError("View: depth is not (H,W), or picture not (H,W,C)");
+    const View view{{K, std::move(distortion), T},
+                    {depth.data(), depth.shape(0), depth.shape(1)},
+                    {pixels.data(), pixels.shape(0), pixels.shape(1), pixels.shape(2)},
+                    corner};
+    return {std::move(depth), std::move(pixels), view};
+}
+
+std::vector<View> views_of(const std::vector<const BoundView*>& bound) {
+    std::vector<View> views;
+    for (const BoundView* b : bound) views.push_back(b->view);
+    return views;
+}
+
 }  // namespace
 
 void bind_sight(py::module_& m) {
+    py::class_<OddsOptions>(m, "OddsOptions")
+        .def(py::init<>())
+        .def_readwrite("tolerance", &OddsOptions::tolerance)
+        .def_readwrite("min_cosine", &OddsOptions::min_cosine)
+        .def_readwrite("floating", &OddsOptions::floating)
+        .def_readwrite("behind", &OddsOptions::behind)
+        .def_readwrite("most", &OddsOptions::most)
+        .def_readwrite("free", &OddsOptions::free);
+    py::class_<EdgeOptions>(m, "EdgeOptions")
+        .def(py::init<>())
+        .def_readwrite("tolerance", &EdgeOptions::tolerance)
+        .def_readwrite("min_cosine", &EdgeOptions::min_cosine)
+        .def_readwrite("flank", &EdgeOptions::flank)
+        .def_readwrite("contrast", &EdgeOptions::contrast)
+        .def_readwrite("disorder", &EdgeOptions::disorder)
+        .def_readwrite("shift", &EdgeOptions::shift);
+    py::class_<BoundView>(m, "View").def(py::init(&view_of));
+    m.def("view_odds",
+          [](const std::vector<const BoundView*>& bound, const Vertices& points, const Vertices& normals, int labels,
+             int column, const Indices& rival, const py::kwargs& options) {
+        const std::vector<View> views = views_of(bound);
+        const auto chosen = options_from<OddsOptions>(options, "view_odds");
+        py::gil_scoped_release release;
+        return view_odds(views, points, normals, labels, column, rival, chosen);
+    });
+    m.def("view_edges", [](const std::vector<const BoundView*>& bound, const Vertices& points, const Vertices& normals,
+                           int labels, const Vector& s, const py::kwargs& options) {
+        const std::vector<View> views = views_of(bound);
+        const auto chosen = options_from<EdgeOptions>(options, "view_edges");
+        py::gil_scoped_release release;
+        return view_edges(views, points, normals, labels, s, chosen);
+    });
     m.def("visibility",
           [](const Vertices& points, const Vertices& normals, const Mat3& K, const Vector& distortion,
              const Eigen::Matrix4d& T, const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine) {

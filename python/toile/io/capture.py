@@ -134,9 +134,10 @@ class Capture:
         return {name: read_image(path, self.cameras[name].size, mode) for name, path in self._files(folder).items()}
 
     def _check_ids(self, path: Path, labels: Anything) -> None:
-        strange = np.setdiff1d(np.unique(labels), [0, *self.scene.labels.values()])
-        if len(strange):
-            raise UserError(f"{path}: label id {strange[0]} is not in scene.toml's [labels]")
+        strange = np.ones(256, bool)
+        strange[[0, *self.scene.labels.values()]] = False
+        if strange[labels].any():
+            raise UserError(f"{path}: label id {labels[strange[labels]].min()} is not in scene.toml's [labels]")
 
     def _check_height(self, path: Path, scan: Mesh) -> None:
         extent = float(np.ptp(scan.vertices[np.unique(scan.faces)], axis=0).max())

@@ -7,6 +7,7 @@ from .geometry import (
     SurfaceIndex,
     border_vertices,
     boundary_loops,
+    cheapest_path,
     cotangent_laplacian,
     face_areas,
     face_normals,
@@ -22,7 +23,7 @@ from .nricp import NricpSolver, nricp
 from .occlusion import ambient_occlusion
 from .raster import raster
 from .remesh import remesh
-from .sight import bilinear, visibility
+from .sight import View, bilinear, view_edges, view_odds, visibility
 from .skeleton import SkeletonSolver, skeleton
 from .stop import Stop
 from .untangle import UntangleSolver, untangle
@@ -39,10 +40,12 @@ __all__ = [
     "Stop",
     "SurfaceIndex",
     "UntangleSolver",
+    "View",
     "ambient_occlusion",
     "biharmonic",
     "border_vertices",
     "boundary_loops",
+    "cheapest_path",
     "cotangent_laplacian",
     "face_areas",
     "face_normals",
@@ -62,6 +65,8 @@ __all__ = [
     "untangle",
     "vertex_components",
     "vertex_normals",
+    "view_edges",
+    "view_odds",
     "voronoi_mass",
     "winding_number",
 ]

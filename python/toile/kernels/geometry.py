@@ -60,6 +60,14 @@ def vertex_components(F: Array, n: int) -> Ints:
     return _core.vertex_components(as_faces("vertex_components", "F", F), operator.index(n))
 
 
+def cheapest_path(cost: Array, step: Array) -> Ints:
+    """argmin over paths j (k,) of sum_i cost[i, j_i] + sum_i step[j_i, j_i+1], cost (k,m), step (m,m) (Viterbi 1967)."""
+    matrix = (None, None)
+    return _core.cheapest_path(
+        as_floats("cheapest_path", "cost", cost, matrix), as_floats("cheapest_path", "step", step, matrix)
+    )
+
+
 class CholeskyFactor:
     """LL' of sparse symmetric positive definite matrices of one pattern (CHOLMOD): the fill-reducing order is found at
     the first `factorize` and kept for as long as the pattern stays the same."""

@@ -1,7 +1,10 @@
 """What a camera sees of points beside a surface, and what its picture says there."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from .. import _core
-from .arrays import Array, Floats, Pixels, as_floats, as_pixels, as_vertices
+from .arrays import Array, Floats, Pixels, as_floats, as_indices, as_pixels, as_vertices
 
 
 def visibility(
@@ -38,3 +41,64 @@ def bilinear(image: Array, uv: Array) -> Pixels:
     beyond the outermost centres their values go on; at what is no number any value. InputError for fewer than 2 x 2
     pixels."""
     return _core.bilinear(as_pixels("bilinear", "image", image), as_floats("bilinear", "uv", uv, (None, 2)))
+
+
+class View:
+    """One camera of a frame: K (3,3), distortion (5,), T_camera_world (4,4), the depth (H,W) [m] of the surface it sees, and
+    its picture (h,w,C) float32 from pixel `corner` (column, row) on."""
+
+    def __init__(
+        self, K: Array, distortion: Array, T_camera_world: Array, depth: Array, picture: Array, corner: Array = (0, 0)
+    ) -> None:
+        self._view = _core.View(
+            as_floats("View", "K", K, (3, 3)),
+            as_floats("View", "distortion", distortion, (5,)),
+            as_floats("View", "T_camera_world", T_camera_world, (4, 4)),
+            as_floats("View", "depth", depth, (None, None)),
+            as_pixels("View", "picture", picture),
+            as_floats("View", "corner", corner, (2,)),
+        )
+
+
+def view_odds(
+    views: Sequence[View], points: Array, normals: Array, labels: int, column: int, rival: Array, **options: Any
+) -> Floats:
+    """What views say of points (n,3) with normals (n,3), of label `column` against each point's `rival` (n,): (n,5).
+
+    Columns: the log likelihood ratios by colour, summed with the views' weights; the sum of those; the shares of the labels
+    given, `column`'s and of what speaks against it, summed likewise; and of a floating point how empty the emptiest picture
+    is, else 0. A picture's 2 `labels` + 4 channels are the labels' log likelihoods by colour, their shares about the
+    pixel, RGB, and emptiness.
+
+    Options: tolerance, min_cosine as of `visibility`; floating [m], behind: a point so far before the surface floats, and a
+    picture whose share of `column` is larger there says nothing of it; most: bound of one picture's log likelihood ratio;
+    free: points may float, and every other label speaks against `column`, not the rival's alone. InputError for NaN.
+    """
+    return _core.view_odds(
+        [view._view for view in views],
+        as_vertices("view_odds", "points", points),
+        as_vertices("view_odds", "normals", normals),
+        labels,
+        column,
+        as_indices("view_odds", "rival", rival),
+        **options,
+    )
+
+
+def view_edges(views: Sequence[View], points: Array, normals: Array, labels: int, s: Array, **options: Any) -> Floats:
+    """Colour edges along profiles of m points each, points and normals (k m,3), from outside in at places s (m,) [m] about
+    0: (k,2), sums over the views of weight * shift [m] from 0 and of the weights. Pictures are as for `view_odds`.
+
+    Each view's profile is read as a mix of its two ends' colours; the edge lies where a sharp one would cover the same
+    length. Options: tolerance, min_cosine as of `visibility`; flank: share of the half length beyond which the ends'
+    colours are read; contrast: difference of RGB that makes an edge worth reading; disorder: share of it that prints and
+    folds may add; shift: largest one, as a share of the half length. InputError for NaN.
+    """
+    return _core.view_edges(
+        [view._view for view in views],
+        as_vertices("view_edges", "points", points),
+        as_vertices("view_edges", "normals", normals),
+        labels,
+        as_floats("view_edges", "s", s, (None,)),
+        **options,
+    )

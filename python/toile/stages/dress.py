@@ -227,11 +227,18 @@ class Dresser:
             out[f"loop_observed.{name}"] = float(match.observed.mean())
             gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
             out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
-        index = kernels.SurfaceIndex(vertices, t.faces)
-        touch = [(index.closest(tracked.vertices[hand])[3] < s.contact).mean() for hand in self.hands]
-        out["hand_contact"] = float(max(touch, default=0.0))
+        out["hand_contact"] = float(max(self._touching(vertices, tracked), default=0.0))
         out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out
+
+    def _touching(self, vertices, tracked):
+        """The share of each hand's vertices that touch the garment."""
+        garment, reach = Mesh(vertices, self.template.faces), self.settings.contact
+        low, high = vertices.min(0) - reach, vertices.max(0) + reach
+        for hand in self.hands:
+            V = tracked.vertices[hand]
+            about = V[((V > low) & (V < high)).all(1)]
+            yield (garment.index.closest(about)[3] < reach).sum() / len(V) if len(about) else 0.0
 
 
 def crumpling(rest, posed, V, F):

@@ -91,7 +91,9 @@ class LoopInterpolation:
             np.broadcast_to(3 * i[:, None, None] + c, (k, 3, 3)),
         )
         self.k, self.settings = k, settings
-        self.entries = tuple(np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(along, blocks))
+        row, column = (np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(along, blocks))
+        place, self.entry = np.unique(column * 3 * k + row, return_inverse=True)  # of the matrix, by columns
+        self.rows, self.starts = place % (3 * k), np.searchsorted(place, 3 * k * np.arange(3 * k + 1))
         self.factor = kernels.CholeskyFactor()
 
     def __call__(self, wanted, known, at, bending, hold=1e-6):
@@ -100,12 +102,12 @@ class LoopInterpolation:
         P takes away all but a trace of what runs along the curve `at`: a loop slides along its opening until its own length
         is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known
         are held where they are by the weight `hold`."""
-        from scipy.sparse import coo_matrix
+        from scipy.sparse import csc_matrix
 
         way, s = tangents(Curve(at, True)), self.settings
         P = known[:, None, None] * (np.eye(3) - (1 - s.slide) * way[:, :, None] * way[:, None, :])
         stretch = s.stretch + s.stretch_share * bending
         stencil = bending * np.array([1, -4, 6, -4, 1]) + stretch * np.array([0, -1, 2, -1, 0])
         values = np.concatenate([np.tile(np.repeat(stencil, 3), self.k), (P + hold * np.eye(3)).ravel()])
-        A = coo_matrix((values, self.entries), shape=(3 * self.k,) * 2).tocsc()
+        A = csc_matrix((np.bincount(self.entry, values), self.rows, self.starts), shape=(3 * self.k,) * 2)
         return self.factor.factorize(A).solve(np.einsum("kij,kj->ki", P, wanted).reshape(-1, 1)).reshape(-1, 3)

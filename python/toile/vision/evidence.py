@@ -84,7 +84,7 @@ class Evidence:
     nothing in common, so their costs and log odds are added.
 
     Per view a Crop of 2L+4 channels: log likelihoods of the labels by colour, shares of the blurred labels, RGB, and
-    how empty the picture is; and one of RGB alone.
+    how empty the picture is.
 
     `scan` is a Mesh, `ids` (L,) the labels, `colours` their ColourModel or None, `settings` a SegmentSettings. `seen` (m,)
     are the faces that some view sees, all where none sees any, and `shown` is the Mesh of them; the others may be webs
@@ -104,23 +104,23 @@ class Evidence:
         pictures = parallel_map(
             lambda name: self._picture(views[name], frame.labels[name], frame.images.get(name)), views
         )
-        self.maps, self.rgb = ({name: pair[k] for name, pair in zip(views, pictures)} for k in (0, 1))
+        self.maps = dict(zip(views, pictures))
+        self._views = [view.with_picture(self.maps[name]) for name, view in views.items()]
 
     def _picture(self, view, labels, image):
-        """The Crops of one view: all channels, and RGB."""
-        s, own = self.settings, self.settings.evidence
+        """The Crop of one view."""
+        s, own, L = self.settings, self.settings.evidence, self.L
         rows, columns = view.crop(own.picture_margin, int(4 * s.label_blur))
         labels, depth = labels[rows, columns], view.depth[rows, columns]
-        likelihood, rgb = np.zeros(depth.shape + (self.L,), np.float32), np.zeros(depth.shape + (3,), np.float32)
+        every = np.zeros((*depth.shape, 2 * L + 4), np.float32)
         if self.colours is not None and image is not None:
             image = image[rows, columns]
             clear = (labels > 0) & ~occlusion_border(depth, own.depth_step, own.depth_border)
-            likelihood[clear] = self.colours.evidence(image[clear])
-            rgb = image / np.float32(255)
-        empty = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), own.empty_blur)[..., None]
-        corner = columns.start, rows.start
-        every = np.concatenate([likelihood, soft_labels(labels, self.ids, s), rgb, empty], 2)
-        return Crop(every, corner), Crop(rgb, corner)
+            every[clear, :L] = self.colours.evidence(image[clear])
+            np.divide(image, np.float32(255), out=every[..., 2 * L : 2 * L + 3])
+        every[..., L : 2 * L] = soft_labels(labels, self.ids, s)
+        every[..., -1] = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), own.empty_blur)
+        return Crop(every, (columns.start, rows.start))
 
     def scan_costs(self):
         """`costs` of the scan's vertices, with what its own labels say; a labelled vertex is seen."""
@@ -156,18 +156,26 @@ class Evidence:
         the label farther behind them says nothing; and where a point lies off the scan, no view faces it and a picture
         shows the background, there is no cloth."""
         s, own = self.settings, self.settings.evidence
-        total, (weight, carved) = self._scan_odds(points, column, rival, free), np.zeros((2, len(points)))
-        share = np.zeros((len(points), 2))
-        reading = parallel_map(lambda name: self._odds_of_view(name, points, normals, column, rival, free), self.views)
-        for on, w, by_colour, given, before, empty in reading:
-            carved[before] = np.maximum(carved[before], empty)
-            total[on] += w * by_colour
-            share[on] += w[:, None] * given
-            weight[on] += w
-        share = share / np.maximum(weight, 1e-9)[:, None] + s.label_error_share / self.L
+        seen = kernels.view_odds(
+            self._views,
+            points,
+            normals,
+            self.L,
+            column,
+            rival,
+            tolerance=s.depth_tolerance,
+            min_cosine=s.min_cosine,
+            floating=own.floating_distance,
+            behind=own.behind_share,
+            most=own.max_log_odds,
+            free=free,
+        )
+        by_colour, weight, carved = seen[:, 0], seen[:, 1], seen[:, 4]
+        total = self._scan_odds(points, column, rival, free) + by_colour
+        share = seen[:, 2:4] / np.maximum(weight, 1e-9)[:, None] + s.label_error_share / self.L
         total += np.where(weight > 0, own.given_weight * np.log(share[:, 0] / share[:, 1]), 0.0)
         if free:
-            carved *= self._off_scan(points, carved > own.empty_share) * np.clip(1 - weight, 0, 1)
+            carved = carved * self._off_scan(points, carved > own.empty_share) * np.clip(1 - weight, 0, 1)
             total -= own.max_log_odds * np.clip((carved - own.empty_share) / own.empty_ramp, 0, 1)
         return total
 
@@ -185,24 +193,6 @@ class Evidence:
         odds[on] = own.given_weight * np.log((given[:, column] + least) / (against + least))
         return odds
 
-    def _odds_of_view(self, name, points, normals, column, rival, free):
-        """What one view adds to `odds`: the points it sees, their weights, log likelihood ratios, and shares of `column`
-        and of what speaks against it; the points that float, and how empty its picture is there."""
-        s, own, L, picture = self.settings, self.settings.evidence, self.L, self.maps[name]
-        uv, w, clear = self.views[name].visibility(points, normals, s.depth_tolerance, s.min_cosine)
-        before, empty = np.zeros(0, int), np.zeros(0)
-        if free:
-            before = np.flatnonzero(clear > own.floating_distance)
-            reading = picture.read(uv[before])
-            empty = reading[:, -1]
-            w[before[reading[:, L + column] > own.behind_share]] = 0
-        on = np.flatnonzero(w)
-        reading, each_one, other = picture.read(uv[on]), np.arange(len(on)), rival[on]
-        given = reading[:, L : 2 * L]
-        against = given.sum(1) - given[:, column] if free else given[each_one, other]
-        by_colour = np.clip(reading[:, column] - reading[each_one, other], -own.max_log_odds, own.max_log_odds)
-        return on, w[on], by_colour, np.stack([given[:, column], against], 1), before, empty
-
     def _off_scan(self, points, among):
         """Which of the points (n,) `among` (n,) lie off what the views see of the scan."""
         off = among.copy()
@@ -214,28 +204,18 @@ class Evidence:
         """Colour edges along profiles (k,m,3) that run from outside in at places s (m,) [m] about 0: shift (k,) [m]
         of the edge from 0 and weight (k,). Each view's profile is read as a mix of its two ends' colours; the edge
         lies where a sharp one would cover the same length."""
-        k = len(points)
-        total, weight = np.zeros(k), np.zeros(k)
-        for at, good in parallel_map(lambda name: self._edge(name, points, normals, s), self.views):
-            total += good * at
-            weight += good
+        own = self.settings.evidence
+        total, weight = kernels.view_edges(
+            self._views,
+            points.reshape(-1, 3),
+            normals.reshape(-1, 3),
+            self.L,
+            s,
+            tolerance=self.settings.depth_tolerance,
+            min_cosine=self.settings.min_cosine,
+            flank=own.edge_flank,
+            contrast=own.edge_contrast,
+            disorder=own.edge_disorder,
+            shift=own.edge_shift,
+        ).T
         return total / np.maximum(weight, 1e-9), weight
-
-    def _edge(self, name, points, normals, s):
-        """The edge's place (k,) [m] by one view, and its weight (k,)."""
-        (k, m), own = points.shape[:2], self.settings.evidence
-        flank = np.abs(s) > own.edge_flank * s[-1]
-        flat = points.reshape(-1, 3), normals.reshape(-1, 3)
-        uv, w, _ = self.views[name].visibility(*flat, self.settings.depth_tolerance, self.settings.min_cosine)
-        rgb = self.rgb[name].read(uv).reshape(k, m, 3)
-        out, inner = rgb[:, flank & (s < 0)].mean(1), rgb[:, flank & (s > 0)].mean(1)
-        step = inner - out
-        contrast = np.linalg.norm(step, axis=1)
-        share = np.einsum("kmi,ki->km", rgb - out[:, None], step) / np.maximum(contrast, 1e-6)[:, None] ** 2
-        rest = rgb - out[:, None] - share[..., None] * step[:, None]  # colours off the mixing line: print, folds
-        disorder = np.linalg.norm(rest, axis=2).mean(1) + np.abs(share - (s > 0))[:, flank].mean(1) * contrast
-        at = (0.5 - np.clip(share, 0, 1).mean(1)) * (s[-1] - s[0])
-        good = w.reshape(k, m).min(1) * np.exp(-((own.edge_contrast / np.maximum(contrast, 1e-6)) ** 2))
-        return at, good * np.exp(-((disorder / np.maximum(contrast, 1e-6) / own.edge_disorder) ** 2)) * (
-            np.abs(at) < own.edge_shift * s[-1]
-        )

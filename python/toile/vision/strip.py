@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .. import kernels
 from ..surface.curves import Curve, smooth
 
 
@@ -85,22 +86,8 @@ def _closed_path(cost, apart, stiffness, closed):
     three times and the middle lap is kept."""
     k = len(cost)
     laps = np.concatenate([cost] * 3) if closed else cost
-    path = _shortest_path(laps, stiffness * apart)
+    path = kernels.cheapest_path(laps, stiffness * apart)
     return path[k : 2 * k] if closed else path
-
-
-def _shortest_path(cost, step):
-    k, m = cost.shape
-    best, back = cost[0], np.zeros((k, m), np.int64)
-    for i in range(1, k):
-        total = best[:, None] + step
-        back[i] = total.argmin(0)
-        best = total[back[i], np.arange(m)] + cost[i]
-    path = np.empty(k, np.int64)
-    path[-1] = best.argmin()
-    for i in range(k - 1, 0, -1):
-        path[i - 1] = back[i, path[i]]
-    return path
 
 
 def _parabola(cost, path):

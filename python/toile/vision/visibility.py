@@ -25,6 +25,11 @@ class DepthView:
             points, normals, c.K, c.distortion, c.T_camera_world, self.depth, tolerance, min_cosine
         )
 
+    def with_picture(self, crop):
+        """The kernels' View of the camera with its depths and a Crop of its picture."""
+        c = self.camera
+        return kernels.View(c.K, c.distortion, c.T_camera_world, self.depth, crop.values, crop.corner)
+
     def crop(self, about, more):
         """Slices (rows, columns) of the pixels within `about` [m] and `more` pixels of the surface's outline; at least two
         by two."""
