@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from toile.config import preset
 from toile.io.capture import open_capture
-from toile.io.mesh import read_mesh
+from toile.io.mesh import read_mesh, write_mesh
 from toile.pipeline.plan import plan
 from toile.pipeline.run import register
+from toile.scene import Mesh
 
 APP = Path(__file__).parents[2] / "apps" / "crane.py"
 
@@ -56,3 +58,17 @@ def test_a_clothed_man_keeps_his_correspondences_over_the_whole_performance(shar
     assert outcome.ok == tuple(range(1, len(truth))) and not outcome.failed
     found = crane.compare(tmp_path / "run", truth)
     assert found["correspondence_mm"] < 1.02 * MEAN_MM and found["median_mm"] < 1.02 * MEDIAN_MM
+
+
+@pytest.mark.slow(seconds=60)
+@pytest.mark.parametrize("degrees", [45, 180])
+def test_a_clothed_man_who_faces_elsewhere_keeps_his_correspondences(shared_data, tmp_path, degrees):
+    crane, truth = crane_capture(tmp_path / "capture", shared_data, 5)
+    turn = Rotation.from_rotvec([0, np.radians(degrees), 0])
+    for path in (tmp_path / "capture" / "frames").glob("*/scan.ply"):
+        scan = read_mesh(path)
+        write_mesh(path, Mesh(turn.apply(scan.vertices) + [1, 0, 2], scan.faces))
+    turned = [Mesh(turn.apply(mesh.vertices) + [1, 0, 2], mesh.faces) for mesh in truth]
+    outcome = register(tmp_path / "capture", tmp_path / "run", preset("draft"))
+    assert outcome.ok == (1, 2, 3, 4) and not outcome.wrong
+    assert crane.compare(tmp_path / "run", turned)["correspondence_mm"] < 8

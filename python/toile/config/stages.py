@@ -27,6 +27,30 @@ class ReconstructSettings(Settings):
     seed: int = setting(0, "count", "of the drawn pairs", ge=0)
 
 
+class SearchSettings(Settings):
+    """Quick fits of the body to a scan from many headings, where no frame before gives a start."""
+
+    reach: float = setting(0.15, "m", "closest points farther than this do not count", gt=0)
+    surface_samples: int = setting(800, "count", "vertices that look for the scan", ge=1)
+    max_iterations: int = setting(12, "count", "Levenberg-Marquardt steps of each, at most", ge=1)
+    astray: float = setting(
+        0.02,
+        "1",
+        "share of the scan and of the body, both, that lie 5 cm from one another: beyond, the body is not where the scan is",
+        ge=0,
+        le=1,
+    )
+    farther: float = setting(
+        1.5, "1", "times the last frame's distance: farther from the scan than this a frame is lost", gt=1
+    )
+    stride: float = setting(0.5, "rad", "of either leg, forwards and backwards, in mid-stride", ge=0)
+    strides: int = setting(2, "count", "best headings that are tried in mid-stride too", ge=0)
+    as_close: float = setting(
+        1.25, "1", "times another frame's distance: as close in its heading, none else is tried", gt=0
+    )
+    upright: float = setting(0.5, "rad", "a scan whose long axis leans more than this may be of one who lies", ge=0)
+
+
 class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
@@ -42,6 +66,10 @@ class TrackSettings(Settings):
     )
     observed_distance: float = setting(0.004, "m", "a tracked vertex this close to the scan is observed", gt=0)
     interpolated_distance: float = setting(0.02, "m", "within this it is interpolated, beyond hidden", gt=0)
+    headings: int = setting(
+        8, "count", "about the up axis, from which a pose is searched where no frame before it gives one; 0: none", ge=0
+    )
+    search: SearchSettings = SearchSettings()
     skeleton: SkeletonSettings = SkeletonSettings()
 
 

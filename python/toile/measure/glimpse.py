@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import kernels
 from ..kernels.arrays import Anything
-from ..surface.sampling import evenly
+from ..surface.sampling import by_area, evenly
 
 SCAN_POINTS = 4000  # of a scan, evenly by area
 MASK_VIEWS = 4  # pictures whose masks are kept, spread over the cameras
@@ -61,11 +60,9 @@ def glimpse(frame, scan_labels=None) -> Glimpse:
 
 
 def _scan_points(scan, labels):
-    """Centroids of the faces that equal steps of area fall on: no draw, so that the bits are the same."""
+    """(points, normals, labels, spacing) of a Glimpse."""
     if scan is None:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.uint8), 0.0
-    area = np.cumsum(kernels.face_areas(scan.vertices, scan.faces))
-    step = area[-1] / SCAN_POINTS
-    face = np.searchsorted(area, (np.arange(SCAN_POINTS) + 0.5) * step).clip(max=len(scan.faces) - 1)
+    face, step = by_area(scan.vertices, scan.faces, SCAN_POINTS)
     kept = np.zeros(len(face), np.uint8) if labels is None else np.asarray(labels, np.uint8)[face]
     return scan.vertices[scan.faces[face]].mean(1), scan.face_normals[face], kept, float(np.sqrt(step))

@@ -11,6 +11,8 @@ from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
 
 VERTICES = 2000  # of a surface, that look for the scan
+OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm")  # how the posed body lies before it is bent to the scan
+STEP = 4  # every so many faces are asked for their stretch
 UNSEEN = 0.1  # a keypoint of less confidence counts as unseen
 
 
@@ -34,8 +36,11 @@ def judge(seen, cameras, model, person, tracked, worn, settings) -> tuple[dict[s
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
     layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     measures = agreement(seen, cameras, model, joints, body, layers)
-    for template, _, made in worn:
+    measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
+    measures["stretch"] = _stretch(tracked.vertices, person.rest, model.skin_faces)
+    for template, V, made in worn:
         measures |= _openings(template, made.diagnostics)
+        measures[f"{template.name}.stretch"] = _stretch(V, template.rest, template.faces)
     return measures, *verdict(measures, settings)
 
 
@@ -88,30 +93,39 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
     return max([GOOD, *(level for level, _ in found)]), [reason for _, reason in found]
 
 
-def _limits(settings):
+def _limits(s):
     """{measure: (doubtful from, wrong from, words)}."""
-    return {name: (*getattr(settings, name), words) for name, words in WORDS.items()}
-
-
-WORDS = {
-    "observed": "{} of the surface was found on the scan",
-    "scan_to_surface_mm": "the scan lies {} mm from the surface on average",
-    "scan_to_surface_p95_mm": "a twentieth of the scan lies beyond {} mm from the surface",
-    "surface_to_scan_mm": "the surface lies {} mm from the scan on average",
-    "surface_to_scan_p95_mm": "a twentieth of the surface lies beyond {} mm from the scan",
-    "keypoint_mm": "the keypoints are {} mm off in the middle",
-    "keypoint_p95_mm": "a twentieth of the keypoints are more than {} mm off",
-    "silhouette_iou": "silhouette and masks overlap by {}",
-    "cloth_to_garment_mm": "the labelled scan lies {} mm from the garment on average",
-    "cloth_to_garment_p95_mm": "a twentieth of the labelled scan lies beyond {} mm from the garment",
-    "garment_to_cloth_mm": "the garment lies {} mm from the labelled scan on average",
-    "garment_to_cloth_p95_mm": "a twentieth of the garment lies beyond {} mm from the labelled scan",
-    "loop_observed": "{} of the openings was seen",
-    "loop_mm": "an opening lies {} mm from the one that was seen",
-    "unclaimed_opening_mm": "{} mm of seen openings belong to no loop",
-    "stretch_p95": "a twentieth of the garment is stretched {} times and more",
-    "flipped_share": "{} of the garment is turned over",
-}
+    return {
+        "observed": (*s.observed, "{} of the surface was found on the scan"),
+        "scan_to_surface_mm": (*s.scan_to_surface_mm, "the scan lies {} mm from the surface on average"),
+        "scan_to_surface_p95_mm": (
+            *s.scan_to_surface_p95_mm,
+            "a twentieth of the scan lies beyond {} mm from the surface",
+        ),
+        "surface_to_scan_mm": (*s.surface_to_scan_mm, "the surface lies {} mm from the scan on average"),
+        "surface_to_scan_p95_mm": (
+            *s.surface_to_scan_p95_mm,
+            "a twentieth of the surface lies beyond {} mm from the scan",
+        ),
+        "keypoint_mm": (*s.keypoint_mm, "the keypoints are {} mm off in the middle"),
+        "keypoint_p95_mm": (*s.keypoint_p95_mm, "a twentieth of the keypoints are more than {} mm off"),
+        "silhouette_iou": (*s.silhouette_iou, "silhouette and masks overlap by {}"),
+        "cloth_to_garment_mm": (*s.cloth_to_garment_mm, "the labelled scan lies {} mm from the garment on average"),
+        "cloth_to_garment_p95_mm": (
+            *s.cloth_to_garment_p95_mm,
+            "a twentieth of the labelled scan lies beyond {} mm from the garment",
+        ),
+        "garment_to_cloth_mm": (*s.garment_to_cloth_mm, "the garment lies {} mm from the labelled scan on average"),
+        "garment_to_cloth_p95_mm": (
+            *s.garment_to_cloth_p95_mm,
+            "a twentieth of the garment lies beyond {} mm from the labelled scan",
+        ),
+        "loop_observed": (*s.loop_observed, "{} of the openings was seen"),
+        "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
+        "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
+        "stretch_p95": (*s.stretch_p95, "a twentieth of the garment is stretched {} times and more"),
+        "flipped_share": (*s.flipped_share, "{} of the garment is turned over"),
+    }
 
 
 CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
@@ -128,6 +142,12 @@ def _openings(template, diagnostics):
     }
 
 
+def _stretch(V, rest, F):
+    """What 95 % of the faces' edges stay below: |log(length / length at rest)|."""
+    length = [np.linalg.norm(X[F[::STEP, 0]] - X[F[::STEP, 1]], axis=1) for X in (V, rest)]
+    return float(np.percentile(np.abs(np.log(np.maximum(length[0], 1e-9) / np.maximum(length[1], 1e-9))), 95))
+
+
 def _beyond(value, limit, low):
     return value < limit if low else value > limit
 
@@ -137,7 +157,8 @@ def _words(value):
 
 
 def _spread(name, unit, values, middle):
-    return {f"{name}_{unit}": float(middle(values)), f"{name}_p95_{unit}": float(np.percentile(values, 95))}
+    p80, p95 = np.percentile(values, [80, 95])
+    return {f"{name}_{unit}": float(middle(values)), f"{name}_p80_{unit}": float(p80), f"{name}_p95_{unit}": float(p95)}
 
 
 def _to_points(seen, label, layer):

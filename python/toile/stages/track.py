@@ -1,11 +1,13 @@
 """Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Tracked
 from ..surface.operators import smooth_on
+from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
 from ..vision.threads import parallel_map_with
 
 
@@ -15,8 +17,7 @@ def prepare(model, frames, settings):
     One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
     most frames saw it the mean of the offsets is added, smoothed, to the shape.
     """
-    solver = kernels.SkeletonSolver(model, **_options(settings))
-    fits = solver.solve_shared([_evidence(frame, points) for frame, points in frames])
+    fits = _shared_fit(model, frames, settings)
     _refuse_unmatched([frame.number for frame, _ in frames], fits)
     shape = np.asarray(fits[0].shape)
     rest, J = model.rest(shape)
@@ -36,6 +37,113 @@ def prepare(model, frames, settings):
     return Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J)
 
 
+def _shared_fit(model, frames, settings):
+    """One shape and a pose each. Where there are no keypoints the poses are searched first; where the fit lost a frame,
+    after it, and all are fitted again."""
+    solver, search = kernels.SkeletonSolver(model, **_options(settings)), PoseSearch(model, settings)
+    evidence, starts, near = [_evidence(frame, points) for frame, points in frames], [], None
+    for frame, points in frames:
+        near = search.pose(frame.scan, near) if points is None and frame.scan is not None else None
+        starts.append(near and near[0])
+    fits = solver.solve_shared([_started(*pair) for pair in zip(evidence, starts)])
+    astray = settings.search.astray
+    lost = [f.scan is not None and search.measure(f.scan, fit)[1] > astray for (f, _), fit in zip(frames, fits)]
+    if not any(lost) or not settings.headings:
+        return fits
+    starts = [search.pose(f.scan)[0] if gone else start for (f, _), start, gone in zip(frames, starts, lost)]
+    again = solver.solve_shared([_started(*pair) for pair in zip(evidence, starts)])
+    total = [
+        sum(search.measure(f.scan, fit)[0] for (f, _), fit in zip(frames, made) if f.scan) for made in (fits, again)
+    ]
+    return again if total[1] < total[0] else fits
+
+
+def _started(evidence, start):
+    return evidence if start is None else evidence | {"start": start}
+
+
+class PoseSearch:
+    """Finds a body in a scan without any other start, by quick fits: from `settings.headings` headings about its long
+    axis, upright first, then, where none of these explains the scan, upside down and along the scan's own axis; and from
+    the best of them in mid-stride, one leg before the other. The best by the distance from both sides wins. `person`:
+    whose shape is kept; without, a shape is fitted too."""
+
+    def __init__(self, model, settings, person=None):
+        self.model, self.settings, self.looks = model, settings, outside_of(model)
+        self.shape = np.zeros(model.shapedirs.shape[2]) if person is None else person.shape
+        self.rest, self.J = model.rest(self.shape)
+        top = model.joint("head")
+        way = self.rest.max(0) - self.rest.min(0) if top is None else np.abs(self.J[top] - self.J[0])
+        self.up = np.eye(3)[int(np.argmax(way))]
+        s = settings.search
+        quick = {"reach": s.reach, "surface_samples": s.surface_samples, "max_iterations": s.max_iterations}
+        options = _options(settings) | quick | {"reach_start": s.reach, "solve_shape": person is None}
+        self.solver = kernels.SkeletonSolver(model, **options)
+
+    def measure(self, scan, fit):
+        """(distance [m], astray) of a fit, see TwoSided."""
+        return TwoSided(scan, self.looks)(fit.V)
+
+    def pose(self, scan, near=None):
+        """The best pose (rotations, translation, shape), and its distance from both sides [m]; (None, infinity) where no
+        search is asked for. `near`: (pose, distance) of another frame; where one of its heading is as close, it is taken."""
+        if not self.settings.headings:
+            return None, np.inf
+        measure, found = TwoSided(scan, self.looks), []
+
+        def try_from(turns, strides):
+            for turn in turns:
+                for stride in strides:
+                    fit = self.solver.solve(scan.vertices, scan.faces, start=self._at(scan, turn, stride))
+                    found.append((*measure(fit.V), turn, fit))
+            found.sort(key=lambda candidate: candidate[0])
+            return found[0]
+
+        s = self.settings.search
+        if near is not None and near[0] is not None:
+            best = try_from([Rotation.from_rotvec(near[0][0][0])], (0.0, s.stride, -s.stride))
+            if best[0] <= s.as_close * near[1]:
+                return _pose_of(best[3]), best[0]
+        for axis in self._axes(scan):
+            best = try_from([self._turned(axis, i) for i in range(self.settings.headings)], (0.0,))
+            if best[1] <= s.astray:
+                break
+        best = try_from([turn for _, _, turn, _ in found[: s.strides]], (s.stride, -s.stride))
+        return _pose_of(best[3]), best[0]
+
+    def _axes(self, scan):
+        """Where the body's long axis may point: upright, upside down, and along the scan's longest axis either way."""
+        along = principal_axis(scan.vertices, scan.faces)
+        leaning = np.abs(along @ self.up) < np.cos(self.settings.search.upright)
+        return [self.up, -self.up, *([along, -along] if leaning else [])]
+
+    def _turned(self, axis, heading):
+        """The rotation that lays the long axis along another and turns the body about it, to one of the headings."""
+        tilt = Rotation.align_vectors([axis], [self.up])[0] if axis @ self.up > -0.99 else _half_turn(self.up)
+        return tilt * Rotation.from_rotvec(2 * np.pi * heading / self.settings.headings * self.up)
+
+    def _at(self, scan, turn, stride):
+        """The pose at rest, turned, in the middle of the scan; the left leg this angle [rad] before the right one, both
+        ways about the axis through the hips."""
+        rotations = np.zeros((len(self.model.parents), 3))
+        rotations[0] = turn.as_rotvec()
+        left, right = self.model.joint("upperleg01.L"), self.model.joint("upperleg01.R")
+        if stride and left is not None and right is not None:
+            across = (self.J[left] - self.J[right]) / np.linalg.norm(self.J[left] - self.J[right])
+            rotations[left], rotations[right] = stride * across, -stride * across
+        away = middle_of(turn.apply(self.rest - self.J[0]))
+        return rotations, middle_of(scan.vertices[np.unique(scan.faces)]) - away - self.J[0], self.shape
+
+
+def _pose_of(fit):
+    return np.asarray(fit.rotations), np.asarray(fit.translation), np.asarray(fit.shape)
+
+
+def _half_turn(axis):
+    """Half a turn about an axis across this one."""
+    return Rotation.from_rotvec(np.pi * np.roll(axis, 1))
+
+
 class Tracker:
     """Tracks frames of one person; the template's part of the solvers is made once."""
 
@@ -44,29 +152,56 @@ class Tracker:
         self.skeleton = kernels.SkeletonSolver(
             model, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
         )
-        self.surface = _Surface(model, person.rest, settings)
+        self.surface, self.search = _Surface(model, person.rest, settings), PoseSearch(model, settings, person)
 
     def track(self, frame, points, previous=None):
-        """One frame; `previous` (Tracked) starts the pose and gives the temporal term."""
+        """One frame; `previous` (Tracked) starts the pose and gives the temporal term. Where nothing gives a start, and where
+        the frame was lost from it, the pose is searched."""
         person, model = self.person, self.model
-        evidence = _evidence(frame, points)
-        if previous is not None:
-            before = (previous.rotations, previous.translation, person.shape)
-            evidence |= {"start": before, "previous": [before]}
-        elif points is not None:
-            evidence["start"] = self._cold_start(points)
-        fit = self.skeleton.solve(**evidence)
+        fit, measures = self._fit(frame, points, previous)
         _refuse_unmatched([frame.number], [fit])
-        V = model.skin(person.rest, person.J, fit.rotations, fit.translation)
+        V = posed = model.skin(person.rest, person.J, fit.rotations, fit.translation)
         confidence = np.full(len(V), INTERPOLATED, np.uint8)
         if frame.scan is not None:
             V, confidence = self.surface.fit(frame.scan, V)
         if not np.isfinite(V).all():
             raise UserError(f"frame {frame.number}: tracking left vertices that are not finite")
-        diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations)}
+        moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
+        diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
+        diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
         return Tracked(
             V, np.asarray(fit.rotations), np.asarray(fit.translation), self._face(fit, points), confidence, diagnostics
         )
+
+    def _fit(self, frame, points, previous):
+        """The pose of a frame and what was found of it. Where nothing gives a start, and where the fit from its start has
+        lost the scan, the pose is searched; the fit that lies closer to the scan from both sides is taken."""
+        evidence, scan, fit, measures = _evidence(frame, points), frame.scan, None, (0.0, 0.0)
+        if previous is not None:
+            before = (previous.rotations, previous.translation, self.person.shape)
+            fit = self.skeleton.solve(**evidence, start=before, previous=[before])
+        elif points is not None:
+            fit = self.skeleton.solve(**evidence, start=self._cold_start(points))
+        elif scan is None or not self.settings.headings:
+            fit = self.skeleton.solve(**evidence)
+        if scan is None:
+            return fit, {}
+        if fit is not None:
+            measures = self.search.measure(scan, fit)
+        gone = fit is None or fit.stop == "unmatched" or self._lost(measures, previous)
+        start = self.search.pose(scan)[0] if gone else None
+        if start is not None:
+            again = self.skeleton.solve(**evidence, start=start)
+            found = self.search.measure(scan, again)
+            if fit is None or fit.stop == "unmatched" or found[0] < measures[0]:
+                fit, measures = again, found
+        return fit, {"pose_mm": 1e3 * measures[0], "astray": measures[1], "searched": float(start is not None)}
+
+    def _lost(self, measures, previous):
+        """Does the fit leave out a part of the scan and lie where no scan is, or lie much farther from it than before?"""
+        s, (distance, astray) = self.settings.search, measures
+        before = np.inf if previous is None else previous.diagnostics.get("pose_mm", np.inf) / 1e3
+        return astray > s.astray or distance > s.farther * before
 
     def _cold_start(self, points):
         """Keypoints alone, with the person's shape, give the first pose."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .. import kernels
+
 
 def evenly(items, count):
     """At most `count` of the items, evenly spaced, the first and the last among them (for one, the first)."""
@@ -18,3 +20,11 @@ def spread_points(V, count):
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(V - V[chosen[-1]], axis=1))
     return np.sort(chosen)
+
+
+def by_area(V, F, count):
+    """Faces (count,) that equal steps of area fall on, some more than once, and the area of a step: even samples of a
+    surface without a draw."""
+    area = np.cumsum(kernels.face_areas(V, F))
+    step = float(area[-1]) / count
+    return np.searchsorted(area, (np.arange(count) + 0.5) * step).clip(max=len(F) - 1), step

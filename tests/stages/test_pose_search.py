@@ -1,0 +1,95 @@
+"""A first frame faces anywhere, a lost frame is found again: the search for a pose, on scans without keypoints."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from toile.config import changed, preset
+from toile.io.body import load_body_model
+from toile.io.capture import open_capture
+from toile.pipeline import run as pipeline
+from toile.scene import Mesh
+from toile.stages.track import PoseSearch, Tracker, prepare
+from toile.surface.two_sided import TwoSided
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+SETTINGS = preset("draft").track
+
+
+@pytest.fixture(scope="module")
+def known():
+    """(model, frame, its keypoints in space, person and Tracked by them)."""
+    capture, model = open_capture(SAMPLE), load_body_model("anny")
+    frame = capture.frame(2)
+    points = pipeline._points(capture, preset("draft"), frame)
+    person = prepare(model, [(frame, points)], SETTINGS)
+    return model, frame, person, Tracker(model, person, SETTINGS).track(frame, points)
+
+
+def turned(frame, turn):
+    scan = Mesh(turn.apply(frame.scan.vertices) + [0.3, -2, 0.5], frame.scan.faces)
+    return replace(frame, keypoints=None, scan=scan)
+
+
+def off_mm(model, vertices, known, turn):
+    """Mean distance of the outside vertices to where the keypoints put them."""
+    there = turn.apply(known.vertices) + [0.3, -2, 0.5]
+    return 1e3 * np.linalg.norm(vertices - there, axis=1)[~model.inside].mean()
+
+
+TURNS = {f"heading {angle}": Rotation.from_rotvec([0, 0, np.radians(angle)]) for angle in (0, 45, 90, 160, 180, 270)}
+TURNS |= {"lying": Rotation.from_rotvec([np.pi / 2, 0, 0]), "upside down": Rotation.from_rotvec([np.pi, 0, 0])}
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_a_person_is_found_whichever_way_she_faces(known, name):
+    model, frame, person, there = known
+    found = Tracker(model, person, SETTINGS).track(turned(frame, TURNS[name]), None)
+    assert off_mm(model, found.vertices, there, TURNS[name]) < 5
+    assert found.diagnostics["searched"] == 1 and found.diagnostics["astray"] < 0.02
+
+
+def test_the_shared_fit_finds_a_person_who_faces_away(known):
+    model, frame, _, there = known
+    frame = turned(frame, TURNS["heading 180"])
+    person = prepare(model, [(frame, None)], SETTINGS)
+    found = Tracker(model, person, SETTINGS).track(frame, None)
+    assert off_mm(model, found.vertices, there, TURNS["heading 180"]) < 8
+
+
+@pytest.mark.parametrize("headings", [8, 0])
+def test_a_frame_lost_by_its_start_is_found_again_by_the_search_alone(known, headings):
+    model, frame, person, there = known
+    rotations = there.rotations.copy()
+    rotations[0] = (TURNS["heading 90"] * Rotation.from_rotvec(rotations[0])).as_rotvec()
+    lost = replace(there, rotations=rotations)
+    tracker = Tracker(model, person, changed(preset("draft"), {"quality": "draft", "track.headings": headings}).track)
+    found = tracker.track(replace(frame, keypoints=None), None, lost)
+    off = 1e3 * np.linalg.norm(found.vertices - there.vertices, axis=1)[~model.inside].mean()
+    assert (off < 5) if headings else (off > 100)
+
+
+def test_a_frame_that_its_start_explains_is_not_searched(known, monkeypatch):
+    model, frame, person, there = known
+    monkeypatch.setattr(PoseSearch, "pose", lambda *_: pytest.fail("searched"))
+    found = Tracker(model, person, SETTINGS).track(replace(frame, keypoints=None), None, there)
+    assert found.diagnostics["searched"] == 0
+
+
+def test_what_only_one_side_lacks_is_not_astray(known):
+    """A scan without legs, and one with a table beside: neither says that the body lies elsewhere; a moved body does."""
+    model, frame, _, there = known
+    looks, V, F = np.flatnonzero(~model.inside), frame.scan.vertices, frame.scan.faces
+    cut = Mesh(V, F[V[F][:, :, 2].mean(1) > 0.8])
+    table = np.array([[1, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0.0]])
+    beside = Mesh(
+        np.concatenate([V, table]), np.concatenate([F, len(V) + np.array([[0, 1, 2], [0, 2, 3]])]).astype(np.int32)
+    )
+    for scan in (cut, beside):
+        assert TwoSided(scan, looks)(there.vertices)[1] < 0.01
+    distance, astray = TwoSided(frame.scan, looks)(there.vertices + [0.3, 0, 0])
+    assert astray > 0.3 and distance > 0.05
+    assert TwoSided(frame.scan, looks)(there.vertices)[0] < 0.01
