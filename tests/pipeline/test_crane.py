@@ -67,8 +67,8 @@ def test_a_clothed_man_who_faces_elsewhere_keeps_his_correspondences(shared_data
     turn = Rotation.from_rotvec([0, np.radians(degrees), 0])
     for path in (tmp_path / "capture" / "frames").glob("*/scan.ply"):
         scan = read_mesh(path)
-        write_mesh(path, Mesh(turn.apply(scan.vertices) + [1, 0, 2], scan.faces))
-    turned = [Mesh(turn.apply(mesh.vertices) + [1, 0, 2], mesh.faces) for mesh in truth]
+        write_mesh(path, Mesh(scan.vertices @ turn.as_matrix().T + [1, 0, 2], scan.faces))
+    turned = [Mesh(mesh.vertices @ turn.as_matrix().T + [1, 0, 2], mesh.faces) for mesh in truth]
     outcome = register(tmp_path / "capture", tmp_path / "run", preset("draft"))
     assert outcome.ok == (1, 2, 3, 4) and not outcome.wrong
     assert crane.compare(tmp_path / "run", turned)["correspondence_mm"] < 8

@@ -30,13 +30,13 @@ def known():
 
 
 def turned(frame, turn):
-    scan = Mesh(turn.apply(frame.scan.vertices) + [0.3, -2, 0.5], frame.scan.faces)
+    scan = Mesh(frame.scan.vertices @ turn.as_matrix().T + [0.3, -2, 0.5], frame.scan.faces)
     return replace(frame, keypoints=None, scan=scan)
 
 
 def off_mm(model, vertices, known, turn):
     """Mean distance of the outside vertices to where the keypoints put them."""
-    there = turn.apply(known.vertices) + [0.3, -2, 0.5]
+    there = known.vertices @ turn.as_matrix().T + [0.3, -2, 0.5]
     return 1e3 * np.linalg.norm(vertices - there, axis=1)[~model.inside].mean()
 
 
