@@ -28,6 +28,7 @@ void bind_nricp(py::module_& m) {
         .def_readwrite("phong", &NricpOptions::phong)
         .def_readwrite("point_weight", &NricpOptions::point_weight)
         .def_readwrite("boundary_weight", &NricpOptions::boundary_weight)
+        .def_readwrite("border_weight", &NricpOptions::border_weight)
         .def_readwrite("rotation_weight", &NricpOptions::rotation_weight)
         .def_readwrite("min_overlap", &NricpOptions::min_overlap)
         .def_readwrite("exposure", &NricpOptions::exposure)

@@ -196,13 +196,13 @@ struct Progress {
     MatchSettings coarse(std::size_t level, double mu, bool local) const {
         const NricpOptions& o = options;
         const bool surface = level + 1 == o.relative_radii.size();
-        return {mu,      o.relative_spread[level], o.reverse[level], local, surface,
-                o.phong, o.point_weight,           o.boundary_weight};
+        return {mu,      o.relative_spread[level], o.reverse[level],  local,          surface,
+                o.phong, o.point_weight,           o.boundary_weight, o.border_weight};
     }
     MatchSettings fine() const {
         const NricpOptions& o = options;
         return {o.relative_fine_robust, o.relative_spread.back(), 0, true, true, o.phong,
-                o.point_weight,         o.boundary_weight};
+                o.point_weight,         o.boundary_weight,        o.border_weight};
     }
 };
 

@@ -36,7 +36,8 @@ struct NricpOptions {
     double phong = 1;  ///< share, 0 to 1, by which scan points are lifted off their faces to the smooth surface
     double point_weight =
         0.003;  ///< share of point-to-point beside point-to-plane: larger slides less along the surface
-    double boundary_weight = 3;  ///< of a loop vertex against a surface vertex; of the borders' pull; 0: both are free
+    double boundary_weight = 3;  ///< of a loop vertex against a surface vertex
+    double border_weight = 3;    ///< of the pull of the scan's borders; 0: the template's own are free
     double rotation_weight = 1;  ///< on differences of neighbouring nodes' rotations, as a share of the rigidity
     double min_overlap = 0.01;   ///< matched share of the visible template below which there is no overlap
     double exposure = 0.04;      ///< share of rays that must leave the template from a visible vertex; 0: all are

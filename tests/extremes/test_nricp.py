@@ -257,7 +257,7 @@ def test_nricp_refuses_what_is_not_finite(value):
     for message, case in cases.items():
         with pytest.raises(InputError, match="nricp: " + message):
             solve(**case)
-    for name in ("phong", "point_weight", "boundary_weight", "rotation_weight", "min_overlap", "exposure", "fine_noise",
+    for name in ("phong", "point_weight", "boundary_weight", "border_weight", "rotation_weight", "min_overlap", "exposure", "fine_noise",
                  "relative_fine_robust", "relative_fine_length"):  # fmt: skip
         with pytest.raises(InputError, match=f"nricp: {name} "):
             solve(options={name: value})

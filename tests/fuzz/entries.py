@@ -31,7 +31,7 @@ from .queries import (
 NRICP_OPTIONS = dict(
     large_motion=[True, False], rebase=[True, False], passes=range(1, 3), fine_iterations=range(0, 4), fine_sweeps=range(1, 6),
     relative_fine_length=(1e-4, 1e2), fine_noise=(1e-3, 1e3), relative_fine_robust=(1e-5, 1e3), phong=(1e-3, 2), point_weight=(1e-6, 1),
-    boundary_weight=(1e-6, 1e6), rotation_weight=(1e-8, 1e8), min_overlap=(1e-6, 1), exposure=(1e-3, 1),
+    boundary_weight=(1e-6, 1e6), border_weight=(1e-6, 1e6), rotation_weight=(1e-8, 1e8), min_overlap=(1e-6, 1), exposure=(1e-3, 1),
 )  # fmt: skip
 NRICP_LEVELS = dict(
     relative_radii=(5e-3, 10), stiffness_start=(1e-8, 1e12), stiffness_end=(1e-8, 1e12), relative_robust_start=(1e-4, 1e2), relative_robust_end=(1e-4, 1e2),

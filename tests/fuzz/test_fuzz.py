@@ -82,7 +82,17 @@ def test_landmarks_of_a_matrix_with_a_broken_structure_are_refused():
 
 
 @pytest.mark.parametrize(
-    "option", ["phong", "point_weight", "boundary_weight", "rotation_weight", "min_overlap", "exposure", "fine_noise"]
+    "option",
+    [
+        "phong",
+        "point_weight",
+        "boundary_weight",
+        "border_weight",
+        "rotation_weight",
+        "min_overlap",
+        "exposure",
+        "fine_noise",
+    ],
 )
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
 def test_nricp_refuses_options_that_are_no_numbers(option, value):

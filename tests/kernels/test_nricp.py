@@ -177,6 +177,15 @@ def test_nricp_borders_reach_the_borders_of_the_scan_but_not_holes():
         assert result.matched[high | low].mean() > 0.8
 
 
+def test_nricp_without_border_weight_lets_a_template_end_beyond_a_scan_that_is_cut_short():
+    V, F = tube()
+    scan_V, scan_F = tube(around=120, along=120)
+    cut = scan_F[scan_V[scan_F][:, :, 2].mean(1) < 0.9 * V[:, 2].max()]
+    high = V[:, 2] == V[:, 2].max()
+    end = lambda **options: nricp(V, F, scan_V, cut, start=V, large_motion=False, **options).V[high, 2]
+    assert np.abs(end(border_weight=0) - V[high, 2]).max() < 0.002 < 0.02 < (V[high, 2] - end()).min()
+
+
 def test_nricp_scan_labels_restrict_the_target():
     V, F = tube()
     near, far = V * [1.03, 1.03, 1], V * [1.08, 1.08, 1]

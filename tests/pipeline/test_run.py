@@ -66,7 +66,9 @@ def bare(tmp_path):
 
 def assert_figures(measured):
     shirt, inner, found = measured["garment"]["tshirt"], measured["inner"], measured["evidence"]
-    assert measured["joint_mm"] < 5 and measured["track_to_scan_mm"] < 0.4
+    assert (
+        measured["joint_mm"] < 5 and measured["track_to_scan_mm"] < 1.2
+    )  # a smooth surface, off the scan's flat faces
     assert found["surface_to_scan_mm"]["mean"] < 2 and found["scan_to_surface_mm"]["mean"] < 2
     assert measured["label_iou"]["tshirt"] > 0.97
     assert shirt["surface_mm"] < 1.2 and shirt["boundary_all_mm"] < 4

@@ -66,6 +66,7 @@ BorderTarget::BorderTarget(const TemplateBorders& of_template, const NricpTarget
 
 void BorderTarget::pull(const Pose& pose, const MatchSettings& settings, const std::vector<char>& bound,
                         Pull& pull) const {
+    if (settings.border_weight <= 0) return;
     for (const Border& own : borders_.curves) pull_curve(own, pose, settings, bound, pull);
 }
 
@@ -109,7 +110,7 @@ void BorderTarget::pull_curve(const Border& own, const Pose& pose, const MatchSe
         constexpr double wide = 0.04, slip = 0.05;  // as a strip of surface, nearly free along the curve
         const Mat3 across = Mat3::Identity() - (1 - slip) * along[i] * along[i].transpose();
         pull.matched[v] = std::max(pull.matched[v], weight);
-        pull.add(v, s.boundary_weight * wide * own.length[i] * weight * across, residual);
+        pull.add(v, s.border_weight * wide * own.length[i] * weight * across, residual);
     }
 }
 

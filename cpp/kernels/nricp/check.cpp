@@ -49,6 +49,7 @@ void check_options(const NricpOptions& o) {
     const std::pair<const char*, double> shares[]{{"phong", o.phong},
                                                   {"point_weight", o.point_weight},
                                                   {"boundary_weight", o.boundary_weight},
+                                                  {"border_weight", o.border_weight},
                                                   {"rotation_weight", o.rotation_weight},
                                                   {"min_overlap", o.min_overlap},
                                                   {"exposure", o.exposure},

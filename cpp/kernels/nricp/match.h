@@ -31,7 +31,7 @@ struct MatchSettings {
     double reverse;  ///< weight of the scan -> template term
     bool local;      ///< look about the last match only: the template has hardly moved since
     bool surface;    ///< match to the closest surface point, false: to the closest scan vertex
-    double phong, point_weight, boundary_weight;
+    double phong, point_weight, boundary_weight, border_weight;
 };
 
 /// Matches of one frame; remembers each vertex's last match as the next search's guess.

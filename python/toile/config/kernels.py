@@ -62,8 +62,9 @@ class NricpSettings(Settings):
     relative_fine_length: float = setting(0.016, "1", "shorter waves of that displacement are not followed", gt=0)
     fine_noise: float = setting(10.0, "1", "nor those shorter than so many times the scan's noise beside", ge=0)
     relative_fine_robust: float = setting(0.004, "1", "Geman-McClure scale of those steps", gt=0)
-    boundary_weight: float = setting(
-        3.0, "1", "of a loop vertex against a surface vertex, and of the pull of the scan's borders", ge=0
+    boundary_weight: float = setting(3.0, "1", "of a loop vertex against a surface vertex", ge=0)
+    border_weight: float = setting(
+        3.0, "1", "pull of the scan's borders on the surface's own; those of labelled faces are no openings", ge=0
     )
 
 

@@ -230,6 +230,7 @@ class DressSettings(Settings):
         fine_noise=5.0,
         relative_fine_robust=0.01,
         boundary_weight=0.1,
+        border_weight=0.0,
     )
     traced_nricp: NricpSettings = NricpSettings(
         iterations=(0, 0, 0),
@@ -238,6 +239,7 @@ class DressSettings(Settings):
         fine_noise=5.0,
         relative_fine_robust=0.01,
         boundary_weight=1.0,
+        border_weight=0.0,
     )
     min_faces: int = setting(100, "count", "faces of the scan that carry the garment, else the frame fails", ge=1)
     fit_reach: float = setting(0.04, "m", "reach of the body's shape when a template is carried to the person", gt=0)

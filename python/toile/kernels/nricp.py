@@ -25,7 +25,7 @@ class NricpSolver(Rebuilt):
     between both normals (symmetric objective, Rusinkiewicz 2019); w_v = Geman-McClure(distance / mu) (n_v . m_v)^2 with
     mu annealed; a_v shares of area. Matches on the scan's border or beyond 3 mu do not count, nor do vertices in
     cavities. Where V has a border it is pulled, across, to a border of the scan that faces the same way and is no hole's
-    (too short, or facing all ways): a template ends where its scan ends; `boundary_weight=0` leaves it free. x is
+    (too short, or facing all ways): a template ends where its scan ends; `border_weight=0` leaves it free. x is
     carried by rigid nodes, coarse to fine (embedded deformation, Sumner et al. 2007, geodesic weights), then by a
     smooth displacement of its own, the smoother the noisier the scan. The same bits for any number of threads.
 
@@ -50,7 +50,7 @@ class NricpSolver(Rebuilt):
     Of the fine steps: fine_iterations, fine_sweeps (of conjugate gradients each), relative_fine_length (shorter waves are
       not followed), fine_noise (nor those shorter than this many times the scan's noise), relative_fine_robust (mu).
     Of all: phong=1 (share by which scan points are lifted off their faces), point_weight=0.003 (share of point-to-point),
-      boundary_weight=3 (of loops and borders; 0 leaves them free), rotation_weight=1 (on differences of neighbouring
+      boundary_weight=3 (of loops), border_weight=3 (of borders; 0 leaves them free), rotation_weight=1 (on differences of neighbouring
       nodes' rotations), min_overlap=0.01 (matched share below which there is no overlap), exposure=0.04 (share of rays
       that must leave the template from a vertex that can be seen; 0: all can).
     """
