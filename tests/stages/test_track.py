@@ -6,7 +6,7 @@ import pytest
 from tests.support.shapes import sphere
 from toile.config import TrackSettings
 from toile.errors import UserError
-from toile.scene import OBSERVED, BodyModel, Mesh, Person
+from toile.scene import HIDDEN, OBSERVED, BodyModel, Mesh, Person, Points3D, Tracked
 from toile.stages.track import Tracker
 
 
@@ -46,3 +46,45 @@ def test_a_scan_elsewhere_is_refused(surface):
     model, surface = surface
     with pytest.raises(UserError, match="do not overlap"):
         surface.fit(Mesh(model.v_template + [5.0, 0, 0], model.f), model.v_template)
+
+
+REST = np.zeros((2, 3)), np.zeros(3)
+
+
+def tracker(**settings):
+    model = pipe()
+    rest = model.v_template * [1.1, 1.1, 1]  # a stouter person than the model's
+    return Tracker(model, Person(np.zeros(0), rest, model.J), TrackSettings(**settings))
+
+
+def test_the_pose_follows_the_turn_of_a_surface_about_a_limb_s_own_axis():
+    found = tracker()
+    turns, move = np.array([[0, 0, 0.1], [0.2, 0, 0.5]]), np.array([0.1, 0, 0.05])
+    V = found.model.skin(found.person.rest, found.person.J, turns, move)
+    seen = np.full(len(V), OBSERVED)
+    rotations, translation = found.poser.pose(V, seen, None, REST)
+    assert np.allclose(rotations, turns, atol=0.02) and np.allclose(translation, move, atol=0.002)
+    wrong = V + np.where(V[:, 2] > 0.8, 0.02, 0)[:, None]  # which the scan did not show
+    hidden = np.where(V[:, 2] > 0.8, HIDDEN, OBSERVED)
+    far, near = (found.poser.pose(wrong, c, None, REST)[0] - turns for c in (seen, hidden))
+    assert np.linalg.norm(near) < 0.6 * np.linalg.norm(far)
+
+
+def test_keypoints_that_the_model_does_not_know_leave_the_pose_to_the_surface():
+    found = tracker()
+    V = found.model.skin(found.person.rest, found.person.J, *REST)
+    points = Points3D(("nose",), np.array([[5.0, 0, 0]]), np.array([1e-3]), np.array([3]))
+    seen = np.full(len(V), OBSERVED)
+    with_points, without = (found.poser.pose(V, seen, p, REST)[0] for p in (points, None))
+    assert np.array_equal(with_points, without)
+
+
+def test_a_share_of_the_way_off_the_pose_is_carried_on_and_dies_away():
+    found = tracker(carried_share=0.5, carried_reach=0.1)
+    off = np.zeros_like(found.person.rest)
+    off[3], off[4] = [0.02, 0, 0], [0, 0.4, 0]
+    turns, move = np.array([[0, 0, 0.1], [0.3, 0, 0]]), np.array([0.1, 0, 0])
+    V = found.model.skin(found.person.rest + off, found.person.J, turns, move)
+    before = Tracked(V, turns, move, np.zeros((0, 3)), np.full(len(V), OBSERVED), {})
+    assert np.allclose((found._start(before) - found.person.rest)[[3, 4, 5]], [[0.01, 0, 0], [0, 0.05, 0], [0, 0, 0]])
+    assert np.array_equal(tracker(carried_share=0)._start(before), found.person.rest)

@@ -66,6 +66,15 @@ class TrackSettings(Settings):
     )
     observed_distance: float = setting(0.004, "m", "a tracked vertex this close to the scan is observed", gt=0)
     interpolated_distance: float = setting(0.02, "m", "within this it is interpolated, beyond hidden", gt=0)
+    pose_vertices: int = setting(
+        400, "count", "vertices of the fitted surface that the pose is fitted to again, 0 for none", ge=0
+    )
+    pose_vertex_sigma: float = setting(0.01, "m", "noise of such a vertex against the posed model", gt=0)
+    pose_unseen_factor: float = setting(4.0, "1", "times so much where the scan did not show it", ge=1)
+    carried_share: float = setting(
+        0.7, "1", "of the way off the pose of the frame before, with which a frame's fit starts", ge=0, le=1
+    )
+    carried_reach: float = setting(0.1, "m", "a vertex that was farther off its pose counts as this far", gt=0)
     headings: int = setting(
         8, "count", "about the up axis, from which a pose is searched where no frame before it gives one; 0: none", ge=0
     )

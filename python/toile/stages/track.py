@@ -1,11 +1,13 @@
 """Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Tracked
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
 from ..surface.operators import smooth_on
 from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
 from ..vision.threads import parallel_map_with
@@ -153,6 +155,7 @@ class Tracker:
             model, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
         )
         self.surface, self.search = _Surface(model, person.rest, settings), PoseSearch(model, settings, person)
+        self.poser = _Poser(model, person, settings) if settings.pose_vertices else None
 
     def track(self, frame, points, previous=None):
         """One frame; `previous` (Tracked) starts the pose and gives the temporal term. Where nothing gives a start, and where
@@ -160,18 +163,30 @@ class Tracker:
         person, model = self.person, self.model
         fit, measures = self._fit(frame, points, previous)
         _refuse_unmatched([frame.number], [fit])
-        V = posed = model.skin(person.rest, person.J, fit.rotations, fit.translation)
+        pose = np.asarray(fit.rotations), np.asarray(fit.translation)
+        posed = model.skin(person.rest, person.J, *pose)
+        previous = None if measures.get("searched") else previous  # a pose of its own
+        V = posed if previous is None else model.skin(self._start(previous), person.J, *pose)
         confidence = np.full(len(V), INTERPOLATED, np.uint8)
         if frame.scan is not None:
             V, confidence = self.surface.fit(frame.scan, V)
+            if self.poser is not None:
+                pose = self.poser.pose(V, confidence, points, pose, previous)
         if not np.isfinite(V).all():
             raise UserError(f"frame {frame.number}: tracking left vertices that are not finite")
         moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
         diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
         diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
-        return Tracked(
-            V, np.asarray(fit.rotations), np.asarray(fit.translation), self._face(fit, points), confidence, diagnostics
-        )
+        return Tracked(V, *pose, self._face(*pose, points), confidence, diagnostics)
+
+    def _start(self, previous):
+        """The person's rest surface (n,3), with a share of the frame's before that its surface was off the pose: a limb
+        that turned about its axis without a bone's turning stays turned, and an error dies away."""
+        person, share = self.person, self.settings.carried_share
+        before = self.model.unskin(previous.vertices, person.J, previous.rotations, previous.translation)
+        off = before - person.rest
+        off *= np.minimum(1, self.settings.carried_reach / np.maximum(np.linalg.norm(off, axis=1), 1e-12))[:, None]
+        return person.rest + share * off
 
     def _fit(self, frame, points, previous):
         """The pose of a frame and what was found of it. Where nothing gives a start, and where the fit from its start has
@@ -213,18 +228,58 @@ class Tracker:
             return np.zeros((K, 3)), middle, self.person.shape
         return np.asarray(start.rotations), np.asarray(start.translation), self.person.shape
 
-    def _face(self, fit, points):
+    def _face(self, rotations, translation, points):
         """Facial keypoints in the head joint's frame (q,3), NaN where unseen."""
         names = [n for n in self.model.keypoint_names if n.startswith("face.")]
         face = np.full((len(names), 3), np.nan)
         if points is None or self.model.joint("head") is None:
             return face
-        R, x = self.model.joint_transforms(self.person.J, np.asarray(fit.rotations), np.asarray(fit.translation))
+        R, x = self.model.joint_transforms(self.person.J, rotations, translation)
         head, at = self.model.joint("head"), {n: i for i, n in enumerate(points.names)}
         for row, name in enumerate(names):
             if name in at:
                 face[row] = R[head].T @ (points.points[at[name]] - x[head])
         return face
+
+
+class _Poser:
+    """The pose that a registered surface shows. Its vertices keep their identity, so they tell how far a limb has turned
+    about its axis, where a bare scan does not."""
+
+    def __init__(self, model, person, settings):
+        self.settings, (n, K) = settings, (len(model.v_template), len(model.parents))
+        outside = np.flatnonzero(~model.inside)
+        self.chosen = outside[:: max(len(outside) // settings.pose_vertices, 1)]
+        self.names = tuple(f"vertex.{v}" for v in self.chosen)
+        alike = replace(
+            model,
+            v_template=person.rest,
+            J=person.J,
+            shapedirs=np.zeros((n, 3, 0)),
+            J_shapedirs=np.zeros((K, 3, 0)),
+            keypoint_names=(*model.keypoint_names, *self.names),
+            keypoint_joint=np.concatenate([model.keypoint_joint, np.full(len(self.chosen), -1)]).astype(np.int64),
+            keypoint_vertices=(*model.keypoint_vertices, *(np.array([v]) for v in self.chosen)),
+        )
+        self.skeleton = kernels.SkeletonSolver(alike, **_options(settings) | {"solve_shape": False})
+
+    def pose(self, V, confidence, points, start, previous=None):
+        """(rotations, translation) from vertices (n,3), and the frame's own keypoints, Points3D or None. `previous`
+        (Tracked) gives the temporal term."""
+        sigma, shape = self.settings.pose_vertex_sigma, np.zeros(0)
+        sigmas = np.where(confidence[self.chosen] == OBSERVED, sigma, sigma * self.settings.pose_unseen_factor)
+        marks = Points3D(self.names, V[self.chosen], sigmas, np.ones(len(sigmas)))
+        before = [] if previous is None else [(previous.rotations, previous.translation, shape)]
+        fit = self.skeleton.solve(keypoints=_joined(points, marks), start=(*start, shape), previous=before)
+        return np.asarray(fit.rotations), np.asarray(fit.translation)
+
+
+def _joined(points, more):
+    """Points3D of both; the first may be None."""
+    if points is None:
+        return more
+    pairs = ((np.asarray(getattr(points, name)), getattr(more, name)) for name in ("points", "sigma", "views"))
+    return Points3D((*points.names, *more.names), *(np.concatenate(pair) for pair in pairs))
 
 
 class _Surface:
