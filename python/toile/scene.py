@@ -154,12 +154,14 @@ class Keypoints:
 
 @dataclass(frozen=True)
 class Points3D:
-    """Triangulated keypoints: `points` (k,3) [m], NaN where unseen; `sigma` (k,) [m]; `views` (k,) inlier counts."""
+    """Triangulated keypoints: `points` (k,3) [m], NaN where unseen; `sigma` (k,) [m]; `views` (k,) inlier counts; `gate`:
+    the reprojection error [px] up to which a detection counted."""
 
     names: tuple[str, ...]
     points: Anything
     sigma: Anything
     views: Anything
+    gate: float = 0.0
 
 
 @dataclass(frozen=True)

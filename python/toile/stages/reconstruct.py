@@ -6,10 +6,12 @@ from ..errors import UserError
 from ..scene import Points3D, distort
 
 _UNDISTORT_STEPS = 20
+FEW = 20  # detections whose median says nothing of a frame's noise
 
 
 def triangulate(keypoints, cameras, settings):
-    """Robust triangulation: RANSAC over view pairs, then least squares on the reprojection error of the inliers.
+    """Robust triangulation: RANSAC over view pairs, then least squares on the reprojection error of the inliers. What an
+    inlier is follows the pictures' size, and then the noise of the frame's own residuals (`Points3D.gate` [px]).
 
     `keypoints` Keypoints with k names; `cameras` {name: Camera}; `settings` ReconstructSettings. Returns Points3D:
     a point is NaN (sigma infinite, views = inliers found) unless enough views agree on it. `sigma` is the square root
@@ -29,12 +31,36 @@ def triangulate(keypoints, cameras, settings):
     seen = (observed[..., 2] >= settings.min_confidence) & np.isfinite(uv).all(-1)
     uv = np.where(seen[..., None], uv, 0.0)
 
-    X, inlier = _best_of_pairs(rig, uv, seen, settings)
+    first = settings.inlier_share * max(max(cameras[name].size) for name in views)
+    fit = _fit(rig, uv, seen, first, settings)
+    gate = _observed_gate(fit[2], seen, first, settings)
+    if gate != first:
+        fit = _fit(rig, uv, seen, gate, settings)
+    return _points(keypoints.names, *fit, seen, gate, settings)
+
+
+def _fit(rig, uv, seen, gate, settings):
+    """Points (k,3), their information, reprojection errors (C,k) [px] and inliers (C,k) at an inlier distance [px]."""
+    X, inlier = _best_of_pairs(rig, uv, seen, gate, settings)
     for _ in range(settings.gauss_newton_steps):
-        X, information, residual = _gauss_newton_step(rig, X, uv, inlier, settings)
+        X, information, residual = _gauss_newton_step(rig, X, uv, inlier, gate)
         error = np.linalg.norm(residual, axis=-1)
-        inlier = seen & (error < settings.inlier_pixels) & (rig.depth(X) > 0)
-    return _points(keypoints.names, X, information, error, inlier, seen, settings)
+        inlier = seen & (error < gate) & (rig.depth(X) > 0)
+    return X, information, error, inlier
+
+
+def _observed_gate(error, seen, first, settings):
+    """The inlier distance by the noise that a frame shows [px]: the median error of all detections, inliers or not, is
+    sqrt(2 ln 2) sigma of two pixel coordinates, after 2 n of n views lost 3 degrees of freedom to the point. Within the
+    range about the first one; that one where they are near each other."""
+    views = seen.sum(0)
+    known = seen & (views >= settings.min_views + 1) & np.isfinite(error)
+    if known.sum() < FEW:
+        return first
+    freedom = np.sqrt(2 * views / np.maximum(2 * views - 3, 1))
+    sigma = np.median((error * freedom)[known]) / np.sqrt(2 * np.log(2))
+    gate = float(np.clip(settings.inlier_sigmas * sigma, *(first * np.array(settings.inlier_range))))
+    return gate if abs(gate - first) > settings.inlier_near * first else first
 
 
 class _Rig:
@@ -92,7 +118,7 @@ def _view_pairs(count, settings):
     return pairs[np.sort(draw)]
 
 
-def _best_of_pairs(rig, uv, seen, settings):
+def _best_of_pairs(rig, uv, seen, gate, settings):
     """Midpoints of all view pairs; per point the one of least truncated squared reprojection error."""
     a, b = _view_pairs(len(rig.K), settings).T
     d = rig.rays(uv)
@@ -106,7 +132,7 @@ def _best_of_pairs(rig, uv, seen, settings):
     usable = seen[a] & seen[b] & (s > 0) & (t > 0) & (sine2 > np.sin(settings.min_angle) ** 2)
 
     error2 = ((rig.project(X) - uv) ** 2).sum(-1)  # (P,C,k)
-    limit = settings.inlier_pixels**2
+    limit = gate**2
     cost = np.where(seen, np.minimum(error2, limit), 0.0).sum(1)
     cost = np.where(usable, cost, np.inf)
     best = cost.argmin(0)
@@ -116,11 +142,11 @@ def _best_of_pairs(rig, uv, seen, settings):
     return X, seen & found & (error2[best, :, point].T < limit)
 
 
-def _gauss_newton_step(rig, X, uv, inlier, settings):
+def _gauss_newton_step(rig, X, uv, inlier, gate):
     """One step on sum_i w_i |project(X) - uv_i|^2, w Geman-McClure at the inlier distance; -> X, J'WJ, residuals."""
     at, J = rig.project_with_jacobian(X)
     r = np.where(inlier[..., None], at - uv, 0.0)
-    w = np.where(inlier, (1 + (r**2).sum(-1) / settings.inlier_pixels**2) ** -2, 0.0)
+    w = np.where(inlier, (1 + (r**2).sum(-1) / gate**2) ** -2, 0.0)
     H = np.einsum("ckij,ck,ckil->kjl", J, w, J, optimize=True)
     g = np.einsum("ckij,ck,cki->kj", J, w, r, optimize=True)
     damping = 1e-9 * np.trace(H, axis1=1, axis2=2) + 1e-12
@@ -128,10 +154,10 @@ def _gauss_newton_step(rig, X, uv, inlier, settings):
     return X, H, rig.project(X) - uv
 
 
-def _points(names, X, information, error, inlier, seen, settings):
+def _points(names, X, information, error, inlier, seen, gate, settings):
     count, asked = inlier.sum(0), seen.sum(0)
     accepted = count >= np.where(asked >= 4, settings.min_views + 1, settings.min_views)
-    square = np.where(inlier, np.minimum(error, settings.inlier_pixels) ** 2, 0.0).sum(0)
+    square = np.where(inlier, np.minimum(error, gate) ** 2, 0.0).sum(0)
     noise = np.maximum(settings.pixel_sigma, np.sqrt(square / np.maximum(2 * count - 3, 1)))
     regular = information + 1e-9 * np.eye(3)
     sigma = noise * np.sqrt(np.trace(np.linalg.inv(regular), axis1=1, axis2=2))
@@ -141,6 +167,7 @@ def _points(names, X, information, error, inlier, seen, settings):
         points=np.where(accepted[:, None], X, np.nan),
         sigma=np.where(accepted, sigma, np.inf),
         views=count.astype(np.int32),
+        gate=gate,
     )
 
 

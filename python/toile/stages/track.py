@@ -176,6 +176,9 @@ class Tracker:
             raise UserError(f"frame {frame.number}: tracking left vertices that are not finite")
         moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
         diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
+        if points is not None and len(points.points):
+            kept = float(np.isfinite(points.points).all(1).mean())
+            diagnostics |= {"keypoints_kept": kept, "keypoint_gate_px": points.gate}
         diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
         return Tracked(V, *pose, self._face(*pose, points), confidence, diagnostics)
 
