@@ -65,9 +65,10 @@ def save_record(path, record):
     replace_file(path, write)
 
 
-def load_record(path, kind, tuples=(), **records):
-    """The dataclass `kind` back, or a UserError that names the file; fields named in `tuples` are tuples of index arrays, `records` names dataclasses."""
-    data = read_npz(path)
+def load_record(path, kind, tuples=(), only=None, **records):
+    """The dataclass `kind` back, or a UserError that names the file; fields named in `tuples` are tuples of index arrays, `records` names dataclasses.
+    Of the fields `only` if given; the others are None."""
+    data = read_npz(path, names=only and {name for field in only for name in (field, f"json.{field}")})
     try:
         return _record(data, kind, "", tuples, records)
     except (ValueError, TypeError, RecursionError) as error:

@@ -17,12 +17,10 @@ import shutil
 import time
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ..config import Config, changed, configured
 from ..errors import UserError, first_line
@@ -37,7 +35,6 @@ from ..measure.glimpse import Glimpse, glimpse
 from ..measure.verdicts import judge
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented, Tracked
 from ..stages import dress, inner, motion, reconstruct, segment, track
-from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
 from ..vision.threads import parallel_map, parallel_map_with
@@ -295,10 +292,8 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
 
 
 def _load_segmented(path):
-    """JSON turned the openings' ids into strings and their curves into plain dictionaries."""
-    segmented = load_record(path, Segmented)
-    openings = {int(k): [Curve(np.array(c["points"]), c["closed"]) for c in v] for k, v in segmented.openings.items()}
-    return replace(segmented, openings=openings)
+    """What later frames and stages ask of a frame's Segmented."""
+    return load_record(path, Segmented, only=("vertices", "diagnostics"))
 
 
 # Once all are dressed: smoothing, the inner layer, and the store ------------------------------------------------------
