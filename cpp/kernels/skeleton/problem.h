@@ -163,7 +163,7 @@ public:
     }
 
 private:
-    static constexpr std::int64_t kBlock = 512;
+    static constexpr std::int64_t kBlock = 1024;  // matches whose equations one matrix gathers
     const BodyModel& model_;
     const Vector& sigma_;
     const Vector& limit_;
@@ -238,19 +238,29 @@ private:
 
     /// w r^2 with r ~ r + gradient . x.
     void add_row(const BodyGradient& gradient, double r, double w, System& sum) const {
-        std::vector<std::pair<int, double>> row;
-        row.reserve(3 * gradient.touched.size() + 3 + static_cast<std::size_t>(model_.shapes()));
+        std::vector<std::pair<int, const double*>> joints;  // unknowns in threes, ascending
+        joints.reserve(gradient.touched.size());
         for (int k : gradient.touched)
             if (const int c = column_[static_cast<std::size_t>(k)]; c >= 0)
-                for (int i = 0; i < 3; ++i) row.emplace_back(c + i, gradient.values[3 * k + i]);
-        std::sort(row.begin(), row.end());
+                joints.emplace_back(c, gradient.values.data() + 3 * k);
+        std::sort(joints.begin(), joints.end());
         const int tail = free_shape_ ? 3 + model_.shapes() : 3;
-        for (int i = 0; i < tail; ++i) row.emplace_back(translation_ + i, gradient.values[3 * model_.joints() + i]);
-        for (std::size_t a = 0; a < row.size(); ++a) {
-            const double wa = w * row[a].second;
-            sum.g[row[a].first] += wa * r;
-            double* column = sum.H.data() + static_cast<std::ptrdiff_t>(row[a].first) * unknowns_;
-            for (std::size_t b = a; b < row.size(); ++b) column[row[b].first] += wa * row[b].second;
+        const auto last = gradient.values.segment(3 * model_.joints(), tail);
+        for (std::size_t a = 0; a < joints.size(); ++a)
+            for (int i = 0; i < 3; ++i) {
+                const auto [c, values] = joints[a];
+                const double wa = w * values[i];
+                sum.g[c + i] += wa * r;
+                double* column = sum.H.data() + static_cast<std::ptrdiff_t>(c + i) * unknowns_;
+                for (int j = i; j < 3; ++j) column[c + j] += wa * values[j];
+                for (std::size_t b = a + 1; b < joints.size(); ++b)
+                    for (int j = 0; j < 3; ++j) column[joints[b].first + j] += wa * joints[b].second[j];
+                Eigen::Map<Vector>(column + translation_, tail) += wa * last;
+            }
+        for (int i = 0; i < tail; ++i) {
+            const double wa = w * last[i];
+            sum.g[translation_ + i] += wa * r;
+            sum.H.col(translation_ + i).segment(translation_ + i, tail - i) += wa * last.tail(tail - i);
         }
     }
 
