@@ -291,6 +291,9 @@ class MotionSettings(Settings):
     margin: int = setting(12, "count", "frames read on either side of a block, so that its border shows no seam", ge=2)
     samples: int = setting(1000, "count", "vertices of a surface that tell its noise from its motion", ge=1)
     max_strength: float = setting(10.0, "1", "of second differences against displacements, at most", gt=0)
+    turn_share: float = setting(
+        0.5, "1", "of the strength found of joint angles: fingers flicker most, legs swing most", ge=0, le=1
+    )
     across_share: float = setting(
         0.5, "1", "of the strength found across a surface: folds that pass look like noise there", ge=0, le=1
     )

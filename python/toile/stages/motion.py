@@ -121,7 +121,9 @@ class Smoother:
         turns, moves = _poses(tracked)
         weight = np.ones((len(turns), 1))
         moves = moves + _smoothing(weight, strength[0], _second(moves[:, None]))[:, 0]
-        d = _smoothing(weight, strength[1], _turn_differences(turns).reshape(len(turns) - 2, 1, -1))
+        d = _smoothing(
+            weight, self.settings.turn_share * strength[1], _turn_differences(turns).reshape(len(turns) - 2, 1, -1)
+        )
         turned = Rotation.from_rotvec(turns.reshape(-1, 3)) * Rotation.from_rotvec(d.reshape(-1, 3))
         return turned.as_rotvec().reshape(turns.shape), moves
 
