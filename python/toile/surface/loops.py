@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import kernels
 from .curves import Curve, resample, tangents
 
 
@@ -79,8 +78,8 @@ def _nearest_opening(at, P, T, reach, settings):
 
 
 class LoopInterpolation:
-    """Displacements of a closed curve of k points from those that are known; the matrix' pattern is kept. `settings` are
-    LoopSettings."""
+    """Displacements of a closed curve of k points from those that are known; the places of the matrix' entries are kept.
+    `settings` are LoopSettings."""
 
     def __init__(self, k, settings):
         i, c = np.arange(k), np.arange(3)
@@ -90,11 +89,14 @@ class LoopInterpolation:
             np.broadcast_to(3 * i[:, None, None] + c[:, None], (k, 3, 3)),
             np.broadcast_to(3 * i[:, None, None] + c, (k, 3, 3)),
         )
-        self.k, self.settings = k, settings
-        row, column = (np.concatenate([a.ravel(), b.ravel()]) for a, b in zip(along, blocks))
-        place, self.entry = np.unique(column * 3 * k + row, return_inverse=True)  # of the matrix, by columns
-        self.rows, self.starts = place % (3 * k), np.searchsorted(place, 3 * k * np.arange(3 * k + 1))
-        self.factor = kernels.CholeskyFactor()
+        # the loop folded flat: its matrix is a band, though the curve is closed
+        fold = np.where(i < (k + 1) // 2, 2 * i, 2 * (k - 1 - i) + 1)
+        self.place, self.k, self.settings = (3 * fold[:, None] + c).ravel(), k, settings
+        row, column = (self.place[np.concatenate([a.ravel(), b.ravel()])] for a, b in zip(along, blocks))
+        self.upper = row <= column
+        row, column = row[self.upper], column[self.upper]
+        self.width = int((column - row).max())
+        self.entry = (self.width + row - column) * 3 * k + column
 
     def __call__(self, wanted, known, at, bending, hold=1e-6):
         """argmin_d sum_known |P (d - wanted)|^2 + bending sum |d''|^2 + stretch sum |d'|^2 for wanted, at, d (k,3).
@@ -102,12 +104,15 @@ class LoopInterpolation:
         P takes away all but a trace of what runs along the curve `at`: a loop slides along its opening until its own length
         is spread evenly, so that seen parts do not drain the unseen ones. Points that are not known
         are held where they are by the weight `hold`."""
-        from scipy.sparse import csc_matrix
+        from scipy.linalg import solveh_banded
 
         way, s = tangents(Curve(at, True)), self.settings
         P = known[:, None, None] * (np.eye(3) - (1 - s.slide) * way[:, :, None] * way[:, None, :])
         stretch = s.stretch + s.stretch_share * bending
         stencil = bending * np.array([1, -4, 6, -4, 1]) + stretch * np.array([0, -1, 2, -1, 0])
         values = np.concatenate([np.tile(np.repeat(stencil, 3), self.k), (P + hold * np.eye(3)).ravel()])
-        A = csc_matrix((np.bincount(self.entry, values), self.rows, self.starts), shape=(3 * self.k,) * 2)
-        return self.factor.factorize(A).solve(np.einsum("kij,kj->ki", P, wanted).reshape(-1, 1)).reshape(-1, 3)
+        size = 3 * self.k
+        band = np.bincount(self.entry, values[self.upper], (self.width + 1) * size).reshape(-1, size)
+        right = np.empty(size)
+        right[self.place] = np.einsum("kij,kj->ki", P, wanted).ravel()
+        return solveh_banded(band, right)[self.place].reshape(-1, 3)
