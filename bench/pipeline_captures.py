@@ -229,7 +229,9 @@ def turned(axis, angle):
         R = Rotation.from_euler(axis, angle, degrees=True).as_matrix()
         T = np.eye(4)
         T[:3, :3] = R.T
-        cameras(capture, lambda all_: [{**c, "T_camera_world": (np.array(c["T_camera_world"]) @ T).tolist()} for c in all_])
+        cameras(
+            capture, lambda all_: [{**c, "T_camera_world": (np.array(c["T_camera_world"]) @ T).tolist()} for c in all_]
+        )
         scans(capture, lambda mesh, _: Mesh(mesh.vertices @ R.T, mesh.faces))
         group = zarr.open_group(str(capture / "truth" / "truth.zarr"), mode="r+")
         for name in ("body/vertices", "joints", "garment/tshirt/vertices", "keypoints"):
@@ -293,7 +295,11 @@ def posed(directions, bend=0.0, hidden=(), bare=None, also=(), skirt=0.0):
     vertices)` (g,), with what carries the labels `also`, its hem drawn down by `skirt` [m]."""
 
     def change(capture):
-        model, shirt, known = load_body_model("anny"), read_mesh(SAMPLE / "templates" / "tshirt.obj"), open_capture(SAMPLE)
+        model, shirt, known = (
+            load_body_model("anny"),
+            read_mesh(SAMPLE / "templates" / "tshirt.obj"),
+            open_capture(SAMPLE),
+        )
         skin = transfer_skin(model, shirt.vertices, shirt.faces, 10)
         shirt, skin = _with_skirt(shirt, skin, skirt) if skirt else (shirt, skin)
         label = zarr.open_group(str(SAMPLE / "truth" / "truth.zarr"), mode="r")["labels"][:]

@@ -8,7 +8,7 @@ does not give; *refused*: one line and exit code 1."""
 
 import argparse
 import json
-import os
+import shutil
 import subprocess
 import sys
 import time
@@ -19,7 +19,11 @@ from . import pipeline_captures as make
 TIMEOUT = 900  # s of a row
 FRAMES = (0, 1)
 RIGHT, WRONG = 1.5, 3.0  # times the errors of the capture as it is, with 2 mm of grace: right within, wrong beyond
-SIZES = {"surface": "the tracked surface to the true one", "cloth": "the shirt to the true shirt", "loops": "its openings"}
+SIZES = {
+    "surface": "the tracked surface to the true one",
+    "cloth": "the shirt to the true shirt",
+    "loops": "its openings",
+}
 
 
 CUT = {"template_from_scan": ["tshirt"]}
@@ -126,19 +130,25 @@ def surface_error(run):
 
 def in_process(name, out):
     """The row's result, made when OUT does not hold it."""
-    slug = "".join(c if c.isalnum() else "-" for c in name)
-    path = out / f"{slug}.json"
+    path = _path(name, out)
     if not path.exists():
-        command = ["bash", "-c", 'rm -rf "$0" && mkdir -p "$0" && exec "$@"', str(out / slug), sys.executable, "-m"]
-        command += ["bench.pipeline_extremes", str(out / slug), "--one", name]
+        folder = path.with_suffix("")
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        command = [sys.executable, "-m", "bench.pipeline_extremes", str(folder), "--one", name]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, env=dict(os.environ))
+            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT)
             lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
             found = json.loads(lines[-1]) if lines else {"crashed": done.stderr.strip().splitlines()[-1:]}
         except subprocess.TimeoutExpired:
             found = {"crashed": [f"more than {TIMEOUT} s"]}
+        shutil.rmtree(folder)
         path.write_text(json.dumps(found, indent=1))
     return json.loads(path.read_text())
+
+
+def _path(name, out):
+    return out / f"{''.join(c if c.isalnum() else '-' for c in name)}.json"
 
 
 def quality(found, clean):
@@ -157,7 +167,9 @@ def quality(found, clean):
 def said(found, clean):
     """What was said of the row that is not said of the capture as it is."""
     words = [f"{len(found[kind])} {kind}" for kind in ("doubtful", "wrong", "failed") if found[kind]]
-    more = [w for w in found["warnings"] if w.split(": ", 1)[-1] not in {v.split(": ", 1)[-1] for v in clean["warnings"]}]
+    more = [
+        w for w in found["warnings"] if w.split(": ", 1)[-1] not in {v.split(": ", 1)[-1] for v in clean["warnings"]}
+    ]
     return words, more
 
 
@@ -181,6 +193,7 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--one")
     parser.add_argument("--rows", nargs="*", default=list(ROWS))
+    parser.add_argument("--table", action="store_true", help="of the rows that OUT holds alone")
     args = parser.parse_args()
     if args.one:
         print(json.dumps(one(args.one, args.out)))
@@ -188,7 +201,7 @@ def main():
     args.out.mkdir(parents=True, exist_ok=True)
     clean = in_process("as it is", args.out)
     print(f"| capture | must be | came out | what was said | {', '.join(SIZES)} [mm] |\n|---|---|---|---|---|")
-    for name in args.rows:
+    for name in args.rows if not args.table else [name for name in ROWS if _path(name, args.out).exists()]:
         print(row(name, in_process(name, args.out), clean), flush=True)
 
 

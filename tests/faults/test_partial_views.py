@@ -1,6 +1,7 @@
 """Pictures, masks and labels may exist for some cameras and some frames only."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import zarr
 from toile.config import preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
-from toile.pipeline.run import register
+from toile.pipeline.run import _points, register
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -51,3 +52,12 @@ def test_registering_without_some_labels_finds_the_same_garment(capture, sample_
     for row, bound in ((0, 0.008), (1, 0.015)):  # [m]; the second has no labels but those of its neighbour
         moved = with_all["garment/tshirt/vertices"][row] - without["garment/tshirt/vertices"][row]
         assert np.median(np.linalg.norm(moved, axis=1)) < bound
+
+
+def test_keypoints_of_one_camera_are_no_points_in_space(capture):
+    """Not points of which none is known: the first pose is searched by the scan then."""
+    opened = open_capture(capture)
+    frame = opened.frame(0)
+    assert np.isfinite(_points(opened, preset("draft"), frame).points).any()
+    alone = replace(frame, keypoints=replace(frame.keypoints, points={"cam00": frame.keypoints.points["cam00"]}))
+    assert _points(opened, preset("draft"), alone) is None

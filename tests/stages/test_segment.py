@@ -7,8 +7,8 @@ from tests.support.rig import ring_of_cameras
 from tests.support.shapes import sphere
 from toile.config import SegmentSettings
 from toile.errors import UserError
-from toile.scene import Frame, Garment, Mesh, Scene, Tracked
-from toile.stages.segment import evidence, prepare, segment
+from toile.scene import Camera, Frame, Garment, Mesh, Scene, Tracked
+from toile.stages.segment import coarse_pictures, evidence, prepare, segment
 from toile.surface.curves import isolines
 from toile.vision.visibility import DepthView
 
@@ -154,3 +154,15 @@ def test_a_scene_without_any_labels_is_refused(ball):
     scene, cameras, frame, tracked, faces = ball
     with pytest.raises(UserError, match="label images or labels on its scan"):
         prepare(scene, cameras, [(Frame(0, frame.scan), tracked)], faces, SegmentSettings())
+
+
+def test_pictures_whose_pixels_are_wide_at_the_person_are_warned_of():
+    model, labels = np.zeros((5, 3)), {"a": np.zeros((64, 64), np.uint8)}
+    far = np.eye(4) + 3.0 * np.outer([0, 0, 1, 0], [0, 0, 0, 1])
+    tracked = Tracked(model, *(None,) * 5)
+    frame = Frame(0, None, labels=labels)
+    for focal, warned in ((90.0, "a pixel is 33 mm wide"), (500.0, None)):
+        camera = Camera("a", 64, 64, np.diag([focal, focal, 1.0]), np.zeros(5), far)
+        found = coarse_pictures({"a": camera}, [(frame, tracked)], SegmentSettings())
+        assert (warned in found[0]) if warned else found == []
+    assert coarse_pictures({}, [(Frame(0, None), tracked)], SegmentSettings()) == []

@@ -155,6 +155,7 @@ class SegmentSettings(Settings):
         True, "switch", "place a garment's border between scan vertices by the pictures' edges"
     )
     label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
+    coarse_pixel: float = setting(0.012, "m", "width at the person from which on pictures are warned of", gt=0)
     label_blur: float = setting(3.0, "px", "uncertainty of a given border", gt=0)
     colour_pixels: int = setting(400_000, "count", "drawn from the samples for the colour models", ge=1)
     colour_iterations: int = setting(4, "count", "of expectation maximisation", ge=0)

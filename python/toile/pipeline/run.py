@@ -22,6 +22,8 @@ from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..config import Config, changed, configured
 from ..errors import UserError, first_line
 from ..io.body import model_in_capture
@@ -190,10 +192,11 @@ def _samples(capture, run, config, frames):
 
 
 def _points(capture, config, frame):
-    """Keypoints of a frame in space, None where it has none."""
+    """Keypoints of a frame in space; None where it has none, or none that two cameras agree on."""
     if frame.keypoints is None:
         return None
-    return reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
+    points = reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
+    return points if np.isfinite(points.points).any() else None
 
 
 def _prepare_garments(prepared, sampled, status):
@@ -204,7 +207,8 @@ def _prepare_garments(prepared, sampled, status):
     if not all(path.exists() for path in (colours, *paths)):
         tracker = partial(track.Tracker, model, person, config.track)
         samples = parallel_map_with(tracker, lambda tool, sample: (sample[0], tool.track(*sample)), sampled())
-        for warning in prepared.capture.warnings:
+        coarse = segment.coarse_pictures(prepared.capture.cameras, samples, config.segment)
+        for warning in (*prepared.capture.warnings, *coarse):
             status.add(stage="dress", ok=False, warning=warning)
         made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
         save_record(colours, made)

@@ -34,6 +34,15 @@ class SegmentModel:
     prior: np.ndarray  # (n,L) per tracked vertex, rows sum to 1
 
 
+def coarse_pictures(cameras, samples, settings):
+    """What to warn of where a pixel of the labelled pictures of sampled frames [(Frame, Tracked)] is wide at the person."""
+    shown = [(cameras[name], tracked.vertices.mean(0)) for frame, tracked in samples for name in frame.labels]
+    widths = [camera.to_camera(middle)[2] / camera.K[0, 0] for camera, middle in shown]
+    if not widths or np.median(widths) <= settings.coarse_pixel:
+        return []
+    return [f"pictures: a pixel is {1e3 * np.median(widths):.0f} mm wide at the person: openings are as uncertain"]
+
+
 def prepare(scene, cameras, samples, faces, settings):
     """Fits the colour models on sampled frames [(Frame, Tracked)]; `faces` (m,3) of the tracked surface."""
     ids = np.array(sorted(set(scene.labels.values())), dtype=np.uint8)
