@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from toile import kernels
 from toile.io.run import open_run
+from toile.measure.motion import tangents
 from toile.measure.truth import mean_measures, open_truth
 from toile.surface.operators import distance_to_polyline
 
@@ -63,17 +64,6 @@ def curves(truth, name, loops, V, number):
         distance = np.mean([distance_to_polyline(V[at] + s * step, own) for s in (0.125, 0.375, 0.625, 0.875)], axis=0)
         found[loop] = float(1e3 * np.average(distance, weights=np.linalg.norm(step, axis=1)))
     return found
-
-
-def tangents(V, F):
-    """Frames (g,3,3) that go with the surface: along an edge, across it, normal."""
-    normal, edges = kernels.vertex_normals(V, F), kernels.unique_edges(F)
-    along = np.zeros_like(V)
-    a, b = edges.T
-    along[b], along[a] = V[a] - V[b], V[b] - V[a]
-    along -= normal * np.einsum("gi,gi->g", along, normal)[:, None]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    return np.stack([along, np.cross(normal, along), normal], 1)
 
 
 def consecutive(frames):

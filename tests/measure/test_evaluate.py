@@ -25,7 +25,7 @@ def test_truth_as_a_run_has_no_error_where_the_measure_is_exact(made):
     all_ = evaluate(made[1])["all"]
     shirt = all_["garment"]["tshirt"]
     assert all_["joint_mm"] < 1e-6
-    assert max(shirt["correspondence_mm"], shirt["jitter_mm"]) < 1e-6
+    assert max(shirt[name] for name in ("correspondence_mm", "jitter_mm", "slip_mm", "shared_mm")) < 1e-6
     assert shirt["acceleration"] == pytest.approx(1) and all_["inner"]["acceleration"] == pytest.approx(1, abs=0.01)
     assert all_["inner"]["jitter_mm"] < 0.1
     assert shirt["surface_mm"] < 1e-3
@@ -40,6 +40,7 @@ def test_garment_shifted_by_5_mm_is_5_mm_off_without_jitter(made):
     store["garment/tshirt/vertices"][:] = store["garment/tshirt/vertices"][:] + np.array([0.005, 0, 0])
     shirt = evaluate(made[1])["all"]["garment"]["tshirt"]
     assert shirt["correspondence_mm"] == pytest.approx(5, abs=1e-6)
+    assert shirt["slip_mm"] < 1 < 4 < shirt["shared_mm"] < 5 + 1e-6
     assert 0.5 < shirt["surface_mm"] < 5
     assert shirt["jitter_mm"] < 1e-6
 

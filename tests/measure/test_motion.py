@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.support.shapes import sphere
-from toile.measure.motion import Followed, MotionError
+from toile.measure.motion import Followed, MotionError, Slip
 
 X = np.random.default_rng(0).standard_normal((5, 3))
 
@@ -39,3 +40,15 @@ def test_points_of_a_true_body_are_followed_where_it_moves():
     followed = Followed(far, shown, V, F)
     assert followed.at.tolist() == np.flatnonzero(shown & (np.arange(len(V)) != 1)).tolist()
     assert np.allclose(followed.places(2 * V + [0, 0, 1]), 2 * V[followed.at] + [0, 0, 1], atol=1e-9)
+
+
+def test_what_all_frames_err_by_alike_is_no_slip_also_of_a_garment_that_turns():
+    V, F = sphere(24, 48, 0.3)
+    slip = Slip()
+    for number in range(4):
+        R = Rotation.from_rotvec([0, 0.4 * number, 0.2 * number])
+        normal = R.apply(V / 0.3)
+        shake = (-1) ** number * 0.002
+        slip.add((0.005 + shake) * normal, R.apply(V), F)
+    found = slip.measures()
+    assert found["shared_mm"] == pytest.approx(5, rel=1e-3) and found["slip_mm"] == pytest.approx(2, rel=1e-3)

@@ -14,7 +14,7 @@ from ..io.layout import VERDICTS
 from ..io.run import Run, open_run
 from ..scene import HIDDEN, OBSERVED
 from .evidence import evidence, nothing
-from .motion import Followed, MotionError
+from .motion import Followed, MotionError, Slip
 from .truth import mean_measures, millimetres, open_truth
 
 INNER = ("hidden_mm", "visible_mm", "hidden_model_mm", "hidden_share", "jitter_mm", "acceleration")
@@ -35,7 +35,8 @@ def evaluate(run: Run | Path | str) -> dict:
     boundary_mm, each loop's vertices to the true border that is its own; boundary_all_mm, the same over the vertices of all
     loops together; loop_observed, share of a loop's vertices that lie on the scan and whose opening was seen; surface_mm,
     vertices to the true garment's surface; correspondence_mm, vertices to their true places through the truth's map;
-    jitter_mm, mean length of the second difference over time of that error (consecutive frames only); acceleration, mean
+    shared_mm, what a vertex errs by on average over the frames, in axes that go with the true garment, which no picture can
+    show; slip_mm, the errors without that; jitter_mm, mean length of the second difference over time of that error (consecutive frames only); acceleration, mean
     length of the second difference of the vertices as a share of their true places'.
     inner: outside vertices to the true body's surface, hidden_mm under the garments (confidence 0), visible_mm elsewhere;
     hidden_model_mm, the hidden ones of the model alone, posed and shaped by the tracking, before anything was fused of the
@@ -58,7 +59,7 @@ class _Evaluation:
         self.mapped = {name: self.truth.maps(name, run.garments[name].faces) for name in self.known}
         self.borders = {name: self.truth.border_names(name, self.model) for name in self.known}
         self.outside = ~self.model.inside
-        self.followed = None
+        self.followed, self.slips = None, defaultdict(Slip)
 
     def result(self):
         per_frame, motions = [], defaultdict(MotionError)
@@ -68,6 +69,8 @@ class _Evaluation:
         everything.pop("frame", None)
         for name, motion in motions.items():
             (everything["garment"][name] if name else everything["inner"]).update(motion.measures())
+        for name, slip in self.slips.items():
+            everything["garment"][name].update(slip.measures())
         if everything.get("intersections_left") is not None:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
@@ -122,6 +125,7 @@ class _Evaluation:
             out["garment"][name] |= measures
             if error is not None:
                 motions[name].add(number, cloth[name], cloth[name] - error)
+                self.slips[name].add(error, cloth[name] - error, run.garments[name].faces)
         if len(self.known) == len(run.garments):
             out["label_iou"] = self._labels(run.labels.at(number), tracked, number)
         hidden = run.inner.confidence.at(number) == HIDDEN
@@ -144,6 +148,8 @@ class _Evaluation:
             "boundary_all_mm",
             "surface_mm",
             "correspondence_mm",
+            "slip_mm",
+            "shared_mm",
             "jitter_mm",
             "acceleration",
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import SurfaceIndex
+from ..kernels import SurfaceIndex, unique_edges, vertex_normals
 
 ON_SURFACE = 0.02  # m: a vertex farther from the true surface has no place on it
 
@@ -32,6 +32,25 @@ class MotionError:
         return {"jitter_mm": float(1e3 * error / self.count), "acceleration": float(found / true) if true else None}
 
 
+class Slip:
+    """A garment's errors in frames that go with the true one: what all its frames share, and what differs among them."""
+
+    def __init__(self):
+        self.errors = []
+
+    def add(self, error, place, F):
+        """Error vectors (g,3) of vertices whose true places are `place`, of one frame."""
+        self.errors.append(np.einsum("gi,gai->ga", error, tangents(place, F)).astype(np.float32))
+
+    def measures(self):
+        """shared_mm: mean length of a vertex' mean error over the frames, which no picture of them can show; slip_mm: mean
+        length of the errors without it."""
+        errors = np.array(self.errors)
+        shared = errors.mean(0)
+        lengths = {"slip_mm": errors - shared, "shared_mm": shared}
+        return {name: float(1e3 * np.linalg.norm(x, axis=-1).mean()) for name, x in lengths.items()}
+
+
 class Followed:
     """Vertices of the body whose places on the true one, of another topology, are those nearest to them in one frame."""
 
@@ -44,3 +63,14 @@ class Followed:
     def places(self, true_V):
         """(k,3), of the vertices `at`."""
         return np.einsum("kc,kci->ki", self.bary, true_V[self.corners])
+
+
+def tangents(V, F):
+    """Frames (g,3,3) that go with the surface: along an edge, across it, normal."""
+    normal, edges = vertex_normals(V, F), unique_edges(F)
+    along = np.zeros_like(V)
+    a, b = edges.T
+    along[b], along[a] = V[a] - V[b], V[b] - V[a]
+    along -= normal * np.einsum("gi,gi->g", along, normal)[:, None]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return np.stack([along, np.cross(normal, along), normal], 1)
