@@ -143,7 +143,7 @@ def test_a_wrong_frame_is_told_ends_with_2_and_is_given_again_where_asked(captur
     whole, mesh = scan.read_bytes(), read_mesh(scan)
     write_mesh(scan, Mesh(mesh.vertices + [0.3, 0, 0], mesh.faces))
     outcome = pipeline.register(folder, run, CONFIG, FRAMES)
-    assert outcome.ok == FRAMES and list(outcome.wrong) == [50] and "on the scan" in outcome.wrong[50]
+    assert outcome.ok == FRAMES and list(outcome.wrong) == [50] and "silhouette" in outcome.wrong[50]
     assert open_run(run).verdict[2] == WRONG
     monkeypatch.setattr(sys, "argv", ["toile", "register", str(folder), str(run), "--config", str(run / "config.toml")])
     with pytest.raises(SystemExit, match="2"):

@@ -16,7 +16,7 @@ from toile.measure.verdicts import JudgedLayer, agreement, verdict
 from toile.scene import Frame, Keypoints, Mesh
 
 SETTINGS = VerdictSettings()
-FINE = {"observed": 0.9, "scan_to_surface_mm": 1.0, "surface_to_scan_mm": 1.0, "silhouette_iou": 0.98}
+FINE = {"observed": 0.9, "scan_to_surface_mm": 1.0, "two_sided_mm": 1.0}
 
 
 def ball():
@@ -38,7 +38,8 @@ def test_two_spheres_about_one_point_lie_the_difference_of_their_radii_apart_fro
         assert found[f"{name}_mm"] == pytest.approx(10, abs=0.4)
         assert found[f"{name}_p95_mm"] == pytest.approx(10, abs=0.8)
     sides = {f"{side}_{part}mm" for side in ("scan_to_surface", "surface_to_scan") for part in ("", "p80_", "p95_")}
-    assert found["observed"] == 1 and set(found) == {"observed", *sides}
+    assert found["observed"] == 1 and set(found) == {"observed", "two_sided_mm", *sides}
+    assert found["two_sided_mm"] == min(found["scan_to_surface_mm"], found["surface_to_scan_mm"])
 
 
 def test_a_rigid_motion_of_everything_changes_no_distance():
@@ -82,11 +83,10 @@ def test_a_glimpse_comes_back_from_its_file(tmp_path):
 
 def test_evidence_without_fault_is_good_and_the_worst_measure_decides():
     assert verdict(FINE, SETTINGS) == (GOOD, [])
-    doubtful, wrong = SETTINGS.scan_to_surface_mm
-    between = (doubtful + wrong) / 2
-    level, reasons = verdict(FINE | {"scan_to_surface_mm": between}, SETTINGS)
-    assert level == DOUBTFUL and len(reasons) == 1 and f"{between:.0f} mm from the surface" in reasons[0]
-    level, reasons = verdict(FINE | {"scan_to_surface_mm": between, "silhouette_iou": 0.1}, SETTINGS)
+    between = np.mean(SETTINGS.two_sided_mm)
+    level, reasons = verdict(FINE | {"two_sided_mm": between}, SETTINGS)
+    assert level == DOUBTFUL and len(reasons) == 1 and f"{between:.0f} mm apart" in reasons[0]
+    level, reasons = verdict(FINE | {"two_sided_mm": between, "silhouette_iou": 0.1}, SETTINGS)
     assert level == WRONG and len(reasons) == 2 and "silhouette" in reasons[0]
 
 
@@ -96,7 +96,22 @@ def test_a_frame_gets_no_better_as_a_measure_gets_worse(name):
     steps = np.linspace(2 * doubtful - wrong, 2 * wrong - doubtful, 40)
     levels = [verdict(FINE | {name: value}, SETTINGS)[0] for value in steps]
     assert levels == sorted(levels) and levels[0] == GOOD and levels[-1] == WRONG
-    assert levels == [verdict(FINE | {f"shirt.{name}": value}, SETTINGS)[0] for value in steps]
+    if name != "observed":
+        assert levels == [verdict(FINE | {f"shirt.{name}": value}, SETTINGS)[0] for value in steps]
+
+
+def test_a_scan_of_holes_and_clutter_is_answered_by_keypoints_and_silhouettes_together():
+    scan = FINE | {"two_sided_mm": 100.0, "astray": 0.3}
+    both = {"keypoint_mm": 10.0, "silhouette_iou": 0.97}
+    assert verdict(scan | both, SETTINGS)[0] == GOOD
+    for missing in both:
+        assert verdict(scan | {name: value for name, value in both.items() if name != missing}, SETTINGS)[0] == WRONG
+    assert verdict(scan | both | {"silhouette_iou": 0.9}, SETTINGS)[0] == WRONG
+
+
+def test_little_of_a_body_that_only_the_scan_shows_is_doubtful():
+    assert verdict(FINE | {"observed": 0.2}, SETTINGS)[0] == DOUBTFUL
+    assert verdict(FINE | {"observed": 0.2, "keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
 
 
 def test_a_frame_without_a_scan_is_doubtful_at_best():

@@ -318,23 +318,33 @@ class InnerSettings(Settings):
 
 class VerdictSettings(Settings):
     """From where on a frame is doubtful, and from where on it is wrong, by what it shows of its layers; see
-    measure/verdicts.py. The worst measure decides."""
+    measure/verdicts.py. The worst measure decides. Calibrated by bench/verdicts.py."""
 
-    observed: tuple[float, float] = setting((0.5, 0.25), "1", "share of the body's surface found on the scan, at least")
-    scan_to_surface_mm: tuple[float, float] = setting((6.0, 15.0), "mm", "the scan to the tracked surface, mean")
-    scan_to_surface_p95_mm: tuple[float, float] = setting((25.0, 80.0), "mm", "the same, what 95 % stay below")
-    surface_to_scan_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "the tracked surface to the scan, mean")
-    surface_to_scan_p95_mm: tuple[float, float] = setting((80.0, 200.0), "mm", "the same, what 95 % stay below")
-    keypoint_mm: tuple[float, float] = setting((25.0, 60.0), "mm", "keypoints to those detected, median")
-    keypoint_p95_mm: tuple[float, float] = setting((150.0, 400.0), "mm", "the same, what 95 % stay below")
-    silhouette_iou: tuple[float, float] = setting((0.9, 0.75), "1", "overlap of silhouette and masks, at least")
-    cloth_to_garment_mm: tuple[float, float] = setting((6.0, 15.0), "mm", "the labelled scan to its garment, mean")
-    cloth_to_garment_p95_mm: tuple[float, float] = setting((25.0, 80.0), "mm", "the same, what 95 % stay below")
-    garment_to_cloth_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "a garment to the labelled scan, mean")
-    garment_to_cloth_p95_mm: tuple[float, float] = setting((60.0, 150.0), "mm", "the same, what 95 % stay below")
-    loop_observed: tuple[float, float] = setting((0.3, 0.0), "1", "share of a garment's loops that was seen, at least")
-    loop_mm: tuple[float, float] = setting((15.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
-    unclaimed_opening_mm: tuple[float, float] = setting((200.0, 600.0), "mm", "openings that belong to no loop")
+    two_sided_mm: tuple[float, float] = setting(
+        (12.0, 30.0), "mm", "the tracked surface and the scan, mean distance from the side that is nearer"
+    )
+    astray: tuple[float, float] = setting(
+        (0.05, 0.15), "1", "share of the scan and of the posed body, both, that lie 5 cm from one another"
+    )
+    pose_mm: tuple[float, float] = setting(
+        (40.0, 60.0), "mm", "the posed body and the scan, mean distance of both sides"
+    )
+    moved_mm: tuple[float, float] = setting(
+        (20.0, 50.0), "mm", "by how much the posed body was bent to the scan, mean over its outside"
+    )
+    keypoint_mm: tuple[float, float] = setting((50.0, 80.0), "mm", "keypoints to those detected, median")
+    silhouette_iou: tuple[float, float] = setting((0.93, 0.85), "1", "overlap of silhouette and masks, at least")
+    observed: tuple[float, float] = setting(
+        (0.4, 0.1), "1", "share of the body's surface found on the scan, at least, where nothing else shows the body"
+    )
+    garment_mm: tuple[float, float] = setting(
+        (10.0, 30.0), "mm", "a garment and the labelled scan, mean distance from the side that is nearer"
+    )
+    loop_mm: tuple[float, float] = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
+    unclaimed_opening_mm: tuple[float, float] = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
+    edge_stretch: tuple[float, float] = setting(
+        (0.35, 0.6), "1", "|log of the stretch| of a garment's edges, what 95 % stay below"
+    )
     stretch_p95: tuple[float, float] = setting(
         (2.0, 3.0), "1", "stretch of a garment, what 95 % of its area stay below"
     )
