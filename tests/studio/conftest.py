@@ -22,6 +22,6 @@ def shirt():
 
 @pytest.fixture(scope="session")
 def cut(body):
-    from toile.studio.cut import cut_shirt
+    from toile.studio.cut import cut_garment
 
-    return cut_shirt(body)
+    return cut_garment("tshirt", body)

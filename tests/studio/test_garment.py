@@ -72,9 +72,9 @@ def test_garment_with_other_loops_is_refused(tmp_path):
 
 @pytest.fixture(scope="module")
 def trousers(body):
-    from toile.studio.cut import cut_trousers
+    from toile.studio.cut import cut_garment
 
-    return cut_trousers(body)
+    return cut_garment("trousers", body)
 
 
 def test_cut_trousers_have_a_waist_and_two_ankles_and_touch_nothing(body, trousers):
@@ -91,12 +91,12 @@ def test_cut_trousers_have_a_waist_and_two_ankles_and_touch_nothing(body, trouse
 
 
 def test_a_cut_shirt_stays_clear_of_the_trousers_it_is_cut_over(body, trousers):
-    from toile.studio.cut import cut_shirt
+    from toile.studio.cut import cut_garment
     from toile.studio.truth import clearance, pairs_between
 
     T, TF = trousers
     over = np.concatenate([body.rest, T]), np.concatenate([body.skin_faces, TF + len(body.rest)])
-    V, F = cut_shirt(body, over)
+    V, F = cut_garment("tshirt", body, over)
     assert V[:, 2].min() < T[:, 2].max() - 0.05  # it hangs over the waist
     assert pairs_between(*over, V, F) == 0 and clearance(V, *over) > 0.006
 
@@ -130,3 +130,40 @@ def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, tr
     half = np.concatenate([lip.faces[:, [0, 1]], lip.faces[:, [1, 2]], lip.faces[:, [2, 0]]])
     assert len(np.unique(half, axis=0)) == len(half)  # oriented as the garment is
     assert pairs_between(P, lip.faces, body.rest, body.skin_faces) > 0
+
+
+@pytest.mark.parametrize(
+    "kind, openings", [("shorts", 3), ("skirt", 2), ("dress", 4), ("longsleeve", 4), ("tank", 4)]
+)  # fmt: skip
+def test_what_is_cut_from_the_body_has_its_openings_and_touches_nothing(body, kind, openings):
+    from toile.studio.cut import cut_garment
+    from toile.studio.surface import open_loops
+    from toile.studio.truth import clearance, pairs_between
+
+    V, F = cut_garment(kind, body)
+    assert len(open_loops(F)) == openings and 3000 < len(V) < 12_000
+    assert pairs_between(body.rest, body.skin_faces, V, F) == 0
+    assert clearance(V, body.rest, body.skin_faces) > 0.006
+
+
+def test_a_shirt_is_cut_clear_of_the_tank_top_under_it(body):
+    from toile.studio.cut import cut_garment
+    from toile.studio.truth import pairs_between
+
+    T, TF = cut_garment("tank", body)
+    over = np.concatenate([body.rest, T]), np.concatenate([body.skin_faces, TF + len(body.rest)])
+    assert pairs_between(*over, *cut_garment("tshirt", body, over)) == 0
+
+
+def test_what_is_worn_is_named_inner_to_outer_or_refused():
+    from toile.studio.make import scene_toml
+    from toile.studio.options import StudioOptions
+
+    worn = StudioOptions(wear="tank+tshirt")
+    assert worn.garments == (("tank", "cut"), ("tshirt", "newton"))
+    text = scene_toml(worn)
+    assert text.index('name = "tank"') < text.index('name = "tshirt"') and "tank = 7" in text and "dress" not in text
+    assert StudioOptions(wear="trousers+longsleeve", garment=None).garments[1] == ("longsleeve", "cut")
+    for wrong in ("kilt", "tank+tank"):
+        with pytest.raises(UserError, match=f"wear is '{wrong}'".replace("+", r"\+")):
+            StudioOptions(wear=wrong)

@@ -9,7 +9,7 @@ def made(body, cut):
     from toile.studio.patterns import map_template, mean_body, other_template
 
     V, F = cut
-    mesh = other_template("tshirt", V, F, V, body)
+    mesh = other_template("tshirt", "newton", V, F, V, body)
     mean = mean_body()
     return mesh, *map_template(mesh, V, F, body.rest, mean.rest), mean
 
@@ -17,14 +17,14 @@ def made(body, cut):
 def test_the_template_is_wider_and_shorter_than_the_garment_and_clear_of_the_mean_body(body, cut, made):
     from toile.studio.cut import cut_skin
     from toile.studio.garment import named_loops
-    from toile.studio.patterns import SHORTER, WIDER, girth, worn_field
+    from toile.studio.patterns import SHORTER, WIDER, girth, shirt_worn
     from toile.studio.truth import clearance, pairs_between
 
     (V, F), (mesh, *_, mean) = cut, made
     T, P = mesh.faces, mesh.vertices
     mine, theirs = named_loops(P, T), named_loops(V, F)
     assert pairs_between(mean.rest, mean.skin_faces, P, T) == 0 and clearance(P, mean.rest, mean.skin_faces) > 0.003
-    skins = [cut_skin(b, worn_field("tshirt", V, F, body, SHORTER), 0.012) for b in (body, mean)]
+    skins = [cut_skin(b, shirt_worn(V, F, body, SHORTER), 0.012) for b in (body, mean)]
     bodies = [girth(S, named_loops(S, SF)["hem"]) for S, SF in skins]
     assert abs(girth(P, mine["hem"]) / bodies[1] - WIDER * girth(V, theirs["hem"]) / bodies[0]) < 0.03
     length = lambda X, loops, b: (X[loops["neck"], 2].mean() - X[loops["hem"], 2].mean()) / np.ptp(b.rest[:, 2])

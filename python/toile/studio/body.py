@@ -68,7 +68,11 @@ PHENOTYPES = {  # gender 0 male .. 1 female; the rest around 0.5; drawn uniforml
     "fitted": dict(gender=(0.0, 1.0), age=(0.6, 0.7), muscle=(0.4, 0.6), weight=(0.35, 0.55), height=(0.4, 0.55)),
     "logo": dict(gender=(0.0, 0.4), age=(0.6, 0.75), muscle=(0.4, 0.7), weight=(0.3, 0.5), height=(0.45, 0.6)),
     "loose": dict(gender=(0.3, 1.0), age=(0.6, 0.75), muscle=(0.3, 0.5), weight=(0.2, 0.45), height=(0.35, 0.5)),
+    "child": dict(gender=(0.0, 1.0), age=(0.25, 0.35), muscle=(0.4, 0.6), weight=(0.4, 0.6), height=(0.4, 0.6)),
+    "tall": dict(gender=(0.0, 0.5), age=(0.6, 0.7), muscle=(0.4, 0.6), weight=(0.4, 0.6), height=(0.72, 0.8)),
+    "heavy": dict(gender=(0.0, 0.6), age=(0.65, 0.8), muscle=(0.2, 0.4), weight=(0.95, 1.0), height=(0.4, 0.6)),
 }
+BELLY = {"heavy": 0.06}  # m that the belly stands out beyond what anny has
 
 
 def make_body(subject, rng, hard: Hard = PLAIN):
@@ -88,6 +92,8 @@ def make_body(subject, rng, hard: Hard = PLAIN):
         offset = deviation.surface_offset(theirs, neutral, rest, J, skin, hard.surface, rng)
     else:
         offset = model_offset(neutral, rest, faces, idx, val, names, rng)
+    if subject in BELLY:
+        offset = offset + deviation.belly(theirs, rest, J, skin, BELLY[subject])
     w_idx, w_val = other_weights(idx, val, faces, len(names))
     model = BodyModel(
         v_template=rest + offset,

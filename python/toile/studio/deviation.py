@@ -14,7 +14,7 @@ MOST = 1.6  # largest offset as a multiple of the mean, softly
 OUTWARD, INWARD = 0.20, 0.30  # largest offsets as shares of the free space outside and of the thickness inside
 LOWERED = np.radians(16)
 REACH = 0.5  # m that space and thickness are looked for
-FADING, SMOOTHED = 6, 20  # umbrella steps on the offsets, and on the normals they go along
+FADING, SMOOTHED = 10, 20  # umbrella steps on the offsets, and on the normals they go along
 ROUNDS = 6  # of scaling to the aim
 RIDGE = 1e-3  # of the least squares on unit columns
 MUSCLES = {  # name -> (bone's joints, place along it, side, radius [m], joint that bends, angle of full bulge [rad])
@@ -173,3 +173,14 @@ def breath(model, normals, depth):
     near = np.exp(-0.5 * ((model.v_template[:, 2] - middle) / 0.16) ** 2)
     front = np.clip(0.4 - normals[:, 1], 0, 1)  # the body faces -y
     return (depth * near * share * front)[:, None] * normals
+
+
+def belly(model, rest, J, skin_faces, depth):
+    """Displacement (n,3) [m] of a belly that stands out by up to `depth`, less at the sides and not at the back."""
+    trunk = np.array([n.startswith(("spine", "root", "pelvis")) for n in model.joint_names])
+    share = (model.weights_val * trunk[model.weights_idx]).sum(1)
+    height = J[model.joint("spine04"), 2]
+    near = np.exp(-0.5 * ((rest[:, 2] - height) / 0.11) ** 2)
+    directions = smooth_on(skin_faces, vertex_normals(rest, skin_faces), SMOOTHED)
+    front = np.clip(0.5 - directions[:, 1], 0, 1)
+    return smooth_on(skin_faces, (depth * near * share * front)[:, None], FADING) * directions

@@ -8,11 +8,12 @@ import numpy as np
 
 from ..errors import UserError
 from .cloth import ClothSimulation
-from .cut import cut_shirt, cut_trousers
+from .cut import CUTS, cut_garment
 from .outfit import LayersBelow, Settled, upper_border
 from .surface import open_loops
 
-SIZES = {"fitted": 1.05, "logo": 1.08, "loose": 1.14}
+SIZES = {"fitted": 1.05, "logo": 1.08, "loose": 1.14, "child": 1.10, "tall": 1.08, "heavy": 1.12}
+SIZED = ("child", "tall", "heavy")  # whose shirt is as large as they are; the others wear one size
 GROWTH, LOWERING, SETTLING = 20, 8, 12  # frames: body grows, arms go to the A-pose, cloth comes to rest
 BAND = 0.03  # m, height of the waistband, which the body holds
 SHRINK = 0.35  # distance from the bone line while the shirt is put on; 0.6 fails for a third of the bodies
@@ -136,21 +137,25 @@ def settle(V, F, under_V, under_F, progress, held=()):
 
 def put_on(name, source, body, worn, size, translation, progress):
     """Puts a garment on the truth body in its rest pose, over what is `worn` (Settled, inner to outer): a Settled.
-    `name`: tshirt or trousers. `source`: newton, cut, or an .obj (a shirt of four open loops, metres, z up, facing
-    -y); trousers are cut."""
+    `name`: one of CUTS. `source`: cut, newton, or an .obj (a shirt of four open loops, metres, z up, facing -y)."""
     standing = body.pose(np.zeros((len(body.J), 3)), translation)
     under, on = LayersBelow(standing, body.skin_faces, worn), [s.vertices.astype(np.float64) for s in worn]
     under_V = under.vertices(standing, on)
-    if name == "trousers":
-        V, F = cut_trousers(body)
-        band = np.flatnonzero(V[:, 2] > V[upper_border(V, F), 2].mean() - BAND)
-        return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress, band))
     if source == "cut":
-        V, F = cut_shirt(body, (under_V - translation, np.concatenate(under.faces)) if worn else None)
-        return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress))
+        V, F = cut_garment(name, body, (under_V - translation, np.concatenate(under.faces)) if worn else None)
+        held = np.flatnonzero(V[:, 2] > V[upper_border(V, F), 2].mean() - BAND) if CUTS[name].held else ()
+        return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress, held))
     flat, F = newton_shirt() if source == "newton" else read_shirt(source)
     rest = place(flat, F, body, size)
     return Settled.of(name, flat, rest, dress(rest, F, body, under, on, translation, progress))
+
+
+def size_of(subject, body):
+    """How much larger than newton's shirt is what the subject wears."""
+    if subject not in SIZED:
+        return SIZES[subject]
+    girth = lambda V: np.ptp(V[body.dense_weights[:, body.model.joint("spine03")] > 0.5], axis=0)[:2].sum()
+    return SIZES[subject] * girth(body.rest) / girth(body.neutral)
 
 
 def read_shirt(path):

@@ -22,7 +22,7 @@ from .frames import CaptureMaker, write_json
 from .motion import FPS
 from .options import StudioOptions
 from .outfit import split
-from .paint import LABELS
+from .paint import LABELS, PAINTED
 from .sequence import Sequence
 from .templates import write_templates
 
@@ -154,7 +154,7 @@ def take_frames(stage, folder, progress, workers):
 
 def scene_toml(options):
     garments = [name for name, _ in options.garments]
-    labels = {k: v for k, v in LABELS.items() if k != "tshirt" or k in garments}
+    labels = {k: v for k, v in LABELS.items() if k in PAINTED or k in garments}
     name = f"{options.subject}-{Path(options.motion).stem}"
     lines = [
         f'[scene]\nname = "{name}"\nfps = {FPS:g}\nunits = "m"\nup = "z"\n',

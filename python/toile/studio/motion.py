@@ -145,6 +145,55 @@ def walk(body, n, rng):
     return BodyMotion(R, root, faces(n, rng, speech=False), grounded=True)
 
 
+HAND_SPEED = (2.3, 2.9)  # m/s, of the faster hand at its fastest
+
+
+def fast(body, n, rng):
+    """Arms thrown forward and back in turn, the trunk turning with them, so fast that a hand reaches HAND_SPEED."""
+
+    def rotations(phase):
+        R = np.zeros((len(phase), len(body.J), 3))
+        for side, shift, sign in (("L", 0.0, 1.0), ("R", np.pi, -1.0)):
+            p = phase + shift
+            R[:, body.model.joint(f"upperarm01.{side}"), 0] = np.radians(-28) - np.radians(42) * np.sin(p)
+            R[:, body.model.joint(f"upperarm01.{side}"), 1] = -sign * np.radians(4)
+            bend = np.radians(28) - np.radians(22) * np.sin(p + 0.6)
+            R[:, body.model.joint(f"lowerarm01.{side}")] = bend[:, None] * elbow_axis(body, side)
+            R[:, body.model.joint(f"upperleg01.{side}"), 0] = np.radians(-6) + np.radians(5) * np.sin(p)
+            R[:, body.model.joint(f"lowerleg01.{side}"), 0] = np.radians(10)
+        for joint in ("spine04", "spine02"):
+            R[:, body.model.joint(joint), 2] = np.radians(5) * np.sin(phase)
+        return R
+
+    turn = np.linspace(0, 2 * np.pi, 60)  # one cycle: the speed is proportional to the rate
+    wrists = [body.model.joint(f"wrist.{side}") for side in "LR"]
+    path = np.array([body.joints(R, np.zeros(3))[wrists] for R in rotations(turn)])
+    per_radian = np.linalg.norm(np.diff(path, axis=0), axis=2).max() / (turn[1] - turn[0])
+    rate = rng.uniform(*HAND_SPEED) / per_radian  # rad/s
+    R = rotations(2 * np.pi * rng.uniform() + rate * np.arange(n) / FPS)
+    add_fingers(R, body, rng)
+    return BodyMotion(R, np.zeros((n, 3)), faces(n, rng, speech=False), grounded=True)
+
+
+def sit(body, n, rng):
+    """Sitting on a high seat that is not there: hips and knees bent, hands moving above the lap."""
+    R = np.zeros((n, len(body.J), 3))
+    hip, knee = np.radians(rng.uniform(62, 70)), np.radians(rng.uniform(60, 72))
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        sway = 1 + 0.05 * band_noise(n, 0.5, rng)
+        R[:, body.model.joint(f"upperleg01.{side}"), 0] = -hip * sway
+        R[:, body.model.joint(f"upperleg01.{side}"), 2] = sign * np.radians(10)
+        R[:, body.model.joint(f"lowerleg01.{side}"), 0] = knee * sway
+        R[:, body.model.joint(f"upperarm01.{side}"), 0] = between(band_noise(n, 0.8, rng), -32, -18)
+        bend = between(band_noise(n, 0.8, rng), 15, 50)
+        R[:, body.model.joint(f"lowerarm01.{side}")] = bend[:, None] * elbow_axis(body, side)
+    for axis, (low, high) in enumerate(((-3, 3), (-3, 3), (-5, 5))):
+        R[:, body.model.joint("spine03"), axis] = between(band_noise(n, 0.5, rng), low, high)
+    R[:, body.model.joint("head"), 2] = between(band_noise(n, 0.8, rng), -15, 15)
+    add_fingers(R, body, rng)
+    return BodyMotion(R, np.zeros((n, 3)), faces(n, rng, speech=True), grounded=True)
+
+
 ROM = (  # (joint, axis, degrees); both sides move, mirrored
     ("upperarm01", 1, -45), ("upperarm01", 0, -38), ("upperarm01", 2, -24), ("lowerarm01", None, 58),
     ("spine", 2, 6), ("spine", 0, 6), ("spine", 1, 4), ("neck01", 2, 12), ("head", 2, 18), ("head", 0, 10),

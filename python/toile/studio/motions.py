@@ -7,15 +7,23 @@ from dataclasses import replace
 import numpy as np
 
 from .bvh import bvh_motion
-from .motion import FPS, RAMP, BodyMotion, eased, range_of_motion, smoothstep, talk, walk
+from .motion import FPS, RAMP, BodyMotion, eased, fast, range_of_motion, sit, smoothstep, talk, walk
 from .touch import touch_motion
 
 JOIN = 30  # frames over which one motion passes into the next
 BREATH = 3.0  # s
+MOTIONS = {
+    "walk": walk,
+    "rom": range_of_motion,
+    "talk": talk,
+    "hands-on-cloth": touch_motion,
+    "fast": fast,
+    "sit": sit,
+}
 
 
 def make_motion(name, body, frames, rng):
-    """walk, rom, talk, hands-on-cloth, several of them joined by "+", or a path that ends in .bvh; eased in from the
+    """One of MOTIONS, several of them joined by "+", or a path that ends in .bvh; eased in from the
     A-pose over RAMP frames."""
     if name.lower().endswith(".bvh"):
         return eased(breathing(bvh_motion(name, body, RAMP + frames), rng))
@@ -31,7 +39,6 @@ def breathing(motion, rng):
 
 def joined(names, body, frames, rng):
     """The motions in turn, each an even share of the frames, blended over JOIN frames about each cut."""
-    make = {"walk": walk, "rom": range_of_motion, "talk": talk, "hands-on-cloth": touch_motion}
     total, t = RAMP + frames, np.arange(RAMP + frames)
     cuts = [0, *(RAMP + frames * i // len(names) for i in range(1, len(names))), total]
     half = JOIN // 2
@@ -39,7 +46,7 @@ def joined(names, body, frames, rng):
     parts = []
     for i, name in enumerate(names):
         span = slice(max(cuts[i] - half, 0), min(cuts[i + 1] + half, total))
-        parts.append((span, (begun[i] - begun[i + 1])[span], make[name](body, span.stop - span.start, rng)))
+        parts.append((span, (begun[i] - begun[i + 1])[span], MOTIONS[name](body, span.stop - span.start, rng)))
 
     def blend(field):
         out = np.zeros((total, *getattr(parts[0][2], field).shape[1:]))

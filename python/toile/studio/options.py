@@ -9,11 +9,11 @@ from pydantic import ValidationError, model_validator
 from ..config import Settings, setting
 from ..errors import UserError
 from .cameras import VISIBLE
+from .cut import CUTS
 from .garment import SIZES
-from .motions import JOIN
+from .motions import JOIN, MOTIONS
 from .truths import PARTS, Hard, chosen
 
-MOTIONS = ("walk", "rom", "talk", "hands-on-cloth")
 TEMPLATES = ("other", "scan", "settled")
 
 
@@ -28,8 +28,10 @@ class StudioOptions(Settings):
         "raster", "name", "raster: the own rasteriser; mitsuba: path tracing"
     )
     pixel_paths: int = setting(64, "count", "light paths a pixel, mitsuba only", ge=1)
-    subject: str = setting("fitted", "name", "fitted, logo or loose: who wears what print and size")
-    motion: str = setting("walk", "name", "walk, rom, talk, hands-on-cloth, several joined by +, or a .bvh file")
+    subject: str = setting("fitted", "name", "fitted, logo, loose, child, tall or heavy: who wears what print and size")
+    motion: str = setting(
+        "walk", "name", "walk, rom, talk, hands-on-cloth, fast, sit, several joined by +, or a .bvh file"
+    )
     image_step: int = setting(1, "count", "every which simulated frame is captured", ge=1)
     span: float = setting(VISIBLE, "m", "height that the pictures span at the middle of the stage", ge=0.1, le=10)
     scan_noise: float = setting(0.001, "m", "standard deviation of the scans' points", ge=0)
@@ -48,6 +50,7 @@ class StudioOptions(Settings):
         "other: a cut of its own; scan: cut from the first frame; settled: the true garment; or an .obj",
     )
     trousers: bool = setting(False, "switch", "a garment of their own, cut from the body, under the shirt")
+    wear: str = setting("", "name", "garments joined by +, inner to outer, instead of garment and trousers")
     hard: Hard = Hard()
 
     def __init__(self, **values: Any) -> None:
@@ -67,6 +70,11 @@ class StudioOptions(Settings):
         if self.truth not in ("plain", "hard") and not set(parts) <= set(PARTS):
             known = f'plain, hard, or some of {", ".join(PARTS)} joined by "+"'
             raise UserError(f"studio: truth is {self.truth!r}, must be {known}")
+        worn = self.wear.split("+") if self.wear else []
+        if not set(worn) <= set(CUTS) or len(set(worn)) < len(worn):
+            raise UserError(
+                f'studio: wear is {self.wear!r}, must be some of {", ".join(CUTS)} joined by "+", each once'
+            )
         if self.template not in TEMPLATES and not self.template.lower().endswith(".obj"):
             raise UserError(f"studio: template is {self.template!r}, must be {', '.join(TEMPLATES)} or an .obj")
         self._check_motion()
@@ -85,6 +93,10 @@ class StudioOptions(Settings):
     @property
     def garments(self):
         """Name and source of each garment, inner to outer."""
+        if self.wear:
+            return tuple(
+                (name, self.garment if name == "tshirt" and self.garment else "cut") for name in self.wear.split("+")
+            )
         worn = (("trousers", "cut" if self.trousers else None), ("tshirt", self.garment))
         return tuple((name, source) for name, source in worn if source)
 

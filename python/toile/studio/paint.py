@@ -6,12 +6,16 @@ import numpy as np
 
 from .surface import smooth_noise
 
-LABELS = {"skin": 1, "hair": 2, "tshirt": 3, "trousers": 4, "shoes": 5}
+LABELS = {
+    "skin": 1, "hair": 2, "tshirt": 3, "trousers": 4, "shoes": 5,
+    "longsleeve": 6, "tank": 7, "dress": 8, "shorts": 9, "skirt": 10,
+}  # fmt: skip
+PAINTED = ("skin", "hair", "trousers", "shoes")  # on the body itself
+LOWER = ("trousers", "shorts", "skirt", "dress")  # under which legs are bare
 TEXTURE = 1024  # texels per side of a garment's front and back
-BOXES = {  # m: x and z range of the flat garment about its centre that the texture spans, square
-    "tshirt": (-0.40, 0.40, -0.42, 0.38),
-    "trousers": (-0.55, 0.55, -0.55, 0.55),
-}
+SHIRT_BOX = (-0.40, 0.40, -0.42, 0.38)  # m: x and z range of the flat garment about its centre that the texture spans
+WIDE_BOX = (-0.55, 0.55, -0.55, 0.55)
+BOXES = {"tshirt": SHIRT_BOX, "tank": SHIRT_BOX}
 
 LOOKS = {  # RGB 0..1
     "fitted": {
@@ -27,6 +31,8 @@ LOOKS = {  # RGB 0..1
         "trousers": (0.42, 0.36, 0.27), "hair": (0.45, 0.30, 0.15),
     },
 }  # fmt: skip
+LOOKS |= {"child": LOOKS["loose"], "tall": LOOKS["logo"], "heavy": LOOKS["fitted"]}
+UNDER = (0.85, 0.55, 0.30)  # of a shirt under a shirt
 SKIN_TONES = ((0.93, 0.76, 0.66), (0.80, 0.60, 0.47), (0.58, 0.40, 0.29), (0.38, 0.25, 0.18))
 SHOES = (0.70, 0.68, 0.66)
 EYES = (0.55, 0.55, 0.54)
@@ -46,13 +52,14 @@ class Appearance:
         self.colours = LOOKS[subject]
         self.skin = np.array(SKIN_TONES[rng.integers(len(SKIN_TONES))])
         self.noise_seed = int(rng.integers(2**31))
-        draw = {"tshirt": shirt_textures, "trousers": trousers_textures}
-        self.prints = [
-            Print(name, flat, draw[name](subject, self.colours), self.noise_seed + len(garments) - i)
-            for i, (name, flat) in enumerate(garments)
-        ]
+        shirts = [name for name, _ in garments if name not in LOWER]
+        self.prints = []
+        for i, (name, flat) in enumerate(garments):
+            draw = shirt_textures if name not in LOWER or name == "dress" else trousers_textures
+            colours = self.colours | {"shirt": UNDER} if name in shirts[:-1] else self.colours
+            self.prints.append(Print(name, flat, draw(subject, colours), self.noise_seed + len(garments) - i))
         self.owner = np.repeat(np.arange(len(garments)), [len(p.flat) for p in self.prints])
-        self.bare_legs = "trousers" in dict(garments)
+        self.bare_legs = any(name in LOWER for name, _ in garments)
 
     def body_labels(self, neutral, arm, head):
         """Part ids of body points: coordinates (n,3) on the neutral body, shares of arm and head weights (n,)."""
@@ -104,7 +111,7 @@ class Print:
     """What is printed on a garment: pictures of its front, where y < 0, and its back over x and z of the flat garment."""
 
     def __init__(self, name, flat, textures, seed):
-        self.name, self.box, self.textures, self.seed = name, BOXES[name], textures, seed
+        self.name, self.box, self.textures, self.seed = name, BOXES.get(name, WIDE_BOX), textures, seed
         self.flat = flat - 0.5 * (flat.min(0) + flat.max(0))
 
     def texels(self, flat):

@@ -13,16 +13,16 @@ from ..surface.transfer import move_with_body, unwrap
 from . import cut
 from .body import TruthBody, skin_component
 from .garment import named_loops
+from .remeshing import remesh
 from .surface import barycentric, border_edges, open_loops, vertex_normals
-from .template import EDGE, REACH, MappedTemplate
+from .template import EDGE, REACH, REMESHING, MappedTemplate
 
 WIDER, SHORTER = 1.06, 0.97  # girths and lengths of the template over those of the true garment
 CLEAR = 0.006  # m that the template keeps from the mean body
 LOOSEST = 0.08  # m, most that it stands off
-ABOVE_CROTCH = 0.04  # m below the hip joints
-STRETCHED = 0.2  # m
 ROUNDS = 4  # of finding how far the openings stand off
 LAYING, EVENING = 8, 6  # rounds of laying the template on the truth, umbrella steps between them
+STRETCHED = 0.1  # m that a hem is let down before its triangles are made anew
 UNFOLDING = 3  # rounds of smoothing that take the wrinkles from the truth before the template is laid on it
 
 
@@ -35,49 +35,43 @@ def mean_body():
     return TruthBody(model, neutral, skin_component(model.f, n), {}, None, np.zeros((n, 3)), *none)
 
 
-def other_template(name, cloth_rest, F, draped, body):
-    """A template of the garment (cloth at rest `cloth_rest` (G,3), F, worn as `draped` on `body` at rest) in the mean
-    body's rest pose: the skin under it, cut SHORTER; each opening as far off as makes it WIDER than the true one."""
+def other_template(name, source, cloth_rest, F, draped, body):
+    """A template of the garment `name` from `source` (cloth at rest `cloth_rest` (G,3), F, worn as `draped` on `body` at
+    rest) in the mean body's rest pose: the skin under it, cut SHORTER; each opening as far off as makes it WIDER."""
     mean = mean_body()
-    field = worn_field(name, draped, F, body, SHORTER)
-    V, T = cut.cut_skin(mean, field, EDGE)
-    skin_V, skin_T = cut.cut_skin(body, worn_field(name, draped, F, body, 1.0), EDGE)
-    drop = max(0.0, lowest(body) - hem_of(name, draped, F, SHORTER)) if name == "tshirt" else 0.0
+    if source == "cut":
+        fields, drop = 2 * [cut.CUTS[name].field(body)], cut.CUTS[name].drop
+    else:
+        fields = [shirt_worn(draped, F, body, shorter) for shorter in (SHORTER, 1.0)]
+        drop = max(0.0, cut.lowest(body) - hem_of(draped, F, SHORTER))
+    V, T = cut.cut_skin(mean, fields[0], EDGE)
+    skin_V, skin_T = cut.cut_skin(body, fields[1], EDGE)
     V = stood_off(V, T, *wanted_girths(V, T, skin_V, skin_T, cloth_rest, draped, F), drop, mean)
+    if source == "cut":
+        top = V[:, 2].max()
+        V = cut.outside(V + (SHORTER - 1) * (V - top) * [0, 0, 1], mean.rest, mean.skin_faces, CLEAR)
+    if drop > STRETCHED:
+        V, T = remesh(V, T, EDGE, **REMESHING)
     uv, face_uv = unwrap(V, T)
     return Mesh(V, T, uv, face_uv)
 
 
-def worn_field(name, draped, F, body, shorter):
-    """Per body vertex, positive where a garment is worn: metres to its openings, those below drawn up by `shorter`."""
-    if name == "trousers":
-        top, *feet = sorted((float(draped[c, 2].mean()) for c in open_loops(F)), reverse=True)
-        return cut.trousers_field(body, body.rest[:, 2], top, top - shorter * (top - np.mean(feet)))
+def shirt_worn(draped, F, body, shorter):
+    """Per body vertex, positive where a shirt is worn: metres to its openings, hem and sleeves drawn up by `shorter`."""
     loops = named_loops(draped, F)
     sleeves = [
         shorter * cut.along_arm(body, draped[loops[name]], side)[0].mean()
         for name, side in (("sleeve_left", "L"), ("sleeve_right", "R"))
     ]
     up = float(((draped[loops["neck"]] - body.J[body.model.joint("neck01")]) @ cut.NECKLINE).mean())
-    return cut.shirt_field(body, max(lowest(body), hem_of(name, draped, F, shorter)), up, sleeves)
+    return cut.shirt_field(body, max(cut.lowest(body), hem_of(draped, F, shorter)), up, sleeves)
 
 
-def hem_of(name, draped, F, shorter):
+def hem_of(draped, F, shorter):
     """Height of the hem [m] of a shirt whose length is `shorter` of the true one's."""
     loops = named_loops(draped, F)
     neck, hem = (draped[loops[n], 2].mean() for n in ("neck", "hem"))
     return float(neck - shorter * (neck - hem))
-
-
-def lowest(body):
-    """The lowest height [m] at which a cut goes round the trunk: above the crotch."""
-    return float(body.J[body.model.joint("upperleg01.L"), 2] - ABOVE_CROTCH)
-
-
-def hung(V, drop):
-    """V with its hem let down by `drop` [m], the cloth above it lengthened over STRETCHED."""
-    bottom = V[:, 2].min()
-    return V - drop * np.clip(1 - (V[:, 2:] - bottom) / STRETCHED, 0, 1) * [0, 0, 1]
 
 
 def wanted_girths(V, T, skin_V, skin_T, cloth_rest, draped, F):
@@ -108,7 +102,7 @@ def stood_off(V, T, loops, lengths, drop, body):
     for _ in range(ROUNDS):  # smoothing draws loops together
         off = np.clip(off + (lengths - [girth(out, c) for c in loops]) / (2 * np.pi), CLEAR, LOOSEST)
         values = np.repeat(off, [len(c) for c in loops])[:, None]
-        out = hung(V + igl.harmonic(V, T.astype(np.int64), known, values, 1).reshape(-1, 1) * N, drop)
+        out = cut.hung(V + igl.harmonic(V, T.astype(np.int64), known, values, 1).reshape(-1, 1) * N, drop)
         for _ in range(3):
             out = cut.outside(cut.smoothed(out, T), body.rest, body.skin_faces, CLEAR)
     return out

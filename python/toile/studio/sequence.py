@@ -16,7 +16,7 @@ from ..scene import BodyModel
 from . import motion
 from . import truth as checks
 from .body import TruthBody, make_body
-from .garment import SIZES, put_on
+from .garment import put_on, size_of
 from .motions import make_motion
 from .outfit import Outfit, Settled, split
 from .surface import unique_edges
@@ -112,7 +112,7 @@ class Sequence:
             progress("simulate", min((number + 1) * BLOCK, self.frames), self.frames)
 
     def _put_on(self, name, source, worn, progress):
-        lift, size = np.array([0, 0, self.ground]), SIZES[self.options.subject]
+        lift, size = np.array([0, 0, self.ground]), size_of(self.options.subject, self.body)
         return put_on(name, source, self.body, worn, size, lift, lambda i, n: progress(f"dress {name}", i, n))
 
     def _cloth(self, number, before):

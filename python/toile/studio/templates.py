@@ -18,13 +18,13 @@ def write_templates(part, stage):
     if sequence.settled:
         (part / "templates").mkdir(exist_ok=True)
     path = lambda s: part / "templates" / f"{s.name}.obj"
-    made = {}
+    made, sources = {}, dict(stage.options.garments)
     for s in sequence.settled:
         draped = sequence.draped(s)
         if settled:
             made[s.name] = make_template(s.flat, s.faces, draped, stage.body.rest, mean)
         elif source in ("other", "scan"):
-            mesh = other_template(s.name, s.cloth_rest, s.faces, draped, stage.body)
+            mesh = other_template(s.name, sources[s.name], s.cloth_rest, s.faces, draped, stage.body)
             made[s.name] = map_template(mesh, draped, s.faces, stage.body.rest, mean)[0]
         else:
             made[s.name] = None
