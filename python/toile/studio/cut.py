@@ -41,13 +41,12 @@ class Cut:
 def cut_garment(kind, body, over=None):
     """V (n,3) in the body's rest pose, F (m,3) of a garment of CUTS; V is the rest shape too. `over` (V, F): a surface to
     stay clear of, the skin by default."""
-    cut = CUTS[kind]
-    V, F = cut_out(body, cut.field(body), cut.offset, over or (body.rest, body.skin_faces))
+    cut, over = CUTS[kind], over or (body.rest, body.skin_faces)
+    V, F = cut_out(body, cut.field(body), cut.offset, over)
     if not cut.drop:
         return V, F
-    V = hung(V, cut.drop, cut.flare)
-    V, F = remesh(V, F, EDGE, **REMESHING)
-    return outside(V, *(over or (body.rest, body.skin_faces)), cut.offset), F
+    V, F = remesh(hung(V, cut.drop, cut.flare), F, EDGE, **REMESHING)
+    return lifted(V, F, over, cut.offset), F
 
 
 def hung(V, drop, flare=0.0):
@@ -62,10 +61,14 @@ def cut_out(body, field, offset, over):
     """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`."""
     V, F = cut_skin(body, field, EDGE)
     N = smoothed(vertex_normals(V, F), F)
-    V = V + offset * N / np.linalg.norm(N, axis=1, keepdims=True)
+    return lifted(V + offset * N / np.linalg.norm(N, axis=1, keepdims=True), F, over, offset), F
+
+
+def lifted(V, F, over, offset):
+    """V smoothed and kept `offset` [m] outside of the surface `over` (V, F), in turns."""
     for _ in range(3):
         V = outside(smoothed(V, F), *over, offset)
-    return V, F
+    return V
 
 
 def cut_skin(body, field, edge):

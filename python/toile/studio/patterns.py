@@ -103,8 +103,7 @@ def stood_off(V, T, loops, lengths, drop, body):
         off = np.clip(off + (lengths - [girth(out, c) for c in loops]) / (2 * np.pi), CLEAR, LOOSEST)
         values = np.repeat(off, [len(c) for c in loops])[:, None]
         out = cut.hung(V + igl.harmonic(V, T.astype(np.int64), known, values, 1).reshape(-1, 1) * N, drop)
-        for _ in range(3):
-            out = cut.outside(cut.smoothed(out, T), body.rest, body.skin_faces, CLEAR)
+        out = cut.lifted(out, T, (body.rest, body.skin_faces), CLEAR)
     return out
 
 
