@@ -20,6 +20,7 @@ from .inner import InnerSolver
 from .intersect import intersecting_pairs, self_intersections, signed_distance, winding_number
 from .mrf import mrf
 from .nricp import NricpSolver, nricp
+from .nricp_tracker import NricpTracker
 from .occlusion import ambient_occlusion
 from .raster import raster
 from .remesh import remesh
@@ -35,6 +36,7 @@ __all__ = [
     "InnerSums",
     "InputError",
     "NricpSolver",
+    "NricpTracker",
     "SkeletonSolver",
     "SolveError",
     "Stop",
