@@ -62,9 +62,8 @@ void bind_sight(py::module_& m) {
         .def_readwrite("disorder", &EdgeOptions::disorder)
         .def_readwrite("shift", &EdgeOptions::shift);
     py::class_<BoundView>(m, "View").def(py::init(&view_of));
-    m.def("view_odds",
-          [](const std::vector<const BoundView*>& bound, const Vertices& points, const Vertices& normals, int labels,
-             int column, const Indices& rival, const py::kwargs& options) {
+    m.def("view_odds", [](const std::vector<const BoundView*>& bound, const Vertices& points, const Vertices& normals,
+                          int labels, int column, const Indices& rival, const py::kwargs& options) {
         const std::vector<View> views = views_of(bound);
         const auto chosen = options_from<OddsOptions>(options, "view_odds");
         py::gil_scoped_release release;

@@ -201,8 +201,8 @@ struct Progress {
     }
     MatchSettings fine() const {
         const NricpOptions& o = options;
-        return {o.relative_fine_robust, o.relative_spread.back(), 0, true, true, o.phong,
-                o.point_weight,         o.boundary_weight,        o.border_weight};
+        return {o.relative_fine_robust, o.relative_spread.back(), 0, true, true, o.phong, o.point_weight,
+                o.boundary_weight,      o.border_weight};
     }
 };
 

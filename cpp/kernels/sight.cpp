@@ -118,8 +118,8 @@ void check_views(const char* kernel, const std::vector<View>& views, const Verti
         check_camera(kernel, view.camera);
         check_picture(kernel, view.picture);
         require(view.picture.channels == channels, std::string(kernel) + ": a picture has " +
-                                                       std::to_string(view.picture.channels) +
-                                                       " channels, expected " + std::to_string(channels));
+                                                       std::to_string(view.picture.channels) + " channels, expected " +
+                                                       std::to_string(channels));
     }
 }
 
@@ -165,8 +165,8 @@ Readings bilinear(const Picture& picture, const Eigen::Ref<const Matrix>& uv) {
     return out;
 }
 
-Matrix view_odds(const std::vector<View>& views, const Vertices& points, const Vertices& normals, int labels, int column,
-                 const Indices& rival, const OddsOptions& o) {
+Matrix view_odds(const std::vector<View>& views, const Vertices& points, const Vertices& normals, int labels,
+                 int column, const Indices& rival, const OddsOptions& o) {
     check_views("view_odds", views, points, normals, 2 * labels + 4);
     require(column >= 0 && column < labels, "view_odds: column is " + std::to_string(column));
     require(rival.size() == points.rows(), "view_odds: rival has " + std::to_string(rival.size()) + " entries");
@@ -244,10 +244,10 @@ Matrix view_edges(const std::vector<View>& views, const Vertices& points, const 
     check_views("view_edges", views, points, normals, 2 * labels + 4);
     check_finite("view_edges", "s", s);
     const Eigen::Index m = s.size();
-    require(m >= 3 && o.flank >= 0 && o.flank < 1 && -s[0] > o.flank * s[m - 1] && s[m - 1] > 0 &&
-                points.rows() % m == 0,
-            "view_edges: s has " + std::to_string(m) + " places for " + std::to_string(points.rows()) +
-                " points, expected a profile about 0");
+    require(
+        m >= 3 && o.flank >= 0 && o.flank < 1 && -s[0] > o.flank * s[m - 1] && s[m - 1] > 0 && points.rows() % m == 0,
+        "view_edges: s has " + std::to_string(m) + " places for " + std::to_string(points.rows()) +
+            " points, expected a profile about 0");
     const std::vector<Eye> eyes = eyes_of(views, o.tolerance, o.min_cosine);
     Matrix out = Matrix::Zero(points.rows() / m, 2);
     parallel_for(out.rows(), [&](std::int64_t p) {

@@ -45,24 +45,24 @@ struct View {
 struct OddsOptions {
     double tolerance = 0, min_cosine = 0;  ///< as `visibility` has them
     double floating = 0;                   ///< a point this far before the surface floats [m]
-    double behind = 0;    ///< the label's share behind a floating point from which on a picture says nothing of it
-    double most = 0;      ///< one picture's log likelihood ratio counts up to this
-    bool free = false;    ///< points may float; every other label speaks against, not the rival alone
+    double behind = 0;  ///< the label's share behind a floating point from which on a picture says nothing of it
+    double most = 0;    ///< one picture's log likelihood ratio counts up to this
+    bool free = false;  ///< points may float; every other label speaks against, not the rival alone
 };
 
 /// What views say of points for label `column` of L against each point's `rival`: columns are the log likelihood
 /// ratios by colour, summed with the views' weights; the sum of the weights; the shares of the labels given, `column`
 /// and what speaks against it, summed likewise; and of a floating point how empty the emptiest picture is, else 0.
 /// A picture's 2L + 4 channels: log likelihoods, shares, RGB, emptiness.
-Matrix view_odds(const std::vector<View>& views, const Vertices& points, const Vertices& normals, int labels, int column,
-                 const Indices& rival, const OddsOptions& options);
+Matrix view_odds(const std::vector<View>& views, const Vertices& points, const Vertices& normals, int labels,
+                 int column, const Indices& rival, const OddsOptions& options);
 
 struct EdgeOptions {
     double tolerance = 0, min_cosine = 0;  ///< as `visibility` has them
-    double flank = 0;     ///< share of the profile's half length beyond which its end colours are read
-    double contrast = 0;  ///< difference of RGB that makes an edge worth reading
-    double disorder = 0;  ///< share of it that prints and folds may add
-    double shift = 0;     ///< largest shift, as a share of the half length
+    double flank = 0;                      ///< share of the profile's half length beyond which its end colours are read
+    double contrast = 0;                   ///< difference of RGB that makes an edge worth reading
+    double disorder = 0;                   ///< share of it that prints and folds may add
+    double shift = 0;                      ///< largest shift, as a share of the half length
 };
 
 /// Edges along profiles of m points each, from outside in at places s (m,) [m]: columns are the sums over the views

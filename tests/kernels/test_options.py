@@ -20,6 +20,8 @@ CALLS = {
     "Raster": (kernels.raster, (V + [0, 0, 2], F, np.diag([9.0, 9, 1]), (4, 4))),
     "Occlusion": (kernels.ambient_occlusion, (V, F)),
     "Remesh": (kernels.remesh, (V, F, 0.1)),
+    "Odds": (kernels.view_odds, ([], V, V, 1, 0, np.zeros(len(V), np.int32))),
+    "Edge": (kernels.view_edges, ([], V[:3], V[:3], 1, [-0.01, 0, 0.01])),
 }
 
 
