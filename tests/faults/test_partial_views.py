@@ -61,3 +61,11 @@ def test_keypoints_of_one_camera_are_no_points_in_space(capture):
     assert np.isfinite(_points(opened, preset("draft"), frame).points).any()
     alone = replace(frame, keypoints=replace(frame.keypoints, points={"cam00": frame.keypoints.points["cam00"]}))
     assert _points(opened, preset("draft"), alone) is None
+
+
+def test_a_frame_with_neither_scan_nor_keypoints_fails_alone(capture, tmp_path):
+    """It is among the frames that the preparation samples, too."""
+    for name in ("scan.ply", "keypoints.json"):
+        (capture / "frames" / "000001" / name).unlink()
+    outcome = register(capture, tmp_path / "run", preset("draft"), (0, 1))
+    assert outcome.ok == (0,) and set(outcome.failed) == {1}

@@ -180,9 +180,12 @@ def _samples(capture, run, config, frames):
         try:
             note_frame(run, capture, number)
             frame = capture.frame(number)
-            return frame, _points(capture, config, frame)
+            points = _points(capture, config, frame)
         except Exception as error:
             return first_line(error)
+        if frame.scan is None and points is None:
+            return f"frame {number}: neither a scan nor keypoints that two cameras agree on"
+        return frame, points
 
     found = parallel_map(read, evenly(frames, config.preparation_frames))
     samples = [sample for sample in found if not isinstance(sample, str)]
