@@ -117,6 +117,18 @@ def test_rims_that_lie_apart_are_drawn_to_the_captures(model, shirt):
     assert max(off) < 0.07  # neck and hem are left to the frames
 
 
+def test_a_hem_below_the_crotch_is_that_about_both_thighs(model, shirt):
+    """The body's surface that carries a long shirt ends about each thigh, in two rims for one hem."""
+    V = shirt.vertices.copy()
+    low = V[:, 2] < 0.3
+    V[low, 2] = 0.3 - 2.2 * (0.3 - V[low, 2])
+    hem = V[:, 2].min()
+    region = worn(model, low=hem)
+    assert len(kernels.boundary_loops(region.faces)) == 5
+    mesh, said = placed(model, Mesh(V, shirt.faces), region)
+    assert np.array_equal(mesh.vertices, V) and said == []
+
+
 def test_a_long_sleeve_is_refused_with_both_lengths(model, shirt):
     with pytest.raises(UserError, match=r"loop sleeve_\w+ .*ends 0\.\d+ m from upperarm01.*ends 0\.\d+ m.*another cut"):
         placed(model, shirt, worn(model, arm=0.52))

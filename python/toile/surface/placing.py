@@ -188,7 +188,10 @@ def _rims_drawn(model, garment, V, F, region, s):
         rim = rims[pairs[name]]
         share = loop_length(rim) / loop_length(at)
         gaps[name] = distance_to_polyline(at, rim).mean()
-        if not s.size[0] <= share <= s.size[1] or gaps[name] > s.rim_reach:
+        nearest = np.min([distance_to_polyline(at, other) for other in rims], axis=0).mean()
+        if nearest < s.rim_near:  # in parts, where one rim of the cloth lies about two limbs of the body
+            gaps[name] = min(gaps[name], nearest)
+        elif not s.size[0] <= share <= s.size[1] or gaps[name] > s.rim_reach:
             raise UserError(_other_cut(model, garment, name, at, rim))
         drawn = gaps[name] > s.rim_near
         targets.append(match_loops([at], [Curve(rim, True)], s.loop)[0][0].target if drawn else at)
