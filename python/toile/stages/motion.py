@@ -94,8 +94,8 @@ class Smoother:
         return Roughness(total, count)
 
     def smooth(self, frames: Sequence[Layers], strengths: Strengths) -> list[Layers]:
-        """The frames again, smoothed."""
-        if len(frames) < 3:
+        """The frames again, smoothed; to the bit as they were where nothing is known of their noise."""
+        if len(frames) < 3 or not strengths.strength.any():
             return list(frames)
         strength, noise = strengths.strength, strengths.noise
         turns, moves = self._smooth_pose([tracked for tracked, _ in frames], strength)
