@@ -52,3 +52,13 @@ def test_what_all_frames_err_by_alike_is_no_slip_also_of_a_garment_that_turns():
         slip.add((0.005 + shake) * normal, R.apply(V), F)
     found = slip.measures()
     assert found["shared_mm"] == pytest.approx(5, rel=1e-3) and found["slip_mm"] == pytest.approx(2, rel=1e-3)
+
+
+def test_the_slip_of_a_fine_garment_is_that_of_some_of_its_vertices_and_of_one_frame_unknown():
+    V, F = sphere(60, 120, 0.3)
+    slip = Slip()
+    slip.add(0.005 * V / 0.3, V, F)
+    assert slip.measures() == {"slip_mm": None, "shared_mm": None}
+    slip.add(0.007 * V / 0.3, V, F)
+    assert slip.measures() == pytest.approx({"slip_mm": 1.0, "shared_mm": 6.0}, rel=1e-3)
+    assert all(len(errors) <= 1000 < len(V) for errors in slip.errors)

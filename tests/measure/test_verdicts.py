@@ -114,6 +114,13 @@ def test_little_of_a_body_that_only_the_scan_shows_is_doubtful():
     assert verdict(FINE | {"observed": 0.2, "keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
 
 
+def test_a_garment_that_was_hardly_found_is_no_good_whatever_shows_the_body():
+    shown = FINE | {"keypoint_mm": 10.0, "silhouette_iou": 0.97}
+    assert verdict(shown | {"shirt.garment_observed": 0.6}, SETTINGS)[0] == GOOD
+    assert verdict(shown | {"shirt.garment_observed": 0.2}, SETTINGS)[0] == DOUBTFUL
+    assert verdict(shown | {"shirt.garment_observed": 0.0}, SETTINGS)[0] == WRONG
+
+
 def test_a_frame_without_a_scan_is_doubtful_at_best():
     level, reasons = verdict({"observed": 0.0, "keypoint_mm": 5.0}, SETTINGS)
     assert level >= DOUBTFUL and any("no scan" in reason for reason in reasons)
@@ -125,6 +132,6 @@ def test_every_registered_frame_has_a_verdict_and_its_measures(sample_run):
     for number in run.ok:
         found = run.diagnostics.at(number)
         assert found["verdict"] == run.verdict[run.row(number)] == verdict(found["evidence"], SETTINGS)[0]
-        assert found["evidence"]["tshirt.observed"] > 0.5
+        assert found["evidence"]["tshirt.garment_observed"] > 0.5
     counts = evaluate(run)["all"]["verdicts"]
     assert sum(counts.values()) == 4 and counts["wrong"] == 0

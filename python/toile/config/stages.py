@@ -337,6 +337,9 @@ class VerdictSettings(Settings):
     observed: tuple[float, float] = setting(
         (0.4, 0.1), "1", "share of the body's surface found on the scan, at least, where nothing else shows the body"
     )
+    garment_observed: tuple[float, float] = setting(
+        (0.3, 0.1), "1", "share of a garment's vertices found on the labelled scan, at least"
+    )
     garment_mm: tuple[float, float] = setting(
         (10.0, 30.0), "mm", "a garment and the labelled scan, mean distance from the side that is nearer"
     )

@@ -26,10 +26,12 @@ def evidence(frame, cameras, model, vertices, joints, confidence, outside):
         out["surface_to_scan_mm"] = _spread(1e3 * scan.index.closest(vertices[outside])[3], "mean")
         out["scan_to_surface_mm"] = _spread(1e3 * skin.closest(scan.vertices[np.unique(scan.faces)])[3], "mean")
     if frame.keypoints is not None:
-        out["keypoint_px"] = _spread(_reprojection(frame.keypoints, cameras, model, vertices, joints), "median")
+        found = frame.keypoints
+        pixels, _ = keypoint_errors(found.names, found.points, cameras, model, vertices, joints)
+        out["keypoint_px"] = _spread(pixels, "median")
     if frame.masks:
-        found = [_iou(cameras[name], mask, vertices, model.skin_faces) for name, mask in frame.masks.items()]
-        out["silhouette_iou"] = float(np.mean(found))
+        shown = {name: DepthView(cameras[name], vertices, model.skin_faces).face >= 0 for name in frame.masks}
+        out["silhouette_iou"] = float(np.mean([overlap(shown[name], mask) for name, mask in frame.masks.items()]))
     return out
 
 
@@ -51,19 +53,22 @@ def _spread(values, middle):
     return {middle: float(getattr(np, middle)(values)), "p95": float(np.percentile(values, 95))}
 
 
-def _reprojection(keypoints, cameras, model, vertices, joints):
-    """Distances (k,) [px] between the model's keypoints and those of the same name that were seen."""
+def keypoint_errors(names, views, cameras, model, vertices, joints):
+    """Distances (k,) between the model's keypoints and those of the same name that were seen, over all `views`
+    {camera: (len(names),3)}: in pixels, and in millimetres at the keypoints' depth."""
     places = dict(zip(model.keypoint_names, model.keypoints(vertices, joints)))
-    known = [i for i, name in enumerate(keypoints.names) if name in places]
-    points = np.array([places[keypoints.names[i]] for i in known]).reshape(-1, 3)
-    distances = [np.zeros(0)]
-    for name, found in keypoints.points.items():
-        seen = found[known, 2] > UNSEEN
-        distances.append(np.linalg.norm(cameras[name].project(points)[0] - found[known, :2], axis=1)[seen])
-    return np.concatenate(distances)
+    known = [i for i, name in enumerate(names) if name in places]
+    points = np.array([places[names[i]] for i in known]).reshape(-1, 3)
+    pixels, millimetres = [np.zeros(0)], [np.zeros(0)]
+    for name, found in views.items():
+        at, depth = cameras[name].project(points)
+        seen = (found[known, 2] > UNSEEN) & (depth > 0)
+        off = np.linalg.norm(at - found[known, :2], axis=1)[seen]
+        pixels.append(off)
+        millimetres.append(1e3 * off * depth[seen] / cameras[name].K[0, 0])
+    return np.concatenate(pixels), np.concatenate(millimetres)
 
 
-def _iou(camera, mask, V, F):
-    """Intersection over union of a mask (H,W) and the surface's silhouette in the same picture."""
-    covered = DepthView(camera, V, F).face >= 0
-    return (covered & mask).sum() / max((covered | mask).sum(), 1)
+def overlap(a, b):
+    """Intersection over union of two masks (H,W)."""
+    return (a & b).sum() / max((a | b).sum(), 1)

@@ -9,11 +9,11 @@ import numpy as np
 from .. import kernels
 from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
+from .evidence import keypoint_errors, overlap
 
 VERTICES = 2000  # of a surface, that look for the scan
 OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm")  # how the posed body lies before it is bent to the scan
 STEP = 4  # every so many faces are asked for their stretch
-UNSEEN = 0.1  # a keypoint of less confidence counts as unseen
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ def judge(seen, cameras, model, person, tracked, worn, settings) -> tuple[dict[s
 def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, float]:
     """How well layers explain a Glimpse, from both sides; what the frame lacks is left out.
 
-    `body`: the tracked JudgedLayer, `joints` (K,3) its joints; `garments`: Layers. observed: share of the body's vertices found
+    `body`: the tracked JudgedLayer, `joints` (K,3) its joints; `garments`: JudgedLayers. observed: share of the body's vertices found
     on the scan. scan_to_surface_mm, surface_to_scan_mm: mean, and what 95 % stay below (_p95_mm); the second to the
     scan's points with their normals. keypoint_px: of the model's keypoints and those detected, all cameras, median and
     p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. Of a garment NAME:
-    NAME.observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95. What only
+    NAME.garment_observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95. What only
     one of two lacks, the scan by a hole or the body by clutter, is no fault: two_sided_mm and NAME.garment_mm are the
     smaller of the two means.
     """
@@ -61,13 +61,14 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
         out |= _spread("surface_to_scan", "mm", 1e3 * _to_points(seen, None, body), np.mean)
         out["two_sided_mm"] = min(out["scan_to_surface_mm"], out["surface_to_scan_mm"])
     if seen.keypoints.size:
-        pixels, millimetres = _reprojection(seen, cameras, model, body.vertices, joints)
+        views = dict(zip(seen.keypoint_views, seen.keypoints))
+        pixels, millimetres = keypoint_errors(seen.keypoint_names, views, cameras, model, body.vertices, joints)
         if len(pixels):
             out |= _spread("keypoint", "px", pixels, np.median) | _spread("keypoint", "mm", millimetres, np.median)
     if len(seen.mask_views):
         out["silhouette_iou"] = float(np.mean(list(_silhouettes(seen, cameras, body))))
     for layer in garments:
-        out[f"{layer.name}.observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
+        out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
         own = seen.points[seen.labels == layer.label]
         if len(own):
             cloth = kernels.SurfaceIndex(layer.vertices, layer.faces)
@@ -107,7 +108,7 @@ def _said_by_others(key, measures, settings):
     ]
     if key in ("two_sided_mm", "astray"):
         return all(agree)
-    return key.endswith("observed") and (key != "observed" or "keypoint_mm" in measures or "silhouette_iou" in measures)
+    return key == "observed" and ("keypoint_mm" in measures or "silhouette_iou" in measures)
 
 
 def _limits(s):
@@ -120,6 +121,7 @@ def _limits(s):
         "keypoint_mm": (*s.keypoint_mm, "half of the keypoints are more than {} mm off"),
         "silhouette_iou": (*s.silhouette_iou, "silhouette and masks overlap by {}"),
         "observed": (*s.observed, "{} of the surface was found on the scan, and nothing else shows it"),
+        "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
         "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
@@ -180,21 +182,6 @@ def _to_points(seen, label, layer):
     return np.hypot(across, np.maximum(along - seen.spacing, 0))
 
 
-def _reprojection(seen, cameras, model, vertices, joints):
-    """Distances between the model's keypoints and those detected [px], and times depth over focal length [mm]."""
-    places = dict(zip(model.keypoint_names, model.keypoints(vertices, joints)))
-    known = [i for i, name in enumerate(seen.keypoint_names) if name in places]
-    points = np.array([places[seen.keypoint_names[i]] for i in known]).reshape(-1, 3)
-    pixels, millimetres = [np.zeros(0)], [np.zeros(0)]
-    for name, found in zip(seen.keypoint_views, seen.keypoints):
-        at, depth = cameras[name].project(points)
-        there = (found[known, 2] > UNSEEN) & (depth > 0)
-        off = np.linalg.norm(at - found[known, :2], axis=1)[there]
-        pixels.append(off)
-        millimetres.append(1e3 * off * depth[there] / cameras[name].K[0, 0])
-    return np.concatenate(pixels), np.concatenate(millimetres)
-
-
 def _silhouettes(seen, cameras, body):
     """Intersection over union of each kept mask and the surface's silhouette."""
     masks = np.split(seen.masks, np.cumsum(seen.mask_sizes.prod(1))[:-1])
@@ -205,5 +192,4 @@ def _silhouettes(seen, cameras, body):
         moved = np.concatenate([camera.distort(p[:, :2] / z) * z, p[:, 2:]], axis=1)
         K = camera.K / [[step], [step], [1]]
         covered = kernels.raster(moved, body.faces, K, tuple(int(side) for side in size)).face >= 0
-        mask = mask.reshape(size)
-        yield (covered & mask).sum() / max((covered | mask).sum(), 1)
+        yield overlap(covered, mask.reshape(size))
