@@ -380,7 +380,9 @@ def _last_stage(prepared, number, results, made) -> Iterator[None]:
         yield
     else:
         found = found[:1]
+    start = time.perf_counter()
     made[number] = found, _judged(prepared, number, results, *found)
+    results.status.add(frame=number, stage="verdict", seconds=time.perf_counter() - start, ok=True)
 
 
 def _measured(tracked, segmented=None, dressed=None, layer=None):
