@@ -35,7 +35,7 @@ def pytest_runtest_setup(item):
         pytest.skip(f"not run: {max(left, 0):.0f} s are left of --time-budget, it takes about {seconds_of(item)} s")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def shared_data():
     """Real data that lies beside a checkout and is never part of it; a test that needs it is skipped elsewhere."""
     folder = Path(__file__).parents[1].parent / "shared" / "data"

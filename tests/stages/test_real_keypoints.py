@@ -52,10 +52,8 @@ def keypoints_of(folder, number):
 
 
 @pytest.fixture(scope="module")
-def data():
-    folder = Path(__file__).parents[3] / "shared" / "data" / "pose2sim_calibrated_video"
-    if not folder.is_dir():
-        pytest.skip("the real data are not beside this checkout")
+def data(shared_data):
+    folder = shared_data / "pose2sim_calibrated_video"
     cameras = cameras_of(folder)
     return cameras, [keypoints_of(folder, number) for number in (20, 40, 60, 80)]
 

@@ -17,16 +17,17 @@ def made(body, cut):
 def test_the_template_is_wider_and_shorter_than_the_garment_and_clear_of_the_mean_body(body, cut, made):
     from toile.studio.cut import cut_skin
     from toile.studio.garment import named_loops
-    from toile.studio.patterns import SHORTER, WIDER, girth, shirt_worn
+    from toile.studio.patterns import SHORTER, WIDER, shirt_worn
     from toile.studio.truth import clearance, pairs_between
+    from toile.surface.loops import loop_length
 
     (V, F), (mesh, *_, mean) = cut, made
     T, P = mesh.faces, mesh.vertices
     mine, theirs = named_loops(P, T), named_loops(V, F)
     assert pairs_between(mean.rest, mean.skin_faces, P, T) == 0 and clearance(P, mean.rest, mean.skin_faces) > 0.003
     skins = [cut_skin(b, shirt_worn(V, F, body, SHORTER), 0.012) for b in (body, mean)]
-    bodies = [girth(S, named_loops(S, SF)["hem"]) for S, SF in skins]
-    assert abs(girth(P, mine["hem"]) / bodies[1] - WIDER * girth(V, theirs["hem"]) / bodies[0]) < 0.03
+    bodies = [loop_length(S[named_loops(S, SF)["hem"]]) for S, SF in skins]
+    assert abs(loop_length(P[mine["hem"]]) / bodies[1] - WIDER * loop_length(V[theirs["hem"]]) / bodies[0]) < 0.03
     length = lambda X, loops, b: (X[loops["neck"], 2].mean() - X[loops["hem"], 2].mean()) / np.ptp(b.rest[:, 2])
     assert abs(length(P, mine, mean) / length(V, theirs, body) - SHORTER) < 0.02
 

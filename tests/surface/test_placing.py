@@ -22,7 +22,6 @@ from toile.surface.operators import compact, distance_to_polyline
 from toile.surface.placing import check_near_body, place_template
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
-DATA = Path(__file__).parents[3] / "shared" / "data"
 QUARTER = Rotation.from_euler("z", 90, degrees=True).as_matrix()
 Y_UP = Rotation.from_euler("x", -90, degrees=True).as_matrix()
 
@@ -146,34 +145,31 @@ def test_what_is_covered_must_lie_on_the_body(model, shirt):
         check_near_body(model, "tshirt", Mesh(10 * shirt.vertices, shirt.faces), PlacementSettings())
 
 
-def foreign(name):
+def foreign(name, data):
     """A foreign T-shirt as it comes."""
     if name == "diffcloth":
-        return read_template(DATA / "diffcloth_tshirt" / "0.obj", "shirt").mesh
-    whole = read_mesh(DATA / "makehuman_clothes" / name / f"{name}.obj")
+        return read_template(data / "diffcloth_tshirt" / "0.obj", "shirt").mesh
+    whole = read_mesh(data / "makehuman_clothes" / name / f"{name}.obj")
     part = kernels.vertex_components(whole.faces, len(whole.vertices))[whole.faces[:, 0]]
     V, F = compact(whole.vertices, whole.faces[part == 0])
     return Mesh(V, F)
 
 
 FOREIGN = ("male_casualsuit04", "female_casualsuit01", "diffcloth")
-present = pytest.mark.skipif(not DATA.exists(), reason="no ../shared/data beside the project")
 
 
-@present
 @pytest.mark.parametrize("name", FOREIGN)
-def test_foreign_shirts_are_laid_on_the_body_from_their_own_units_and_axes(model, region, name):
-    mesh, said = placed(model, foreign(name), region)
+def test_foreign_shirts_are_laid_on_the_body_from_their_own_units_and_axes(model, region, name, shared_data):
+    mesh, said = placed(model, foreign(name, shared_data), region)
     assert region.index.closest(mesh.vertices)[3].mean() < 0.03
     assert "scaled by 0.1, its axes x y z taken as +x +z -y" in said[0]
 
 
-@present
 @pytest.mark.slow(seconds=60)
 @pytest.mark.parametrize("name", FOREIGN)
-def test_foreign_shirts_are_registered(name, tmp_path):
+def test_foreign_shirts_are_registered(name, shared_data, tmp_path):
     capture = shutil.copytree(SAMPLE, tmp_path / "capture")
-    write_mesh(capture / "templates" / "tshirt.obj", foreign(name))
+    write_mesh(capture / "templates" / "tshirt.obj", foreign(name, shared_data))
     outcome = register(capture, tmp_path / "run", quality="draft", frames=(0, 3))
     assert outcome.ok == (0, 3) and any("scaled by 0.1" in warning for warning in outcome.warnings)
     shirt = evaluate(tmp_path / "run")["all"]["garment"]["tshirt"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..io.body import load_body_model
 from ..scene import Mesh
+from ..surface.loops import loop_length
 from ..surface.operators import smooth_on
 from ..surface.transfer import move_with_body, unwrap
 from . import cut
@@ -81,13 +82,10 @@ def wanted_girths(V, T, skin_V, skin_T, cloth_rest, draped, F):
     loops, lengths = [], []
     for mine, skin in pairs_of_loops(V, T, skin_V, skin_T):
         loops.append(mine)
-        lengths.append(WIDER * girth(cloth_rest, true[tuple(skin)]) / girth(skin_V, skin) * girth(V, mine))
+        lengths.append(
+            WIDER * loop_length(cloth_rest[true[tuple(skin)]]) / loop_length(skin_V[skin]) * loop_length(V[mine])
+        )
     return loops, np.array(lengths)
-
-
-def girth(V, loop):
-    """Length of a cycle of vertices [m]."""
-    return float(np.linalg.norm(np.roll(V[loop], -1, 0) - V[loop], axis=1).sum())
 
 
 def stood_off(V, T, loops, lengths, drop, body):
@@ -100,7 +98,7 @@ def stood_off(V, T, loops, lengths, drop, body):
     N /= np.linalg.norm(N, axis=1, keepdims=True)
     off, out = np.zeros(len(loops)), V
     for _ in range(ROUNDS):  # smoothing draws loops together
-        off = np.clip(off + (lengths - [girth(out, c) for c in loops]) / (2 * np.pi), CLEAR, LOOSEST)
+        off = np.clip(off + (lengths - [loop_length(out[c]) for c in loops]) / (2 * np.pi), CLEAR, LOOSEST)
         values = np.repeat(off, [len(c) for c in loops])[:, None]
         out = cut.hung(V + igl.harmonic(V, T.astype(np.int64), known, values, 1).reshape(-1, 1) * N, drop)
         out = cut.lifted(out, T, (body.rest, body.skin_faces), CLEAR)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ..config import Settings, setting
 
 
@@ -40,7 +38,5 @@ def chosen(truth: str, amounts: Hard) -> Hard:
     if truth == "hard":
         return amounts
     parts = () if truth == "plain" else truth.split("+")
-    values: dict[str, Any] = PLAIN.model_dump()
-    for part in parts:
-        values[part] = amounts.model_dump()[part] if part in values else values[part]
-    return Hard(**values)
+    asked = amounts.model_dump()
+    return Hard(**PLAIN.model_dump() | {part: asked[part] for part in parts})

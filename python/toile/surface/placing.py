@@ -4,9 +4,9 @@ its units, axes, place and sides are found or it is refused, and its rims are dr
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .. import kernels
 from ..errors import UserError
@@ -154,11 +154,7 @@ def _distance(placement):
 
 def _rotations():
     """The 24 rotations that take axes to axes, none first."""
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            R = np.diag(signs)[:, list(order)]
-            if np.linalg.det(R) > 0:
-                yield R
+    return sorted(np.rint(Rotation.create_group("O").as_matrix()), key=lambda R: -np.trace(R))
 
 
 def _looks_inwards(V, F, region):
