@@ -14,6 +14,7 @@ import zipfile
 import zlib
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ..errors import UserError
 from ..kernels.arrays import Anything
 
 TEXT_BYTES = 256 << 20
+XML_BYTES = 64 << 20
 ARRAY_BYTES = 2 << 30  # of all arrays of one .npz, inflated
 MESH_BYTES = 1 << 30
 
@@ -80,6 +82,19 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         raise UserError(f"{path}: not TOML: nested too deeply") from None
     except ValueError as error:
         raise UserError(f"{path}: not TOML: {error}") from None
+
+
+def read_xml(path: Path | str) -> Element:
+    """The root of an XML file, which may declare no entities."""
+    from xml.etree import ElementTree
+
+    text = read_bytes(path, XML_BYTES)
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise UserError(f"{path}: declares a document type or entities, which is not read")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
+        raise UserError(f"{path}: not XML: {reason_of(error)}") from None
 
 
 def read_npz(path: Path | str, most: int = ARRAY_BYTES, names: Any = None) -> dict[str, Anything]:

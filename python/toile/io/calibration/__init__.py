@@ -1,0 +1,60 @@
+"""Calibrations of other programs, one file a format: each says what it takes and what it leaves.
+
+A reader gives {name: Camera} in toile's convention and in the file's own unit of length; width and height are 0 where the
+file does not say them, and the pictures tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import UserError
+from ...scene import Camera
+from . import colmap, lists, metashape, opencv, pose2sim, qualisys
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A format: the files it is known by, its reader, and the unit of length that it is written in, "" for any."""
+
+    names: tuple[str, ...]  # patterns
+    read: Callable[[Path], dict[str, Camera]]
+    units: str = ""
+    many: bool = False  # a file a camera: any of them stands for all
+
+
+KINDS = {
+    "opencv": Kind(opencv.NAMES, opencv.read, many=True),
+    "colmap": Kind(colmap.NAMES, colmap.read),
+    "metashape": Kind(metashape.NAMES, metashape.read),
+    "qualisys": Kind(qualisys.NAMES, qualisys.read, "mm"),
+    "pose2sim": Kind(pose2sim.NAMES, pose2sim.read, "m"),
+    "lists": Kind(lists.NAMES, lists.read),
+}
+PLACES = ("", "calibration", "calib", "cameras", "sparse/0", "sparse")  # below a folder that holds a capture
+
+
+def find_calibration(kind: str, source: Path) -> Path:
+    """The calibration file of this kind: `source` itself, or the only one in that folder and its usual places."""
+    if source.is_file():
+        return source
+    if not source.is_dir():
+        raise UserError(f"{source}: no such file or folder")
+    for place in PLACES:
+        for pattern in KINDS[kind].names:
+            found = sorted(p for p in (source / place).glob(pattern) if p.is_file())
+            if len(found) > 1 and not KINDS[kind].many:
+                raise UserError(f"{source}: {found[0].name} and {found[1].name} may both be the calibration: name one")
+            if found:
+                return found[0]
+    raise UserError(f"{source}: no calibration of kind '{kind}' ({', '.join(KINDS[kind].names)})")
+
+
+def read_calibration(kind: str, path: Path) -> dict[str, Camera]:
+    """{name: Camera} of a calibration file, translations in its own unit. UserError names the file and the field."""
+    cameras = KINDS[kind].read(path)
+    if not cameras:
+        raise UserError(f"{path}: no camera in it")
+    return cameras

@@ -1,0 +1,95 @@
+"""Numbers of a calibration become a Camera, or a UserError that names the file and the field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import UserError
+from ...kernels.arrays import Anything, Floats
+from ...scene import Camera
+from ..image import MAX_PIXELS
+
+ROUNDED = 2e-3  # how far a rotation may be from orthonormal: files round to four digits
+HALF = 0.5  # from pixel centres at whole numbers (OpenCV) to centres at halves
+
+
+def numbers(path: Path, field: str, value: Any, *shapes: tuple[int, ...]) -> Floats:
+    """`value` as finite float64 of the first of `shapes` that has as many numbers."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.full(1, np.nan)
+    wanted = " or ".join(map(str, shapes))
+    if not np.isfinite(array).all():
+        raise UserError(f"{path}: {field}: expected finite numbers of shape {wanted}")
+    for shape in shapes:
+        if array.size == np.prod(shape):
+            return array.reshape(shape)
+    raise UserError(f"{path}: {field}: {array.size} numbers, expected {wanted}")
+
+
+def rotation(path: Path, field: str, value: Any) -> Floats:
+    """(3,3), from nine numbers or from a rotation vector of three (Rodrigues), made orthonormal to the last digit."""
+    from scipy.spatial.transform import Rotation
+
+    R = numbers(path, field, value, (3, 3), (3,))
+    if R.shape == (3,):
+        return Rotation.from_rotvec(R).as_matrix()
+    if np.abs(R @ R.T - np.eye(3)).max() > ROUNDED:
+        raise UserError(f"{path}: {field}: not a rotation")
+    if np.linalg.det(R) < 0:
+        raise UserError(f"{path}: {field}: a mirrored rotation (determinant -1)")
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
+
+
+def rigid(R: Anything, t: Anything) -> Floats:
+    """(4,4) that maps x to R x + t."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, t
+    return T
+
+
+def inverse(T: Anything) -> Floats:
+    """Of a rigid motion."""
+    return rigid(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+
+
+def intrinsics(fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) -> Floats:
+    """K (3,3)"""
+    return np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1.0]])
+
+
+def make_camera(
+    path: Path, name: str, size: tuple[int, int], K: Anything, distortion: Any, T_camera_world: Anything
+) -> Camera:
+    """A Camera whose K has pixel centres at halves; `size` (height, width), zeros where unknown. Coefficients beyond OpenCV's
+    first five must be zero."""
+    if name != Path(name).name or name.startswith(".") or not name.isprintable():
+        raise UserError(f"{path}: camera {name!r}: its name cannot be a file's")
+    where = f"{path}: camera '{name}'"
+    given = numbers(path, f"camera '{name}': distortion", distortion, (np.size(distortion),))
+    if np.any(given[5:]):
+        raise UserError(f"{where}: distortion {given[5:].tolist()} beyond k1 k2 p1 p2 k3: undistort the pictures first")
+    bend = np.zeros(5)
+    bend[: min(len(given), 5)] = given[:5]
+    height, width = (int(n) for n in size)
+    if K[0, 0] <= 0 or K[1, 1] <= 0 or abs(K[2, 2] - 1) > 1e-9 or np.any(K[2, :2]) or K[1, 0]:
+        raise UserError(f"{where}: K: not an intrinsic matrix of positive focal lengths whose last row is 0 0 1")
+    if min(height, width) < 0 or (height == 0) != (width == 0):
+        raise UserError(f"{where}: size {width} x {height}")
+    if width * height > MAX_PIXELS:
+        raise UserError(f"{where}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
+    if not all(np.isfinite(a).all() for a in (K, T_camera_world)):
+        raise UserError(f"{where}: K or its pose is not finite")
+    return Camera(name, width, height, np.asarray(K, float), bend, np.asarray(T_camera_world, float))
+
+
+def add(path: Path, cameras: dict[str, Camera], camera: Camera) -> None:
+    """Into `cameras` under its name, which may be there once."""
+    if camera.name in cameras:
+        raise UserError(f"{path}: camera '{camera.name}' stands there twice")
+    cameras[camera.name] = camera

@@ -1,0 +1,88 @@
+"""Metashape's camera export (File > Export > Export Cameras, Agisoft XML).
+
+The principal point (cx, cy) is an offset from the picture's middle (w/2, h/2), in which pixel centres are at halves; p1 and
+p2 stand the other way round than OpenCV's:
+
+    x' = x (1 + k1 r2 + k2 r4 + k3 r6) + p1 (r2 + 2 x2) + 2 p2 x y      u = w/2 + cx + x' (f + b1) + y' b2
+    y' = y (1 + k1 r2 + k2 r4 + k3 r6) + p2 (r2 + 2 y2) + 2 p1 x y      v = h/2 + cy + y' f
+
+(Metashape Professional manual, appendix "Camera models"). A camera's `transform` takes its frame to the chunk's, the
+component's or chunk's `transform` (scale, rotation, translation) that to the world's.
+
+Taken: sensors of type frame, cameras with a transform. Left: cameras without one, masters' layers, markers, references.
+Refused: k4, p3, p4 that are not zero, other lens types.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ...errors import UserError
+from ...kernels.arrays import Floats
+from ...scene import Camera
+from ..bounded import read_xml
+from .checked import add, intrinsics, inverse, make_camera, numbers, rigid, rotation
+
+NAMES = ("*.xml",)
+WORLD = ("scale", "rotation", "translation")
+
+
+def read(path: Path) -> dict[str, Camera]:
+    """{label without ending: Camera}, in units of the chunk's world (metres where it has a scale)."""
+    chunk = read_xml(path).find("chunk")
+    if chunk is None:
+        raise UserError(f"{path}: no <chunk>: not a camera export of Metashape")
+    sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
+    worlds = {c.get("id"): _world(path, c.find("transform")) for c in chunk.findall("components/component")}
+    whole = _world(path, chunk.find("transform"))
+    cameras: dict[str, Camera] = {}
+    for camera in chunk.iter("camera"):
+        placed = camera.findtext("transform")
+        if placed is None:
+            continue  # not aligned
+        name = Path(camera.get("label", "")).stem
+        sensor = sensors.get(camera.get("sensor_id"))
+        if sensor is None:
+            raise UserError(f"{path}: camera '{name}': no sensor {camera.get('sensor_id')}")
+        T = numbers(path, f"camera '{name}': transform", placed.split(), (4, 4))
+        T = rigid(rotation(path, f"camera '{name}': transform", T[:3, :3]), T[:3, 3])
+        scale, R, t = worlds.get(camera.get("component_id")) or whole
+        pose = rigid(R @ T[:3, :3], scale * R @ T[:3, 3] + t)
+        add(path, cameras, make_camera(path, name, *_lens(path, name, sensor), inverse(pose)))
+    return cameras
+
+
+def _lens(path: Path, name: str, sensor: Element) -> tuple[tuple[int, int], Floats, Floats]:
+    """(height, width), K, distortion of a sensor."""
+    if sensor.get("type", "frame") != "frame":
+        raise UserError(f"{path}: camera '{name}': a sensor of type {sensor.get('type')!r} is not read, only 'frame'")
+    adjusted = [c for c in sensor.findall("calibration") if c.get("class", "adjusted") == "adjusted"]
+    if not adjusted:
+        raise UserError(f"{path}: camera '{name}': its sensor has no adjusted calibration")
+    resolution = adjusted[0].find("resolution")
+    resolution = sensor.find("resolution") if resolution is None else resolution
+    if resolution is None:
+        raise UserError(f"{path}: camera '{name}': its sensor has no resolution")
+    size = [resolution.get(side) for side in ("height", "width")]
+    height, width = numbers(path, f"camera '{name}': resolution", size, (2,)).astype(int).tolist()
+
+    def of(field: str) -> Any:
+        return numbers(path, f"camera '{name}': {field}", adjusted[0].findtext(field, "0"), (1,))[0]
+
+    beyond = [field for field in ("k4", "p3", "p4") if of(field)]
+    if beyond:
+        raise UserError(f"{path}: camera '{name}': {', '.join(beyond)} are not zero: export undistorted pictures")
+    K = intrinsics(of("f") + of("b1"), of("f"), width / 2 + of("cx"), height / 2 + of("cy"), of("b2"))
+    return (height, width), K, np.array([of(field) for field in ("k1", "k2", "p2", "p1", "k3")])
+
+
+def _world(path: Path, element: Element | None) -> tuple[float, Floats, Floats]:
+    """Scale, rotation, translation from the chunk's frame to the world's."""
+    found = {name: None if element is None else element.findtext(name) for name in WORLD}
+    scale = numbers(path, "transform.scale", found["scale"] or "1", (1,))[0]
+    R = rotation(path, "transform.rotation", (found["rotation"] or "1 0 0 0 1 0 0 0 1").split())
+    return scale, R, numbers(path, "transform.translation", (found["translation"] or "0 0 0").split(), (3,))
