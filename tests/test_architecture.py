@@ -43,6 +43,7 @@ DOORS = {
     "studio/command",
     "align/command",
     "config/command",
+    "io/command",
 }
 TORCH = {"avatar", "studio"}
 HEAVY = {"torch", "anny", "newton", "warp", "mitsuba"}

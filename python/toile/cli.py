@@ -275,6 +275,7 @@ def main():
     from .align.command import align
     from .avatar.command import train
     from .config.command import settings
+    from .io.command import import_capture
     from .kernels import InputError
     from .studio.command import studio
 
@@ -282,6 +283,7 @@ def main():
     app.command()(train)
     app.command()(studio)
     app.command()(settings)
+    app.command("import")(import_capture)
     try:
         code = app(standalone_mode=False)
         if code == STOPPED:  # typer's answer to Ctrl-C

@@ -26,6 +26,19 @@ def read_rgba(path: Path | str) -> Anything:
         return np.array(ImageOps.exif_transpose(image).convert("RGBA"))
 
 
+def image_header(path: Path | str) -> tuple[tuple[int, int], str]:
+    """(height, width) and pillow's mode of a picture, of which only the header is read."""
+    with _opened(path) as image:
+        width, height = image.size
+        return (height, width), image.mode
+
+
+def one_channel(path: Path) -> Anything:
+    """(H,W) uint8: the brightest channel of each pixel of a mask that was saved in colour."""
+    with _opened(path) as image:
+        return np.array(image.convert("RGB")).max(2)
+
+
 def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
     """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
     with _opened(path) as image:

@@ -1,0 +1,67 @@
+"""The command `toile import`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+KINDS_HELP = "opencv, colmap, metashape, qualisys, pose2sim or lists: a calibration with pictures about it"
+
+
+def import_capture(
+    kind: Annotated[str, typer.Argument(help=KINDS_HELP)],
+    source: Annotated[Path, typer.Argument(help="a folder, or the calibration's file in it")],
+    out: Annotated[Path, typer.Argument(help="the capture, a new folder")],
+    images: Annotated[Path | None, typer.Option(help="pictures, if not in a folder called images")] = None,
+    masks: Annotated[Path | None, typer.Option(help="masks, if not in a folder called masks")] = None,
+    labels: Annotated[Path | None, typer.Option(help="label images, if not in a folder called labels")] = None,
+    keypoints: Annotated[Path | None, typer.Option(help="OpenPose's JSON, if not in keypoints, pose, openpose")] = None,
+    scans: Annotated[Path | None, typer.Option(help="a mesh a frame, if not in scans or meshes")] = None,
+    videos: Annotated[Path | None, typer.Option(help="a film a camera, if not in videos")] = None,
+    skeleton: Annotated[str, typer.Option(help="the keypoints' list, such as body_25 or body_25b")] = "",
+    units: Annotated[str, typer.Option(help="of calibration and scans: m, dm, cm, mm, or metres a unit")] = "",
+    up: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z; default what the cameras hold up")] = "",
+    fps: Annotated[float, typer.Option(help="frames a second", min=1e-3, max=100_000)] = 30,
+    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    offset: Annotated[
+        list[str] | None, typer.Option(metavar="CAMERA=N", help="frame 0 is that camera's number N; repeatable")
+    ] = None,
+    cropped: Annotated[
+        bool, typer.Option("--cropped", help="pictures were cut at the right or below after calibrating")
+    ] = False,
+    copy: Annotated[bool, typer.Option("--copy", help="copy pictures in place of linking them")] = False,
+):
+    """Make a capture of somebody else's: a calibration and what lies about it, or a data set. Pictures are linked."""
+    from ..console import frame_numbers
+    from ..errors import UserError
+    from .calibration import KINDS
+    from .importing import write_capture
+    from .rig import Options, chosen, read_rig
+
+    if kind not in KINDS:
+        raise UserError(f"toile import {kind}: expected one of {', '.join(KINDS)}")
+    folders = dict(images=images, masks=masks, labels=labels, keypoints=keypoints, scans=scans, videos=videos)
+    options = Options(folders, units, up, fps, skeleton, offsets_of(offset or []), cropped)
+    found = read_rig(kind, source, options)
+    found = chosen(found, frame_numbers(frames, sorted(found.frames), step))
+    written = write_capture(found, out, f"{kind} {source}", copy)
+    typer.echo(f"{out}: {len(written.frames)} frames, {len(written.cameras)} cameras, up {written.up}")
+    for note in written.notes:
+        typer.echo(f"  {note}")
+    typer.echo(f"see what is wrong with it: toile inspect {out}")
+
+
+def offsets_of(given):
+    """["cam01=3"] -> {"cam01": 3}."""
+    from ..errors import UserError
+
+    offsets = {}
+    for text in given:
+        camera, _, number = text.rpartition("=")
+        if not camera or not number.removeprefix("-").isdecimal() or len(number) > 7:
+            raise UserError(f"--offset {text}: expected CAMERA=N")
+        offsets[camera] = int(number)
+    return offsets

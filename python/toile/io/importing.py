@@ -1,0 +1,191 @@
+"""What a reader of others' data found becomes a capture: whole or not at all, pictures linked where links do."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError
+from ..kernels.arrays import Anything, Floats
+from ..scene import Camera, Mesh
+from .files import replace_file
+from .films import decoded, film_size
+from .image import image_header, one_channel, write_image
+from .mesh import read_mesh, write_mesh
+
+Source = Path | Callable[[Path], Any]  # a file to be linked, or what writes it under a path
+CLEAR = 0.85  # cosine between the cameras' mean up direction and an axis, above which that axis is up
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A capture that is not yet written: `frames[number]` {path in the frame's folder: where it comes from}, metres."""
+
+    cameras: dict[str, Camera]
+    frames: dict[int, dict[str, Source]]
+    up: str = "z"
+    fps: float = 30.0
+    labels: dict[str, int] = field(default_factory=dict)
+    films: dict[str, tuple[Path, int]] = field(default_factory=dict)  # camera: film, its picture of frame 0
+    cropped: bool = False  # pictures may be smaller than the calibration says
+    notes: tuple[str, ...] = ()  # what was taken, turned, left: said, and kept in scene.toml
+
+
+def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Found:
+    """Writes `found` as the capture folder `out`, which must not be there or be empty; every picture's header is checked
+    against its camera. Gives back what was written. An error leaves nothing behind."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise UserError(f"{out}: is there already")
+    if not found.frames:
+        raise UserError(f"{head}: no frame with pictures, keypoints or a scan")
+    found = replace(found, cameras=_sized(found))
+
+    def write(part: Path) -> None:
+        part.mkdir()
+        for number in sorted(found.frames):
+            _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, copy)
+        for camera, (film, first) in found.films.items():
+            for index, picture in decoded(film, [number + first for number in found.frames]):
+                path = part / "frames" / f"{index - first:06d}" / "images" / f"{camera}.jpg"
+                _check_size(film, picture.shape[:2], found.cameras[camera])
+                write_image(path, picture)
+        (part / "scene.toml").write_text(_scene(found, out.resolve().name, head), encoding="utf-8")
+        (part / "cameras.json").write_text(cameras_json(found.cameras), encoding="utf-8")
+
+    replace_file(out, write)
+    return found
+
+
+def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Camera], copy: bool) -> None:
+    folder.mkdir(parents=True)
+    for name, source in sources.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(source, Path):
+            _link(source, path, copy)
+        else:
+            source(path)
+        kind, camera = path.parent.name, cameras.get(path.stem)
+        if kind in ("images", "masks", "labels") and camera is not None:
+            where = source if isinstance(source, Path) else Path(folder.name) / name
+            size, mode = image_header(source if isinstance(source, Path) else path)
+            _check_size(where, size, camera)
+            if kind == "masks" and mode not in ("L", "P", "1"):
+                grey = one_channel(path)
+                path.unlink()  # a link: what it points to stays
+                write_image(path, grey)
+
+
+def _check_size(path: Path, size: tuple[int, ...], camera: Camera) -> None:
+    if tuple(size) != camera.size:
+        raise UserError(
+            f"{path}: {size[1]} x {size[0]} pixels, the calibration of camera '{camera.name}' is for "
+            f"{camera.width} x {camera.height} (were they cut at the right or below: --cropped)"
+        )
+
+
+def _link(source: Path, path: Path, copy: bool) -> None:
+    """A hard link, where that cannot be a symbolic one; or a copy."""
+    if copy:
+        shutil.copyfile(source, path)
+        return
+    try:
+        os.link(os.path.realpath(source), path)
+    except OSError:
+        path.symlink_to(os.path.realpath(source))
+
+
+def _sized(found: Found) -> dict[str, Camera]:
+    """The cameras with the sizes that their first pictures have, where the calibration says none; with `cropped` also
+    where it says more, which were cut off at the right and below."""
+    cameras = {}
+    for name, camera in found.cameras.items():
+        if not camera.width or found.cropped:
+            pictures = (
+                sources.get(f"images/{name}{end}") for sources in found.frames.values() for end in (".jpg", ".png")
+            )
+            first = next((path for path in pictures if isinstance(path, Path)), None)
+            if first is None and name in found.films:
+                size = film_size(found.films[name][0])
+            elif first is not None:
+                size = image_header(first)[0]
+            elif camera.width:
+                size = camera.size
+            else:
+                continue  # nothing is known of it and nothing was taken by it
+            if camera.width and (size[0] > camera.height or size[1] > camera.width):
+                _check_size(Path(f"camera '{name}'"), size, camera)
+            camera = replace(camera, width=size[1], height=size[0])
+        cameras[name] = camera
+    return cameras
+
+
+def _scene(found: Found, name: str, head: str) -> str:
+    import tomli_w
+
+    table: dict[str, Any] = {"scene": {"name": name, "fps": found.fps, "units": "m", "up": found.up}}
+    if found.labels:
+        table["labels"] = found.labels
+    notes = [f"made by toile import from {head}", *found.notes]
+    return "".join(f"# {' '.join(note.split())}\n" for note in notes) + "\n" + tomli_w.dumps(table)
+
+
+def cameras_json(cameras: dict[str, Camera]) -> str:
+    """The text of cameras.json."""
+    entries = [
+        {
+            "name": c.name, "width": c.width, "height": c.height, "K": np.asarray(c.K).tolist(),
+            "distortion": np.asarray(c.distortion).tolist(), "T_camera_world": np.asarray(c.T_camera_world).tolist(),
+        }
+        for c in cameras.values()
+    ]  # fmt: skip
+    return json.dumps({"cameras": entries}, indent=1) + "\n"
+
+
+def moved(cameras: dict[str, Camera], metres: float, turn: Anything) -> dict[str, Camera]:
+    """The cameras in metres, in a world turned by `turn` (3,3)."""
+    cameras_moved = {}
+    for name, camera in cameras.items():
+        T = np.array(camera.T_camera_world)
+        T[:3, :3], T[:3, 3] = T[:3, :3] @ turn.T, metres * T[:3, 3]
+        cameras_moved[name] = replace(camera, T_camera_world=T)
+    return cameras_moved
+
+
+def moved_scan(path: Path, metres: float, turn: Anything) -> Source:
+    """A scan in metres, turned: the file itself where nothing changes and it is a PLY."""
+    if metres == 1 and np.array_equal(turn, np.eye(3)) and path.suffix.lower() == ".ply":
+        return path
+
+    def write(out: Path) -> None:
+        mesh = read_mesh(path)
+        write_mesh(out, Mesh(metres * mesh.vertices @ turn.T, mesh.faces, face_labels=mesh.face_labels))
+
+    return write
+
+
+def up_of(cameras: Iterable[Camera]) -> str:
+    """The axis ("x", ..., "-z") that the cameras' pictures hold up, on average; "" if that is no axis."""
+    up = np.sum([-camera.T_camera_world[1, :3] for camera in cameras], axis=0)
+    length = float(np.linalg.norm(up))
+    axis = int(np.abs(up).argmax())
+    if length == 0 or abs(up[axis]) < CLEAR * length:
+        return ""
+    return ("-" if up[axis] < 0 else "") + AXES[axis]
+
+
+def turned_up(up: str) -> tuple[str, Floats]:
+    """An axis that a scene may have up, and the half turn (3,3) that takes `up` there; none for "x", "y", "z"."""
+    if up in AXES:
+        return up, np.eye(3)
+    if up[:1] != "-" or up[1:] not in AXES:
+        raise UserError(f"--up {up}: expected x, y, z, -x, -y or -z")
+    return up[1:], np.diag([-1.0, -1, 1] if up == "-x" else [1.0, -1, -1])

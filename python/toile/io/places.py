@@ -1,0 +1,105 @@
+"""Which camera and frame a file of somebody's capture belongs to, told by its path.
+
+Known: CAM/000012.jpg, 000012/CAM.jpg, CAM_000012.jpg, 000012_CAM.png, CAM.png (frame 0), and these with words between
+(cam01_json/cam01.0012.json, CAM/CAM_rgb000012.jpg, CAM/0012_img.jpg), below a folder that is called after what it holds.
+Numbers may be unpadded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..errors import UserError
+
+FOLDERS = {
+    "images": ("images", "image", "rgbs", "rgb", "color", "imgs", "pictures", "frames"),
+    "masks": ("masks", "mask", "fmask", "silhouettes"),
+    "labels": ("labels",),
+    "keypoints": ("keypoints", "pose", "openpose"),
+    "scans": ("scans", "meshes"),
+    "videos": ("videos", "video"),
+}
+ENDINGS = {
+    "images": (".jpg", ".jpeg", ".png"),
+    "masks": (".png",),
+    "labels": (".png",),
+    "keypoints": (".json",),
+    "scans": (".ply", ".obj"),
+    "videos": (".mp4", ".mov", ".avi", ".mkv", ".m4v"),
+}
+MOST = 1_000_000  # frame numbers have six digits
+
+
+@dataclass
+class Placed:
+    """Files of one kind: `files[number][camera]`, and those that belong to no camera."""
+
+    files: dict[int, dict[str, Path]] = field(default_factory=dict)
+    strange: list[Path] = field(default_factory=list)
+
+
+def folder_of(source: Path, kind: str) -> Path | None:
+    """The folder in `source` that is called after what it holds; for pictures also `source` itself."""
+    found = next((source / name for name in FOLDERS[kind] if (source / name).is_dir()), None)
+    return source if found is None and kind == "images" else found
+
+
+def files_of(folder: Path, kind: str) -> list[Path]:
+    """Files of a kind below a folder, in order; for pictures not those in folders of another kind."""
+    others = {name for other in FOLDERS if other != kind for name in FOLDERS[other]}
+    found = []
+    for path in sorted(folder.rglob("*")):
+        inside = path.relative_to(folder).parts
+        hidden = any(part.startswith(".") for part in inside)
+        if path.suffix.lower() in ENDINGS[kind] and not hidden and not others & set(inside[:-1]) and path.is_file():
+            found.append(path)
+    return found
+
+
+def placed(folder: Path, kind: str, cameras: Iterable[str]) -> Placed:
+    """Files of a kind below a folder by frame and camera. UserError: two of one frame and camera, a number of seven digits."""
+    found, names = Placed(), sorted(cameras, key=len, reverse=True)
+    for path in files_of(folder, kind):
+        camera, number = place(path.relative_to(folder), names)
+        if camera is None:
+            found.strange.append(path)
+            continue
+        if number >= MOST:
+            raise UserError(f"{path}: frame {number}: frame numbers have at most six digits")
+        before = found.files.setdefault(number, {}).setdefault(camera, path)
+        if before != path:
+            raise UserError(f"{path}: camera '{camera}' has frame {number} in {before.name} too")
+    return found
+
+
+def place(path: Path, cameras: Iterable[str]) -> tuple[str | None, int]:
+    """Camera (None: of no camera) and frame number of a path; `cameras` the longest names first."""
+    parts = list(path.with_suffix("").parts)
+    camera = next((part for part in reversed(parts) if part in cameras), None)
+    if camera is None:
+        camera = next((c for part in reversed(parts) for c in cameras if _within(part, c)), None)
+    if camera is None:
+        return None, 0
+    rest = [re.sub(rf"(?<![^\W_]){re.escape(camera)}(?![^\W_])", " ", part) for part in parts]
+    digits = [run for part in rest for run in re.findall(r"\d+", part)]
+    return camera, int(digits[-1]) if digits else 0
+
+
+def _within(part: str, camera: str) -> bool:
+    """Whether a camera's name stands in a word, no letter or digit beside it."""
+    return re.search(rf"(?<![^\W_]){re.escape(camera)}(?![^\W_])", part) is not None
+
+
+def numbered(folder: Path, kind: str) -> dict[int, Path]:
+    """Files of a kind that belong to a frame alone, such as scans, by the last number in their path."""
+    found: dict[int, Path] = {}
+    for path in files_of(folder, kind):
+        digits = re.findall(r"\d+", str(path.relative_to(folder).with_suffix("")))
+        if digits:
+            before = found.setdefault(int(digits[-1]), path)
+            if before != path:
+                raise UserError(f"{path}: frame {int(digits[-1])} is {before.name} too")
+    return found

@@ -1,0 +1,196 @@
+"""Somebody's folder of pictures with a calibration: frames are found by how its files are called."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError
+from ..kernels.arrays import Floats
+from ..scene import Camera
+from .calibration import KINDS, find_calibration, read_calibration
+from .capture import METRES
+from .films import film_count
+from .importing import Found, Source, moved, moved_scan, turned_up, up_of
+from .openpose import read_person
+from .places import Placed, files_of, folder_of, numbered, place, placed
+from .skeletons import SKELETONS
+
+SHOWN = 3  # names in a message
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a folder does not say itself; folders that are None are found by their names."""
+
+    folders: Mapping[str, Path | None] = field(
+        default_factory=dict
+    )  # of images, masks, labels, keypoints, scans, videos
+    units: str = ""  # of the calibration and scans: m, dm, cm, mm, or metres a unit
+    up: str = ""  # x, y, z, -x, -y, -z
+    fps: float = 30.0
+    skeleton: str = ""
+    offsets: Mapping[str, int] = field(default_factory=dict)  # camera: its file number of frame 0
+    cropped: bool = False  # pictures lack columns at the right or rows below that the calibration has
+
+
+def read_rig(kind: str, source: Path, options: Options) -> Found:
+    """What a calibration of a kind and the files about it make. UserError names the file or the option."""
+    path = find_calibration(kind, source)
+    root = source if source.is_dir() else path.parent
+    cameras = read_calibration(kind, path)
+    for name in options.offsets:
+        if name not in cameras:
+            raise UserError(f"--offset {name}: no such camera in {path.name}: {_few(cameras)}")
+    unit = options.units or KINDS[kind].units
+    up, turn = turned_up(options.up or _guessed_up(path, cameras))
+    metres = metres_of(unit or "m")
+    notes = [f"calibration: {kind}, {path.name}, {len(cameras)} cameras, unit {unit or 'm (assumed)'}"]
+    notes.append(
+        f"up: {options.up or 'told by the cameras'}{'' if np.trace(turn) == 3 else ', turned by half a turn to ' + up}"
+    )
+    cameras = moved(cameras, metres, turn)
+    frames: dict[int, dict[str, Source]] = {}
+    for what in ("images", "masks", "labels"):
+        found = _placed(root, what, cameras, options, notes)
+        _add(frames, found, what, options.offsets)
+    _add_keypoints(frames, root, cameras, options, notes)
+    films = _films(frames, root, cameras, options, notes)
+    if not frames:
+        raise UserError(f"{root}: no pictures of the cameras {_few(cameras)}: folders images/, CAM/ or videos/")
+    _add_scans(frames, root, metres, turn, options, notes)
+    return Found(cameras, frames, up, options.fps, films=films, cropped=options.cropped, notes=tuple(notes))
+
+
+def metres_of(units: str) -> float:
+    """Metres a unit, of m, dm, cm, mm or a number."""
+    try:
+        metres = METRES[units] if units in METRES else float(units)
+    except ValueError:
+        metres = 0.0
+    if not 1e-6 <= metres <= 1e6:
+        raise UserError(f"--units {units}: expected m, dm, cm, mm or metres a unit")
+    return metres
+
+
+def _guessed_up(path: Path, cameras: dict[str, Camera]) -> str:
+    up = up_of(cameras.values())
+    if not up:
+        raise UserError(f"{path}: its cameras do not tell which axis is up: say --up x, y, z, -x, -y or -z")
+    return up
+
+
+def _folder(root: Path, what: str, options: Options) -> Path | None:
+    given = options.folders.get(what)
+    if given is not None and not given.is_dir():
+        raise UserError(f"--{what} {given}: no such folder")
+    return given or folder_of(root, what)
+
+
+def _placed(root: Path, what: str, cameras: dict[str, Camera], options: Options, notes: list[str]) -> Placed:
+    folder = _folder(root, what, options)
+    if folder is None:
+        return Placed()
+    found = placed(folder, what, cameras)
+    if found.strange and not found.files and what == "images" and folder != root:
+        raise UserError(
+            f"{folder}: pictures of no camera of the calibration: {_few(p.name for p in found.strange)}; "
+            f"its cameras: {_few(cameras)}"
+        )
+    if found.strange and folder != root:
+        notes.append(f"left: {len(found.strange)} {what} of no camera: {_few(p.name for p in found.strange)}")
+    if found.files:
+        seen = {camera for files in found.files.values() for camera in files}
+        notes.append(f"{what}: {sum(map(len, found.files.values()))} of {len(seen)} cameras in {folder.name}/")
+    return found
+
+
+def _add(frames: dict[int, dict[str, Source]], found: Placed, what: str, offsets: Mapping[str, int]) -> None:
+    for number, files in found.files.items():
+        for camera, path in files.items():
+            if number - offsets.get(camera, 0) >= 0:
+                ending = ".png" if path.suffix.lower() == ".png" else ".jpg"
+                frames.setdefault(number - offsets.get(camera, 0), {})[f"{what}/{camera}{ending}"] = path
+
+
+def _add_keypoints(
+    frames: dict[int, dict[str, Source]], root: Path, cameras: dict[str, Camera], options: Options, notes: list[str]
+) -> None:
+    found = _placed(root, "keypoints", cameras, options, notes)
+    shifted: dict[int, dict[str, Path]] = {}
+    crowded = 0
+    for number, files in found.files.items():
+        for camera, path in files.items():
+            shifted.setdefault(number - options.offsets.get(camera, 0), {})[camera] = path
+    for number, files in shifted.items():
+        people = {camera: read_person(path, options.skeleton) for camera, path in files.items()}
+        crowded += any(count > 1 for _, count in people.values())
+        text = keypoints_json({camera: points for camera, (points, _) in people.items()})
+        if number >= 0:
+            frames.setdefault(number, {})["keypoints.json"] = _writer(text)
+    if crowded:
+        notes.append(f"keypoints: {crowded} frames show several people, of each picture the surest was taken")
+
+
+def keypoints_json(people: Mapping[str, Mapping[str, Floats]]) -> str:
+    """The text of keypoints.json: {camera: {name: (u, v, confidence)}}, names in one order, unseen ones of confidence 0."""
+    known = {name: None for names in SKELETONS.values() for name in names if name}
+    there = {name: None for points in people.values() for name in points}
+    names = [name for name in known if name in there] + sorted(name for name in there if name not in known)
+    rows = {
+        camera: [np.round(points.get(name, np.zeros(3)), 4).tolist() for name in names]
+        for camera, points in people.items()
+    }
+    return json.dumps({"names": names, "points": rows})
+
+
+def _writer(text: str) -> Any:
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
+def _films(
+    frames: dict[int, dict[str, Source]], root: Path, cameras: dict[str, Camera], options: Options, notes: list[str]
+) -> dict[str, tuple[Path, int]]:
+    """{camera: (film, its picture of frame 0)}; the frames that films have are added."""
+    folder, films = _folder(root, "videos", options), {}
+    longest = sorted(cameras, key=len, reverse=True)
+    for path in [] if folder is None else files_of(folder, "videos"):
+        camera, _ = place(path.relative_to(folder), longest)
+        if camera is None:
+            notes.append(f"left: {path.name}, a film of no camera")
+        elif camera in films:
+            raise UserError(f"{path}: camera '{camera}' has {films[camera][0].name} too")
+        else:
+            films[camera] = path, options.offsets.get(camera, 0)
+            for number in range(max(0, -films[camera][1]), film_count(path) - films[camera][1]):
+                frames.setdefault(number, {})
+    if films:
+        notes.append(f"films: {len(films)}, decoded into JPEG pictures")
+    return films
+
+
+def _add_scans(
+    frames: dict[int, dict[str, Source]], root: Path, metres: float, turn: Floats, options: Options, notes: list[str]
+) -> None:
+    folder = _folder(root, "scans", options)
+    if folder is None:
+        return
+    scans = {number: path for number, path in numbered(folder, "scans").items() if number in frames}
+    for number, path in scans.items():
+        frames[number]["scan.ply"] = moved_scan(path, metres, turn)
+    notes.append(f"scans: {len(scans)} in {folder.name}/")
+
+
+def chosen(found: Found, numbers: Any) -> Found:
+    """Only the frames of these numbers."""
+    return replace(found, frames={number: found.frames[number] for number in numbers if number in found.frames})
+
+
+def _few(names: Any) -> str:
+    names = list(names)
+    return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")

@@ -1,0 +1,246 @@
+"""A calibration and the files about it become a capture: found by how they are called, linked, whole or not at all."""
+
+import json
+import struct
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from tests.io.test_calibrations import write_json, write_toml
+from tests.support.cube import check, views
+from toile.cli import app
+from toile.errors import UserError
+from toile.io.capture import open_capture
+from toile.io.importing import cameras_json, up_of, write_capture
+from toile.io.openpose import read_person
+from toile.io.places import place
+from toile.io.rig import Options, chosen, read_rig
+
+LAYOUTS = {  # of a camera's frame
+    "camera folders": "images/{camera}/{number:06d}.jpg",
+    "frame folders, unpadded": "images/{number}/{camera}.jpg",
+    "one folder": "images/{camera}_{number:04d}.jpg",
+    "beside the calibration": "{camera}/img_{number}.jpg",
+    "words between": "rgbs/{camera}/{camera}_rgb{number:06d}.jpg",
+}
+
+
+def save(path, size, value=90, mode="RGB"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new(mode, size, (value, 0, 0) if mode == "RGB" else value).save(path)
+
+
+def rig(folder, layout="images/{camera}/{number:06d}.jpg", numbers=(0, 2, 10)):
+    made = views()
+    folder.mkdir(exist_ok=True)
+    write_json(folder, made)
+    for v in made:
+        for number in numbers:
+            save(folder / layout.format(camera=v.name, number=number), (v.width, v.height), 10 + number)
+    return made
+
+
+def imported(folder, out, **options):
+    return write_capture(read_rig("lists", folder, Options(up="z", **options)), out, "test")
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_pictures_are_found_and_linked_in_every_layout(tmp_path, layout):
+    made = rig(tmp_path / "their", layout)
+    imported(tmp_path / "their", tmp_path / "ours")
+    capture = open_capture(tmp_path / "ours")
+    check(capture.cameras, made, within=1e-3)
+    assert capture.frames == (0, 2, 10) and capture.scene.up == "z"
+    for number in capture.frames:
+        frame = capture.frame(number)
+        assert list(frame.images) == [v.name for v in made]
+        assert all(abs(int(image[0, 0, 0]) - 10 - number) < 4 for image in frame.images.values())
+    theirs, ours = (tmp_path / "their").rglob("*.jpg"), (tmp_path / "ours").rglob("*.jpg")
+    assert {p.stat().st_ino for p in ours} == {p.stat().st_ino for p in theirs}  # not a byte was copied
+
+
+def test_masks_scans_units_and_offsets_arrive(tmp_path):
+    from toile.io.mesh import write_mesh
+    from toile.scene import Mesh
+
+    made = rig(tmp_path / "their", numbers=(0, 1, 2, 3, 4))
+    for v in made:
+        save(tmp_path / "their" / "masks" / v.name / "2.png", (v.width, v.height), 255)  # in colour
+    triangle = Mesh(np.array([[0, 0, 0], [0, 0, 1700.0], [100, 0, 0]]), np.array([[0, 1, 2]]))
+    write_mesh(tmp_path / "their" / "scans" / "mesh_000001.obj", triangle)
+    imported(tmp_path / "their", tmp_path / "ours", units="mm", offsets={"left": 2})
+    capture = open_capture(tmp_path / "ours")
+    check(capture.cameras, made, metres=1000, within=1e-3)
+    first = capture.frame(0)
+    assert int(first.images["left"][0, 0, 0]) - int(first.images["front"][0, 0, 0]) == 2  # its third picture
+    assert capture.frame(0).masks["left"].all() and capture.frame(2).masks["front"].all()
+    np.testing.assert_allclose(np.ptp(capture.frame(1).scan.vertices, axis=0), [0.1, 0, 1.7], atol=1e-6)
+
+
+def test_a_world_upside_down_is_turned_with_its_scans_and_said(tmp_path):
+    made = rig(tmp_path / "their")
+    found = read_rig("lists", tmp_path / "their", Options(up="-z"))
+    assert found.up == "z" and any("half a turn" in note for note in found.notes)
+    point = np.array([0.1, 0.2, 0.3])
+    for v in made:
+        turned = found.cameras[v.name].project(point * [1, -1, -1])[0]
+        np.testing.assert_allclose(turned, v.pixels(point[None])[0], atol=1e-3)
+
+
+def test_cameras_tell_which_axis_is_up_or_that_they_cannot(tmp_path):
+    rig(tmp_path)
+    found = read_rig("lists", tmp_path, Options())
+    assert found.up == "z" and "up: told by the cameras" in found.notes
+    one = found.cameras["front"]
+    leaning = replace(
+        one,
+        T_camera_world=np.block([[Rotation.from_euler("x", 45, True).as_matrix(), np.zeros((3, 1))], [np.eye(4)[3:]]]),
+    )
+    assert up_of([leaning]) == ""
+
+
+def test_keypoints_of_openpose_are_named_and_the_surest_person_is_taken(tmp_path):
+    made, point = rig(tmp_path / "their", numbers=(0,)), np.zeros((25, 3))
+    point[5] = 100.0, 50.0, 0.9  # BODY_25B: left shoulder; BODY_25: left shoulder too
+    point[9] = 120.0, 90.0, 0.8  # left wrist; BODY_25: right hip
+    other = {"pose_keypoints_2d": (0.5 * point).ravel().tolist()}
+    people = {"people": [other, {"pose_keypoints_2d": point.ravel().tolist()}]}
+    for v in made:
+        path = tmp_path / "their" / "pose" / f"{v.name}_json" / f"{v.name}.0000.json"
+        path.parent.mkdir(parents=True)
+        path.write_text(json.dumps(people))
+    with pytest.raises(UserError, match=r"25 body points: say which list they are by --skeleton: body_25, body_25b"):
+        imported(tmp_path / "their", tmp_path / "ours")
+    imported(tmp_path / "their", tmp_path / "ours", skeleton="body_25b")
+    keypoints = open_capture(tmp_path / "ours").frame(0).keypoints
+    assert keypoints.names == ("body.upperarm01.L", "body.wrist.L")
+    np.testing.assert_allclose(keypoints.points["front"], [[100.5, 50.5, 0.9], [120.5, 90.5, 0.8]])
+    assert read_person(path, "body_25")[0].keys() == {"body.upperarm01.L", "body.upperleg01.R"}
+
+
+def test_pictures_of_films_are_decoded_with_their_offset(tmp_path):
+    pytest.importorskip("av")
+    from toile.io.video import VideoWriter
+
+    made = views()
+    (tmp_path / "their").mkdir()
+    write_json(tmp_path / "their", made)
+    for v in made:
+        with VideoWriter(tmp_path / "their" / "videos" / f"{v.name}.mp4", 30) as film:
+            for i in range(6):
+                film.add(np.full((v.height, v.width, 3), 20 + 30 * i, np.uint8))
+    imported(tmp_path / "their", tmp_path / "ours", offsets={"front": 2})
+    capture = open_capture(tmp_path / "ours")
+    assert capture.frames == (0, 1, 2, 3, 4, 5)
+    images = capture.frame(1).images
+    assert {name: round((int(image.mean()) - 20) / 30) for name, image in images.items()} == {
+        "left": 1, "front": 3, "cam 3": 1,
+    }  # fmt: skip
+    assert "front" not in capture.frame(5).images
+
+
+def huge_png(path, width=40_000, height=25_000):
+    """A PNG whose header claims 10^9 pixels, of a few bytes."""
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", b"") + chunk(b"IEND", b""))
+
+
+def other_cameras(folder):
+    (folder / "images").rename(folder / "aside")
+    save(folder / "images" / "kitchen" / "0.jpg", (480, 360))
+
+
+SPOILT = {
+    "another size": (lambda f: save(f / "images/left/000002.jpg", (48, 36)), r"000002\.jpg: 48 x 36 pixels, the calib"),
+    "unreadable": (lambda f: (f / "images/left/000002.jpg").write_bytes(b"no"), "cannot be read as a PNG or JPEG"),
+    "huge header": (lambda f: huge_png(f / "images/front/000011.png"), r"their/images/front/000011\.png: .*1000000000 pixels"),
+    "two of a frame": (lambda f: save(f / "images/left/2.png", (480, 360)), "camera 'left' has frame 2 in"),
+    "another set": (other_cameras, r"images: pictures of no camera of the calibration: 0\.jpg; its cameras: left"),
+    "seven digits": (lambda f: save(f / "images/left/1234567.jpg", (480, 360)), "at most six digits"),
+    "keypoints": (
+        lambda f: [(f / "pose/left").mkdir(parents=True), (f / "pose/left/1.json").write_text('{"people": 3}')],
+        r"1\.json: people: expected a list",
+    ),
+    "no picture": (lambda f: (f / "images").rename(f / "masks"), r"masks/.*jpg|no pictures of the cameras"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_bad_input_is_refused_and_leaves_nothing_behind(tmp_path, name):
+    spoil, message = SPOILT[name]
+    rig(tmp_path / "their")
+    spoil(tmp_path / "their")
+    with pytest.raises(UserError, match=message):
+        imported(tmp_path / "their", tmp_path / "ours")
+    assert [p.name for p in tmp_path.iterdir()] == ["their"]
+
+
+def test_a_capture_that_is_there_is_not_written_over(tmp_path):
+    rig(tmp_path / "their")
+    (tmp_path / "ours").mkdir()
+    (tmp_path / "ours" / "mine.txt").write_text("keep")
+    with pytest.raises(UserError, match="ours: is there already"):
+        imported(tmp_path / "their", tmp_path / "ours")
+    assert (tmp_path / "ours" / "mine.txt").read_text() == "keep"
+
+
+def test_cropped_pictures_are_taken_when_said(tmp_path):
+    made = rig(tmp_path / "their", numbers=())
+    for v in made:
+        save(tmp_path / "their" / "images" / v.name / "0.jpg", (v.width - 8, v.height))
+    with pytest.raises(UserError, match="--cropped"):
+        imported(tmp_path / "their", tmp_path / "ours")
+    imported(tmp_path / "their", tmp_path / "ours", cropped=True)
+    camera = open_capture(tmp_path / "ours").cameras["left"]
+    assert camera.size == (360, 472)
+    np.testing.assert_allclose(camera.K, made[0].K_half)
+
+
+@pytest.mark.parametrize(
+    "path, camera, number",
+    [
+        ("cam1/000012.jpg", "cam1", 12), ("12/cam10.jpg", "cam10", 12), ("cam1.0003.json", "cam1", 3),
+        ("cam10_json/cam10_000007_keypoints.json", "cam10", 7), ("000002_cam1.png", "cam1", 2), ("cam1.png", "cam1", 0),
+        ("cam100/3.jpg", None, 0), ("xcam1/3.jpg", None, 0),
+    ],
+)  # fmt: skip
+def test_names_tell_camera_and_frame(path, camera, number):
+    assert place(Path(path), ["cam10", "cam1"]) == (camera, number)
+
+
+def test_the_command_makes_a_capture_that_plan_opens(tmp_path):
+    from typer.testing import CliRunner
+
+    from toile.io.command import import_capture
+
+    made = views()
+    (tmp_path / "their").mkdir()
+    write_toml(tmp_path / "their", made)
+    for v in made:
+        save(tmp_path / "their" / f"{v.name}.png", (v.width, v.height))
+    if "import" not in {command.name for command in app.registered_commands}:
+        app.command("import")(import_capture)
+    result = CliRunner().invoke(app, ["import", "pose2sim", str(tmp_path / "their"), str(tmp_path / "ours")])
+    assert result.exit_code == 0 and "1 frames, 3 cameras, up z" in result.output
+    assert "unit m" in result.output and open_capture(tmp_path / "ours").frames == (0,)
+    assert json.loads(cameras_json(open_capture(tmp_path / "ours").cameras))["cameras"][0]["name"] == "left"
+    result = CliRunner().invoke(app, ["import", "shoebox", str(tmp_path), str(tmp_path / "other")])
+    assert isinstance(result.exception, UserError) and "expected one of opencv" in str(result.exception)
+
+
+def test_real_folders_become_captures(shared_data, tmp_path):
+    pytest.importorskip("av")
+    source = shared_data / "pose2sim_calibrated_video"
+    found = read_rig("qualisys", source, Options(up="z", skeleton="body_25b", cropped=True))
+    write_capture(chosen(found, (3,)), tmp_path / "walk", "test")
+    frame = open_capture(tmp_path / "walk").frame(3)
+    assert {image.shape for image in frame.images.values()} == {(1920, 1080, 3), (1920, 1088, 3)}  # three were cut
+    assert all((rows[:, 2] > 0.3).sum() > 15 for rows in frame.keypoints.points.values())
+    imported(shared_data / "middlebury_temple", tmp_path / "temple")
+    assert len(open_capture(tmp_path / "temple").frame(0).images) == 16
