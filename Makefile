@@ -1,7 +1,7 @@
 # `make demo`, `make test` with `make lint`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup stubs demo test lint format test-slow sanitize fuzz bench tradeoff paper docs clean
+.PHONY: setup stubs demo detector test lint format test-slow sanitize fuzz bench tradeoff paper docs clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -27,6 +27,13 @@ $(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
 # one build serves the Python module and the C++ tests
 $(VENV)/.core: $(VENV)/.python $(CPP)
 	$(BIN)/pip install --quiet --no-build-isolation --no-deps --config-settings=cmake.define.TOILE_TESTS=ON --editable .
+	touch $@
+
+# mediapipe, whose wheel carries its networks, in an environment of its own: it wants an older numpy
+detector: $(VENV)-detector/.ready
+$(VENV)-detector/.ready: tools/detector-requirements.txt
+	$(PYTHON) -m venv $(VENV)-detector
+	$(VENV)-detector/bin/pip install --quiet --requirement tools/detector-requirements.txt
 	touch $@
 
 demo: setup

@@ -16,7 +16,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "scene": {"errors", "kernels"},
     "io": BASE,
     "surface": BASE | {"io"},
-    "vision": BASE | {"surface"},
+    "vision": BASE | {"io", "surface"},
     "stages": BASE | {"config", "surface", "vision"},
     "pipeline": BASE | {"config", "io", "measure", "stages", "surface", "vision"},
     "measure": BASE | {"io", "surface", "vision"},

@@ -50,6 +50,33 @@ def plan(capture: Path):
 
 
 @app.command()
+def detect(
+    capture: Path,
+    detector: Annotated[
+        str | None, typer.Option(help="a program: COMMAND PICTURES OUT [PICTURES OUT ...], run without a shell")
+    ] = None,
+    model: Annotated[Path | None, typer.Option(help="a network of keypoints, an ONNX file")] = None,
+    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    again: Annotated[bool, typer.Option("--again", help="also frames that have keypoints.json")] = False,
+):
+    """Find keypoints and masks of the person in a capture's pictures: keypoints.json and masks/ of each frame.
+
+    Without --detector and --model by the network that scene.toml names, else by mediapipe, which `make detector` sets up.
+    """
+    from .io.capture import open_capture
+    from .pipeline.detect import detect as find
+
+    opened = open_capture(capture)
+    numbers = frame_numbers(frames, opened.frames)
+    with progress_bars() as progress:
+        found = find(opened, detector_of(opened, detector, model), numbers, again, progress)
+    kept = f", {len(found.kept)} had theirs (--again makes them anew)" if found.kept else ""
+    typer.echo(f"{capture}: keypoints in {len(found.written)} frames{kept}")
+    for warning in found.warnings:
+        typer.echo(f"  warning: {warning}", err=True)
+
+
+@app.command()
 def register(
     capture: Path,
     run: Path,
@@ -231,6 +258,25 @@ def template(
     from .pipeline.template import write_template
 
     typer.echo(write_template(run, out, name, label))
+
+
+def detector_of(capture, command, model):
+    """The detector that was asked for; one of --detector, --model, scene.toml's network, mediapipe."""
+    from .vision.detectors.network import Network
+    from .vision.detectors.program import Program, default_python, its_own
+
+    if command is not None and model is not None:
+        raise UserError("--detector and --model: one of them")
+    if command is not None:
+        return Program(command)
+    if model is not None or capture.scene.keypoints:
+        return Network(capture.root / capture.scene.keypoints if model is None else model)
+    python = default_python()
+    if python is None:
+        raise UserError(
+            "no detector: `make detector` sets mediapipe up in .venv-detector; or give --detector COMMAND or --model FILE.onnx"
+        )
+    return its_own(python)
 
 
 def quality_within(budget, quality, capture, numbers):

@@ -142,6 +142,7 @@ class Scene:
     garments: tuple[Garment, ...] = ()  # inner to outer
     face_keypoints: bool = False
     view_dependent: bool = False
+    keypoints: str = ""  # an ONNX file of the capture that finds them
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """OpenPose's detections in four calibrated videos of 1088x1920, whose residuals are of 8 to 10 px."""
 
 import json
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np

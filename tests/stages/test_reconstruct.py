@@ -7,7 +7,8 @@ from tests.support.rig import ring_of_cameras
 from toile.config import ReconstructSettings
 from toile.errors import UserError
 from toile.scene import Camera, Keypoints
-from toile.stages.reconstruct import triangulate
+from toile.stages.reconstruct import LIMBS, agreement, triangulate
+from toile.vision.detectors.names import TABLES, mirrored
 
 
 def observe(cameras, points, rng, noise=0.0, outliers=0.0, unseen=0.0):
@@ -103,3 +104,53 @@ def test_unknown_camera_is_refused_by_name():
     del cameras["cam2"]
     with pytest.raises(UserError, match="cam2"):
         triangulate(keypoints, cameras, ReconstructSettings())
+
+
+def person(rng, cameras, noise=1.0):
+    """Detections of a body and its hands, each side 0.2 to 0.5 m from the middle."""
+    names = tuple(TABLES["coco_wholebody133"][1])
+    X = points(rng, len(names))
+    side = np.array([{"L": 1.0, "R": -1.0}.get(name[-1], 0.0) if "." in name[-2:] else 0.0 for name in names])
+    X[:, 0] = np.where(side == 0, 0, side * rng.uniform(0.2, 0.5, len(names)))
+    seen = observe(cameras, X, rng, noise).points
+    return X, Keypoints(names, seen)
+
+
+def swapped(keypoints, view, prefixes):
+    rows = [i for i, name in enumerate(keypoints.names) if name.startswith(prefixes)]
+    other = [keypoints.names.index(mirrored(keypoints.names[i])) for i in rows]
+    keypoints.points[view][rows] = keypoints.points[view][other]
+
+
+@pytest.mark.parametrize("prefixes", ["", *LIMBS])
+def test_sides_that_few_views_swap_are_turned_back_and_all_views_count(prefixes):
+    cameras = ring_of_cameras(6)
+    X, keypoints = person(np.random.default_rng(5), cameras)
+    for view in ("cam1", "cam4"):
+        swapped(keypoints, view, prefixes)
+    result = triangulate(keypoints, cameras, ReconstructSettings())
+    assert np.linalg.norm(result.points - X, axis=1).max() < 0.015 and (result.views >= 5).all()
+    shares = agreement(keypoints, result, cameras, ReconstructSettings())
+    assert set(shares) == set(cameras) and min(shares.values()) > 0.95
+
+
+def test_hands_held_together_are_left_as_they_are():
+    cameras = ring_of_cameras(6)
+    rng = np.random.default_rng(6)
+    X, keypoints = person(rng, cameras)
+    X[:, 0] *= 0.01
+    together = observe(cameras, X, rng, 0.5).points
+    plain = triangulate(Keypoints(keypoints.names, together), cameras, ReconstructSettings())
+    nameless = Keypoints(tuple(f"body.p{i}" for i in range(len(X))), together)
+    assert np.array_equal(plain.points, triangulate(nameless, cameras, ReconstructSettings()).points)
+
+
+def test_a_view_of_somebody_else_agrees_with_no_other():
+    cameras = ring_of_cameras(6)
+    rng = np.random.default_rng(7)
+    X, keypoints = person(rng, cameras)
+    keypoints.points["cam2"][:, :2] = observe(cameras, X + [1.0, 0.5, 0], rng).points["cam2"][:, :2]
+    shares = agreement(
+        keypoints, triangulate(keypoints, cameras, ReconstructSettings()), cameras, ReconstructSettings()
+    )
+    assert shares.pop("cam2") < 0.1 and min(shares.values()) > 0.95

@@ -18,7 +18,7 @@ from ..scene import Camera, Frame, Garment, Mesh, Scene
 from .body import model_in_capture
 from .bounded import read_toml
 from .camera import first_error, read_cameras
-from .image import read_image
+from .image import check_image, read_image
 from .keypoints import read_keypoints
 from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 from .mesh import read_mesh
@@ -40,6 +40,7 @@ class _SceneTable(_Table):
     fps: float = Field(default=30, gt=0, le=100_000, allow_inf_nan=False)
     units: str = "m"
     up: str = "z"
+    keypoints: str = ""
 
 
 class _BodyTable(_Table):
@@ -114,6 +115,15 @@ class Capture:
     def pictured(self, number: int) -> tuple[str, ...]:
         """Names of the cameras that have a picture of a frame, in the cameras' order."""
         return tuple(self._files(self.folder(number) / "images"))
+
+    def check_pictures(self, number: int) -> None:
+        """UserError where a frame has no picture, or one of another size than its camera's; only headers are read."""
+        folder = self.folder(number) / "images"
+        files = self._files(folder)
+        if not files:
+            raise UserError(f"{folder}: no pictures")
+        for name, path in files.items():
+            check_image(path, self.cameras[name].size)
 
     def _files(self, folder: Path) -> dict[str, Path]:
         """{camera: path} of one kind, for the cameras that have it, in their order."""
@@ -233,6 +243,13 @@ def _scene(root: Path, file: Path, table: Any) -> Scene:
         _inside(root, file, "body.model", table.body.model)
     elif table.body.model != "anny":
         raise UserError(f"{file}: body.model: '{table.body.model}' is neither a packaged model (anny) nor a .npz file")
+    if table.scene.keypoints:
+        if not table.scene.keypoints.endswith(".onnx"):
+            raise UserError(
+                f"{file}: scene.keypoints: '{table.scene.keypoints}' is no .onnx file; a program is never taken from a "
+                "capture, name it by `toile detect --detector`"
+            )
+        _inside(root, file, "scene.keypoints", table.scene.keypoints)
     return Scene(
         table.scene.name,
         table.scene.fps,
@@ -243,6 +260,7 @@ def _scene(root: Path, file: Path, table: Any) -> Scene:
         tuple(Garment(g.name, g.template, g.label) for g in table.garment),
         bool(table.face and table.face.keypoints),
         table.cameras.view_dependent,
+        table.scene.keypoints,
     )
 
 

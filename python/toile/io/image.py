@@ -42,12 +42,22 @@ def one_channel(path: Path) -> Anything:
 def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
     """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
     with _opened(path) as image:
-        width, height = image.size
-        if (height, width) != tuple(size):
-            raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
+        _check_size(path, image, size)
         if mode == "L" and image.mode not in ("L", "P", "1"):
             raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
         return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
+
+
+def check_image(path: Path, size: tuple[int, int]) -> None:
+    """UserError unless a file's header says that it is a picture of that (height, width); its pixels are not read."""
+    with _opened(path) as image:
+        _check_size(path, image, size)
+
+
+def _check_size(path: Path, image: Any, size: tuple[int, int]) -> None:
+    width, height = image.size
+    if (height, width) != tuple(size):
+        raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
 
 
 def write_image(path: Path, pixels: Anything) -> None:

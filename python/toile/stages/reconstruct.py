@@ -4,14 +4,22 @@ import numpy as np
 
 from ..errors import UserError
 from ..scene import Points3D, distort
+from ..vision.detectors.names import mirrored
 
 _UNDISTORT_STEPS = 20
 FEW = 20  # detections whose median says nothing of a frame's noise
+LIMBS = (  # whose sides a detector confuses together
+    ("body.clavicle", "body.upperarm", "body.lowerarm", "body.wrist"),
+    ("body.upperleg", "body.lowerleg", "body.foot", "body.toe", "body.big_toe", "body.small_toe", "body.heel"),
+    ("hand_",),
+    ("face.",),
+)
 
 
 def triangulate(keypoints, cameras, settings):
     """Robust triangulation: RANSAC over view pairs, then least squares on the reprojection error of the inliers. What an
-    inlier is follows the pictures' size, and then the noise of the frame's own residuals (`Points3D.gate` [px]).
+    inlier is follows the pictures' size, and then the noise of the frame's own residuals (`Points3D.gate` [px]). A view in
+    which left and right of the body or of a limb are swapped against the others (seen from behind, for one) is turned back.
 
     `keypoints` Keypoints with k names; `cameras` {name: Camera}; `settings` ReconstructSettings. Returns Points3D:
     a point is NaN (sigma infinite, views = inliers found) unless enough views agree on it. `sigma` is the square root
@@ -34,7 +42,9 @@ def triangulate(keypoints, cameras, settings):
     first = settings.inlier_share * max(max(cameras[name].size) for name in views)
     fit = _fit(rig, uv, seen, first, settings)
     gate = _observed_gate(fit[2], seen, first, settings)
-    if gate != first:
+    turned = _unswapped(keypoints.names, rig.project(fit[0]), uv, seen, gate)
+    if turned is not None or gate != first:
+        uv, seen = (uv, seen) if turned is None else turned
         fit = _fit(rig, uv, seen, gate, settings)
     return _points(keypoints.names, *fit, seen, gate, settings)
 
@@ -47,6 +57,42 @@ def _fit(rig, uv, seen, gate, settings):
         error = np.linalg.norm(residual, axis=-1)
         inlier = seen & (error < gate) & (rig.depth(X) > 0)
     return X, information, error, inlier
+
+
+def _unswapped(names, at, uv, seen, gate):
+    """Detections uv (C,k,2) and seen (C,k) with left and right of a pair of limbs exchanged in the views where most of its
+    points then lie within the inlier distance of where the others see them, `at` (C,k,2), and do not as they are; None where
+    there are none."""
+    other = _other_side(names)
+    near = np.where(seen, np.linalg.norm(uv - at, axis=-1), np.inf) < gate
+    crossed = np.where(seen, np.linalg.norm(uv - at[:, other], axis=-1), np.inf) < gate
+    order = np.tile(np.arange(len(names)), (len(uv), 1))
+    for prefixes in LIMBS:
+        limb = np.array([i for i, name in enumerate(names) if name.startswith(prefixes) and other[i] != i], dtype=int)
+        told = seen[:, limb].sum(1)
+        swapped = (2 * near[:, limb].sum(1) < told) & (2 * crossed[:, limb].sum(1) > told)
+        order[np.ix_(swapped, limb)] = other[limb]
+    if (order == np.arange(len(names))).all():
+        return None
+    return np.take_along_axis(uv, order[..., None], 1), np.take_along_axis(seen, order, 1)
+
+
+def _other_side(names):
+    """Row of the same point of the other side (k,), its own where there is none."""
+    row = {name: i for i, name in enumerate(names)}
+    return np.array([row.get(mirrored(name), i) for i, name in enumerate(names)], dtype=int)
+
+
+def agreement(keypoints, points, cameras, settings):
+    """{camera: share of its detections that lie within the inlier distance of `points` (Points3D), either side of a pair}."""
+    other, shares = _other_side(keypoints.names), {}
+    for name, found in keypoints.points.items():
+        seen = found[:, 2] >= settings.min_confidence
+        if seen.any():
+            at = cameras[name].project(points.points)[0]
+            off = np.fmin(*(np.linalg.norm(found[:, :2] - where, axis=1) for where in (at, at[other])))
+            shares[name] = float((off[seen] < points.gate).mean())
+    return shares
 
 
 def _observed_gate(error, seen, first, settings):

@@ -1,0 +1,86 @@
+"""Keypoints and masks of a capture's pictures: what `toile detect` does."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..config import ReconstructSettings
+from ..io.capture import Capture
+from ..io.files import write_text
+from ..io.image import write_image
+from ..scene import Keypoints
+from ..stages.reconstruct import agreement, triangulate
+from ..vision.detectors import Detection
+
+AGREED = 0.5  # share of a view's detections that the other views confirm, at least, for it to show the same person
+DECIMALS = 2
+
+
+@dataclass(frozen=True)
+class Detected:
+    """Numbers of the frames whose keypoints were written, and of those that had theirs; and what is said of them."""
+
+    written: tuple[int, ...]
+    kept: tuple[int, ...]
+    warnings: tuple[str, ...]
+
+
+def detect(
+    capture: Capture, detector: Any, frames: Sequence[int], again: bool = False, progress: Any = None
+) -> Detected:
+    """Writes keypoints.json and masks/CAMERA.png into the frames of a capture, each frame whole or not at all.
+
+    `detector`: see toile.vision.detectors. Frames that have keypoints.json are left alone, unless `again`; masks that are
+    there always are. Where views see different people, or a picture of nobody makes the detector invent one, the views that
+    disagree with the others get confidence 0, and that is said.
+    """
+    there = {number for number in frames if (capture.folder(number) / "keypoints.json").exists()}
+    asked = [number for number in frames if again or number not in there]
+    for number in asked:
+        capture.check_pictures(number)
+    folders, said = [capture.folder(number) / "images" for number in asked], []
+    found: Iterator[Detection] = detector.detect(folders, capture.cameras)
+    for done, (number, detection) in enumerate(zip(asked, found), 1):
+        keypoints, warnings = confirmed(detection.keypoints, capture.cameras)
+        said += [f"frame {number}: {warning}" for warning in warnings]
+        _write(capture.folder(number), replace(detection, keypoints=keypoints))
+        if progress is not None:
+            progress("detect", done, len(asked))
+    return Detected(tuple(asked), tuple(sorted(there - set(asked))), tuple(said))
+
+
+def confirmed(keypoints: Keypoints, cameras: Any) -> tuple[Keypoints, list[str]]:
+    """Keypoints of one instant, those of views that disagree with the others without confidence; and what is said of it."""
+    settings = ReconstructSettings()
+    seen = [name for name, rows in keypoints.points.items() if (rows[:, 2] >= settings.min_confidence).any()]
+    if not seen:
+        return keypoints, ["nobody was found in any picture"]
+    if len(cameras) < 2:
+        return keypoints, []
+    if len(seen) < 2:
+        shares = dict.fromkeys(seen, 0.0)
+    else:
+        shares = agreement(keypoints, triangulate(keypoints, cameras, settings), cameras, settings)
+    astray = {name: share for name, share in shares.items() if share < AGREED}
+    points = {name: rows * [1, 1, name not in astray] for name, rows in keypoints.points.items()}
+    warnings = [
+        f"{name}: other views confirm {100 * share:.0f} % of what was detected: it shows somebody else, nobody, or its "
+        "calibration is wrong; none of it is used"
+        for name, share in astray.items()
+    ]
+    return Keypoints(keypoints.names, points), warnings
+
+
+def _write(folder: Path, detection: Detection) -> None:
+    for name, mask in detection.masks.items():
+        path = folder / "masks" / f"{name}.png"
+        if not path.exists():
+            write_image(path, 255 * mask.astype(np.uint8))
+    points = {name: np.round(rows, DECIMALS).tolist() for name, rows in detection.keypoints.points.items()}
+    write_text(folder / "keypoints.json", json.dumps({"names": list(detection.keypoints.names), "points": points}))

@@ -1,0 +1,180 @@
+"""`toile detect`: programs and what they leave, views that disagree, and what is never run."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.rig import ring_of_cameras
+from toile.cli import detector_of
+from toile.errors import UserError
+from toile.io.capture import open_capture
+from toile.io.image import write_image
+from toile.io.keypoints import read_keypoints
+from toile.pipeline.detect import confirmed, detect
+from toile.scene import Keypoints
+from toile.vision.detectors.names import TABLES, mirrored
+from toile.vision.detectors.program import Program
+
+SAMPLE = Path(__file__).parents[3] / "data_samples" / "tshirt-talk"
+WRITER = """
+import json, sys
+from pathlib import Path
+for pictures, out in zip(sys.argv[1::2], sys.argv[2::2]):
+    {body}
+"""
+COPIES = "(Path(out) / 'keypoints.json').write_text((Path(pictures).parent / 'kept.json').read_text())"
+
+
+@pytest.fixture
+def capture(tmp_path):
+    """The sample with its keypoints put aside as kept.json."""
+    root = shutil.copytree(SAMPLE, tmp_path / "capture")
+    for file in sorted(root.glob("frames/*/keypoints.json")):
+        file.rename(file.with_name("kept.json"))
+    return root
+
+
+def program(tmp_path, body):
+    path = tmp_path / "program.py"
+    path.write_text(WRITER.format(body=body))
+    return Program(f"{sys.executable} {path}")
+
+
+def test_a_program_gets_folders_and_its_files_become_the_frames(capture, tmp_path):
+    opened = open_capture(capture)
+    said = detect(opened, program(tmp_path, COPIES), opened.frames)
+    assert said.written == opened.frames and not said.kept
+    for number in opened.frames:
+        kept = read_keypoints(opened.folder(number) / "kept.json", opened.cameras)
+        found = read_keypoints(opened.folder(number) / "keypoints.json", opened.cameras)
+        assert found.names == kept.names
+        for name, rows in kept.points.items():
+            assert np.abs(found.points[name][:, :2] - rows[:, :2]).max() <= 0.006
+
+
+def test_frames_that_have_keypoints_are_left_alone_until_again(capture, tmp_path):
+    opened = open_capture(capture)
+    detect(opened, program(tmp_path, COPIES), opened.frames[:1])
+    broken = program(tmp_path, "sys.exit('it ran')")
+    assert detect(opened, broken, opened.frames[:1]).kept == opened.frames[:1]
+    with pytest.raises(UserError, match="exit code 1: it ran"):
+        detect(opened, broken, opened.frames[:1], again=True)
+
+
+@pytest.mark.parametrize(
+    "body, said",
+    [
+        ("pass", "keypoints.json: the file is missing"),
+        ("(Path(out) / 'keypoints.json').write_text('[')", "keypoints.json: not JSON"),
+        ('(Path(out) / \'keypoints.json\').write_text(\'{"names": [], "points": {"x": []}}\')', "points.x: no such"),
+        ("raise SystemExit(3)", "exit code 3: it says nothing"),
+    ],
+)
+def test_what_a_program_leaves_wrong_is_named_and_nothing_is_written(capture, tmp_path, body, said):
+    opened = open_capture(capture)
+    with pytest.raises(UserError, match=said):
+        detect(opened, program(tmp_path, body), opened.frames)
+    assert not list(capture.glob("frames/*/keypoints.json"))
+
+
+@pytest.mark.parametrize("command, said", [("", "no command"), ("/no/such", "cannot be run"), ('"', "quotation")])
+def test_a_command_that_is_none_is_refused(capture, command, said):
+    opened = open_capture(capture)
+    with pytest.raises(UserError, match=said):
+        detect(opened, Program(command), opened.frames)
+
+
+def test_a_command_is_never_run_by_a_shell_nor_taken_from_a_capture(capture, tmp_path):
+    opened = open_capture(capture)
+    with pytest.raises(UserError):
+        detect(opened, Program(f"true; touch {tmp_path}/run"), opened.frames[:1])
+    assert not (tmp_path / "run").exists()
+    scene = capture / "scene.toml"
+    scene.write_text(scene.read_text().replace("[scene]", f'[scene]\nkeypoints = "touch {tmp_path}/run"'))
+    with pytest.raises(UserError, match="scene.keypoints: .* a program is never taken from a capture"):
+        open_capture(capture)
+    scene.write_text(scene.read_text().replace("keypoints = ", "detector = ", 1))
+    with pytest.raises(UserError, match="scene.toml: scene.detector"):
+        open_capture(capture)
+
+
+def test_without_any_detector_the_line_says_how_to_get_one(capture, monkeypatch):
+    monkeypatch.setattr(sys, "prefix", str(capture))
+    with pytest.raises(UserError, match="make detector"):
+        detector_of(open_capture(capture), None, None)
+
+
+def seen_by(cameras, X):
+    names = tuple(TABLES["halpe26"][1])
+    return Keypoints(names, {n: np.column_stack([c.project(X)[0], np.ones(len(X))]) for n, c in cameras.items()})
+
+
+@pytest.fixture
+def person():
+    return np.random.default_rng(0).uniform([-0.4, -0.2, 0], [0.4, 0.2, 1.8], (len(TABLES["halpe26"][1]), 3))
+
+
+def test_nobody_and_somebody_else_are_said_and_not_used(person):
+    cameras = ring_of_cameras(6)
+    keypoints = seen_by(cameras, person)
+    assert confirmed(keypoints, cameras)[1] == []
+    keypoints.points["cam3"] = seen_by(cameras, person + [0.8, 0.8, 0]).points["cam3"]
+    left, said = confirmed(keypoints, cameras)
+    assert len(said) == 1 and said[0].startswith("cam3: other views confirm")
+    assert (left.points["cam3"][:, 2] == 0).all() and (left.points["cam2"][:, 2] == 1).all()
+    nobody = Keypoints(keypoints.names, {n: 0 * rows for n, rows in keypoints.points.items()})
+    assert confirmed(nobody, cameras)[1] == ["nobody was found in any picture"]
+
+
+def test_what_one_view_alone_of_several_sees_is_not_used(person):
+    """A mirror, a poster, a dog: a detection that no other view confirms puts no body into the air."""
+    cameras = ring_of_cameras(6)
+    keypoints = seen_by(cameras, person)
+    alone = Keypoints(keypoints.names, {"cam0": keypoints.points["cam0"]})
+    left, said = confirmed(alone, cameras)
+    assert (left.points["cam0"][:, 2] == 0).all() and len(said) == 1
+
+
+def test_every_table_names_points_of_the_body_model_and_both_sides(body_model=None):
+    from toile.io.body import load_body_model
+
+    known = set(load_body_model("anny").keypoint_names)
+    for count, rows in TABLES.values():
+        assert set(rows) <= known and max(rows.values()) < count and len(set(rows.values())) == len(rows)
+        assert {mirrored(name) for name in rows} == set(rows)
+
+
+def test_pictures_that_are_none_or_of_another_size_are_refused_before_anything_is_run(capture, tmp_path):
+    opened, never = open_capture(capture), Program(f"touch {tmp_path}/run")
+    name, camera = next(iter(opened.cameras.items()))
+    folder = opened.folder(opened.frames[0]) / "images"
+    shutil.rmtree(folder)
+    with pytest.raises(UserError, match="images: no pictures"):
+        detect(opened, never, opened.frames)
+    write_image(folder / f"{name}.png", np.zeros((camera.size[0], camera.size[1] + 8, 3), np.uint8))
+    with pytest.raises(UserError, match="cameras.json says"):
+        detect(opened, never, opened.frames)
+    (folder / f"{name}.png").write_text("no picture")
+    with pytest.raises(UserError, match="cannot be read as a PNG or JPEG"):
+        detect(opened, never, opened.frames)
+    assert not (tmp_path / "run").exists()
+
+
+def test_masks_that_are_there_stay(capture, tmp_path):
+    opened = open_capture(capture)
+    number = opened.frames[0]
+    name, camera = next(iter(opened.cameras.items()))
+    mask = opened.folder(number) / "masks" / f"{name}.png"
+    before = mask.read_bytes() if mask.exists() else None
+    if before is None:
+        write_image(mask, np.full(camera.size, 255, np.uint8))
+        before = mask.read_bytes()
+    import_image = f"from PIL import Image; (Path(out) / 'masks').mkdir(); Image.new('L', {camera.size[::-1]}).save"
+    body = f"{COPIES}\n    {import_image}(Path(out) / 'masks' / '{name}.png')"
+    detect(opened, program(tmp_path, body), [number])
+    assert mask.read_bytes() == before
+    assert json.loads((opened.folder(number) / "keypoints.json").read_text())["names"]
