@@ -127,6 +127,7 @@ class Garment:
     name: str
     template: str  # path inside the capture; "" for one that is cut from the scans
     label: str
+    prints: bool = False  # slip is corrected by what is printed on it
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from tests.support.blas import most_blas_threads
 from toile import cli
 from toile.align.run import align
 from toile.align.settings import AlignSettings
-from toile.align.smoothing import over_time
 from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.run import open_run
+from toile.prints.smoothing import over_time
 
 QUICK = AlignSettings(
     lattice_spacing=0.012,

@@ -65,6 +65,13 @@ def label_that_nothing_carries(capture):
     return ["scene.toml", "labels.cape"]
 
 
+def prints_without_pictures(capture):
+    edit(capture / "scene.toml", 'label = "tshirt"', 'label = "tshirt"\nprints = true')
+    for frame in frames(capture):
+        shutil.rmtree(frame / "images")
+    return ["scene.toml", "garment.0.prints", "frame 000000 has no images"]
+
+
 def unknown_label(capture):
     edit(capture / "scene.toml", 'label = "tshirt"', 'label = "cape"')
     return ["scene.toml", "garment.0.label"]
@@ -93,7 +100,8 @@ def path_that_leaves(capture):
 
 
 CASES = [
-    missing_camera, other_size, scan_with_nan, closed_template, label_that_nothing_carries, unknown_label, unknown_key,
+    missing_camera, other_size, scan_with_nan, closed_template, label_that_nothing_carries, prints_without_pictures,
+    unknown_label, unknown_key,
     millimetres_too_small, kilometres, path_that_leaves,
 ]  # fmt: skip
 

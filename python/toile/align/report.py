@@ -11,11 +11,12 @@ from ..io.files import write_text
 from ..io.image import write_image
 from ..measure.page import cards, document, figure, heat, table
 from ..pipeline.blocks import blocks
+from ..prints.colours import logarithms
 from ..surface.layers import read_layers
 from ..surface.sampling import evenly
 from ..surface.uv import UvMap
 from ..vision.unwrapping import mean_texture
-from .prints import PrintReader, logarithms
+from .prints import PrintReader
 
 SIZE = 512  # texels
 FRAMES = 24  # read, spread evenly over the aligned ones

@@ -26,19 +26,18 @@ from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
 from ..pipeline.blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
 from ..pipeline.manifest import claim
+from ..prints.colours import Places
+from ..prints.lengths import true_lengths
+from ..prints.matching import Matched, Matcher
+from ..prints.reference import NEAR, Reference, anchors_and_samples, pyramid_of, reference_of
+from ..prints.sliding import SlidingSurface
+from ..prints.smoothing import over_time
 from ..scene import GarmentTemplate
 from ..surface.layering import Layering
 from ..surface.layers import read_layers
-from .matching import Matched, Matcher
-from .prints import Places, PrintReader, blended, camera_offsets
-from .reference import Reference, anchors_and_samples, make_reference
+from .prints import PrintReader
 from .report import write_report
 from .settings import AlignSettings
-from .sliding import SlidingSurface
-from .smoothing import over_time
-
-NEAR = 10  # frame numbers within which a frame starts from the one before
-SCALED = 1.2  # a template that a run made larger or smaller by more is no longer the capture's
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def prepare(run, out, settings, progress=lambda *_: None) -> PreparedAlignment:
     places = {name: Places(of[name], s.lattice.face, s.lattice.bary) for name, s in surfaces.items()}
     reader = PrintReader(run, layers, places)
     if any(not path.exists() for path in paths.values()):
-        _make_references(run.pictured, settings, reader, matchers, paths, of, progress)
+        _make_references(run.pictured, settings, reader, matchers, paths, progress)
     references = {name: load_record(path, Reference) for name, path in paths.items()}
     onto = {name: matchers[name].target(r.values, r.weights) for name, r in references.items()}
     body, sizes = run.body_model, [(name, s.faces, len(s.rest)) for name, s in surfaces.items()]
@@ -146,24 +145,17 @@ def prepare(run, out, settings, progress=lambda *_: None) -> PreparedAlignment:
 
 
 def _template(run, layer):
-    """Vertices of the template, whose lengths the cloth keeps: the capture's; where the run cut one from the capture, turned
-    the capture's or scaled it, the run's own."""
+    """Vertices of the template, whose lengths the cloth keeps; where the run cut one from the capture, the run's own."""
     prepared, mesh = run.path / "prepared" / f"template.{layer.name}.npz", run.capture.templates.get(layer.name)
     own = load_record(prepared, GarmentTemplate, ("loops",)).rest if prepared.exists() else None
     cut = layer.name in run.config.get("settings", {}).get("template_from_scan", ())
-    same = not cut and mesh is not None and np.array_equal(mesh.faces, layer.faces)
-    if same and (own is None or _size(own) / SCALED < _size(mesh.vertices) < _size(own) * SCALED):
-        return mesh.vertices
-    if own is None:
+    found = true_lengths(None if cut else mesh, own, layer.faces)
+    if found is None:
         raise UserError(f"{run.capture.root}: the template of {layer.name} is not the one that {run.path} registered")
-    return own
+    return found
 
 
-def _size(V):
-    return np.linalg.norm(np.ptp(V, axis=0))
-
-
-def _make_references(pictured, settings, reader, matchers, paths, layers, progress):
+def _make_references(pictured, settings, reader, matchers, paths, progress):
     anchors, samples = anchors_and_samples(
         pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames
     )
@@ -172,12 +164,8 @@ def _make_references(pictured, settings, reader, matchers, paths, layers, progre
         views.append(reader.views(number))
         progress("reference", k + 1, len(anchors) + len(samples) + 1)
     for name, matcher in matchers.items():
-        mine, points = [v[name] for v in views], len(matcher.surface.lattice)
-        offsets = camera_offsets(mine, points)
-        pyramids = [matcher.pyramid(*blended(v, offsets, points)) for v in mine]
         posed = [reader.vertices(number, name) for number in [*anchors, *samples]]
-        values, weights = make_reference(matcher, pyramids, posed, len(anchors), settings.mean_rounds)
-        save_record(paths[name], Reference(layers[name].rest, values, weights, offsets))
+        save_record(paths[name], reference_of(matcher, [v[name] for v in views], posed, len(anchors)))
     progress("reference", len(views) + 1, len(views) + 1)
 
 
@@ -188,8 +176,7 @@ def match(prepared, number, previous, results) -> None:
     """Matches a frame's prints upon the references, from the slides of the frame `previous` if there is one."""
     start, views = time.perf_counter(), prepared.reader.views(number)
     for name, matcher in prepared.matchers.items():
-        offsets, points = prepared.references[name].offsets, len(matcher.surface.lattice)
-        pyramid = matcher.pyramid(*blended(views[name], offsets, points))
+        pyramid = pyramid_of(matcher, views[name], prepared.references[name].offsets)
         first = None if previous is None else _matched(results, previous, name).d
         matched = matcher.match(pyramid, prepared.onto[name], prepared.reader.vertices(number, name), first)
         save_record(results.folder(number) / f"{name}.npz", matched)

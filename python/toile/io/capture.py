@@ -55,6 +55,7 @@ class _GarmentTable(_Table):
     name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)
     template: str = ""
     label: str
+    prints: bool = False
 
 
 class _CamerasTable(_Table):
@@ -205,7 +206,12 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
             seen |= set(np.unique(frame.scan_labels).tolist())
     if len(errors) == len(frames[:CHECKED]):
         raise UserError(errors[0])
-    for garment in capture.scene.garments:
+    for i, garment in enumerate(capture.scene.garments):
+        if garment.prints and not any(capture.pictured(number) for number in frames):
+            raise UserError(
+                f"{capture.root / 'scene.toml'}: garment.{i}.prints: frame {frames[0]:06d} has no images to show the print of "
+                f"'{garment.name}', nor has any other"
+            )
         if not labelled:
             raise UserError(
                 f"{capture.root / 'frames'}: garment '{garment.name}' needs labels/*.png or labels on the scans"
@@ -257,7 +263,7 @@ def _scene(root: Path, file: Path, table: Any) -> Scene:
         table.scene.up,
         table.body.model,
         dict(table.labels),
-        tuple(Garment(g.name, g.template, g.label) for g in table.garment),
+        tuple(Garment(g.name, g.template, g.label, g.prints) for g in table.garment),
         bool(table.face and table.face.keypoints),
         table.cameras.view_dependent,
         table.scene.keypoints,

@@ -56,7 +56,8 @@ def reopen(run: Path, frames: Sequence[int], results: FrameFolders) -> None:
     with locked(run):
         if is_whole(run):
             shutil.rmtree(run / "work", ignore_errors=True)
-        shutil.rmtree(run / "work" / "smoothed", ignore_errors=True)  # with other neighbours, other results
+        for made in ("slid", "smoothed"):
+            shutil.rmtree(run / "work" / made, ignore_errors=True)  # with other neighbours, other results
         results.reopen(frames)
         if is_run(run):
             RunWriter.of(run).reopen(frames)

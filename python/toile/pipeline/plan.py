@@ -17,6 +17,7 @@ class Step:
 def plan(capture: Capture) -> list[Step]:
     """The stages that this capture asks for, in order, and those left out, each with why."""
     scene, names = capture.scene, [g.name for g in capture.scene.garments]
+    printed = [g.name for g in capture.scene.garments if g.prints]
     first = capture.frame(capture.frames[0])
     cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
     given = [("labels/*.png", bool(first.labels)), ("label of scan.ply", first.scan_labels is not None)]
@@ -26,6 +27,7 @@ def plan(capture: Capture) -> list[Step]:
         Step("track", True, f'[body] model = "{scene.body_model}"'),
         Step("segment", bool(names), f"{cloth}; {labels}" if names else cloth),
         Step("dress", bool(names), cloth),
+        Step("prints", bool(printed), f"prints = true: {', '.join(printed)}" if printed else "no prints = true"),
         Step("inner", bool(names), cloth),
         Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),
     ]

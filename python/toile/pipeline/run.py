@@ -35,8 +35,9 @@ from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse
 from ..measure.verdicts import judge
+from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented, Tracked
-from ..stages import dress, inner, motion, reconstruct, segment, track
+from ..stages import dress, inner, motion, prints, reconstruct, segment, track
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
 from ..vision.threads import parallel_map, parallel_map_with
@@ -45,6 +46,7 @@ from .fusing import fuse
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
+from .printing import slide
 from .smoothing import load_layers, smooth
 from .template import Worn, check_templates, template_from_scan, template_on_body
 
@@ -134,6 +136,18 @@ class PreparedRun:
     colours: segment.SegmentModel | None = None  # these where the scene names a garment
     templates: tuple[GarmentTemplate, ...] = ()
     dressers: tuple[dress.Dresser, ...] = ()
+
+    @cached_property
+    def aligner(self) -> prints.PrintAligner:
+        """Slides printed garments."""
+        printed = [garment.name for garment in self.capture.scene.garments if garment.prints]
+        meshes = {
+            name: mesh for name, mesh in self.capture.templates.items() if name not in self.config.template_from_scan
+        }
+        own = {t.name: t for t in self.templates if t.name in printed}
+        lengths = {name: true_lengths(meshes.get(name), t.rest, t.faces) for name, t in own.items()}
+        cameras, settings = self.capture.cameras, self.config.prints
+        return prints.PrintAligner(self.model, self.person, self.templates, lengths, cameras, settings)
 
     @cached_property
     def smoother(self) -> motion.Smoother:
@@ -308,10 +322,11 @@ def _load_segmented(path):
 
 def last_stages(run, frames, results, progress, prepared, pool) -> None:
     """The body under the garments, the garments out of it, and every frame's arrays to the store."""
-    scene = prepared.capture.scene
+    scene, good = prepared.capture.scene, [number for number in frames if results.whole(number)]
+    if any(garment.prints for garment in scene.garments):
+        slide(partial(_load_dressed, results), good, _slid(results), prepared, pool, progress)
     if prepared.config.motion.temporal:
-        good = [number for number in frames if results.whole(number)]
-        smooth(results, good, _smoothed(results), prepared, pool)
+        smooth(partial(_load_slid, results), good, _smoothed(results), prepared, pool)
     if scene.garments:
         _kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(run, frames, results, prepared, pool))
     if not is_run(run):
@@ -336,10 +351,28 @@ def _smoothed(results):
     return FrameFolders(results.root.parent / "smoothed", results.status, "motion")
 
 
+def _slid(results):
+    """The folders of the printed garments as `slide` leaves them."""
+    return FrameFolders(results.root.parent / "slid", results.status, "prints")
+
+
+def _load_dressed(results, prepared, number):
+    """A frame as the first stages made it."""
+    tracked, dressed = load_layers(results.folder(number), prepared.templates)
+    return tracked, _load_segmented(results.folder(number) / "segment.npz"), dressed
+
+
+def _load_slid(results, prepared, number):
+    """A frame's layers, printed garments slid."""
+    return load_layers(results.folder(number), prepared.templates, _slid(results).folder(number))
+
+
 def _load_results(results, prepared, number):
     """A frame as the last stages take it: smoothed, where that is asked for."""
-    layers = _smoothed(results) if prepared.config.motion.temporal else results
-    tracked, dressed = load_layers(layers.folder(number), prepared.templates)
+    if prepared.config.motion.temporal:
+        tracked, dressed = load_layers(_smoothed(results).folder(number), prepared.templates)
+    else:
+        tracked, dressed = _load_slid(results, prepared, number)
     segmented = _load_segmented(results.folder(number) / "segment.npz") if prepared.templates else None
     return tracked, segmented, dressed
 

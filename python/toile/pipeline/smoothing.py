@@ -5,7 +5,7 @@ seam, and who smooths which block, or again, changes no bit."""
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -16,25 +16,30 @@ from ..stages.motion import Strengths, strength_of
 from .blocks import BLOCK, FrameFolders, Workers, blocks
 
 
-def smooth(raw: FrameFolders, numbers: Sequence[int], smoothed: FrameFolders, prepared, pool: Workers) -> None:
-    """Smooths the frames `numbers` of `raw`, which are whole there, into the folders of `smoothed`. Frames that do not
-    follow one another say nothing of each other. `prepared.smoother` is a stages.motion.Smoother, of each process."""
+def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepared, pool: Workers) -> None:
+    """Smooths the frames `numbers` into the folders of `smoothed`; `load(prepared, number)` gives a frame's Tracked and
+    {garment: Dressed}. Frames that do not follow one another say nothing of each other. `prepared.smoother` is a
+    stages.motion.Smoother, of each process."""
     numbers, settings = sorted(numbers), prepared.config.motion
     kept = smoothed.root / "strengths.npz"
     if not kept.exists():
-        gathered = dict(pool.each(partial(_gather, raw), list(enumerate(blocks(numbers)))))
+        gathered = dict(pool.each(partial(_gather, load), list(enumerate(blocks(numbers)))))
         total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
         save_record(kept, strength_of(total, settings.max_strength))
     left = [own for own in blocks(numbers) if not all(map(smoothed.whole, own))]
     around = [(own, [n for n in numbers if _beside(n, own[0] // BLOCK, settings.margin)]) for own in left]
-    for _ in pool.each(partial(_smooth, raw, smoothed, load_record(kept, Strengths)), around):
+    for _ in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
         pass
 
 
-def load_layers(folder: Path, templates) -> tuple[Tracked, dict[str, Dressed]]:
-    """A frame's tracked surface and garments, from a folder of the first stages or of `smooth`."""
-    dressed = {t.name: load_record(folder / f"dress.{t.name}.npz", Dressed) for t in templates}
-    return load_record(folder / "track.npz", Tracked), dressed
+def load_layers(folder: Path, templates, slid: Path | None = None) -> tuple[Tracked, dict[str, Dressed]]:
+    """A frame's tracked surface and garments, from a folder of the first stages or of `smooth`; those that the folder `slid`
+    has from there."""
+    dressed = {}
+    for name in (f"dress.{t.name}.npz" for t in templates):
+        from_there = slid is not None and (slid / name).exists()
+        dressed[name] = load_record((slid if from_there else folder) / name, Dressed)
+    return load_record(folder / "track.npz", Tracked), dict(zip((t.name for t in templates), dressed.values()))
 
 
 def _beside(number, block, margin):
@@ -48,23 +53,23 @@ def _consecutive(numbers):
     return [numbers[a:b] for a, b in pairwise([0, *cuts, len(numbers)])]
 
 
-def _gather(raw, prepared, block):
+def _gather(load, prepared, block):
     """Yields what one (index, numbers) says of its roughness."""
     index, numbers = block
     total = prepared.smoother.nothing()
     for run in _consecutive(numbers):
-        total += prepared.smoother.gather([load_layers(raw.folder(n), prepared.templates) for n in run])
+        total += prepared.smoother.gather([load(prepared, n) for n in run])
     yield index, total
 
 
-def _smooth(raw, smoothed, strengths, prepared, block):
+def _smooth(load, smoothed, strengths, prepared, block):
     """Writes one block's frames, given (its numbers, those with its margins); yields its first number."""
     own, around = block
     for run in _consecutive(around):
         wanted = sorted(set(run) & set(own))
         start = time.perf_counter()
         if wanted:
-            frames = [load_layers(raw.folder(n), prepared.templates) for n in run]
+            frames = [load(prepared, n) for n in run]
             made = dict(zip(run, prepared.smoother.smooth(frames, strengths)))
         for number in wanted:
             _save(smoothed.folder(number), *made[number])

@@ -134,8 +134,9 @@ class Unwrapper:
         self.starts = np.cumsum([0, *(len(m.layer.faces) for m in maps)])  # faces of each layer
         self.layer_of = np.repeat(np.arange(len(maps)), np.diff(self.starts)).astype(np.uint8)
 
-    def frame(self, vertices, confidence):
-        """Sets the frame: per layer vertices (n,3) and confidence (n,) uint8."""
+    def frame(self, vertices, confidence, covered=()):
+        """Sets the frame: per layer vertices (n,3) and confidence (n,) uint8. Faces `covered` of the first layer are not drawn."""
+        self.drawn = np.delete(np.arange(len(self.F)), covered)
         self.V = np.concatenate(vertices)
         self.normals = np.concatenate([kernels.vertex_normals(V, m.layer.faces) for V, m in zip(vertices, self.maps)])
         self.confidence = np.concatenate([CONFIDENCE[confidence_ids(c)] for c in confidence])
@@ -145,23 +146,24 @@ class Unwrapper:
 
         A texel's weight is the cosine to the view times its confidence where the layers' depth buffer shows it, away from
         occlusion borders and from other layers, on pixels of the person whose labels do not speak against the layer."""
-        drawn = kernels.raster(camera.to_camera(self.V), self.F, camera.K, camera.size)
+        drawn = kernels.raster(camera.to_camera(self.V), self.F[self.drawn], camera.K, camera.size)
         hit = drawn.face >= 0
+        face = self.drawn[drawn.face]  # where hit
         clear = hit & mask & ~occlusion_border(drawn.depth, *BORDER)
         if not hit.any():
             return [Unwrapped.nothing() for _ in self.maps]
-        layer = np.where(hit, self.layer_of[drawn.face], EMPTY)
+        layer = np.where(hit, self.layer_of[face], EMPTY)
         pixels = camera.K[0, 0] / np.median(drawn.depth[hit])  # a metre at the person
         clear &= ~seams(layer, SEAM * pixels)
         doubt = seams(layer, DOUBT * pixels)
         allowed = [self._allowed(m.layer.label, labels, doubt) for m in self.maps]
-        return [self._layer(i, camera, image, drawn, clear & a) for i, a in enumerate(allowed)]
+        return [self._layer(i, camera, image, face, drawn.depth, clear & a) for i, a in enumerate(allowed)]
 
-    def _layer(self, i, camera, image, drawn, clear):
+    def _layer(self, i, camera, image, face, depth, clear):
         layer = self.maps[i].layer
         if not len(self.texel[i]):
             return Unwrapped.nothing()
-        pick = np.flatnonzero(self._near(i, drawn.face[clear])[self.face[i]])
+        pick = np.flatnonzero(self._near(i, face[clear])[self.face[i]])
         corners, bary = layer.faces[self.face[i][pick]] + self.counts[i], self.bary[i][pick]
         points, normals = (np.einsum("tk,tkx->tx", bary, values[corners]) for values in (self.V, self.normals))
         confidence = np.einsum("tk,tk->t", bary, self.confidence[corners])
@@ -173,13 +175,7 @@ class Unwrapper:
         ray = camera.centre - points
         cosine = np.einsum("ni,ni->n", ray, normals) / np.linalg.norm(ray, axis=1)
         slack = TOLERANCE / np.maximum(cosine, MIN_COSINE)
-        seen = (
-            inside
-            & clear[row, column]
-            & (cosine > MIN_COSINE)
-            & (z < drawn.depth[row, column] + slack)
-            & (confidence > 0)
-        )
+        seen = inside & clear[row, column] & (cosine > MIN_COSINE) & (z < depth[row, column] + slack) & (confidence > 0)
         colours = bilinear(_blurred(image, clear, seen.sum()), uv[seen])
         return Unwrapped(
             self.texel[i][pick[seen]], np.rint(colours).clip(0, 255).astype(np.uint8), (cosine * confidence)[seen]

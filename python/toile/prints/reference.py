@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..surface.sampling import evenly
+from .colours import blended, camera_offsets
 
 SEEN = 0.3  # share of the reference's frames in which a point must have been seen to count in full
+NEAR = 10  # frame numbers within which a frame starts from the one before
 RECENT = 8  # frames before it that an anchor is first laid upon
 
 
@@ -26,6 +28,19 @@ def anchors_and_samples(frames, first, anchors, samples):
     """(anchors, samples): frames spread evenly over the `first` chunk, and over all of `frames`, without those."""
     near = evenly(first, anchors)
     return near, [n for n in evenly(frames, samples) if n not in near]
+
+
+def pyramid_of(matcher, views, offsets):
+    """The pyramid of a frame's print, from its Unwrapped a camera and the cameras' colours `offsets` (c,3)."""
+    return matcher.pyramid(*blended(views, offsets, len(matcher.surface.lattice)))
+
+
+def reference_of(matcher, frames, posed, anchors):
+    """The Reference of `frames`, lists of Unwrapped a camera, and their surfaces (f,g,3), the `anchors` first."""
+    offsets = camera_offsets(frames, len(matcher.surface.lattice))
+    pyramids = [pyramid_of(matcher, views, offsets) for views in frames]
+    values, weights = make_reference(matcher, pyramids, posed, anchors, matcher.settings.mean_rounds)
+    return Reference(matcher.surface.rest, values, weights, offsets)
 
 
 def make_reference(matcher, pyramids, posed, anchors, rounds):

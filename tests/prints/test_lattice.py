@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toile import kernels
-from toile.align.lattice import Lattice
+from toile.prints.lattice import Lattice
 
 
 def patch(n=9, seed=0):

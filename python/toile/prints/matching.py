@@ -69,11 +69,12 @@ class Matcher:
         return out
 
     def match(self, frame, target, posed, start=None):
-        """The Matched slide of a frame's pyramid upon a target; `posed` (g,3) is the frame's registered surface. It starts from
-        the slide `start`, without one from what the lengths of edges alone ask for."""
+        """The Matched slide of a frame's pyramid upon a target; `posed` (g,3) is the frame's registered surface. It follows
+        the slide `start`; without one it begins with what the lengths of edges alone ask for."""
         nothing = np.zeros((len(self.surface.rest), 2))
         d = self.unstretched([posed]) if start is None else start
-        for k, count in enumerate(self.settings.blur_steps):
+        steps = self.settings.blur_steps if start is None else self.settings.follow_steps
+        for k, count in enumerate(steps):
             for _ in range(count):
                 data = self._print_equations(k, *self._residual(frame, target, d, k), target[k][2])
                 d = self._step(d, [posed], data)

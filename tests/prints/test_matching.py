@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from toile import kernels
-from toile.align.lengths import Lengths
-from toile.align.matching import Matcher
 from toile.align.settings import AlignSettings
-from toile.align.sliding import SlidingSurface
+from toile.prints.lengths import Lengths
+from toile.prints.matching import Matcher
+from toile.prints.sliding import SlidingSurface
 
 RADIUS, HEIGHT = 0.15, 0.5
 SETTINGS = AlignSettings(lattice_spacing=0.006)

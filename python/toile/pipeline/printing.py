@@ -1,0 +1,101 @@
+"""The pass over a run's frames in which printed garments slide until their prints lie still: a reference of frames spread
+over the run, then blocks of 50 absolute numbers that share nothing else."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+from ..errors import first_line
+from ..io.files import load_record, save_record, write_text
+from ..prints.matching import Matched
+from ..prints.reference import NEAR, Reference, anchors_and_samples
+from ..prints.smoothing import over_time
+from .blocks import FrameFolders, Progress, Workers, blocks
+from .overlap import overlapped
+
+
+def slide(load: Callable, numbers: Sequence[int], slid: FrameFolders, prepared, pool: Workers, progress: Progress):
+    """Slides the printed garments of the frames `numbers` into the folders of `slid`. `load(prepared, number)` gives a
+    frame's Tracked, Segmented and {garment: Dressed}. `prepared.aligner` is a stages.prints.PrintAligner, of each process."""
+    make_references(load, numbers, prepared, progress)
+    left = [own for own in blocks(numbers) if not all(map(slid.whole, own))]
+    for i, _ in enumerate(pool.each(partial(_slide, load, slid), left)):
+        progress("prints", i + 1, sum(map(len, left)))
+
+
+def reference_path(prepared, name):
+    return prepared.folder / f"print.{name}.npz"
+
+
+def make_references(load, numbers, prepared, progress):
+    """Makes the reference of every printed garment, unless it is there."""
+    paths = {name: reference_path(prepared, name) for name in prepared.aligner.matchers}
+    pictured = [number for number in numbers if prepared.capture.pictured(number)]
+    if all(path.exists() for path in paths.values()) or not pictured:
+        return
+    settings = prepared.config.prints
+    chosen = anchors_and_samples(pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames)
+    views, dressed = [], []
+    for number in sum(chosen, []):
+        layers = load(prepared, number)
+        views.append(prepared.aligner.views(prepared.capture.pictures(number), *layers))
+        dressed.append(layers[-1])
+        progress("reference print", len(views), sum(map(len, chosen)))
+    for name, reference in prepared.aligner.reference(views, dressed, len(chosen[0])).items():
+        save_record(paths[name], reference)
+
+
+def _slide(load, slid, prepared, numbers) -> Iterator[int]:
+    """Matches and slides one block's frames; yields each number. Frames without pictures, and those whose prints could not
+    be matched, slide as the frames beside them."""
+    aligner, found = prepared.aligner, {}
+    pictured = [number for number in numbers if prepared.capture.pictured(number)]
+    onto = {name: load_record(reference_path(prepared, name), Reference) for name in aligner.matchers if pictured}
+    onto = {name: (r, aligner.matchers[name].target(r.values, r.weights)) for name, r in onto.items()}
+    seconds = dict.fromkeys(numbers, 0.0)
+
+    def begin(number, before):
+        start = time.perf_counter()
+        layers = load(prepared, number)
+        views = aligner.views(prepared.capture.pictures(number), *layers)
+        seconds[number] += time.perf_counter() - start
+        yield
+        start = time.perf_counter()
+        near = before is not None and number - before <= NEAR
+        found[number] = aligner.match(views, layers[-1], onto, found[before] if near else None)
+        seconds[number] += time.perf_counter() - start
+
+    for number, error in overlapped(begin, pictured):
+        if error is not None:
+            slid.status.add(frame=number, stage=slid.stage, ok=False, warning=f"prints: {first_line(error)}")
+        yield number
+    for number in numbers:
+        start = time.perf_counter()
+        _write(slid.folder(number), prepared, load(prepared, number)[-1], _slides(prepared, found, number))
+        seconds[number] += time.perf_counter() - start
+        write_text(slid.folder(number) / "whole", "")
+        slid.status.add(frame=number, stage=slid.stage, seconds=seconds[number], ok=True)
+        if number not in pictured:
+            yield number
+
+
+def _slides(prepared, found, number) -> dict[str, Matched]:
+    """A frame's slides by garment: as found, else from the frames about it; none where none was found."""
+    if number in found or not found:
+        return found.get(number, {})
+    made = {}
+    for name in prepared.aligner.matchers:
+        slides = [matched[name].d for matched in found.values()]
+        fps, settings = prepared.capture.scene.fps, prepared.config.prints
+        made[name] = Matched(over_time(list(found), slides, [number], fps, settings)[0], 0.0, 0.0, 0.0)
+    return made
+
+
+def _write(folder, prepared, dressed, slides):
+    for name in prepared.aligner.matchers:
+        garment = dressed[name]
+        if name in slides:
+            garment = prepared.aligner.slid(name, garment, slides[name].d)
+        save_record(folder / f"dress.{name}.npz", garment)

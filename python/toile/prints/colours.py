@@ -1,0 +1,84 @@
+"""Prints as the pictures show them: colours at a lattice's points, over all views, free of the cameras' own colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..vision.unwrapping import pinhole, undistorted
+
+DARK = 0.04  # added to colours 0..1 before their logarithm is taken
+CHANNELS = np.array(
+    [[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]]
+)  # lightness and two chromas of logarithms of RGB
+SURE = 0.25  # total squared weight of a point's views from which it counts in full
+SHARED = 0.2  # weight of other views that a point needs to be compared with theirs
+
+
+@dataclass(frozen=True)
+class Places:
+    """Points on a layer, in the form that an Unwrapper reads."""
+
+    layer: Any  # its `name`, `label` (-1: the body's), `rest` (n,3) and `faces` (m,3)
+    face: np.ndarray  # (N,)
+    bary: np.ndarray  # (N,3)
+
+    @property
+    def valid(self):
+        return np.ones(len(self.face), bool)
+
+
+def unwrapped(unwrapper, frame, cameras):
+    """[[Unwrapped a camera] a layer] of a frame's pictures; an Unwrapper's `frame` was set before. Without labels and masks all
+    of a picture counts; a camera without a picture sees nothing."""
+    return list(zip(*(_view(unwrapper, frame, name, camera) for name, camera in cameras.items())))
+
+
+def _view(unwrapper, frame, name, camera):
+    image, labels = frame.images.get(name), frame.labels.get(name)
+    mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+    if image is None:  # a view that shows nothing
+        image, mask = np.zeros((*camera.size, 3), np.uint8), np.zeros(camera.size, bool)
+    flat = None if labels is None else undistorted(camera, labels, True)
+    mask = undistorted(camera, mask.astype(np.uint8), True) > 0
+    return unwrapper.view(pinhole(camera), undistorted(camera, image), mask, flat)
+
+
+def logarithms(colours):
+    """Of uint8 colours (k,3)."""
+    return np.log(colours / 255.0 + DARK)
+
+
+def blended(views, offsets, points):
+    """Channels (N,3) and weights (N,) 0..1 of a frame's views together; views more face-on count by the square."""
+    total, weight = np.zeros((points, 3)), np.zeros(points)
+    for view, offset in zip(views, offsets):
+        w = view.weights**2
+        total[view.texels] += w[:, None] * (logarithms(view.colours) - offset)
+        weight[view.texels] += w
+    return total / np.maximum(weight, 1e-9)[:, None] @ CHANNELS.T, np.minimum(weight / SURE, 1)
+
+
+def camera_offsets(frames, points, rounds=5):
+    """What each camera adds to the logarithm of colours (c,3), against the mean of the others at the same points;
+    frames: lists of Unwrapped a camera. Their mean over cameras is zero."""
+    offsets = np.zeros((len(frames[0]), 3))
+    for _ in range(rounds):
+        apart = [[] for _ in offsets]
+        for views in frames:
+            logs = [logarithms(v.colours) - o for v, o in zip(views, offsets)]
+            total, weight = np.zeros((points, 3)), np.zeros(points)
+            for view, y in zip(views, logs):
+                total[view.texels] += view.weights[:, None] * y
+                weight[view.texels] += view.weights
+            for view, y, own in zip(views, logs, apart):
+                others = weight[view.texels] - view.weights
+                k = others > SHARED
+                rest = total[view.texels][k] - view.weights[k, None] * y[k]
+                own.append(y[k] - rest / others[k, None])
+        step = np.array([np.median(np.concatenate(a), axis=0) if sum(map(len, a)) else np.zeros(3) for a in apart])
+        offsets += 0.7 * step  # all move at once: whole steps would overshoot
+        offsets -= offsets.mean(0)
+    return offsets

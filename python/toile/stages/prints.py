@@ -1,0 +1,105 @@
+"""Printed garments slid along their surfaces until the print on them lies as in a reference: which of a surface's points a
+vertex is, scans and openings leave free. Reads the tracked surface, which is all that hides a garment before the layers are parted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..kernels.arrays import Floats
+from ..prints.colours import Places, unwrapped
+from ..prints.matching import Matched, Matcher
+from ..prints.reference import Reference, pyramid_of, reference_of
+from ..prints.sliding import SlidingSurface
+from ..scene import BodyModel, Camera, Dressed, Frame, GarmentTemplate, Person, Segmented, Tracked
+from ..vision.unwrapping import Unwrapped, Unwrapper
+
+Views = Mapping[str, Sequence[Unwrapped]]  # of a garment's lattice, an Unwrapped a camera
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What an Unwrapper asks of a layer."""
+
+    name: str
+    label: int  # -1: the body's
+    rest: Any  # (n,3)
+    faces: Any  # (m,3)
+
+
+class PrintAligner:
+    """Aligns the garments named in `lengths`, which gives each the vertices (g,3) whose edges' lengths its cloth keeps.
+    Matching keeps state: one frame at a time."""
+
+    def __init__(
+        self,
+        model: BodyModel,
+        person: Person,
+        templates: Sequence[GarmentTemplate],
+        lengths: Mapping[str, Floats],
+        cameras: Mapping[str, Camera],
+        settings: Any,
+    ):
+        self.faces, self.cameras, self.settings = model.f, cameras, settings
+        self.names, self.labels = [t.name for t in templates], [t.label for t in templates]
+        self.matchers = {
+            t.name: Matcher(
+                SlidingSurface(t.rest, t.faces, t.loops, settings.lattice_spacing), lengths[t.name], settings
+            )
+            for t in templates
+            if t.name in lengths
+        }
+        nothing = np.zeros(0, np.int64), np.zeros((0, 3))
+        maps = [Places(_Drawn("", -1, person.rest, model.f), *nothing)]
+        for t in templates:
+            lattice = self.matchers[t.name].surface.lattice if t.name in lengths else None
+            places = nothing if lattice is None else (lattice.face, lattice.bary)
+            maps.append(Places(_Drawn(t.name, t.label, t.rest, t.faces), *places))
+        self.unwrapper = Unwrapper(maps, self.labels)
+
+    def views(self, frame: Frame, tracked: Tracked, segmented: Segmented, dressed: Mapping[str, Dressed]) -> Views:
+        """What the pictures of a frame show of every printed garment, which the tracked surface hides but for its cloth."""
+        layers = [tracked, *(dressed[name] for name in self.names)]
+        cloth = np.isin(segmented.vertices, self.labels)[self.faces].any(1)
+        self.unwrapper.frame(
+            [layer.vertices for layer in layers], [layer.confidence for layer in layers], np.flatnonzero(cloth)
+        )
+        seen = dict(zip(self.names, unwrapped(self.unwrapper, frame, self.cameras)[1:]))
+        return {name: seen[name] for name in self.matchers}
+
+    def reference(
+        self, views: Sequence[Views], dressed: Sequence[Mapping[str, Dressed]], anchors: int
+    ) -> dict[str, Reference]:
+        """The references of frames, of which the first `anchors` follow one another; see `prints.reference`."""
+        found = {}
+        for name, matcher in self.matchers.items():
+            posed = [d[name].vertices for d in dressed]
+            found[name] = reference_of(matcher, [v[name] for v in views], posed, anchors)
+        return found
+
+    def match(
+        self,
+        views: Views,
+        dressed: Mapping[str, Dressed],
+        references: Mapping[str, tuple[Reference, Any]],
+        before: Mapping[str, Matched] | None = None,
+    ) -> dict[str, Matched]:
+        """The slides of a frame upon references, each with its `Matcher.target`, from those of the frame `before`."""
+        found = {}
+        for name, matcher in self.matchers.items():
+            reference, onto = references[name]
+            pyramid = pyramid_of(matcher, views[name], reference.offsets)
+            found[name] = matcher.match(pyramid, onto, dressed[name].vertices, before and before[name].d)
+        return found
+
+    def slid(self, name: str, dressed: Dressed, d: Floats) -> Dressed:
+        """The garment `name` slid by d (g,2) [m] on its rest shape; each vertex as sure as the one nearest to its new place."""
+        surface = self.matchers[name].surface
+        face, bary = surface.slid(d)
+        V = surface.curved_points_at(dressed.vertices, face, bary)
+        told = {"slide_mm": float(1e3 * np.linalg.norm(d, axis=1).mean())}
+        sure = dressed.confidence[surface.faces[face, bary.argmax(1)]]
+        return replace(dressed, vertices=V, confidence=sure, diagnostics=dressed.diagnostics | told)
