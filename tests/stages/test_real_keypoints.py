@@ -1,14 +1,15 @@
 """OpenPose's detections in four calibrated videos of 1088x1920, whose residuals are of 8 to 10 px."""
 
 import json
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from toile.config import ReconstructSettings, preset
 from toile.io.body import load_body_model
-from toile.scene import Camera, Frame, Keypoints
+from toile.io.calibration import read_calibration
+from toile.io.importing import moved
+from toile.scene import Frame, Keypoints
 from toile.stages.reconstruct import triangulate
 from toile.stages.track import Tracker, prepare
 
@@ -18,27 +19,6 @@ SIDES = {
     "foot": (15, 16), "big_toe": (19, 22), "small_toe": (20, 23), "heel": (21, 24),
 }  # fmt: skip
 NAMES = {f"body.{name}.{side}": pair[i] for name, pair in SIDES.items() for i, side in enumerate("LR")}
-
-
-def cameras_of(folder):
-    """Qualisys gives 1/64 px and mm, and cameras that look along their negative z axis."""
-    cameras = {}
-    for camera in ElementTree.parse(folder / "calibration" / "Calib.qca.txt").getroot().iter("camera"):
-        view, turn, lens = (camera.find(name).attrib for name in ("fov_video", "transform", "intrinsic"))
-        number = lambda table, name: float(table[name])
-        R = np.array([[number(turn, f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)])
-        T = np.eye(4)
-        T[:3, :3] = np.diag([1, -1, -1]) @ R
-        T[:3, 3] = -T[:3, :3] @ [number(turn, axis) / 1000 for axis in "xyz"]
-        K = np.eye(3)
-        K[[0, 1], [0, 1]] = number(lens, "focalLengthU") / 64, number(lens, "focalLengthV") / 64
-        K[:2, 2] = number(lens, "centerPointU") / 64, number(lens, "centerPointV") / 64
-        bend = [number(lens, f"radialDistortion{i}") for i in (1, 2)] + [
-            number(lens, f"tangentalDistortion{i}") for i in (1, 2)
-        ]
-        width, height = int(view["right"]) + 1, int(view["bottom"]) + 1
-        cameras[camera.attrib["serial"]] = Camera(camera.attrib["serial"], width, height, K, np.array([*bend, 0.0]), T)
-    return cameras
 
 
 def keypoints_of(folder, number):
@@ -53,7 +33,8 @@ def keypoints_of(folder, number):
 @pytest.fixture(scope="module")
 def data(shared_data):
     folder = shared_data / "pose2sim_calibrated_video"
-    cameras = cameras_of(folder)
+    calibration = read_calibration("qualisys", folder / "calibration" / "Calib.qca.txt")
+    cameras = moved(calibration, 0.001, np.eye(3))
     return cameras, [keypoints_of(folder, number) for number in (20, 40, 60, 80)]
 
 

@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-KINDS_HELP = "opencv, colmap, metashape, qualisys, pose2sim or lists: a calibration with pictures about it"
+KINDS_HELP = (
+    "opencv, colmap, metashape, qualisys, pose2sim, lists: a calibration with pictures about it; "
+    "4d-dress, goliath, actorshq, mvhumannet, dna-rendering: a data set"
+)
 
 
 def import_capture(
@@ -23,7 +26,9 @@ def import_capture(
     skeleton: Annotated[str, typer.Option(help="the keypoints' list, such as body_25 or body_25b")] = "",
     units: Annotated[str, typer.Option(help="of calibration and scans: m, dm, cm, mm, or metres a unit")] = "",
     up: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z; default what the cameras hold up")] = "",
-    fps: Annotated[float, typer.Option(help="frames a second", min=1e-3, max=100_000)] = 30,
+    fps: Annotated[
+        float | None, typer.Option(help="frames a second; default the data set's, or 30", min=1e-3, max=100_000)
+    ] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
     offset: Annotated[
@@ -35,18 +40,27 @@ def import_capture(
     copy: Annotated[bool, typer.Option("--copy", help="copy pictures in place of linking them")] = False,
 ):
     """Make a capture of somebody else's: a calibration and what lies about it, or a data set. Pictures are linked."""
+    from dataclasses import replace
+
     from ..console import frame_numbers
     from ..errors import UserError
     from .calibration import KINDS
+    from .datasets import DATASETS
     from .importing import write_capture
     from .rig import Options, chosen, read_rig
 
-    if kind not in KINDS:
-        raise UserError(f"toile import {kind}: expected one of {', '.join(KINDS)}")
     folders = dict(images=images, masks=masks, labels=labels, keypoints=keypoints, scans=scans, videos=videos)
-    options = Options(folders, units, up, fps, skeleton, offsets_of(offset or []), cropped)
-    found = read_rig(kind, source, options)
+    if kind in KINDS:
+        found = read_rig(kind, source, Options(folders, units, up, skeleton, offsets_of(offset or []), cropped))
+    elif kind in DATASETS:
+        given = [*folders.values(), units, skeleton, offset, cropped]
+        if any(given):
+            raise UserError(f"toile import {kind}: a data set takes --up, --fps, --frames, --step and --copy alone")
+        found = DATASETS[kind](source, up)
+    else:
+        raise UserError(f"toile import {kind}: expected one of {', '.join([*KINDS, *DATASETS])}")
     found = chosen(found, frame_numbers(frames, sorted(found.frames), step))
+    found = found if fps is None else replace(found, fps=fps)
     written = write_capture(found, out, f"{kind} {source}", copy)
     typer.echo(f"{out}: {len(written.frames)} frames, {len(written.cameras)} cameras, up {written.up}")
     for note in written.notes:

@@ -160,6 +160,11 @@ def moved(cameras: dict[str, Camera], metres: float, turn: Anything) -> dict[str
     return cameras_moved
 
 
+def text_of(text: str) -> Source:
+    """A file of this text."""
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
 def moved_scan(path: Path, metres: float, turn: Anything) -> Source:
     """A scan in metres, turned: the file itself where nothing changes and it is a PLY."""
     if metres == 1 and np.array_equal(turn, np.eye(3)) and path.suffix.lower() == ".ply":

@@ -72,11 +72,14 @@ def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:
         if labels.dtype.kind not in "iu" or labels.min(initial=0) < 0 or labels.max(initial=0) > 255:
             raise UserError(f"{path}: label: expected whole numbers from 0 to 255 (uchar), one a {element}")
         labels = labels.astype(np.uint8)
-        if element == "vertex" and (faces < n).all():
-            a, b, c = labels[faces].T
-            labels = np.where(b == c, b, a)
-        return labels
+        return face_labels_of(labels, faces) if element == "vertex" and (faces < n).all() else labels
     return None
+
+
+def face_labels_of(labels: Anything, faces: Anything) -> Any:
+    """Labels (m,) of faces from those of vertices (n,): that of two corners of three, else the first's."""
+    a, b, c = labels[faces].T
+    return np.where(b == c, b, a)
 
 
 def _ply_property(data: Any, name: str) -> Any:
@@ -162,8 +165,8 @@ def _refuse(path: Path, lines: Any, bad: Any, what: str) -> None:
 
 
 def write_mesh(path: Path | str, mesh: Mesh) -> None:
-    """Writes a mesh as a whole file: `.obj` (7 decimals, with its UVs, 6 decimals) or `.ply` (binary, float32 positions, no
-    UVs). UserError: another ending."""
+    """Writes a mesh as a whole file: `.obj` (7 decimals, with its UVs, 6 decimals) or `.ply` (binary, float32 positions, its
+    faces' labels, no UVs). UserError: another ending."""
     path = Path(path)
     write = {".obj": _obj, ".ply": _ply}.get(path.suffix.lower())
     if write is None:
@@ -187,8 +190,12 @@ def _ply(mesh: Mesh) -> Any:
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {len(V)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(F)}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"element face {len(F)}\nproperty list uchar int vertex_indices\n"
     )
-    rows = np.empty(len(F), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    labelled = mesh.face_labels is not None
+    header += ("property uchar label\n" if labelled else "") + "end_header\n"
+    rows = np.empty(len(F), dtype=[("count", "u1"), ("corners", "<i4", 3), *([("label", "u1")] if labelled else [])])
     rows["count"], rows["corners"] = 3, F
+    if labelled:
+        rows["label"] = mesh.face_labels
     return header.encode() + np.asarray(V).astype("<f4").tobytes() + rows.tobytes()

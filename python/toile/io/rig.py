@@ -16,7 +16,7 @@ from ..scene import Camera
 from .calibration import KINDS, find_calibration, read_calibration
 from .capture import METRES
 from .films import film_count
-from .importing import Found, Source, moved, moved_scan, turned_up, up_of
+from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
 from .places import Placed, files_of, folder_of, numbered, place, placed
 from .skeletons import SKELETONS
@@ -33,7 +33,6 @@ class Options:
     )  # of images, masks, labels, keypoints, scans, videos
     units: str = ""  # of the calibration and scans: m, dm, cm, mm, or metres a unit
     up: str = ""  # x, y, z, -x, -y, -z
-    fps: float = 30.0
     skeleton: str = ""
     offsets: Mapping[str, int] = field(default_factory=dict)  # camera: its file number of frame 0
     cropped: bool = False  # pictures lack columns at the right or rows below that the calibration has
@@ -64,7 +63,7 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     if not frames:
         raise UserError(f"{root}: no pictures of the cameras {_few(cameras)}: folders images/, CAM/ or videos/")
     _add_scans(frames, root, metres, turn, options, notes)
-    return Found(cameras, frames, up, options.fps, films=films, cropped=options.cropped, notes=tuple(notes))
+    return Found(cameras, frames, up, films=films, cropped=options.cropped, notes=tuple(notes))
 
 
 def metres_of(units: str) -> float:
@@ -132,7 +131,7 @@ def _add_keypoints(
         crowded += any(count > 1 for _, count in people.values())
         text = keypoints_json({camera: points for camera, (points, _) in people.items()})
         if number >= 0:
-            frames.setdefault(number, {})["keypoints.json"] = _writer(text)
+            frames.setdefault(number, {})["keypoints.json"] = text_of(text)
     if crowded:
         notes.append(f"keypoints: {crowded} frames show several people, of each picture the surest was taken")
 
@@ -149,17 +148,16 @@ def keypoints_json(people: Mapping[str, Mapping[str, Floats]]) -> str:
     return json.dumps({"names": names, "points": rows})
 
 
-def _writer(text: str) -> Any:
-    return lambda path: path.write_text(text, encoding="utf-8")
-
-
 def _films(
     frames: dict[int, dict[str, Source]], root: Path, cameras: dict[str, Camera], options: Options, notes: list[str]
 ) -> dict[str, tuple[Path, int]]:
     """{camera: (film, its picture of frame 0)}; the frames that films have are added."""
-    folder, films = _folder(root, "videos", options), {}
+    folder = _folder(root, "videos", options)
+    films: dict[str, tuple[Path, int]] = {}
     longest = sorted(cameras, key=len, reverse=True)
-    for path in [] if folder is None else files_of(folder, "videos"):
+    if folder is None:
+        return films
+    for path in files_of(folder, "videos"):
         camera, _ = place(path.relative_to(folder), longest)
         if camera is None:
             notes.append(f"left: {path.name}, a film of no camera")
