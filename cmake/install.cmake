@@ -24,6 +24,7 @@ set(TOILE_HEADERS  # these include each other by relative paths, so that they ar
   kernels/remesh.h
   kernels/sight.h
   kernels/skeleton.h
+  kernels/stereo.h
   kernels/untangle.h)
 set(TOILE_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/toile)
 

@@ -20,6 +20,8 @@ void bind_runtime(py::module_& m) {
     m.def("threads", &thread_count, "How many threads a kernel called from here may use; 1 in a forked child.");
 }
 
+void bind_stereo(py::module_& m);
+
 }  // namespace toile::bind
 
 PYBIND11_MODULE(_core, m) {
@@ -38,4 +40,5 @@ PYBIND11_MODULE(_core, m) {
     bind_remesh(m);
     bind_occlusion(m);
     bind_sight(m);
+    bind_stereo(m);
 }

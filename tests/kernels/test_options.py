@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.support.textured_plane import cameras
 from toile import _core, kernels
 from toile.io.body import load_body_model
 
@@ -21,6 +22,8 @@ CALLS = {
     "Occlusion": (kernels.ambient_occlusion, (V, F)),
     "Remesh": (kernels.remesh, (V, F, 0.1)),
     "Odds": (kernels.view_odds, ([], V, V, 1, 0, np.zeros(len(V), np.int32))),
+    "Stereo": (kernels.StereoSolver, (cameras(2),)),
+    "Fuse": (kernels.fuse_depths, (cameras(2), *(np.zeros((2, 4, 4, *n)) for n in ((), (3,), ())))),
     "Edge": (kernels.view_edges, ([], V[:3], V[:3], 1, [-0.01, 0, 0.01])),
 }
 

@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 import trimesh
 
+from tests.support import textured_plane
 from toile import kernels
 from toile.io.body import load_body_model
 
@@ -120,6 +121,13 @@ def cholesky(_):
     return kernels.CholeskyFactor().factorize(A).solve(V)
 
 
+def stereo(_):
+    cameras = textured_plane.cameras(2, size=(40, 48))
+    pictures, ranges = [textured_plane.picture(c) for c in cameras], textured_plane.ranges(cameras)
+    maps = kernels.StereoSolver(cameras).solve(pictures, None, ranges)
+    return maps, kernels.fuse_depths(cameras, *maps[:3])
+
+
 SOLVERS = {  # what prepares once, and a call of it
     nricp: nricp_solver,
     biharmonic: biharmonic_solver,
@@ -128,7 +136,7 @@ SOLVERS = {  # what prepares once, and a call of it
     inner: inner_solver,
     closest: surface_index,
 }
-CALLS = SOLVERS | dict.fromkeys([mrf, raster, sight, geometry, cholesky], lambda: None)
+CALLS = SOLVERS | dict.fromkeys([mrf, raster, sight, stereo, geometry, cholesky], lambda: None)
 
 
 def bits(value):

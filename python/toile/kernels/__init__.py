@@ -26,6 +26,7 @@ from .raster import raster
 from .remesh import remesh
 from .sight import View, bilinear, view_edges, view_odds, visibility
 from .skeleton import SkeletonSolver, skeleton
+from .stereo import StereoSolver, fuse_depths
 from .stop import Stop
 from .untangle import UntangleSolver, untangle
 
@@ -39,6 +40,7 @@ __all__ = [
     "NricpTracker",
     "SkeletonSolver",
     "SolveError",
+    "StereoSolver",
     "Stop",
     "SurfaceIndex",
     "UntangleSolver",
@@ -51,6 +53,7 @@ __all__ = [
     "cotangent_laplacian",
     "face_areas",
     "face_normals",
+    "fuse_depths",
     "intersecting_pairs",
     "mrf",
     "nricp",
