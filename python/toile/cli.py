@@ -321,7 +321,7 @@ def main():
     from .align.command import align
     from .avatar.command import train
     from .config.command import settings
-    from .io.command import import_capture
+    from .io.command import body_model, import_capture
     from .kernels import InputError
     from .studio.command import studio
 
@@ -330,6 +330,7 @@ def main():
     app.command()(studio)
     app.command()(settings)
     app.command("import")(import_capture)
+    app.command("body-model")(body_model)
     try:
         code = app(standalone_mode=False)
         if code == STOPPED:  # typer's answer to Ctrl-C

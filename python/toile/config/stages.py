@@ -291,7 +291,9 @@ class PrintSettings(Settings):
     lattice_spacing: float = setting(0.0045, "m", "of the points that prints are read at", gt=0)
     blurs: tuple[float, ...] = setting((0.012, 0.006, 0.003), "m", "of the print, coarse to fine")
     blur_steps: tuple[int, ...] = setting((5, 3, 2), "count", "Gauss-Newton steps at each blur")
-    follow_steps: tuple[int, ...] = setting((1, 2, 1), "count", "the same where a slide follows one that was found before")
+    follow_steps: tuple[int, ...] = setting(
+        (1, 2, 1), "count", "the same where a slide follows one that was found before"
+    )
     shade_blurs: float = setting(4.0, "1", "light varies slower than so many blurs", gt=0)
     lightness_noise: float = setting(0.10, "1", "noise of lightness, of which shading adds more than of colour", gt=0)
     chroma_noise: float = setting(0.05, "1", "noise of colour at equal lightness", gt=0)

@@ -1,4 +1,4 @@
-"""The command `toile import`."""
+"""The commands `toile import` and `toile body-model`."""
 
 from __future__ import annotations
 
@@ -79,3 +79,14 @@ def offsets_of(given):
             raise UserError(f"--offset {text}: expected CAMERA=N")
         offsets[camera] = int(number)
     return offsets
+
+
+def body_model(
+    file: Annotated[Path, typer.Argument(help="SMPL, SMPL-H or SMPL-X as distributed: .pkl or .npz")],
+    out: Annotated[Path, typer.Argument(help="the body model, a .npz")],
+    shapes: Annotated[int, typer.Option(help="coefficients of shape that are kept", min=1, max=300)] = 10,
+):
+    """Make a body model file of SMPL, SMPL-H or SMPL-X. Pickles are read without running anything in them."""
+    from .smpl import write_smpl
+
+    typer.echo(f"{out}: {write_smpl(file, out, shapes)}")
