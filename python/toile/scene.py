@@ -309,6 +309,9 @@ class Person:
     shape: Anything  # (S,) coefficients of the body model
     rest: Anything  # (n,3) rest vertices: model shape plus free-form offsets [m]
     J: Anything  # (K,3) rest joints [m]
+    keypoint_offsets: Anything | None = (
+        None  # (q,3) of the detector's keypoints from the model's, see surface/keypoints.py
+    )
 
 
 @dataclass(frozen=True)

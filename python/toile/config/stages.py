@@ -88,6 +88,12 @@ class TrackSettings(Settings):
     headings: int = setting(
         8, "count", "about the up axis, from which a pose is searched where no frame before it gives one; 0: none", ge=0
     )
+    keypoint_few_frames: float = setting(
+        3.0,
+        "count",
+        "frames whose offsets of keypoints from the model's count half; more: keypoints are the model's",
+        ge=0,
+    )
     search: SearchSettings = SearchSettings()
     skeleton: SkeletonSettings = SkeletonSettings()
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
+from ..surface.keypoints import learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
 from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
 from ..vision.threads import parallel_map_with
@@ -17,7 +18,8 @@ def prepare(model, frames, settings):
     """The personalised rest shape from sampled frames [(Frame, Points3D | None)].
 
     One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
-    most frames saw it the mean of the offsets is added, smoothed, to the shape.
+    most frames saw it the mean of the offsets is added, smoothed, to the shape. Where the detector's keypoints lie beside
+    the model's is learnt from the same frames.
     """
     fits = _shared_fit(model, frames, settings)
     _refuse_unmatched([frame.number for frame, _ in frames], fits)
@@ -36,7 +38,10 @@ def prepare(model, frames, settings):
         offsets += moved
         weight += seen
     mean = offsets / np.maximum(weight, 1) * (weight >= max(len(frames) // 2, 1))
-    return Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J)
+    poses = [(fit.rotations, fit.translation, fit.V) for fit, (_, points) in zip(fits, frames) if points is not None]
+    found = [points for _, points in frames if points is not None]
+    offsets = learnt_offsets(model, J, poses, found, settings.keypoint_few_frames)
+    return Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J, offsets)
 
 
 def _shared_fit(model, frames, settings):
@@ -151,8 +156,9 @@ class Tracker:
 
     def __init__(self, model, person, settings):
         self.model, self.person, self.settings = model, person, settings
+        beside = with_offsets(model, person.keypoint_offsets)
         self.skeleton = kernels.SkeletonSolver(
-            model, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
+            beside, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
         )
         self.surface, self.search = _Surface(model, person.rest, settings), PoseSearch(model, settings, person)
         self.poser = _Poser(model, person, settings) if settings.pose_vertices else None
@@ -250,19 +256,18 @@ class _Poser:
     about its axis, where a bare scan does not."""
 
     def __init__(self, model, person, settings):
-        self.settings, (n, K) = settings, (len(model.v_template), len(model.parents))
+        self.settings = settings
         outside = np.flatnonzero(~model.inside)
         self.chosen = outside[:: max(len(outside) // settings.pose_vertices, 1)]
         self.names = tuple(f"vertex.{v}" for v in self.chosen)
+        own = replace(model, v_template=person.rest, J=person.J, shapedirs=np.zeros((len(person.rest), 3, 0)))
+        own = replace(own, J_shapedirs=np.zeros((len(person.J), 3, 0)))
+        beside = with_offsets(own, person.keypoint_offsets)
         alike = replace(
-            model,
-            v_template=person.rest,
-            J=person.J,
-            shapedirs=np.zeros((n, 3, 0)),
-            J_shapedirs=np.zeros((K, 3, 0)),
+            beside,
             keypoint_names=(*model.keypoint_names, *self.names),
-            keypoint_joint=np.concatenate([model.keypoint_joint, np.full(len(self.chosen), -1)]).astype(np.int64),
-            keypoint_vertices=(*model.keypoint_vertices, *(np.array([v]) for v in self.chosen)),
+            keypoint_joint=np.concatenate([beside.keypoint_joint, np.full(len(self.chosen), -1)]).astype(np.int64),
+            keypoint_vertices=(*beside.keypoint_vertices, *(np.array([v]) for v in self.chosen)),
         )
         self.skeleton = kernels.SkeletonSolver(alike, **_options(settings) | {"solve_shape": False})
 

@@ -1,0 +1,67 @@
+"""Where a detector's keypoints lie beside the body model's: an offset a keypoint, fixed in the frame of its bone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..kernels.arrays import Anything
+from ..scene import BodyModel
+
+
+def learnt_offsets(model: BodyModel, J: Anything, poses: Any, found: Any, few: int) -> Any:
+    """Offsets (q,3) [m] of the detector's keypoints from the model's, in the frame of each one's bone at rest.
+
+    `poses`: (rotations, translation, vertices (n,3)) of frames, `found`: their Points3D. The median over the frames that saw a
+    keypoint, m of them, shrunk by m / (m + few): what few frames show is the pose's error more than the detector's.
+    """
+    bones, rows = _bones(model), {name: i for i, name in enumerate(model.keypoint_names)}
+    seen: list[list[Any]] = [[] for _ in rows]
+    for (rotations, translation, V), points in zip(poses, found):
+        R, x = model.joint_transforms(J, rotations, translation)
+        places = model.keypoints(V, x)
+        for name, point in zip(points.names, points.points):
+            if name in rows and np.isfinite(point).all():
+                row = rows[name]
+                seen[row].append(R[bones[row]].T @ (point - places[row]))
+    offsets = np.zeros((len(rows), 3))
+    for row, some in enumerate(seen):
+        if some:
+            offsets[row] = np.median(some, axis=0) * len(some) / (len(some) + few)
+    return offsets
+
+
+def with_offsets(model: BodyModel, offsets: Anything | None) -> BodyModel:
+    """The model with keypoints that lie `offsets` (q,3) [m] beside its own: each is one more vertex, of no face, which
+    moves with its bone. For None the model as it is."""
+    if offsets is None:
+        return model
+    bones, (n, B) = _bones(model), np.shape(model.weights_idx)
+    at, basis = [], []
+    for joint, vertices in zip(model.keypoint_joint, model.keypoint_vertices):
+        at.append(model.J[joint] if joint >= 0 else model.v_template[vertices].mean(0))
+        basis.append(model.J_shapedirs[joint] if joint >= 0 else model.shapedirs[vertices].mean(0))
+    q = len(at)
+    return replace(
+        model,
+        v_template=np.concatenate([model.v_template, np.array(at) + offsets]),
+        shapedirs=np.concatenate([model.shapedirs, np.array(basis)]),
+        weights_idx=np.concatenate(
+            [model.weights_idx, np.repeat(bones[:, None], B, 1).astype(model.weights_idx.dtype)]
+        ),
+        weights_val=np.concatenate([model.weights_val, np.eye(1, B).repeat(q, 0)]),
+        keypoint_joint=np.full(q, -1),
+        keypoint_vertices=tuple(np.array([n + i]) for i in range(q)),
+    )
+
+
+def _bones(model: BodyModel) -> Any:
+    """The joint (q,) that each keypoint moves with: its own, or the one that moves its vertices most."""
+    bones = np.array(model.keypoint_joint)
+    for row in np.flatnonzero(bones < 0):
+        vertices = model.keypoint_vertices[row]
+        moved = np.bincount(model.weights_idx[vertices].ravel(), model.weights_val[vertices].ravel())
+        bones[row] = moved.argmax()
+    return bones
