@@ -45,6 +45,7 @@ DOORS = {
     "align/command",
     "config/command",
     "io/command",
+    "measure/command",
 }
 TORCH = {"avatar", "studio"}
 HEAVY = {"torch", "anny", "newton", "warp", "mitsuba"}

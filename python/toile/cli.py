@@ -323,12 +323,14 @@ def main():
     from .config.command import settings
     from .io.command import body_model, import_capture
     from .kernels import InputError
+    from .measure.command import inspect
     from .studio.command import studio
 
     app.command()(align)
     app.command()(train)
     app.command()(studio)
     app.command()(settings)
+    app.command()(inspect)
     app.command("import")(import_capture)
     app.command("body-model")(body_model)
     try:

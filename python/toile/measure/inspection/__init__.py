@@ -1,0 +1,207 @@
+"""What is wrong with a capture, found before hours are spent: what `toile inspect` does.
+
+Only what can be told in seconds is looked at: all keypoints, and the pictures of a few frames.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import UserError
+from ...io.capture import Capture, open_capture
+from ...io.keypoints import read_keypoints
+from ...kernels.arrays import Floats
+from ...scene import Camera, Frame
+from .body import check_units, check_up, stature, upward
+from .cameras import AGREES, Finding, convention_of, diagonal, offsets, read_as, steps, strangers
+from .files import KINDS, gaps, labels_seen, looks, uneven, unpadded
+from .masks import COVERED, centroids, coverage
+from .rays import Meeting, Sighting, epipolar, meet
+
+SAMPLED = 5  # frames whose pictures are read
+SHOWN = (*KINDS, "scan.ply")
+READ = 200  # frames whose keypoints are read, in a row
+ENOUGH = 8  # of the body's keypoints, to leave hands and face alone
+CULPRIT = 0.05  # by how much a hull without a camera covers the others better
+
+
+@dataclass
+class Inspection:
+    """Findings, the serious first, and what the page shows."""
+
+    capture: Capture | None
+    findings: list[Finding] = field(default_factory=list)
+    facts: dict[str, float | None] = field(default_factory=dict)
+    frames: list[Frame] = field(default_factory=list)
+    sighting: Sighting | None = None
+    meeting: Meeting | None = None
+    first: int = 0  # number of the sighting's first frame
+    lines: Floats | None = None  # (C,C) epipolar errors [px]
+    labels: dict[str, dict[str, int]] = field(default_factory=dict)
+    hulls: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def wasted(self) -> bool:
+        """Whether registering would be."""
+        return any(finding.serious for finding in self.findings)
+
+
+def inspect(path: Path) -> Inspection:
+    """Looks at a capture folder. What keeps it from being opened is a finding, too."""
+    found = Inspection(None, unpadded(path))
+    try:
+        found.capture = capture = open_capture(path)
+    except UserError as error:
+        found.findings.append(Finding(str(error)))
+        return found
+    found.findings += [Finding(warning, serious=False) for warning in capture.warnings]
+    found.findings += gaps(capture.frames) + uneven(capture)
+    found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
+    _look(found, capture)
+    _detections(found, capture)
+    found.findings.sort(key=lambda finding: not finding.serious)
+    return found
+
+
+def _look(found: Inspection, capture: Capture) -> None:
+    """The pictures, masks, labels and scans of a few frames."""
+    shown = [n for n in capture.frames if any((capture.folder(n) / what).exists() for what in SHOWN)] or capture.frames
+    pick = np.unique(np.linspace(0, len(shown) - 1, SAMPLED).astype(int))
+    for number in (shown[i] for i in pick):
+        try:
+            found.frames.append(capture.pictures(number))
+        except UserError as error:
+            found.findings.append(Finding(str(error)))
+            continue
+        if os.path.lexists(capture.folder(number) / "scan.ply"):
+            try:
+                scan = capture.frame(number).scan
+                found.frames[-1] = replace(found.frames[-1], scan=scan)
+            except UserError as error:
+                found.findings.append(Finding(str(error)))
+    found.labels, said = labels_seen(capture, found.frames)
+    found.findings += looks(found.frames) + said
+
+
+def _detections(found: Inspection, capture: Capture) -> None:
+    """Cameras against keypoints, or where there are none against the middles of masks."""
+    sighting, found.first = _sighting(found, capture)
+    of_masks = sighting is None
+    if sighting is None:
+        masks = [_silhouettes(frame) for frame in found.frames]
+        sighting = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
+    if len(sighting.cameras) < 2 or not sighting.uv.size:
+        return
+    what = "middles of masks" if of_masks else "keypoints"
+    convention, errors = convention_of(sighting)
+    if convention:
+        text = f"cameras.json: {what} miss one another by {errors['']:.0f} px, by {errors[convention]:.1f} px if it is {convention}"
+        found.findings.append(Finding(text))
+        sighting = read_as(sighting, convention)
+    elif errors[""] > AGREES * diagonal(sighting):
+        text = f"cameras.json: {what} miss one another by {errors['']:.0f} px, and no usual convention mends it"
+        found.findings.append(Finding(f"{text}: is it the calibration of these cameras?"))
+    if not of_masks:
+        sighting = _in_step(found, sighting)
+        _apart(found, sighting)
+    found.sighting, found.meeting, found.lines = sighting, meet(sighting), epipolar(sighting)
+    found.facts["error px"] = found.meeting.typical()
+    if not of_masks:
+        _person(found, capture, found.meeting)
+    _hulls(found, dict(zip((camera.name for camera in sighting.cameras), sighting.cameras)))
+
+
+def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int]:
+    """Keypoints of the frames in a row, absent frames without weight."""
+    numbers = [n for n in capture.frames if os.path.lexists(capture.folder(n) / "keypoints.json")]
+    numbers = [n for n in numbers if n < numbers[0] + READ]
+    read: dict[int, Any] = {}
+    for number in numbers:
+        try:
+            read[number] = read_keypoints(capture.folder(number) / "keypoints.json", capture.cameras)
+        except UserError as error:
+            found.findings.append(Finding(str(error), serious=False))
+    if not read:
+        return None, 0
+    names = list(dict.fromkeys(name for keypoints in read.values() for name in keypoints.names))
+    body = [name for name in names if name.startswith("body.")]
+    names = body if len(body) >= ENOUGH else names
+    cameras = [name for name in capture.cameras if any(name in keypoints.points for keypoints in read.values())]
+    first = min(read)
+    uv = np.zeros((len(cameras), max(read) - first + 1, len(names), 2))
+    weight = np.zeros(uv.shape[:3])
+    for number, keypoints in read.items():
+        rows = [k for k, name in enumerate(keypoints.names) if name in names]
+        at = [names.index(keypoints.names[k]) for k in rows]
+        for i, camera in enumerate(cameras):
+            if camera in keypoints.points:
+                uv[i, number - first, at] = keypoints.points[camera][rows, :2]
+                weight[i, number - first, at] = keypoints.points[camera][rows, 2]
+    return Sighting(tuple(capture.cameras[name] for name in cameras), tuple(names), uv, weight), first
+
+
+def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
+    late, sighting = steps(sighting)
+    for i, shift in late.items():
+        name, way = sighting.cameras[i].name, "behind" if shift > 0 else "ahead of"
+        text = f"{name}: out of step, its pictures are {abs(shift)} frames {way} the others'"
+        found.findings.append(Finding(f"{text}; import with --offset {name}={shift}"))
+    return sighting
+
+
+def _apart(found: Inspection, sighting: Sighting) -> None:
+    """Cameras that disagree with the others, and such whose detections are all off to one side."""
+    meeting = meet(sighting)
+    aside = offsets(sighting, meeting)
+    for i, reading in strangers(sighting, meeting).items():
+        if not reading and i in aside:
+            continue
+        off = meeting.typical(i)
+        text = f"{sighting.cameras[i].name}: its keypoints miss those of the others by {off:.0f} px"
+        text = f"{text}; they would not if it is {reading}" if reading else text
+        found.findings.append(Finding(text, serious=off > AGREES * diagonal(sighting)))
+        aside.pop(i, None)
+    for i, (u, v) in aside.items():
+        text = f"{sighting.cameras[i].name}: its keypoints lie ({u:+.0f}, {v:+.0f}) px off as a whole"
+        found.findings.append(Finding(f"{text}: principal point, a crop, or a lean of the camera", serious=False))
+
+
+def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
+    assert found.sighting is not None
+    tall = stature(found.sighting.names, meeting.points)
+    found.facts["stature m"] = tall if np.isfinite(tall) else None
+    checks = [check_units(tall, capture.scene.units)]
+    checks.append(check_up(upward(found.sighting.names, meeting.points), capture.scene.up))
+    found.findings += [finding for finding in checks if finding is not None]
+
+
+def _silhouettes(frame: Frame) -> dict[str, Any]:
+    """Masks, or where there are none what the label images show."""
+    return {**{name: labels > 0 for name, labels in frame.labels.items()}, **frame.masks}
+
+
+def _hulls(found: Inspection, cameras: dict[str, Camera]) -> None:
+    for frame in found.frames:
+        masks = {name: mask for name, mask in _silhouettes(frame).items() if name in cameras}
+        found.hulls = coverage(cameras, masks)
+        if found.hulls:
+            break
+    if not found.hulls:
+        return
+    whole = float(np.mean([share for share, _ in found.hulls.values()]))
+    found.facts["hull covers %"] = 100 * whole
+    if whole >= COVERED:
+        return
+    name = max(found.hulls, key=lambda n: found.hulls[n][1])
+    best = found.hulls[name][1]
+    others = float(np.median([rest for n, (_, rest) in found.hulls.items() if n != name]))
+    text = f"masks: what all cameras see together covers {100 * whole:.0f} % of them"
+    if best > others + CULPRIT:
+        found.findings.append(Finding(f"{text}, {100 * best:.0f} % without {name}: its mask or its calibration is off"))
+    else:
+        found.findings.append(Finding(f"{text}: masks of other things, or another calibration", serious=False))

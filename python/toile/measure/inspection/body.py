@@ -1,0 +1,85 @@
+"""Units and up axis, told by a person's own proportions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...kernels.arrays import Floats
+from .cameras import Finding
+
+STATURE = (1.2, 2.2)  # m, of a person who may be measured
+LEG = 0.491  # of the stature from hip over knee to ankle (Winter 2009, table 4.1)
+UNITS = {"mm": 1000.0, "cm": 100.0, "dm": 10.0, "m": 1.0, "inches": 39.37, "feet": 3.281}
+LEANS = np.cos(np.radians(50))
+STANDS = np.cos(np.radians(30))
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def stature(names: tuple[str, ...], points: Floats) -> float:
+    """Of the person whose keypoints (T,K,3) are given, by her legs' bones; NaN without legs."""
+    lengths = []
+    for side in "LR":
+        ends = [f"body.{joint}.{side}" for joint in ("upperleg01", "lowerleg01", "foot")]
+        if all(end in names for end in ends):
+            hip, knee, ankle = (points[:, names.index(end)] for end in ends)
+            lengths.append(np.linalg.norm(hip - knee, axis=1) + np.linalg.norm(knee - ankle, axis=1))
+    known = np.concatenate(lengths) if lengths else np.zeros(0)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) / LEG if len(known) else float("nan")
+
+
+def check_units(tall: float, units: str) -> Finding | None:
+    """`tall` is a stature as the scene's `units` make it."""
+    if not np.isfinite(tall) or STATURE[0] <= tall <= STATURE[1]:
+        return None
+    from ...io.capture import METRES
+
+    raw = tall / METRES[units]
+    fits = next((name for name, many in UNITS.items() if STATURE[0] * many <= raw <= STATURE[1] * many), None)
+    if fits in METRES:
+        advice = f'lengths look like {fits}: [scene] units = "{fits}"'
+    else:
+        advice = f"scale lengths by about {1.7 / tall:.3g}" + (f" (are they {fits}?)" if fits else "")
+    return Finding(f"units: the person would be {tall:.3g} m tall; {advice}")
+
+
+def upward(names: tuple[str, ...], points: Floats) -> Floats | None:
+    """Direction (3,) from the feet over the hips to the shoulders, the median of the frames; None without them."""
+    low = _middle(names, points, ("body.foot", "body.lowerleg01", "body.upperleg01"))
+    high = _middle(names, points, ("body.upperarm01",))
+    along = high - low
+    along = along[np.isfinite(along).all(1)]
+    if not len(along):
+        return None
+    middle = np.median(along / np.linalg.norm(along, axis=1, keepdims=True), axis=0)
+    return middle / max(float(np.linalg.norm(middle)), 1e-12)
+
+
+def _middle(names: tuple[str, ...], points: Floats, joints: tuple[str, ...]) -> Floats:
+    """Mean (T,3) of the first of `joints` that is known on both sides."""
+    for joint in joints:
+        pair = [f"{joint}.{side}" for side in "LR"]
+        if all(name in names for name in pair):
+            both = np.mean([points[:, names.index(name)] for name in pair], axis=0)
+            if np.isfinite(both).all(1).any():
+                return both
+    return np.full((len(points), 3), np.nan)
+
+
+def check_up(along: Floats | None, up: str) -> Finding | None:
+    """Against the direction in which the person stands."""
+    if along is None or along[AXES[up]] > LEANS:
+        return None
+    axis = int(np.abs(along).argmax())
+    if abs(along[axis]) < STANDS:
+        return Finding(f'up: the person stands along no axis ({_shown(along)}); is up = "{up}" right?', serious=False)
+    name = "xyz"[axis]
+    if along[axis] > 0:
+        return Finding(f'up: the person stands along {name}: [scene] up = "{name}", not "{up}"')
+    return Finding(
+        f"up: the person stands head down along {name}: turn the world by half a turn (toile import --up=-{name})"
+    )
+
+
+def _shown(v: Floats) -> str:
+    return ", ".join(f"{x:.2f}" for x in v)

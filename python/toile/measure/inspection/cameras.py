@@ -1,0 +1,161 @@
+"""What is wrong with a calibration or its frames, told by detections: conventions, single cameras, steps in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...kernels.arrays import Floats
+from ...scene import Camera
+from .rays import Meeting, Sighting, meet
+
+OPENGL = np.diag([1.0, -1, -1, 1])
+BETTER = 0.4  # share of the error that is left, below which another reading is right
+AGREES = 0.02  # of a picture's diagonal: a convention that fits leaves less
+OFF = 3.0  # times the others' error, and
+LEAST = 0.004  # of a picture's diagonal, from which a camera is said to disagree
+EXPLAINS = 1.0  # times the spread that is left: an offset that explains a camera's error
+SHIFTS = 30  # frames that a camera may be out of step
+SHIFT_BETTER = 0.75
+MOVED = 1.0  # px a frame: below, nothing tells a step in time
+
+
+def _same(camera: Camera) -> Camera:
+    return camera
+
+
+def _inverted(camera: Camera) -> Camera:
+    return replace(camera, T_camera_world=np.linalg.inv(camera.T_camera_world))
+
+
+def _opengl(camera: Camera) -> Camera:
+    return replace(camera, T_camera_world=OPENGL @ camera.T_camera_world)
+
+
+def _opengl_inverted(camera: Camera) -> Camera:
+    return replace(camera, T_camera_world=OPENGL @ np.linalg.inv(camera.T_camera_world))
+
+
+CONVENTIONS: dict[
+    str, tuple[Callable[[Camera], Camera], bool]
+] = {  # a reading, and whether pictures are mirrored besides
+    "": (_same, False),
+    "camera to world: T_camera_world is to be its inverse": (_inverted, False),
+    "OpenGL's axes (y up, z backwards): multiply T_camera_world from the left by diag(1, -1, -1, 1)": (_opengl, False),
+    "camera to world with OpenGL's axes: invert T_camera_world, then multiply from the left by diag(1, -1, -1, 1)": (
+        _opengl_inverted,
+        False,
+    ),
+    "pictures that are mirrored, left for right": (_same, True),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found: `serious` where registering would be wasted."""
+
+    text: str
+    serious: bool = True
+
+
+def read_as(sighting: Sighting, convention: str, only: int | None = None) -> Sighting:
+    """The sighting with all cameras, or one, read another way."""
+    change, mirror = CONVENTIONS[convention]
+    cameras, uv = list(sighting.cameras), sighting.uv.copy()
+    for i in range(len(cameras)) if only is None else [only]:
+        cameras[i] = change(cameras[i])
+        if mirror:
+            uv[i, ..., 0] = cameras[i].width - uv[i, ..., 0]
+    return replace(sighting, cameras=tuple(cameras), uv=uv)
+
+
+def convention_of(sighting: Sighting) -> tuple[str, dict[str, float]]:
+    """The reading of all cameras that fits the detections clearly better than what is written ("" where that does), and the
+    median errors [px] of each."""
+    errors = {name: meet(read_as(sighting, name)).typical() for name in CONVENTIONS}
+    best = min(errors, key=lambda name: errors[name])
+    clear = errors[best] < min(BETTER * errors[""], AGREES * diagonal(sighting))
+    return (best if clear else ""), errors
+
+
+def diagonal(sighting: Sighting) -> float:
+    return float(np.mean([np.hypot(*camera.size) for camera in sighting.cameras]))
+
+
+def steps(sighting: Sighting) -> tuple[dict[int, int], Sighting]:
+    """{camera: frames that it runs ahead} of cameras that are out of step, told by moving detections, the surest first; and
+    the sighting with them put in step."""
+    found: dict[int, int] = {}
+    T = sighting.uv.shape[1]
+    reach = min(SHIFTS, T // 3)
+    if len(sighting.cameras) < 3 or reach < 1 or _motion(sighting) < MOVED:
+        return found, sighting
+    for _ in range(len(sighting.cameras) // 2):
+        gains = {i: _step(sighting, i, reach) for i in range(len(sighting.cameras)) if i not in found}
+        i = min(gains, key=lambda k: gains[k][1])
+        shift, share = gains[i]
+        if shift == 0 or share > SHIFT_BETTER:
+            break
+        found[i] = shift
+        sighting = sighting.shifted(i, shift)
+    return found, sighting
+
+
+def _motion(sighting: Sighting) -> float:
+    """How far detections move a frame, the 75th percentile [px]."""
+    both = (sighting.weight[:, 1:] > 0) & (sighting.weight[:, :-1] > 0)
+    moved = np.linalg.norm(np.diff(sighting.uv, axis=1), axis=-1)[both]
+    return float(np.percentile(moved, 75)) if len(moved) else 0.0
+
+
+def _step(sighting: Sighting, i: int, reach: int) -> tuple[int, float]:
+    """(shift, share of the error that is left) of camera i against the points of the others."""
+    others = [k for k in range(len(sighting.cameras)) if k != i]
+    points = meet(sighting.only(others)).points if len(others) > 1 else np.full((*sighting.uv.shape[1:3], 3), np.nan)
+    at, depth = sighting.cameras[i].project(np.nan_to_num(points))
+    known = np.isfinite(points).all(-1) & (depth > 0)
+    errors = {}
+    for shift in range(-reach, reach + 1):
+        one = sighting.shifted(i, shift)
+        both = known & (one.weight[i] > 0.3)
+        if both.sum() >= 10:
+            off = np.linalg.norm(one.uv[i] - at, axis=-1)[both]
+            errors[shift] = float(np.median(off))
+    if 0 not in errors:
+        return 0, 1.0
+    best = min(errors, key=lambda s: (errors[s], abs(s)))
+    return best, errors[best] / max(errors[0], 1e-9)
+
+
+def offsets(sighting: Sighting, meeting: Meeting) -> dict[int, Floats]:
+    """{camera: median offset (2,) [px]} of cameras whose detections lie aside of where the others say, as a whole."""
+    found = {}
+    for i, camera in enumerate(sighting.cameras):
+        residual = meeting.residual[i][np.isfinite(meeting.residual[i]).all(-1)]
+        if len(residual) >= 10:
+            middle = np.median(residual, axis=0)
+            spread = np.median(np.linalg.norm(residual - middle, axis=1))
+            if np.linalg.norm(middle) > max(LEAST * np.hypot(*camera.size), EXPLAINS * spread):
+                found[i] = middle
+    return found
+
+
+def strangers(sighting: Sighting, meeting: Meeting) -> dict[int, str]:
+    """{camera: the reading that fits, "" for none} of cameras that disagree with the others."""
+    errors = np.array([meeting.typical(i) for i in range(len(sighting.cameras))])
+    found: dict[int, str] = {}
+    for i in np.argsort(-errors):
+        keep = [k for k in range(len(errors)) if k != i and k not in found]
+        if len(keep) < 2 or not np.isfinite(errors).any():
+            break
+        rest = meet(sighting.only(keep)).typical() if len(keep) > 2 else float(np.median(errors[keep]))
+        if errors[i] < max(OFF * rest, LEAST * diagonal(sighting)) or not np.isfinite(rest):
+            continue
+        readings = {
+            name: meet(read_as(sighting, name, int(i)).only([*keep, int(i)])).typical(len(keep)) for name in CONVENTIONS
+        }
+        best = min(readings, key=lambda name: readings[name])
+        found[int(i)] = best if readings[best] < BETTER * readings[""] else ""
+    return found

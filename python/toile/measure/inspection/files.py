@@ -1,0 +1,141 @@
+"""What is there and what is not: frames, gaps, pictures and labels by camera."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...io.capture import Capture
+from .cameras import Finding
+
+KINDS = ("images", "masks", "labels")
+MANY = 4  # numbers in a message
+DARK = 4.0  # mean of a picture that is black
+STOPS = 1.0  # of brightness that a camera may differ
+BLURRED = 0.15  # of the other frames' sharpness, of one camera
+
+
+def unpadded(root: Path) -> list[Finding]:
+    """Folders of frames whose numbers have not six digits are not read."""
+    frames = root / "frames"
+    names = sorted(p.name for p in frames.iterdir() if p.is_dir()) if frames.is_dir() else []
+    odd = [name for name in names if re.search(r"\d", name) and not re.fullmatch(r"\d{6}", name)]
+    if not odd:
+        return []
+    last = odd[-1]
+    digits = re.findall(r"\d+", last)[-1]
+    text = (
+        f"frames: {len(odd)} folders such as frames/{last} are not read; six digits: frames/{int(digits) % 1000000:06d}"
+    )
+    return [Finding(text, serious=len(odd) * 2 > len(names))]
+
+
+def gaps(numbers: tuple[int, ...]) -> list[Finding]:
+    """Frame numbers that are missing between the first and the last, at the usual step."""
+    if len(numbers) < 3:
+        return []
+    step = Counter(np.diff(numbers).tolist()).most_common(1)[0][0]
+    missing = sorted(set(range(numbers[0], numbers[-1] + 1, step)) - set(numbers))
+    if not missing:
+        return []
+    return [Finding(f"frames: {len(missing)} numbers are missing: {ranges(missing)}", serious=False)]
+
+
+def uneven(capture: Capture) -> list[Finding]:
+    """Cameras that lack pictures, masks or labels in some frames where they have them in others, and cameras without any."""
+    found, pictured = [], set()
+    for kind in KINDS:
+        there: dict[str, list[int]] = {}
+        for number in capture.frames:
+            folder = capture.folder(number) / kind
+            for path in folder.iterdir() if folder.is_dir() else ():
+                there.setdefault(path.stem, []).append(number)
+        pictured |= set(there) if kind == "images" else set()
+        frames = sorted({number for numbers in there.values() for number in numbers})
+        for name in sorted(there):
+            missing = sorted(set(frames) - set(there[name]))
+            if missing:
+                found.append(Finding(f"{name}: no {kind} in {len(missing)} frames: {ranges(missing)}", serious=False))
+    idle = [name for name in capture.cameras if name not in pictured]
+    if pictured and idle:
+        found.append(Finding(f"cameras without a picture: {', '.join(idle[:MANY])}{'...' * (len(idle) > MANY)}", False))
+    return found
+
+
+def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str, int]], list[Finding]]:
+    """{label: {camera, or "scan": frames that show it}} in some frames, and garments that are seen too little."""
+    seen: dict[str, dict[str, int]] = {name: {} for name in capture.scene.labels}
+    for frame in frames:
+        for camera, image in frame.labels.items():
+            ids = set(np.unique(image).tolist())
+            for name, label in capture.scene.labels.items():
+                seen[name][camera] = seen[name].get(camera, 0) + (label in ids)
+        if frame.scan_labels is not None:
+            ids = set(np.unique(frame.scan_labels).tolist())
+            for name, label in capture.scene.labels.items():
+                seen[name]["scan"] = seen[name].get("scan", 0) + (label in ids)
+    found = []
+    for garment in capture.scene.garments:
+        where = {camera: count for camera, count in seen[garment.label].items() if count}
+        if not where:
+            text = (
+                f"garment {garment.name}: its label '{garment.label}' is seen nowhere in {len(frames)} frames looked at"
+            )
+            found.append(Finding(text))
+        elif "scan" not in where and len(where) < 2:
+            text = f"garment {garment.name}: its label '{garment.label}' is seen by {next(iter(where))} alone"
+            found.append(Finding(text, serious=False))
+    return seen, found
+
+
+def looks(frames: list[Any]) -> list[Finding]:
+    """Black pictures, cameras much brighter or darker than the others, empty masks, blurred frames."""
+    import cv2
+
+    bright: dict[str, list[float]] = {}
+    sharp: dict[str, dict[int, float]] = {}
+    found = []
+    for frame in frames:
+        for name, image in frame.images.items():
+            grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+            mask = frame.masks.get(name)
+            if grey.mean() < DARK and (mask is None or mask.any()):
+                found.append(Finding(f"{name}: frame {frame.number} is black", serious=False))
+                continue
+            part = grey[mask] if mask is not None and mask.any() else grey
+            bright.setdefault(name, []).append(float(part.mean()))
+            sharp.setdefault(name, {})[frame.number] = (
+                float(cv2.Laplacian(grey, cv2.CV_32F).var()) / float(part.mean() + 1) ** 2
+            )
+        empty = [name for name, mask in frame.masks.items() if not mask.any()]
+        if empty:
+            found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
+    if len(bright) > 2:
+        middle = float(np.median([np.median(values) for values in bright.values()]))
+        for name, values in bright.items():
+            stops = float(np.log2(max(np.median(values), 0.5) / max(middle, 0.5)) * 2.2)  # sRGB's exponent
+            if abs(stops) > STOPS:
+                text = f"{name}: about {abs(stops):.1f} stops {'brighter' if stops > 0 else 'darker'} than the other cameras"
+                found.append(Finding(text, serious=False))
+    for name, values in sharp.items():
+        usual = float(np.median(list(values.values())))
+        for number, value in values.items():
+            if len(values) > 2 and value < BLURRED * usual:
+                found.append(Finding(f"{name}: frame {number} is blurred, against its other frames", serious=False))
+    return found
+
+
+def ranges(numbers: list[int]) -> str:
+    """[1, 2, 3, 7] -> "1-3, 7"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
+    return ", ".join(shown[:MANY]) + (", ..." if len(shown) > MANY else "")

@@ -1,0 +1,268 @@
+"""Each mistake that captures contain is planted, and named by inspect with what mends it; a sound capture has none."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from tests.support.rig import ring_of_cameras
+from toile.io.body import load_body_model
+from toile.io.importing import cameras_json
+from toile.measure.inspection import inspect
+from toile.measure.inspection.page import write_inspection
+
+FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
+OPENGL = np.diag([1.0, -1, -1, 1])
+
+
+def person(t):
+    """Keypoints (k,3) and some vertices of the packaged body, turning and walking."""
+    model = load_body_model("anny")
+    R = Rotation.from_euler("z", 4 * t, degrees=True).as_matrix()
+    shift = np.array([0.25 * np.sin(0.35 * t), 0.2 * np.cos(0.5 * t), 0.02 * np.sin(1.3 * t)])
+    points = model.keypoints(model.v_template, model.J)
+    bent = points + 0.03 * np.sin(0.6 * t + np.arange(len(points)))[:, None]
+    return model.keypoint_names, bent @ R.T + shift, model.v_template[::23] @ R.T + shift
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """A capture of five cameras without a mistake: keypoints of 1 px, masks, label images, pictures of five frames."""
+    root, rng = tmp_path_factory.mktemp("sound") / "capture", np.random.default_rng(1)
+    cameras = ring_of_cameras(5)
+    texture = rng.integers(60, 200, (512, 512, 3), dtype=np.uint8)
+    for t in range(FRAMES):
+        names, points, skin = person(t)
+        folder, rows = root / "frames" / f"{t:06d}", {}
+        folder.mkdir(parents=True)
+        for name, camera in cameras.items():
+            uv = camera.project(points)[0]
+            rows[name] = np.c_[uv + rng.normal(0, 1, uv.shape), np.full(len(uv), 0.9)].round(3).tolist()
+            if t in PICTURED:
+                mask = np.zeros(camera.size, np.uint8)
+                cv2.fillConvexPoly(
+                    mask, cv2.convexHull(camera.project(skin)[0].astype(np.float32)).astype(np.int32), 255
+                )
+                for kind, picture in (("images", texture), ("masks", mask), ("labels", mask // 255)):
+                    (folder / kind).mkdir(exist_ok=True)
+                    Image.fromarray(picture).save(folder / kind / f"{name}.{'jpg' if kind == 'images' else 'png'}")
+        (folder / "keypoints.json").write_text(json.dumps({"names": names, "points": rows}))
+    (root / "cameras.json").write_text(cameras_json(cameras))
+    scene = (
+        '[scene]\nname = "x"\nup = "z"\n[labels]\nshirt = 1\nskirt = 2\n[[garment]]\nname = "shirt"\nlabel = "shirt"\n'
+    )
+    (root / "scene.toml").write_text(scene)
+    return root
+
+
+@pytest.fixture
+def capture(sound, tmp_path):
+    shutil.copytree(sound, tmp_path / "capture")
+    return tmp_path / "capture"
+
+
+@pytest.fixture
+def walk(sound, tmp_path):
+    """The keypoints of the sound capture alone."""
+    shutil.copytree(sound, tmp_path / "capture", ignore=shutil.ignore_patterns("images", "masks", "labels"))
+    (tmp_path / "capture" / "scene.toml").write_text('[scene]\nname = "x"\nup = "z"\n')
+    return tmp_path / "capture"
+
+
+def texts(root, serious=None):
+    return [f.text for f in inspect(root).findings if serious is None or f.serious == serious]
+
+
+def recalibrated(root, change, only=None):
+    from toile.io.camera import read_cameras
+
+    cameras = read_cameras(root / "cameras.json")
+    changed = {name: change(c) if only in (None, name) else c for name, c in cameras.items()}
+    (root / "cameras.json").write_text(cameras_json(changed))
+
+
+def posed(change):
+    return lambda camera: replace(camera, T_camera_world=change(camera.T_camera_world))
+
+
+def edited(root, change):
+    """Every frame's rows (k,3) of every camera through `change(camera, t, rows)`."""
+    files = sorted(root.glob("frames/*/keypoints.json"))
+    data = [json.loads(file.read_text()) for file in files]
+    before = [{name: np.array(rows) for name, rows in d["points"].items()} for d in data]
+    for t, (file, d) in enumerate(zip(files, data)):
+        d["points"] = {name: np.asarray(change(name, t, before)).tolist() for name in d["points"]}
+        file.write_text(json.dumps(d))
+
+
+def test_a_sound_capture_has_no_findings_and_its_stature(sound):
+    found = inspect(sound)
+    assert not found.findings and not found.wasted
+    assert 1.4 < found.facts["stature m"] < 2.0 and found.facts["error px"] < 2 and found.facts["hull covers %"] > 90
+    assert np.nanmax(found.lines) < 2.5 and found.labels["shirt"] == {f"cam{i}": 5 for i in range(5)}
+
+
+CONVENTIONS = {
+    "camera to world: T_camera_world": posed(np.linalg.inv),
+    "OpenGL's axes": posed(lambda T: OPENGL @ T),
+    "camera to world with OpenGL's axes": posed(lambda T: np.linalg.inv(OPENGL @ T)),
+}
+
+
+@pytest.mark.parametrize("masks_alone", [False, True], ids=["keypoints", "masks"])
+@pytest.mark.parametrize("words", CONVENTIONS)
+def test_a_calibration_of_another_convention_is_named(capture, words, masks_alone):
+    recalibrated(capture, CONVENTIONS[words])
+    for file in capture.glob("frames/*/keypoints.json") if masks_alone else ():
+        file.unlink()
+    said = texts(capture, serious=True)
+    assert len(said) == 1 and f"px if it is {words}" in said[0]
+
+
+def test_mirrored_pictures_are_named(walk):
+    edited(walk, lambda name, t, rows: rows[t][name] * [-1, 1, 1] + [512, 0, 0])
+    assert any("pictures that are mirrored" in text for text in texts(walk, serious=True))
+
+
+@pytest.mark.parametrize("words", CONVENTIONS)
+def test_one_camera_of_another_convention_is_named_alone(walk, words):
+    recalibrated(walk, CONVENTIONS[words], only="cam3")
+    said = [text for text in texts(walk) if "they would not if it is" in text]
+    assert len(said) == 1 and said[0].startswith("cam3: ") and f"if it is {words}" in said[0]
+
+
+@pytest.mark.parametrize("shift", [-6, -1, 2, 9])
+def test_a_camera_out_of_step_is_named_with_its_shift(walk, shift):
+    def change(name, t, rows):
+        behind = t - shift
+        if name != "cam1":
+            return rows[t][name]
+        return rows[behind][name] if 0 <= behind < FRAMES else rows[t][name] * [1, 1, 0]
+
+    edited(walk, change)
+    said = [text for text in texts(walk, serious=True) if "out of step" in text]
+    assert len(said) == 1 and said[0].startswith("cam1: ") and said[0].endswith(f"--offset cam1={shift}")
+
+
+def test_two_cameras_out_of_step_are_both_named(walk):
+    late = {"cam0": 3, "cam4": -2}
+
+    def change(name, t, rows):
+        at = t - late.get(name, 0)
+        return rows[at][name] if 0 <= at < FRAMES else rows[t][name] * [1, 1, 0]
+
+    edited(walk, change)
+    said = {text.split(":")[0]: text.rpartition("=")[2] for text in texts(walk, serious=True) if "out of step" in text}
+    assert said == {"cam0": "3", "cam4": "-2"}
+
+
+def test_detections_that_lie_aside_as_a_whole_are_named_with_their_offset(walk):
+    edited(walk, lambda name, t, rows: rows[t][name] + ([14, -6, 0] if name == "cam2" else [0, 0, 0]))
+    said = [text for text in texts(walk) if "off as a whole" in text]
+    assert said and said[0].startswith("cam2: ")
+    u, v = (float(x) for x in said[0].split("(")[1].split(")")[0].split(","))
+    assert abs(u - 14) < 5 and abs(v + 6) < 4  # of which the others take a share
+
+
+@pytest.mark.parametrize(
+    "factor, words", [(1000, 'units = "mm"'), (100, 'units = "cm"'), (39.37, "inches"), (5, "scale lengths")]
+)
+def test_lengths_that_are_no_metres_are_named(walk, factor, words):
+    def change(T):
+        T = T.copy()
+        T[:3, 3] *= factor
+        return T
+
+    recalibrated(walk, posed(change))
+    assert any(text.startswith("units: ") and words in text for text in texts(walk, serious=True))
+
+
+def test_another_axis_that_is_up_and_a_person_upside_down_are_named(walk):
+    scene = walk / "scene.toml"
+    scene.write_text(scene.read_text().replace('up = "z"', 'up = "y"'))
+    assert any('[scene] up = "z", not "y"' in text for text in texts(walk, serious=True))
+    scene.write_text(scene.read_text().replace('up = "y"', 'up = "z"'))
+    recalibrated(walk, posed(lambda T: T @ np.diag([1.0, -1, -1, 1])))
+    assert any("head down along z" in text for text in texts(walk, serious=True))
+
+
+def test_files_that_lack_or_are_not_read_are_named(capture):
+    frames = capture / "frames"
+    shutil.rmtree(frames / "000011")
+    (frames / "31").mkdir()
+    (frames / "000007" / "images" / "cam2.jpg").unlink()
+    Image.new("RGB", (512, 512)).save(frames / "000014" / "images" / "cam1.jpg")
+    Image.new("L", (512, 512)).save(frames / "000021" / "masks" / "cam4.png")
+    for number in PICTURED:
+        path = frames / f"{number:06d}" / "images" / "cam3.jpg"
+        Image.fromarray((np.asarray(Image.open(path)) // 5).astype(np.uint8)).save(path)
+    said = texts(capture, serious=False)
+    for words in (
+        "frames: 1 numbers are missing: 11", "frames/31 are not read; six digits: frames/000031",
+        "cam2: no images in 1 frames: 7", "cam1: frame 14 is black", "cam4: frame 21 has an empty mask", "cam3: about",
+    ):  # fmt: skip
+        assert any(words in text for text in said), words
+    assert not texts(capture, serious=True)
+
+
+def test_a_garment_whose_label_is_seen_nowhere_stops(capture):
+    scene = capture / "scene.toml"
+    scene.write_text(scene.read_text() + '[[garment]]\nname = "skirt"\nlabel = "skirt"\n')
+    said = texts(capture, serious=True)
+    assert len(said) == 1 and said[0].startswith("garment skirt: its label 'skirt' is seen nowhere")
+
+
+def test_masks_name_the_camera_that_cuts_the_hull(capture):
+    for number in PICTURED:
+        path = capture / "frames" / f"{number:06d}" / "masks" / "cam2.png"
+        mask = np.roll(np.asarray(Image.open(path)), 60, axis=1)
+        Image.fromarray(mask).save(path)
+    assert any("without cam2: its mask or its calibration is off" in text for text in texts(capture))
+
+
+def test_what_cannot_be_opened_or_read_is_a_finding(capture, tmp_path):
+    assert inspect(tmp_path / "nothing").wasted
+    (capture / "frames" / "000000" / "images" / "cam0.jpg").write_bytes(b"no picture")
+    assert any("cam0.jpg: cannot be read" in text for text in texts(capture, serious=True))
+
+
+def test_the_command_prints_a_line_a_problem_writes_a_page_and_says_by_its_code(capture, tmp_path):
+    from typer.testing import CliRunner
+
+    from toile.cli import app
+    from toile.measure.command import inspect as command
+
+    if "inspect" not in {c.name or c.callback.__name__ for c in app.registered_commands}:
+        app.command()(command)
+    result = CliRunner().invoke(app, ["inspect", str(capture), "--out", str(tmp_path / "page.html")])
+    assert result.exit_code == 0 and "nothing was found" in result.output
+    recalibrated(capture, CONVENTIONS["OpenGL's axes"])
+    result = CliRunner().invoke(app, ["inspect", str(capture), "--out", str(tmp_path / "page.html")])
+    assert result.exit_code == 1 and result.output.startswith("stops  cameras.json: ")
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<img") == 15 and "OpenGL&#x27;s axes" in page and "Distance from epipolar lines" in page
+
+
+def test_a_page_holds_no_markup_of_the_capture(capture, tmp_path):
+    found = inspect(capture)
+    page = write_inspection(found, tmp_path / "page.html", "<script>x</script>").read_text()
+    assert "<script" not in page
+
+
+def test_real_detections_name_the_cameras_that_lie_aside(shared_data, tmp_path):
+    pytest.importorskip("av")
+    from toile.io.importing import write_capture
+    from toile.io.rig import Options, chosen, read_rig
+
+    source = shared_data / "pose2sim_calibrated_video"
+    found = read_rig("qualisys", source, Options(up="z", skeleton="body_25b", cropped=True))
+    found = replace(chosen(found, range(40)), films={})
+    write_capture(found, tmp_path / "walk", "test")
+    said = inspect(tmp_path / "walk")
+    assert not said.wasted and 1.6 < said.facts["stature m"] < 2.0
+    assert any(f.text.startswith("cam03: its keypoints lie (+") for f in said.findings)
