@@ -1,5 +1,7 @@
 """Labels and borders on a painted ball seen by synthetic cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,8 @@ from toile.errors import UserError
 from toile.scene import Camera, Frame, Garment, Mesh, Scene, Tracked
 from toile.stages.segment import coarse_pictures, evidence, prepare, segment
 from toile.surface.curves import isolines
+from toile.vision.completion import complete_labels
+from toile.vision.evidence import depth_views
 from toile.vision.visibility import DepthView
 
 CENTRE, OPENING, RADIUS = np.array([0, 0, 1.0]), 1.05, 0.5
@@ -166,3 +170,48 @@ def test_pictures_whose_pixels_are_wide_at_the_person_are_warned_of():
         found = coarse_pictures({"a": camera}, [(frame, tracked)], SegmentSettings())
         assert (warned in found[0]) if warned else found == []
     assert coarse_pictures({}, [(Frame(0, None), tracked)], SegmentSettings()) == []
+
+
+def without_labels(frame, names):
+    return replace(frame, labels={name: image for name, image in frame.labels.items() if name not in names})
+
+
+def test_one_labelled_picture_and_unlabelled_others_place_the_border(ball):
+    """What the one picture shows gives the colours; the other pictures are labelled by them, and by each place."""
+    scene, cameras, frame, tracked, faces = ball
+    key = without_labels(frame, [name for name in cameras if name != "cam0"])
+    model = prepare(scene, cameras, [(key, tracked)], faces, SegmentSettings())
+    assert (model.ids[model.prior.argmax(1)] != true_label(tracked.vertices)).mean() < 0.03
+    for shown in (key, without_labels(frame, list(cameras))):
+        result = labelled(scene, cameras, model, shown, tracked, faces)
+        assert (result.vertices != true_label(tracked.vertices)).mean() < 0.02
+        border = isolines(frame.scan.vertices, frame.scan.faces, result.scan_probability[:, 1].astype(float))[0]
+        assert border.closed and np.abs(border.points[:, 2] - OPENING).mean() < 0.002
+
+
+def test_where_every_picture_is_labelled_none_is_completed(ball):
+    scene, cameras, frame, tracked, faces = ball
+    with_rounds = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+    without = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings(completion_rounds=0))
+    assert np.array_equal(with_rounds.prior, without.prior)
+
+
+def test_a_completed_picture_ends_at_the_surface_and_at_the_mask_and_leaves_out_what_is_unsure(ball):
+    scene, cameras, frame, tracked, faces = ball
+    model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+    views = depth_views(cameras, cameras, tracked.vertices, faces)
+    left = np.zeros((512, 512), bool)
+    left[:, :256] = True
+    bare = replace(frame, labels={}, masks={"cam1": left})
+    half = SegmentSettings(sure_share=0.9999)
+    told = complete_labels(bare, views, model.prior, faces, model.colours, model.ids, SegmentSettings())
+    unsure = complete_labels(bare, views, model.prior, faces, model.colours, model.ids, half)
+    assert set(told) == set(cameras) and not told["cam1"][:, 256:].any()
+    for name, view in views.items():
+        shown = (view.face >= 0) & (left if name == "cam1" else True)
+        assert np.array_equal(told[name] > 0, shown)
+        assert np.isin(told[name], [0, 1, 2, 255]).all() and (told[name] == 255).sum() < (unsure[name] == 255).sum()
+        right = told[name] == frame.labels[name]
+        assert (
+            right[(told[name] > 0) & (told[name] < 255)].mean() > 0.95
+        )  # those given are four pixels off and wrong in blobs

@@ -37,7 +37,7 @@ def seen():
     labels = {name: np.where(view.face >= 0, CLOTH, 0).astype(np.uint8) for name, view in views.items()}
     frame = Frame(0, Mesh(V, F), None, {}, {}, labels)
     segmented = Segmented(np.zeros(0, np.uint8), np.full(len(F), CLOTH, np.uint8), np.zeros((len(V), 2)), IDS, {}, {})
-    return Evidence(frame, depth_views(frame, cameras, V, F), Mesh(V, F), IDS, None, SegmentSettings()), Rivals(
+    return Evidence(frame, depth_views(frame.labels, cameras, V, F), Mesh(V, F), IDS, None, SegmentSettings()), Rivals(
         V, F, segmented, CLOTH
     )
 

@@ -161,6 +161,12 @@ class SegmentSettings(Settings):
         True, "switch", "place a garment's border between scan vertices by the pictures' edges"
     )
     label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
+    completion_rounds: int = setting(
+        1, "count", "in which label images that the sampled frames lack are told from the others, and count", ge=0
+    )
+    sure_share: float = setting(
+        0.8, "1", "least probability of a pixel's label where no label image is given; below it has none", gt=0, le=1
+    )
     coarse_pixel: float = setting(0.012, "m", "width at the person from which on pictures are warned of", gt=0)
     label_blur: float = setting(3.0, "px", "uncertainty of a given border", gt=0)
     colour_pixels: int = setting(400_000, "count", "drawn from the samples for the colour models", ge=1)

@@ -117,6 +117,10 @@ class Capture:
         """Names of the cameras that have a picture of a frame, in the cameras' order."""
         return tuple(self._files(self.folder(number) / "images"))
 
+    def labelled(self, number: int) -> tuple[str, ...]:
+        """Names of the cameras that have a label image of a frame."""
+        return tuple(self._files(self.folder(number) / "labels"))
+
     def check_pictures(self, number: int) -> None:
         """UserError where a frame has no picture, or one of another size than its camera's; only headers are read."""
         folder = self.folder(number) / "images"
@@ -193,7 +197,10 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
     """
     model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
     errors, seen, labelled = [], set(), False
-    for number in frames[:CHECKED]:
+    checked = list(frames[:CHECKED])
+    if capture.scene.garments and not any(capture.labelled(number) for number in checked):
+        checked += [number for number in frames[CHECKED:] if capture.labelled(number)][:CHECKED]  # key frames
+    for number in checked:
         try:
             frame = capture.frame(number)
         except Exception as error:
@@ -204,7 +211,7 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
             seen |= set(np.unique(image).tolist())
         if frame.scan_labels is not None:
             seen |= set(np.unique(frame.scan_labels).tolist())
-    if len(errors) == len(frames[:CHECKED]):
+    if len(errors) == len(checked):
         raise UserError(errors[0])
     for i, garment in enumerate(capture.scene.garments):
         if garment.prints and not any(capture.pictured(number) for number in frames):

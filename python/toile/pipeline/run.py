@@ -201,11 +201,19 @@ def _samples(capture, run, config, frames):
             return f"frame {number}: neither a scan nor keypoints that two cameras agree on"
         return frame, points
 
-    found = parallel_map(read, evenly(frames, config.preparation_frames))
+    found = parallel_map(read, _sampled(capture, frames, config.preparation_frames))
     samples = [sample for sample in found if not isinstance(sample, str)]
     if not samples:
         raise UserError(found[0])
     return samples
+
+
+def _sampled(capture, frames, count):
+    """Numbers of frames spread evenly, and as many of those with label images where others have none."""
+    spread = evenly(frames, count)
+    if not capture.scene.garments or all(capture.labelled(number) for number in spread):
+        return spread
+    return sorted({*spread, *evenly([number for number in frames if capture.labelled(number)], count)})
 
 
 def _points(capture, config, frame):

@@ -1,7 +1,7 @@
 """Labels of a captured surface: labels given in images or on the scan, colour models and neighbours in space and time,
 fused by an MRF; the border of each garment is then placed between scan vertices by the pictures' own edges."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ..scene import Mesh, Segmented
 from ..surface.curves import Curve, isolines, pieces, resample, smooth, tangents
 from ..surface.operators import adjacency, sides
 from ..vision.colours import ColourModel, fit_colours
+from ..vision.completion import complete_labels
 from ..vision.evidence import (
     Crop,
     Evidence,
@@ -51,10 +52,27 @@ def prepare(scene, cameras, samples, faces, settings):
             "labels: no sampled frame has label images or labels on its scan, and the scene names a garment"
         )
     _check_ids(scene, samples)
-    n, L = len(samples[0][1].vertices), len(ids)
-    votes = np.zeros((n, L))
-    seen = [(frame, depth_views(frame, cameras, tracked.vertices, faces)) for frame, tracked in samples]
-    for (frame, views), (_, tracked) in zip(seen, samples):
+    model = _fitted(cameras, samples, faces, ids, settings)
+    for _ in range(settings.completion_rounds):
+        whole = [(_completed(frame, cameras, model, tracked, faces, settings), tracked) for frame, tracked in samples]
+        if all(frame is given for (frame, _), (given, _) in zip(whole, samples)):
+            break
+        model = SegmentModel(ids, model.colours, _prior(_votes(cameras, whole, faces, ids, settings), faces, settings))
+    return model
+
+
+def _fitted(cameras, samples, faces, ids, settings):
+    """The SegmentModel of the labels that sampled frames [(Frame, Tracked)] have."""
+    prior = _prior(_votes(cameras, samples, faces, ids, settings), faces, settings)
+    seen = [(frame, depth_views(frame.labels, cameras, tracked.vertices, faces)) for frame, tracked in samples]
+    return SegmentModel(ids, _fit_colours(seen, prior, faces, ids, settings), prior)
+
+
+def _votes(cameras, samples, faces, ids, settings):
+    """How often (n,L) each tracked vertex carried each label."""
+    votes = np.zeros((len(samples[0][1].vertices), len(ids)))
+    for frame, tracked in samples:
+        views = depth_views(frame.labels, cameras, tracked.vertices, faces)
         if views:
             N = kernels.vertex_normals(tracked.vertices, faces)
             soft = {name: Crop(soft_labels(frame.labels[name], ids, settings)) for name in views}
@@ -62,10 +80,24 @@ def prepare(scene, cameras, samples, faces, settings):
             votes += share * weight[:, None]
         if frame.scan_labels is not None:
             votes += _scan_votes(frame.scan, tracked.vertices, ids, settings)
+    return votes
+
+
+def _prior(votes, faces, settings):
+    """Probabilities (n,L) of the labels by votes (n,L) of a vertex and its neighbours."""
     prior = _with_neighbours(votes, faces) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
-    prior /= prior.sum(1, keepdims=True)
-    return SegmentModel(ids, _fit_colours(seen, prior, faces, ids, settings), prior)
+    return prior / prior.sum(1, keepdims=True)
+
+
+def _completed(frame, cameras, model, tracked, faces, settings):
+    """The frame with label images of all cameras that have a picture; itself where nothing is missing or to be told."""
+    missing = [name for name in frame.images if name not in frame.labels]
+    if not missing or model.colours is None:
+        return frame
+    views = depth_views(missing, cameras, tracked.vertices, faces)
+    more = complete_labels(frame, views, model.prior, faces, model.colours, model.ids, settings)
+    return replace(frame, labels=frame.labels | more)
 
 
 def _scan_votes(scan, points, ids, settings):
@@ -78,9 +110,10 @@ def _scan_votes(scan, points, ids, settings):
 def evidence(frame, cameras, model, tracked, faces, settings):
     """What the frame's pictures say, seen past the scan and the tracked surface, and what labels its scan carries."""
     scan = Mesh(tracked.vertices, faces) if frame.scan is None else frame.scan
+    frame = _completed(frame, cameras, model, tracked, faces, settings)
     V, F = scan.vertices, scan.faces
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
-    views = depth_views(frame, spread_views(cameras, frame.labels, V.mean(0), settings.views), *both)
+    views = depth_views(frame.labels, spread_views(cameras, frame.labels, V.mean(0), settings.views), *both)
     return Evidence(frame, views, scan, model.ids, model.colours, settings)
 
 

@@ -9,9 +9,9 @@ from .threads import parallel_map
 from .visibility import DepthView, occlusion_border
 
 
-def depth_views(frame, cameras, V, F):
-    """The DepthView of the surface from each camera whose label image the frame has."""
-    names = [name for name in frame.labels if name in cameras]
+def depth_views(names, cameras, V, F):
+    """The DepthView of the surface from each camera of these names."""
+    names = [name for name in names if name in cameras]
     return dict(zip(names, parallel_map(lambda name: DepthView(cameras[name], V, F), names)))
 
 
