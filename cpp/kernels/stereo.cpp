@@ -22,6 +22,7 @@ constexpr int MOST_SOURCES = 16;
 constexpr int LARGEST_SIDE = 16384;
 constexpr int LEAST_SIDE = 8;
 constexpr float COARSE_SPACING = 0.75F;  // of the finest level's; there a pixel is larger
+constexpr int STEPS = 2;                 // Gauss-Newton steps of a refinement
 constexpr float WHITE = 250, BLACK = 4;
 constexpr float PLAIN = 1.5F;  // deviations of noise: less contrast is none
 
@@ -290,9 +291,14 @@ StereoMaps StereoSolver::solve(const StereoPictures& pictures, const Matrix& ran
         play(views, fields, {iterations, true, false, 1}, level, 1, spacing, options_);
         if (level > 0) pyramid.pop_back();
     }
-    for (std::size_t c = 0; c < fields.size(); ++c)
-        Search(pyramid[0], fields, c, finest, true, options_).refine(fields[c], options_.refinements);
-    publish(fields);
+    for (int k = 0; k < options_.refinements; ++k) {
+        for (std::size_t c = 0; c < fields.size(); ++c) {
+            const Search search(pyramid[0], fields, c, finest, true, options_);
+            search.bend(fields[c]);
+            search.refine(fields[c], STEPS);
+        }
+        publish(fields);
+    }
     for (std::size_t c = 0; c < fields.size(); ++c) write_maps(pyramid[0], fields, c, finest, options_, pictures, maps);
     return maps;
 }

@@ -29,7 +29,7 @@ struct StereoOptions {
     int start_iterations = 6;   ///< of the coarsest level without the other cameras' depths
     int coarse_iterations = 3;  ///< of every other round but the finest's
     int iterations = 2;         ///< of the finest level
-    int refinements = 2;        ///< Gauss-Newton steps of depth and slopes
+    int refinements = 2;        ///< of depth and slopes on the bent surface, two Gauss-Newton steps each
     double spacing = 2;         ///< between the samples of a window, 6 to a side [px]
     double colour = 16;         ///< difference of grey at which a sample counts half
     double noise = 0.5;         ///< of grey values, standard deviation: fainter textures match anything

@@ -29,7 +29,7 @@ app = typer.Typer(  # without markup: it would take the units in brackets for st
 )
 LINE = 1000  # characters of a message that are shown
 STOPPED = 130
-RESUMED = ("register", "align", "train", "studio")  # the same command goes on with what was stopped
+RESUMED = ("register", "reconstruct", "align", "train", "studio")  # the same command goes on with what was stopped
 
 
 @app.command()
@@ -74,6 +74,36 @@ def detect(
     typer.echo(f"{capture}: keypoints in {len(found.written)} frames{kept}")
     for warning in found.warnings:
         typer.echo(f"  warning: {warning}", err=True)
+
+
+@app.command()
+def reconstruct(
+    capture: Path,
+    out: Annotated[Path, typer.Argument(help="a new capture: all of CAPTURE, and scans; goes on with what is there")],
+    quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
+    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    config: ConfigFile = None,
+    changes: Changes = None,
+):
+    """Make scans and 3D keypoints of a capture's pictures and masks: scan.ply and keypoints3d.json of each frame."""
+    from .config import from_options
+    from .config.stereo import scan_preset
+    from .io.capture import open_capture
+    from .pipeline.reconstruct import reconstruct as run_stereo
+
+    opened = open_capture(capture)
+    numbers = frame_numbers(frames, opened.frames, step)
+    settings = from_options(scan_preset, quality, config, changes)
+    with progress_bars() as progress:
+        done = run_stereo(opened, out, settings, numbers, progress)
+    kept = f", {len(done.kept)} were there" if done.kept else ""
+    typer.echo(f"{out}: scans of {len(done.made)} frames{kept}, {len(done.failed)} failed")
+    for line in done.said:
+        typer.echo(f"  {line}")
+    for number, reason in done.failed.items():
+        typer.echo(f"  frame {number}: {reason}", err=True)
+    raise typer.Exit(2 if done.failed else 0)
 
 
 @app.command()

@@ -32,6 +32,7 @@ class Mesh(_Record):
     uv: Anything | None = None  # (t,2)
     face_uv: Anything | None = None  # (m,3) into uv
     face_labels: Anything | None = None  # (m,) uint8 label ids, 0 for none, where a scan carries its own
+    confidence: Anything | None = None  # (n,) 0 to 1, where a scan carries one
 
     # Made when first asked for, and kept for all stages.
 

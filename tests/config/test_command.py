@@ -32,7 +32,7 @@ def test_the_page_of_the_documentation_is_the_settings_own():
 def test_every_command_lists_all_its_settings(monkeypatch, capsys):
     assert run_cli(monkeypatch, "settings", "--json") == 0
     tables = json.loads(capsys.readouterr().out)
-    assert list(tables) == ["register", "align", "train", "studio"]
+    assert list(tables) == ["register", "reconstruct", "align", "train", "studio"]
     assert [row["name"] for row in tables["register"]] == [one.name for one in listed(Config())]
     views = next(row for row in tables["register"] if row["name"] == "segment.views")
     assert views["default"] == 0 and views["presets"] == {"draft": preset("draft").segment.views}
@@ -46,7 +46,7 @@ def test_a_stage_is_listed_alone(monkeypatch, capsys):
     assert capsys.readouterr().err.strip() == "toile: dres: no such stage or setting; nearest: dress"
 
 
-@pytest.mark.parametrize("command", ["register", "align", "train", "studio"])
+@pytest.mark.parametrize("command", ["register", "reconstruct", "align", "train", "studio"])
 def test_every_command_refuses_an_unknown_setting_and_leaves_nothing(command, monkeypatch, capsys, tmp_path):
     places = [tmp_path / "out"] if command == "studio" else [SAMPLE, tmp_path / "out"]
     assert run_cli(monkeypatch, command, *places, "--set", "qualitee=3") == 1

@@ -16,7 +16,10 @@ constexpr float START_SLOPE = 0.3F;  // disparity a pixel
 constexpr float LIKE = 0.03F;        // planes whose disparities differ by less [px] are one
 constexpr float FARTHEST = 2;        // cost of a picture that does not show the window
 constexpr double DAMPING = 1e-3;
-constexpr float LONGEST = 1;  // Gauss-Newton step [px]
+constexpr int ARM = 3;             // a bend is that of 5 x 5 pixels, so far apart
+constexpr float SAME_SURFACE = 1;  // depths that leave the plane by more [px] count less
+constexpr double STRAIGHT = 0.1;   // weight of no bend, of 25
+constexpr float LONGEST = 1;       // Gauss-Newton step [px]
 
 /// Random numbers by counter (splitmix64): the same for a key, whoever asks first.
 class Dice {
@@ -49,11 +52,12 @@ void each(const std::vector<int>& pixels, Function&& f) {
 
 Search::Search(const std::vector<View>& views, const std::vector<Field>& fields, std::size_t own, float spacing,
                bool geometric, const StereoOptions& options)
-    : views_(views), fields_(fields), view_(views[own]), grid_(spacing), geometric_(geometric), options_(options),
-      noise2_(static_cast<float>(options.noise * options.noise)) {}
+    : views_(views), fields_(fields), view_(views[own]), bends_(fields[own].bends), grid_(spacing),
+      geometric_(geometric), options_(options), noise2_(static_cast<float>(options.noise * options.noise)) {}
 
 Window Search::window(int x, int y) const {
-    return Window(view_.picture, grid_, x, y, static_cast<float>(options_.colour));
+    const Bend bend = bends_.empty() ? Bend{} : bends_[view_.picture.index(x, y)];
+    return Window(view_.picture, grid_, x, y, static_cast<float>(options_.colour), bend);
 }
 
 float Search::scale(int x, int y, const Plane& plane) const {
@@ -88,7 +92,7 @@ Opinion Search::opinion(const Window& window, int x, int y, const Plane& plane) 
         const Warp warp(pair, static_cast<float>(x), static_cast<float>(y), plane);
         const bool shown = warp.q[2] > 0 && other.person(static_cast<int>(std::floor(warp.u + 0.5F)),
                                                          static_cast<int>(std::floor(warp.v + 0.5F)));
-        colour[k] = shown ? 1 - correlation(window, grid_, warp, other, noise2_) : FARTHEST;
+        colour[k] = shown ? 1 - correlation(window, grid_, warp, pair, other, noise2_) : FARTHEST;
         cost[k] = colour[k];
         if (geometric_) {
             const auto most = static_cast<float>(options_.contradiction);
@@ -179,10 +183,42 @@ void Search::visit(Field& field, int pixel, float reach, std::uint64_t key) cons
     field.cells[pixel] = cell;
 }
 
+void Search::bend(Field& field) const {
+    using Terms = Eigen::Matrix<double, 6, 1>;
+    std::vector<Bend> bends(field.cells.size());
+    const auto fit = [&](int pixel) {
+        const int width = view_.picture.width, x = pixel % width, y = pixel / width;
+        const Plane& plane = field.cells[pixel].plane;
+        const float pixels = std::max(scale(x, y, plane), 1e-12F);
+        Eigen::Matrix<double, 6, 6> H = Eigen::Matrix<double, 6, 6>::Zero();
+        Terms right = Terms::Zero();
+        for (int i = -2; i <= 2; ++i)
+            for (int j = -2; j <= 2; ++j) {
+                const int nx = x + ARM * j, ny = y + ARM * i;
+                if (!view_.picture.inside(nx, ny)) continue;
+                const float w = field.cells[view_.picture.index(nx, ny)].plane.w;
+                if (!(w > 0)) continue;
+                const float beyond = w - plane.moved(static_cast<float>(ARM * j), static_cast<float>(ARM * i)).w;
+                const double r = beyond * pixels, weight = 1 / std::pow(1 + std::pow(r / SAME_SURFACE, 2), 2);
+                Terms term;
+                term << 1, j, i, 0.5 * j * j, j * i, 0.5 * i * i;
+                H += weight * term * term.transpose();
+                right += weight * r * term;
+            }
+        H.diagonal().array() += 1e-6;
+        H.diagonal().tail<3>().array() += STRAIGHT;
+        const Terms found = H.ldlt().solve(right) / (ARM * ARM * pixels);
+        if (found.allFinite())
+            bends[pixel] = {static_cast<float>(found[3]), static_cast<float>(found[4]), static_cast<float>(found[5])};
+    };
+    for (const auto& pixels : field.pixels) each(pixels, fit);
+    field.bends = std::move(bends);
+}
+
 void Search::refine(Field& field, int steps) const {
     const auto improve = [&](int pixel) {
         const int x = pixel % view_.picture.width, y = pixel / view_.picture.width;
-        const Window window = this->window(x, y);
+        const Window window = this->window(x, y);  // bent as the surface is
         Cell& cell = field.cells[pixel];
         Opinion now = opinion(window, x, y, cell.plane);
         for (int k = 0; k < steps; ++k) {

@@ -18,6 +18,7 @@ struct Cell {
 struct Field {
     std::vector<Cell> cells;
     std::vector<Plane> planes;
+    std::vector<Bend> bends;                 ///< of the surface at each pixel; empty: planes alone
     std::array<std::vector<int>, 2> pixels;  ///< that have bounds, by colour of the checkerboard
     std::vector<Bounds> bounds;              ///< of the coarsest level
     int shift = 0;                           ///< levels from this one to the coarsest
@@ -54,6 +55,8 @@ public:
     void weigh(Field& field) const;
     /// One iteration: both colours. `reach` [px] is how far a random step moves a disparity.
     void sweep(Field& field, float reach, std::uint64_t key) const;
+    /// How the surface bends at each pixel, by the depths about it.
+    void bend(Field& field) const;
     /// Gauss-Newton on the grey values of the best cameras; a step is taken where it lowers the cost.
     void refine(Field& field, int steps) const;
 
@@ -66,6 +69,7 @@ private:
     const std::vector<View>& views_;
     const std::vector<Field>& fields_;
     const View& view_;
+    const std::vector<Bend>& bends_;
     Grid grid_;
     bool geometric_;
     const StereoOptions& options_;

@@ -10,13 +10,14 @@ struct Places {
     __m256 u, v, z;
 };
 
-Places places(const Warp& warp, __m256 dx, __m256 dy) {
-    const auto linear = [&](int k) {
-        return _mm256_fmadd_ps(_mm256_set1_ps(warp.hy[k]), dy,
-                               _mm256_fmadd_ps(_mm256_set1_ps(warp.hx[k]), dx, _mm256_set1_ps(warp.q[k])));
+Places places(const Warp& warp, const Pair& pair, __m256 dx, __m256 dy, __m256 bend) {
+    const auto at = [&](int k) {
+        const __m256 plane = _mm256_fmadd_ps(
+            _mm256_set1_ps(warp.hy[k]), dy, _mm256_fmadd_ps(_mm256_set1_ps(warp.hx[k]), dx, _mm256_set1_ps(warp.q[k])));
+        return _mm256_fmadd_ps(_mm256_set1_ps(pair.b[k]), bend, plane);
     };
-    const __m256 z = linear(2);
-    return {_mm256_div_ps(linear(0), z), _mm256_div_ps(linear(1), z), z};
+    const __m256 z = at(2);
+    return {_mm256_div_ps(at(0), z), _mm256_div_ps(at(1), z), z};
 }
 
 float pivot(const Picture& picture, const Warp& warp) {
@@ -25,7 +26,7 @@ float pivot(const Picture& picture, const Warp& warp) {
 
 }  // namespace
 
-Window::Window(const Picture& picture, const Grid& grid, int x, int y, float colour) {
+Window::Window(const Picture& picture, const Grid& grid, int x, int y, float colour, const Bend& surface) {
     alignas(32) std::array<float, 8 * LANES> px, py, masked;
     for (std::size_t k = 0; k < LANES; ++k) {
         _mm256_store_ps(px.data() + 8 * k, grid.x[k]);
@@ -57,16 +58,23 @@ Window::Window(const Picture& picture, const Grid& grid, int x, int y, float col
         deviation[k] = _mm256_mul_ps(weight[k], apart);
         second = _mm256_fmadd_ps(deviation[k], apart, second);
     }
+    const __m256 xx = _mm256_set1_ps(0.5F * surface.xx), xy = _mm256_set1_ps(surface.xy);
+    const __m256 yy = _mm256_set1_ps(0.5F * surface.yy);
+    for (std::size_t k = 0; k < LANES; ++k) {
+        const __m256 along = _mm256_fmadd_ps(xx, grid.x[k], _mm256_mul_ps(xy, grid.y[k]));
+        bend[k] = _mm256_fmadd_ps(along, grid.x[k], _mm256_mul_ps(yy, _mm256_mul_ps(grid.y[k], grid.y[k])));
+    }
     mean = centre + shift;
     variance = sum(second);
 }
 
-float correlation(const Window& window, const Grid& grid, const Warp& warp, const Picture& picture, float noise2) {
+float correlation(const Window& window, const Grid& grid, const Warp& warp, const Pair& pair, const Picture& picture,
+                  float noise2) {
     if (!warp.sound(picture, grid.radius)) return -1;
     const __m256 middle = _mm256_set1_ps(pivot(picture, warp));
     __m256 s1 = _mm256_setzero_ps(), s2 = s1, cross = s1;
     for (std::size_t k = 0; k < LANES; ++k) {
-        const Places at = places(warp, grid.x[k], grid.y[k]);
+        const Places at = places(warp, pair, grid.x[k], grid.y[k], window.bend[k]);
         const __m256 s = _mm256_sub_ps(picture.read(at.u, at.v).value, middle);
         const __m256 ws = _mm256_mul_ps(window.weight[k], s);
         s1 = _mm256_add_ps(s1, ws);
@@ -84,7 +92,7 @@ void add_normal_equations(const Window& window, const Grid& grid, const Warp& wa
     __m256 JJ[6]{zero, zero, zero, zero, zero, zero};
     __m256 s1 = zero, s2 = zero, cross = zero;
     for (std::size_t k = 0; k < LANES; ++k) {
-        const Places at = places(warp, grid.x[k], grid.y[k]);
+        const Places at = places(warp, pair, grid.x[k], grid.y[k], window.bend[k]);
         const auto read = picture.read(at.u, at.v);
         const __m256 s = _mm256_sub_ps(read.value, middle), w = window.weight[k], ws = _mm256_mul_ps(w, s);
         s1 = _mm256_add_ps(s1, ws);

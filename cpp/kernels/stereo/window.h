@@ -17,6 +17,11 @@ struct Plane {
     Plane moved(float dx, float dy) const { return {w + wx * dx + wy * dy, wx, wy}; }
 };
 
+/// Second derivatives of the inverse depth, per pixel squared: what a plane lacks of a curved surface.
+struct Bend {
+    float xx = 0, xy = 0, yy = 0;
+};
+
 /// From a pixel (x, y) of inverse depth w to another camera: A (x, y, 1) + b w.
 struct Pair {
     int view;
@@ -89,13 +94,15 @@ struct Grid {
 /// The samples of one pixel's window: weights of sum 1 by grey and mask, weighted deviations from the mean.
 struct Window {
     __m256 weight[LANES], deviation[LANES];
+    __m256 bend[LANES];  ///< inverse depth beyond the plane's
     float mean, variance;
 
-    Window(const Picture& picture, const Grid& grid, int x, int y, float colour);
+    Window(const Picture& picture, const Grid& grid, int x, int y, float colour, const Bend& surface);
 };
 
 /// Weighted normalised correlation with `noise2` added to both variances; -1 where the warp is not sound.
-float correlation(const Window& window, const Grid& grid, const Warp& warp, const Picture& picture, float noise2);
+float correlation(const Window& window, const Grid& grid, const Warp& warp, const Pair& pair, const Picture& picture,
+                  float noise2);
 
 /// Normal equations of (w, wx, wy) for one pair, gain and offset of the grey values eliminated; added to H (upper six,
 /// row by row) and g.

@@ -45,9 +45,11 @@ def commands() -> dict[str, tuple[Callable[[str], Settings], tuple[str, ...]]]:
     from ..avatar.settings import PRESETS, train_preset
     from ..studio.options import StudioOptions
     from .presets import QUALITIES, preset
+    from .stereo import SCAN_PRESETS, scan_preset
 
     return {
         "register": (preset, QUALITIES),
+        "reconstruct": (scan_preset, tuple(SCAN_PRESETS)),
         "align": (lambda _: AlignSettings(), ("standard",)),
         "train": (train_preset, tuple(PRESETS)),
         "studio": (lambda _: StudioOptions(), ("standard",)),

@@ -287,7 +287,7 @@ def _cameras(root: Path, name: str, metres: float) -> dict[str, Camera]:
 def _scaled(mesh: Mesh, metres: float) -> Mesh:
     if metres == 1:
         return mesh
-    return Mesh(mesh.vertices * metres, mesh.faces, mesh.uv, mesh.face_uv, mesh.face_labels)
+    return replace(mesh, vertices=mesh.vertices * metres)
 
 
 def _inside(root: Path, file: Path, field: str, name: str) -> Path:

@@ -70,7 +70,7 @@ def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Ca
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         if isinstance(source, Path):
-            _link(source, path, copy)
+            link(source, path, copy)
         else:
             source(path)
         kind, camera = path.parent.name, cameras.get(path.stem)
@@ -92,7 +92,7 @@ def _check_size(path: Path, size: tuple[int, ...], camera: Camera) -> None:
         )
 
 
-def _link(source: Path, path: Path, copy: bool) -> None:
+def link(source: Path, path: Path, copy: bool) -> None:
     """A hard link, where that cannot be a symbolic one; or a copy."""
     if copy:
         shutil.copyfile(source, path)

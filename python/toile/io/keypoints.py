@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import UserError
-from ..scene import Camera, Keypoints
+from ..scene import Camera, Keypoints, Points3D
 from .bounded import read_json
 
 
@@ -28,3 +29,12 @@ def read_keypoints(path: Path, cameras: dict[str, Camera]) -> Keypoints:
         if len(bad):
             raise UserError(f"{path}: points.{camera}[{bad[0]}] is not finite")
     return Keypoints(names, points)
+
+
+def keypoints3d_json(points: Points3D) -> str:
+    """The text of keypoints3d.json: x, y, z and sigma [m] a name, null where a point is unseen."""
+    rows = [
+        [*np.round(p, 6).tolist(), round(float(sigma), 6)] if np.isfinite(p).all() else None
+        for p, sigma in zip(points.points, points.sigma)
+    ]
+    return json.dumps({"names": list(points.names), "points": rows})

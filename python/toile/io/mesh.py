@@ -55,8 +55,9 @@ def _read_by_trimesh(path: Path) -> Mesh:
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
     vertices = np.array(loaded.vertices, dtype=np.float64)
     faces = np.array(loaded.faces, dtype=np.int32).reshape(-1, 3)
-    labels = _ply_labels(path, (loaded.metadata or {}).get("_ply_raw", {}), len(vertices), faces)
-    return Mesh(vertices, faces, face_labels=labels)
+    elements = (loaded.metadata or {}).get("_ply_raw", {})
+    labels = _ply_labels(path, elements, len(vertices), faces)
+    return Mesh(vertices, faces, face_labels=labels, confidence=_ply_confidence(path, elements, len(vertices)))
 
 
 def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:
@@ -80,6 +81,17 @@ def face_labels_of(labels: Anything, faces: Anything) -> Any:
     """Labels (m,) of faces from those of vertices (n,): that of two corners of three, else the first's."""
     a, b, c = labels[faces].T
     return np.where(b == c, b, a)
+
+
+def _ply_confidence(path: Path, elements: Any, n: int) -> Any:
+    """The property `confidence` (n,) of a PLY's vertices; None without."""
+    values = _ply_property(elements.get("vertex", {}).get("data"), "confidence")
+    if values is None:
+        return None
+    values = np.asarray(values, dtype=np.float64).ravel()
+    if len(values) != n or not ((values >= 0) & (values <= 1)).all():
+        raise UserError(f"{path}: confidence: expected numbers from 0 to 1, one a vertex")
+    return values
 
 
 def _ply_property(data: Any, name: str) -> Any:
@@ -190,7 +202,8 @@ def _ply(mesh: Mesh) -> Any:
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"element vertex {len(V)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(F)}\nproperty list uchar int vertex_indices\n"
+        + ("" if mesh.confidence is None else "property float confidence\n")
+        + f"element face {len(F)}\nproperty list uchar int vertex_indices\n"
     )
     labelled = mesh.face_labels is not None
     header += ("property uchar label\n" if labelled else "") + "end_header\n"
@@ -198,4 +211,5 @@ def _ply(mesh: Mesh) -> Any:
     rows["count"], rows["corners"] = 3, F
     if labelled:
         rows["label"] = mesh.face_labels
-    return header.encode() + np.asarray(V).astype("<f4").tobytes() + rows.tobytes()
+    columns = [V] if mesh.confidence is None else [V, np.asarray(mesh.confidence)[:, None]]
+    return header.encode() + np.hstack(columns).astype("<f4").tobytes() + rows.tobytes()

@@ -40,7 +40,7 @@ class StereoSolver:
     Options: sources=4 (cameras that a picture is compared with, nearest to a good angle), best=2 (of these count, pixel by
     pixel), max_angle=1.2 (between two cameras [rad]); coarsest=128 (longer side of the coarsest level [px]),
     start_iterations=6, coarse_iterations=3, iterations=2 (of PatchMatch: at first, on the coarse levels, on the finest),
-    refinements=2 (Gauss-Newton steps); spacing=2.0 (of a window's 6 samples a side [px]), colour=16.0 (difference of grey at
+    refinements=2 (of depth and slopes on a surface bent as its neighbours say, two Gauss-Newton steps each); spacing=2.0 (of a window's 6 samples a side [px]), colour=16.0 (difference of grey at
     which a sample counts half), noise=0.5 (of grey values); consistency=0.3 (cost of contradicting another camera's depth),
     contradiction=2.0 [px]; max_cost=0.6 (1 - correlation; beyond there is a hole), agreement=1.0 (disparity up to which
     depths agree [px]), min_views=1 (other cameras that have to agree); seed=0.

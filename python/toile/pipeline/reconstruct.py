@@ -1,0 +1,102 @@
+"""Scans and 3D keypoints of a capture's pictures, as another capture: what `toile reconstruct` does."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..errors import UserError, first_line
+from ..io.capture import METRES
+from ..io.files import replace_file
+from ..io.importing import link
+from ..io.keypoints import keypoints3d_json, read_keypoints
+from ..io.mesh import write_mesh
+from ..stages.reconstruct import triangulate
+from ..stages.stereo import scan
+
+
+@dataclass(frozen=True)
+class Reconstructed:
+    """Numbers of the frames that were made now and that were there; the failed ones with their reasons; a line a frame of
+    what the pictures gave."""
+
+    made: tuple[int, ...]
+    kept: tuple[int, ...]
+    failed: dict[int, str]
+    said: tuple[str, ...]
+
+
+def reconstruct(capture, out, settings, frames, progress=None):
+    """Writes a capture `out` that has all of `capture` and, in these frames, scan.ply (a confidence a vertex) and
+    keypoints3d.json. `settings` ScanConfig. Pictures are linked, or copied where links do not do. A frame is written whole or
+    not at all; frames that are there are left alone, so a stopped call goes on. A frame that fails stops no other.
+    UserError: `out` is the capture, or holds something else."""
+    out = Path(out)
+    if out.resolve() == capture.root.resolve():
+        raise UserError(f"{out}: is the capture itself; scans are written into another folder")
+    _begin(capture.root, out)
+    kept, failed, said = [], {}, []
+    for done, number in enumerate(frames, 1):
+        folder = out / "frames" / f"{number:06d}"
+        if folder.exists():
+            kept.append(number)
+            continue
+        try:
+            said.append(f"frame {number}: {_frame(capture, number, folder, settings)}")
+        except UserError as error:
+            failed[number] = first_line(error)
+        if progress is not None:
+            progress("reconstruct", done, len(frames))
+    made = [number for number in frames if number not in failed and number not in kept]
+    return Reconstructed(tuple(made), tuple(kept), failed, tuple(said))
+
+
+def _begin(root, out):
+    """All of the capture but its frames; what is there stays."""
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / "scene.toml").exists())):
+        raise UserError(f"{out}: is there already, and is no capture")
+    for path in sorted(root.iterdir()):
+        if path.name == "frames" or (out / path.name).exists():
+            continue
+        whole = lambda part, path=path: (
+            shutil.copytree(path, part, copy_function=_linked) if path.is_dir() else _linked(path, part)
+        )
+        replace_file(out / path.name, whole)
+    (out / "frames").mkdir(parents=True, exist_ok=True)
+
+
+def _linked(source, path):
+    link(Path(source), Path(path), copy=False)
+
+
+def _frame(capture, number, folder, settings):
+    """Makes one frame; -> what its pictures gave, in words."""
+    frame = capture.pictures(number)
+    if not frame.images:
+        raise UserError(f"{capture.folder(number) / 'images'}: no pictures")
+    masks = {name: labels > 0 for name, labels in frame.labels.items()} | frame.masks
+    found = scan(frame.images, masks, capture.cameras, settings.stereo)
+    mesh = replace(found.scan, vertices=found.scan.vertices / METRES[capture.scene.units])
+    source = capture.folder(number)
+    keypoints = source / "keypoints.json"
+    points = None
+    if keypoints.exists():
+        points = triangulate(read_keypoints(keypoints, capture.cameras), capture.cameras, settings.reconstruct)
+
+    def write(part):
+        shutil.copytree(
+            source, part, copy_function=_linked, ignore=shutil.ignore_patterns("scan.ply", "keypoints3d.json")
+        )
+        write_mesh(part / "scan.ply", mesh)
+        if points is not None:
+            (part / "keypoints3d.json").write_text(keypoints3d_json(points), encoding="utf-8")
+
+    replace_file(folder, write)
+    return _told(found)
+
+
+def _told(found):
+    """Shares of the masks' pixels, in words."""
+    holes = ", ".join(f"{why} {100 * share:.1f} %" for why, share in found.holes.items() if share >= 0.0005)
+    return f"{100 * found.depth:.1f} % of the person's pixels have a depth; holes: {holes or 'none'}"

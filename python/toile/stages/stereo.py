@@ -1,0 +1,91 @@
+"""From pictures to a scan: depth maps of all cameras, the points they agree on, a surface through these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import kernels
+from ..errors import UserError
+from ..kernels.stereo import HOLES
+from ..scene import Mesh
+from ..surface.poisson import keep_vertices, large_pieces, poisson
+from ..vision.ideal import ideal
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """What pictures of one instant gave. `holes` {reason: share of the masks' pixels}; `depth` is the share that has one."""
+
+    scan: Mesh
+    points: kernels.stereo.Points
+    depth: float
+    holes: dict[str, float]
+
+
+def scan(images, masks, cameras, settings):
+    """The surface that pictures show. `images` {camera: (H,W,3) uint8}, `masks` {camera: (H,W) bool}, `cameras` {name:
+    Camera}; `settings` StereoSettings. Returns Scanned, whose scan has a confidence (n,) from 0 to 1 a vertex: 0 where
+    nothing supports it, at the borders of holes. Nothing is kept between calls; no randomness but the settings' seed.
+
+    Raises UserError where fewer than two cameras have a picture with a mask, or no surface is found.
+    """
+    views = [
+        view
+        for name, image in images.items()
+        if name in masks and (view := ideal(cameras[name], image, masks[name], settings.margin))
+    ]
+    if len(views) < 2:
+        raise UserError(f"masks: {len(views)} pictures have one that is not empty; depth needs two")
+    seen, pictures, cut = zip(*views)
+    maps = kernels.StereoSolver(seen, **settings.match.model_dump()).solve(pictures, cut)
+    points = kernels.fuse_depths(seen, maps.depth, maps.normal, maps.confidence, **settings.fuse.model_dump())
+    if len(points.points) < 100:
+        raise UserError(f"the pictures agree on {len(points.points)} points: no surface is found")
+    pixel = np.nanmedian([np.nanmedian(z) / c.K[0, 0] for z, c in zip(maps.depth, seen) if np.isfinite(z).any()])
+    surface = _surface(points, seen, cut, pixel, settings.surface)
+    return Scanned(surface, points, *_shares(maps.hole, cut))
+
+
+def _surface(points, cameras, masks, pixel, settings):
+    """The Poisson surface where points support it and no masks speak against it; `pixel` [m]."""
+    from scipy.spatial import cKDTree
+
+    V, F = poisson(points.points, points.normals, settings.cell * pixel, settings.largest_depth)
+    reach = settings.reach * pixel
+    distance, nearest = cKDTree(points.points).query(V, settings.neighbours, distance_upper_bound=4 * reach)
+    distance, nearest = distance.reshape(len(V), -1), nearest.reshape(len(V), -1)
+    keep = (distance[:, 0] < reach) & (_denials(V, cameras, masks, settings.border) < settings.outside)
+    weight = np.where(np.isfinite(distance), 1 / (distance + 0.5 * pixel), 0)
+    confidence = np.append(points.confidence, 0)[nearest]
+    confidence = (weight * confidence).sum(1) / np.maximum(weight.sum(1), 1e-12)
+    confidence *= np.clip(1 - distance[:, 0] / reach, 0, 1)
+    V, F, old = keep_vertices(V, F, keep)
+    if len(F):
+        V, F, part = keep_vertices(V, F, large_pieces(F, len(V), settings.least_part))
+        old = old[part]
+    if len(F) == 0:
+        raise UserError("no surface is found: masks and points contradict one another")
+    return Mesh(V, F, confidence=confidence[old])
+
+
+def _denials(V, cameras, masks, border):
+    """How many masks each vertex (n,3) lies outside of, by more than `border` pixels."""
+    from scipy.ndimage import distance_transform_edt
+
+    count = np.zeros(len(V), int)
+    for camera, mask in zip(cameras, masks):
+        outside = distance_transform_edt(~mask) > border
+        uv, depth = camera.project(V)
+        u, v = np.floor(uv).astype(int).T
+        shown = (depth > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        count[shown] += outside[v[shown], u[shown]]
+    return count
+
+
+def _shares(hole, masks):
+    """Share of the masks' pixels that have a depth, and {reason: share} of those that have none."""
+    of = np.concatenate([reasons[: mask.shape[0], : mask.shape[1]][mask] for reasons, mask in zip(hole, masks)])
+    share = np.bincount(of, minlength=len(HOLES)) / max(len(of), 1)
+    return float(share[0]), {name: float(value) for name, value in zip(HOLES[1:], share[1:])}
