@@ -114,13 +114,15 @@ def test_keypoints_of_openpose_are_named_and_the_surest_person_is_taken(tmp_path
         path = tmp_path / "their" / "pose" / f"{v.name}_json" / f"{v.name}.0000.json"
         path.parent.mkdir(parents=True)
         path.write_text(json.dumps(people))
-    with pytest.raises(UserError, match=r"25 body points: say which list they are by --skeleton: body_25, body_25b"):
+    with pytest.raises(
+        UserError, match=r"25 body points: say which list they are by --skeleton: openpose25, openpose25b"
+    ):
         imported(tmp_path / "their", tmp_path / "ours")
-    imported(tmp_path / "their", tmp_path / "ours", skeleton="body_25b")
+    imported(tmp_path / "their", tmp_path / "ours", skeleton="openpose25b")
     keypoints = open_capture(tmp_path / "ours").frame(0).keypoints
     assert keypoints.names == ("body.upperarm01.L", "body.wrist.L")
     np.testing.assert_allclose(keypoints.points["front"], [[100.5, 50.5, 0.9], [120.5, 90.5, 0.8]])
-    assert read_person(path, "body_25")[0].keys() == {"body.upperarm01.L", "body.upperleg01.R"}
+    assert read_person(path, "openpose25")[0].keys() == {"body.upperarm01.L", "body.upperleg01.R"}
 
 
 def test_pictures_of_films_are_decoded_with_their_offset(tmp_path):
@@ -237,7 +239,7 @@ def test_the_command_makes_a_capture_that_plan_opens(tmp_path):
 def test_real_folders_become_captures(shared_data, tmp_path):
     pytest.importorskip("av")
     source = shared_data / "pose2sim_calibrated_video"
-    found = read_rig("qualisys", source, Options(up="z", skeleton="body_25b", cropped=True))
+    found = read_rig("qualisys", source, Options(up="z", skeleton="openpose25b", cropped=True))
     write_capture(chosen(found, (3,)), tmp_path / "walk", "test")
     frame = open_capture(tmp_path / "walk").frame(3)
     assert {image.shape for image in frame.images.values()} == {(1920, 1080, 3), (1920, 1088, 3)}  # three were cut

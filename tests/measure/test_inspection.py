@@ -260,7 +260,7 @@ def test_real_detections_name_the_cameras_that_lie_aside(shared_data, tmp_path):
     from toile.io.rig import Options, chosen, read_rig
 
     source = shared_data / "pose2sim_calibrated_video"
-    found = read_rig("qualisys", source, Options(up="z", skeleton="body_25b", cropped=True))
+    found = read_rig("qualisys", source, Options(up="z", skeleton="openpose25b", cropped=True))
     found = replace(chosen(found, range(40)), films={})
     write_capture(found, tmp_path / "walk", "test")
     said = inspect(tmp_path / "walk")

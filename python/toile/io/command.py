@@ -23,7 +23,7 @@ def import_capture(
     keypoints: Annotated[Path | None, typer.Option(help="OpenPose's JSON, if not in keypoints, pose, openpose")] = None,
     scans: Annotated[Path | None, typer.Option(help="a mesh a frame, if not in scans or meshes")] = None,
     videos: Annotated[Path | None, typer.Option(help="a film a camera, if not in videos")] = None,
-    skeleton: Annotated[str, typer.Option(help="the keypoints' list, such as body_25 or body_25b")] = "",
+    skeleton: Annotated[str, typer.Option(help="the keypoints' list, such as openpose25 or openpose25b")] = "",
     units: Annotated[str, typer.Option(help="of calibration and scans: m, dm, cm, mm, or metres a unit")] = "",
     up: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z; default what the cameras hold up")] = "",
     fps: Annotated[

@@ -16,13 +16,13 @@ COCO = ("nose", "eye L", "eye R", "ear L", "ear R", "shoulder L", "shoulder R", 
         "wrist R", "hip L", "hip R", "knee L", "knee R", "ankle L", "ankle R")  # fmt: skip
 FEET = ("big_toe L", "small_toe L", "heel L", "big_toe R", "small_toe R", "heel R")
 BODIES = {
-    "coco_17": COCO,
-    "body_25": (
+    "coco17": COCO,
+    "openpose25": (
         "nose", "neck", "shoulder R", "elbow R", "wrist R", "shoulder L", "elbow L", "wrist L", "hips", "hip R", "knee R",
         "ankle R", "hip L", "knee L", "ankle L", "eye R", "eye L", "ear R", "ear L", *FEET,
     ),
-    "body_25b": (*COCO, "neck", "top", *FEET),
-    "halpe_26": (
+    "openpose25b": (*COCO, "neck", "top", *FEET),
+    "halpe26": (
         *COCO, "top", "neck", "hips", "big_toe L", "big_toe R", "small_toe L", "small_toe R", "heel L", "heel R",
     ),
 }  # fmt: skip
@@ -56,8 +56,8 @@ def _hand(side: str) -> list[str]:
 SKELETONS = {name: tuple(_body(words)) for name, words in BODIES.items()}
 FACES = {count: tuple(_face(count)) for count in (68, 70)}
 HANDS = {side: tuple(_hand(side)) for side in "LR"}
-_COCO_FACE = ["" if name == "face.nose_tip" else name for name in FACES[68]]  # the body's list has it
-SKELETONS["coco_133"] = (*_body((*COCO, *FEET)), *_COCO_FACE, *HANDS["L"], *HANDS["R"])
+# the nose of the face's list is the finer one
+SKELETONS["coco_wholebody133"] = ("", *_body((*COCO, *FEET))[1:], *FACES[68], *HANDS["L"], *HANDS["R"])
 
 
 def skeleton_of(count: int) -> str:

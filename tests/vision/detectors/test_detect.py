@@ -178,3 +178,13 @@ def test_masks_that_are_there_stay(capture, tmp_path):
     detect(opened, program(tmp_path, body), [number])
     assert mask.read_bytes() == before
     assert json.loads((opened.folder(number) / "keypoints.json").read_text())["names"]
+
+
+def test_lists_of_keypoints_that_files_and_detectors_share_are_the_same():
+    from toile.io.skeletons import SKELETONS
+
+    shared = set(SKELETONS) & set(TABLES)
+    assert shared == {"coco17", "coco_wholebody133", "halpe26", "openpose25"}
+    for name in shared:
+        rows = {keypoint: row for row, keypoint in enumerate(SKELETONS[name]) if keypoint}
+        assert TABLES[name] == (len(SKELETONS[name]), rows), name

@@ -30,7 +30,7 @@ from .upright import upright
 FPS = 15.0
 GROUPS = ("Camera_5mp", "Camera_12mp")
 BYTES = 1 << 30  # of one array
-SKELETON = "coco_133"
+SKELETON = "coco_wholebody133"
 
 
 def read(source: Path, up: str = "") -> Found:
