@@ -285,11 +285,11 @@ StereoMaps StereoSolver::solve(const StereoPictures& pictures, const Matrix& ran
         } else {
             for (std::size_t c = 0; c < fields.size(); ++c)
                 refine_field(fields[c], pyramid[level + 1][c].picture, views[c].picture);
+            pyramid.pop_back();
             publish(fields);
         }
         const int iterations = level > 0 ? options_.coarse_iterations : options_.iterations;
         play(views, fields, {iterations, true, false, 1}, level, 1, spacing, options_);
-        if (level > 0) pyramid.pop_back();
     }
     for (int k = 0; k < options_.refinements; ++k) {
         for (std::size_t c = 0; c < fields.size(); ++c) {

@@ -54,6 +54,12 @@ def test_the_unit_of_length_and_the_place_of_the_origin_do_not_matter(plane):
         assert np.nanmedian(np.abs(result.depth / scale - plane.depth)[:, 12:-12, 16:-16]) < 1e-4
 
 
+def test_levels_of_the_pyramid_do_not_matter(plane):
+    result = kernels.StereoSolver(CAMERAS, coarsest=16).solve(PICTURES, None, RANGES)  # four levels
+    error = np.abs(off(result, CAMERAS))
+    assert np.isfinite(error).mean() > 0.95 and np.nanmedian(error) < 0.06
+
+
 def test_exposure_does_not_matter():
     dim = [PICTURES[0], 0.4 * PICTURES[1], 0.7 * PICTURES[2] + 30]  # up to 1.3 stops
     error = np.abs(off(kernels.StereoSolver(CAMERAS).solve(dim, None, RANGES), CAMERAS))
