@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from toile.errors import UserError
 from toile.io.body import load_body_model
-from toile.io.smpl import BODY, JOINTS, write_smpl
+from toile.io.foreign_body import write_body_model
+from toile.io.smpl import BODY, JOINTS
 
 
 def parents_of(count):
@@ -82,7 +83,7 @@ def test_smpl_s_pickle_with_sparse_and_chumpy_arrays_moves_as_the_paper_says(tmp
     given = fields()
     saved = given | {"shapedirs": Ch(given["shapedirs"]), "weights": Ch(given["weights"])}
     (tmp_path / "basicModel.pkl").write_bytes(pickle.dumps(saved, protocol))
-    said = write_smpl(tmp_path / "basicModel.pkl", tmp_path / "smpl.npz")
+    said = write_body_model(tmp_path / "basicModel.pkl", tmp_path / "smpl.npz")
     assert said.startswith("SMPL: 6890 vertices, 24 joints, 10 shapes")
     check(load_body_model(tmp_path / "smpl.npz", up="y"), given)
 
@@ -92,7 +93,7 @@ def test_smpl_h_and_smpl_x_archives_are_read_without_their_pickled_fields(tmp_pa
         given = fields(count, n, 16)
         given |= {"J_regressor": given["J_regressor"].toarray(), "joint2num": np.array({"a": 1}, dtype=object)}
         np.savez(tmp_path / "model.npz", **given)
-        assert write_smpl(tmp_path / "model.npz", tmp_path / "out.npz", 12).startswith(f"{name}: ")
+        assert write_body_model(tmp_path / "model.npz", tmp_path / "out.npz", 12).startswith(f"{name}: ")
         model = load_body_model(tmp_path / "out.npz", up="y")
         check(model, given, 12)
         assert model.joint_names == JOINTS[count][1] and ("eyes" in model.segments) == (count == 55)
@@ -102,7 +103,7 @@ def test_smpl_h_and_smpl_x_archives_are_read_without_their_pickled_fields(tmp_pa
 def test_keypoints_are_those_of_the_packaged_model_by_name_and_hands_are_named(tmp_path, count, n):
     given = fields(count, n)
     np.savez(tmp_path / "model.npz", **given | {"J_regressor": given["J_regressor"].toarray()})
-    write_smpl(tmp_path / "model.npz", tmp_path / "out.npz")
+    write_body_model(tmp_path / "model.npz", tmp_path / "out.npz")
     model, packaged = load_body_model(tmp_path / "out.npz", up="y"), load_body_model("anny")
     assert set(model.keypoint_names) <= set(packaged.keypoint_names)
     hands = 30 if count > 24 else 0
@@ -139,7 +140,7 @@ class Evil:
 def test_what_cannot_be_a_model_is_refused_by_field_and_leaves_nothing(tmp_path, change, message):
     (tmp_path / "model.pkl").write_bytes(pickle.dumps(fields() | change))
     with pytest.raises(UserError, match=message):
-        write_smpl(tmp_path / "model.pkl", tmp_path / "out.npz")
+        write_body_model(tmp_path / "model.pkl", tmp_path / "out.npz")
     assert [p.name for p in tmp_path.iterdir()] == ["model.pkl"]
 
 

@@ -82,11 +82,13 @@ def offsets_of(given):
 
 
 def body_model(
-    file: Annotated[Path, typer.Argument(help="SMPL, SMPL-H or SMPL-X as distributed: .pkl or .npz")],
+    file: Annotated[
+        Path, typer.Argument(help="SMPL, SMPL-H, SMPL-X as distributed (.pkl, .npz), or a rig (.glb, .gltf)")
+    ],
     out: Annotated[Path, typer.Argument(help="the body model, a .npz")],
     shapes: Annotated[int, typer.Option(help="coefficients of shape that are kept", min=1, max=300)] = 10,
 ):
-    """Make a body model file of SMPL, SMPL-H or SMPL-X. Pickles are read without running anything in them."""
-    from .smpl import write_smpl
+    """Make a body model file of SMPL, SMPL-H, SMPL-X or a rigged glTF. Nothing in a pickle is run."""
+    from .foreign_body import write_body_model
 
-    typer.echo(f"{out}: {write_smpl(file, out, shapes)}")
+    typer.echo(f"{out}: {write_body_model(file, out, shapes)}")

@@ -17,10 +17,8 @@ import numpy as np
 
 from ..errors import UserError
 from ..kernels.arrays import Floats
-from .body import load_body_model
 from .bounded import read_npz
 from .calibration.checked import numbers
-from .files import replace_file
 from .pickles import plain, read_pickle
 
 NEEDED = ("v_template", "f", "kintree_table", "weights", "J_regressor", "shapedirs")
@@ -56,25 +54,6 @@ POINTS = {
     },
 }  # fmt: skip
 FINGER_NUMBERS = {"thumb": 1, "index": 2, "middle": 3, "ring": 4, "pinky": 5}
-
-
-def write_smpl(path: Path, out: Path, shapes: int = 10) -> str:
-    """Writes the body model `out` (.npz) from a model's file, with the first `shapes` of its shape basis; says what it was.
-    UserError names the file and the field, and leaves nothing behind."""
-    if out.suffix != ".npz":
-        raise UserError(f"{out}: expected a name that ends in .npz")
-    kind, fields = smpl_fields(path, shapes)
-
-    def write(part: Path) -> None:
-        with open(part, "wb") as file:
-            np.savez_compressed(file, **fields)
-        load_body_model(part)
-
-    replace_file(out, write)
-    counts = (
-        f"{len(fields['v_template'])} vertices, {len(fields['parents'])} joints, {fields['shapedirs'].shape[2]} shapes"
-    )
-    return f"{kind}: {counts}, {len(fields['keypoint_names'])} keypoints; left: pose correctives"
 
 
 def smpl_fields(path: Path, shapes: int) -> tuple[str, dict[str, Any]]:
