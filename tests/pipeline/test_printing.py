@@ -22,7 +22,7 @@ QUICK = {
     "lattice_spacing": 0.012,
     "blurs": (0.024, 0.012),
     "blur_steps": (2, 1),
-    "follow_steps": (1, 1),
+    "follow_share": 0.5,
     "length_steps": 2,
     "anchor_frames": 2,
     "sample_frames": 1,

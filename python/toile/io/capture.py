@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from .image import check_image, read_image
 from .keypoints import read_keypoints
 from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 from .mesh import read_mesh
-from .template import read_template
+from .template import read_template, texture_files
 
 # garment names that name an array of the store, or another layer of an avatar
 RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS, "body", "surface"})
@@ -84,6 +84,7 @@ class Capture:
     kept: dict[str, np.ndarray]  # of each template, the vertices of its file that it has (g,)
     files: tuple[Path, ...] = ()  # that the scene is made of
     warnings: tuple[str, ...] = ()
+    textures: dict[str, Path] = field(default_factory=dict)  # pictures of printed garments whose template names one
 
     def frame(self, number: int) -> Frame:
         """Reads one frame. UserError names the file and the field."""
@@ -184,9 +185,12 @@ def open_capture(path: Path | str) -> Capture:
     warnings = tuple(warning for t in found.values() for warning in t.warnings)
     named = [table.cameras.file, *(g.template for g in with_file)]
     named += [scene.body_model] if scene.body_model.endswith(".npz") else []
+    drawn = {g.name: texture_files(root, root / g.template) for g in with_file if g.prints}
+    named += [os.path.relpath(path, os.path.realpath(root)) for paths in drawn.values() for path in paths]
     files = tuple(path for path in (file, *(root / name for name in named)) if path.exists())
+    textures = {name: paths[-1] for name, paths in drawn.items() if paths}
     kept = {name: t.kept for name, t in found.items()}
-    return Capture(root, scene, cameras, frames, templates, kept, files, warnings)
+    return Capture(root, scene, cameras, frames, templates, kept, files, warnings, textures)
 
 
 def check_capture(capture: Capture, frames: Sequence[int]) -> None:

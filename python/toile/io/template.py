@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ from ..errors import UserError
 from ..kernels import boundary_loops
 from ..kernels.arrays import Anything
 from ..scene import Mesh
-from .mesh import read_mesh
+from .bounded import read_bytes
+from .mesh import OBJ_BYTES, read_mesh
 
+MATERIAL_BYTES = 1 << 20
 UV_SLACK = 1e-4  # exporters round: so far outside 0..1 a UV is moved onto its border
 
 
@@ -45,6 +48,32 @@ def read_template(path: Path, garment: str) -> Any:
         raise UserError(f"{path}: the template of garment '{garment}' has no open loops")
     _check_seams(path, mesh, np.concatenate(loops), kept)
     return Template(Mesh(mesh.vertices, mesh.faces, _checked_uv(path, mesh.uv), mesh.face_uv), kept, warnings)
+
+
+def texture_files(root: Path, path: Path) -> tuple[Path, ...]:
+    """The material file and the picture that an OBJ names, `mtllib` and its first `map_Kd`; () where it names none, or a
+    material file that is not there. UserError: a path that leaves the capture `root`, or a picture that is not there."""
+    material = _named(root, path, "mtllib", OBJ_BYTES) if path.suffix.lower() == ".obj" else None
+    picture = _named(root, material, "map_Kd", MATERIAL_BYTES) if material is not None and material.is_file() else None
+    if picture is None:
+        return ()
+    if not picture.is_file():
+        raise UserError(f"{material}: map_Kd: no file '{picture.name}'")
+    return material, picture
+
+
+def _named(root: Path, file: Path, key: str, limit: int) -> Path | None:
+    """The path that the first line `key` of a file names, beside it and inside `root`."""
+    for line in read_bytes(file, limit).decode("utf-8", errors="replace").split("\n"):
+        words = line.split(None, 1)
+        if len(words) == 2 and words[0] == key:
+            name = words[1].strip()
+            name = name.split()[-1] if name.startswith("-") else name  # options stand before it
+            found = Path(os.path.realpath(file.parent / name)) if name.isprintable() else None
+            if found is None or not found.is_relative_to(os.path.realpath(root)):
+                raise UserError(f"{file}: {key}: {name!r} leaves the capture")
+            return found
+    return None
 
 
 def _check_faces(path: Path, mesh: Mesh) -> None:

@@ -29,6 +29,7 @@ from ..errors import UserError, first_line
 from ..io.body import model_in_capture
 from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import load_record, save_record
+from ..io.image import read_rgba
 from ..io.run import is_run
 from ..io.run_folder import write_diagnostics
 from ..io.run_writer import RunWriter
@@ -147,7 +148,8 @@ class PreparedRun:
         own = {t.name: t for t in self.templates if t.name in printed}
         lengths = {name: true_lengths(meshes.get(name), t.rest, t.faces) for name, t in own.items()}
         cameras, settings = self.capture.cameras, self.config.prints
-        return prints.PrintAligner(self.model, self.person, self.templates, lengths, cameras, settings)
+        textures = {name: read_rgba(path)[..., :3] for name, path in self.capture.textures.items()}
+        return prints.PrintAligner(self.model, self.person, self.templates, lengths, cameras, settings, textures)
 
     @cached_property
     def smoother(self) -> motion.Smoother:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,13 +31,19 @@ class Matcher:
     """Matches prints on a SlidingSurface whose edges are as long as those of `template` (g,3); `settings` are AlignSettings."""
 
     def __init__(self, surface, template, settings):
-        self.surface, self.settings, self.levels = surface, settings, settings.blurs
+        self.surface, self.template, self.settings, self.levels = surface, template, settings, settings.blurs
         self.sigma = np.array([settings.lightness_noise, settings.chroma_noise, settings.chroma_noise])
         self.factor = kernels.CholeskyFactor()
         self.lengths = Lengths(surface, template, settings)
         self._grids = [_Grid(surface, sigma) for sigma in self.levels]
         self._shades = [self._shade_factor(settings.shade_blurs * sigma) for sigma in self.levels]
         self._pattern()
+
+    def widened(self):
+        """A Matcher that begins with a print blurred much more, for slides of centimetres."""
+        s = self.settings
+        more = {"blurs": (*s.wide_blurs, *s.blurs), "blur_steps": (*s.wide_steps, *s.blur_steps)}
+        return Matcher(self.surface, self.template, s.model_copy(update=more))
 
     def pyramid(self, values, weights):
         """[(values (N,3), weights (N,))] a level, coarse to fine, of values known with weights 0..1."""
@@ -73,9 +80,9 @@ class Matcher:
         the slide `start`; without one it begins with what the lengths of edges alone ask for."""
         nothing = np.zeros((len(self.surface.rest), 2))
         d = self.unstretched([posed]) if start is None else start
-        steps = self.settings.blur_steps if start is None else self.settings.follow_steps
-        for k, count in enumerate(steps):
-            for _ in range(count):
+        share = 1.0 if start is None else self.settings.follow_share
+        for k, count in enumerate(self.settings.blur_steps):
+            for _ in range(math.ceil(share * count)):
                 data = self._print_equations(k, *self._residual(frame, target, d, k), target[k][2])
                 d = self._step(d, [posed], data)
         (before, seen), (after, _) = self._misfit(frame, target, nothing), self._misfit(frame, target, d)
@@ -165,6 +172,8 @@ class Matcher:
         self._edge_at = np.searchsorted(entries, (columns * n + rows).ravel())
         self._indices, self._starts = entries % n, np.searchsorted(entries, n * np.arange(n + 1))
         hold = np.repeat(surface.mass / (s.strain_length * s.slide_length) ** 2, 2)
+        if s.hold_loops:
+            hold[0::2][surface.on_loop] += HOLD / s.strain_length**2
         hold[1::2][surface.on_loop] += HOLD / s.strain_length**2  # across a loop nothing slides
         fixed = (surface.smoothness / (s.slide_strain * s.strain_length) ** 2 + sparse.diags(hold)).tocoo()
         data = np.zeros(len(entries))

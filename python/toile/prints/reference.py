@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..kernels import bilinear
 from ..surface.sampling import evenly
-from .colours import blended, camera_offsets
+from .colours import CHANNELS, blended, camera_offsets, logarithms
 
 SEEN = 0.3  # share of the reference's frames in which a point must have been seen to count in full
 NEAR = 10  # frame numbers within which a frame starts from the one before
@@ -22,6 +23,7 @@ class Reference:
     values: np.ndarray  # (N,3) channels at the lattice's points
     weights: np.ndarray  # (N,) 0..1
     offsets: np.ndarray  # (c,3) the cameras' colours
+    start: np.ndarray | None = None  # (g,2) the slide that a frame without one before it begins with [m]
 
 
 def anchors_and_samples(frames, first, anchors, samples):
@@ -35,12 +37,33 @@ def pyramid_of(matcher, views, offsets):
     return matcher.pyramid(*blended(views, offsets, len(matcher.surface.lattice)))
 
 
-def reference_of(matcher, frames, posed, anchors):
-    """The Reference of `frames`, lists of Unwrapped a camera, and their surfaces (f,g,3), the `anchors` first."""
+def reference_of(matcher, frames, posed, anchors, texture=None):
+    """The Reference of `frames`, lists of Unwrapped a camera, and their surfaces (f,g,3), the `anchors` first. `texture`: the
+    print (N,3) that the template itself shows, see `print_of_texture`: then also the slide that all frames share is known."""
     offsets = camera_offsets(frames, len(matcher.surface.lattice))
     pyramids = [pyramid_of(matcher, views, offsets) for views in frames]
-    values, weights = make_reference(matcher, pyramids, posed, anchors, matcher.settings.mean_rounds)
-    return Reference(matcher.surface.rest, values, weights, offsets)
+    if texture is None:
+        found = make_reference(matcher, pyramids, posed, anchors, matcher.settings.mean_rounds)
+        return Reference(matcher.surface.rest, *found, offsets)
+    wide = matcher.widened()
+    everywhere = np.ones(len(texture))
+    start = wide.match(pyramid_of(wide, frames[0], offsets), wide.target(texture, everywhere), posed[0]).d
+    onto = matcher.target(texture, everywhere)
+    slides = [matcher.match(pyramid, onto, V, start).d for pyramid, V in zip(pyramids, posed)]
+    return Reference(matcher.surface.rest, *mean_print(matcher, pyramids, slides), offsets, start)
+
+
+def print_of_texture(lattice, uv, face_uv, texture):
+    """Channels (N,3) at a lattice's points of a picture `texture` (H,W,3) uint8 over `uv` (t,2), v up, with corners
+    `face_uv` (m,3). A point stands for what lies about it in its face, half way to its neighbours."""
+    size, corners = np.array(texture.shape[1::-1]), uv[face_uv[lattice.face]]
+    turns = [np.roll(np.array(step), k) for step in ((1.0, -1.0, 0.0), (-1.0, 1.0, 0.0)) for k in range(3)]
+    total = 0.0
+    for step in (np.zeros(3), *turns):
+        bary = np.clip(lattice.bary + step / (2 * lattice.n), 0, None)
+        u, v = np.einsum("nk,nkx->xn", bary / bary.sum(1, keepdims=True), corners)
+        total = total + bilinear(texture.astype(np.float32), np.stack([u, 1 - v], 1) * size)
+    return logarithms(total / (1 + len(turns))) @ CHANNELS.T
 
 
 def make_reference(matcher, pyramids, posed, anchors, rounds):

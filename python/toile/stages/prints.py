@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from ..kernels.arrays import Floats
 from ..prints.colours import Places, unwrapped
 from ..prints.matching import Matched, Matcher
-from ..prints.reference import Reference, pyramid_of, reference_of
+from ..prints.reference import Reference, print_of_texture, pyramid_of, reference_of
 from ..prints.sliding import SlidingSurface
 from ..scene import BodyModel, Camera, Dressed, Frame, GarmentTemplate, Person, Segmented, Tracked
 from ..vision.unwrapping import Unwrapped, Unwrapper
@@ -31,8 +32,8 @@ class _Drawn:
 
 
 class PrintAligner:
-    """Aligns the garments named in `lengths`, which gives each the vertices (g,3) whose edges' lengths its cloth keeps.
-    Matching keeps state: one frame at a time."""
+    """Aligns the garments named in `lengths`, which gives each the vertices (g,3) whose edges' lengths its cloth keeps;
+    `textures` (H,W,3) uint8 are those that templates show themselves. Matching keeps state: one frame at a time."""
 
     def __init__(
         self,
@@ -42,8 +43,10 @@ class PrintAligner:
         lengths: Mapping[str, Floats],
         cameras: Mapping[str, Camera],
         settings: Any,
+        textures: Mapping[str, Any] = MappingProxyType({}),
     ):
         self.faces, self.cameras, self.settings = model.f, cameras, settings
+        self.templates, self.textures = {t.name: t for t in templates}, textures
         self.names, self.labels = [t.name for t in templates], [t.label for t in templates]
         self.matchers = {
             t.name: Matcher(
@@ -77,8 +80,15 @@ class PrintAligner:
         found = {}
         for name, matcher in self.matchers.items():
             posed = [d[name].vertices for d in dressed]
-            found[name] = reference_of(matcher, [v[name] for v in views], posed, anchors)
+            found[name] = reference_of(matcher, [v[name] for v in views], posed, anchors, self._texture(name))
         return found
+
+    def _texture(self, name):
+        """The print (N,3) that a template shows itself, None without one."""
+        if name not in self.textures:
+            return None
+        template, lattice = self.templates[name], self.matchers[name].surface.lattice
+        return print_of_texture(lattice, template.uv, template.face_uv, self.textures[name])
 
     def match(
         self,
@@ -92,7 +102,8 @@ class PrintAligner:
         for name, matcher in self.matchers.items():
             reference, onto = references[name]
             pyramid = pyramid_of(matcher, views[name], reference.offsets)
-            found[name] = matcher.match(pyramid, onto, dressed[name].vertices, before and before[name].d)
+            start = reference.start if before is None else before[name].d
+            found[name] = matcher.match(pyramid, onto, dressed[name].vertices, start)
         return found
 
     def slid(self, name: str, dressed: Dressed, d: Floats) -> Dressed:
