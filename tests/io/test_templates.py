@@ -5,7 +5,7 @@ import pytest
 
 from toile.errors import UserError
 from toile.io.mesh import read_mesh
-from toile.io.template import read_template
+from toile.io.template import read_template, texture_files
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
 
@@ -55,3 +55,32 @@ def test_a_uv_that_an_exporter_rounded_out_of_the_square_lies_on_its_border(tmp_
 
 def test_a_scan_keeps_its_unreferenced_vertices(tmp_path):
     assert len(read_mesh(written(tmp_path, SQUARE + "v 5 5 5\n")).vertices) == 5
+
+
+def textured(tmp_path, material="map_Kd -s 1 1 1 cloth.png", name="shirt.mtl"):
+    """An OBJ that names a material file of that line."""
+    (tmp_path / "shirt.mtl").write_text(f"newmtl cloth\n{material}\n")
+    (tmp_path / "cloth.png").write_bytes(b"")
+    return written(tmp_path, f"mtllib {name}\n{SQUARE}")
+
+
+def test_a_template_s_texture_is_the_picture_that_its_material_names(tmp_path):
+    path = textured(tmp_path)
+    assert texture_files(tmp_path, path) == (tmp_path / "shirt.mtl", tmp_path / "cloth.png")
+    assert texture_files(tmp_path, textured(tmp_path, "Kd 1 0 0")) == ()
+    assert texture_files(tmp_path, textured(tmp_path, name="lost.mtl")) == ()
+    assert texture_files(tmp_path, written(tmp_path, SQUARE)) == ()
+
+
+@pytest.mark.parametrize(
+    ("material", "name", "message"),
+    [
+        ("map_Kd lost.png", "shirt.mtl", "shirt.mtl: map_Kd: no file 'lost.png'"),
+        ("map_Kd ../../etc/passwd", "shirt.mtl", "shirt.mtl: map_Kd: '../../etc/passwd' leaves the capture"),
+        ("map_Kd cloth.png", "/etc/passwd", "shirt.obj: mtllib: '/etc/passwd' leaves the capture"),
+        ("map_Kd clo\x00th.png", "shirt.mtl", "leaves the capture"),
+    ],
+)
+def test_a_texture_outside_the_capture_or_lost_is_refused(tmp_path, material, name, message):
+    with pytest.raises(UserError, match=message):
+        texture_files(tmp_path, textured(tmp_path, material, name))

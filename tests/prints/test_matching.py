@@ -3,23 +3,14 @@
 import numpy as np
 import pytest
 
+from tests.support.printed_tube import HEIGHT, RADIUS, around_and_up, dots, tube
 from toile import kernels
 from toile.align.settings import AlignSettings
 from toile.prints.lengths import Lengths
 from toile.prints.matching import Matcher
 from toile.prints.sliding import SlidingSurface
 
-RADIUS, HEIGHT = 0.15, 0.5
 SETTINGS = AlignSettings(lattice_spacing=0.006)
-
-
-def tube(around=60, along=32):
-    a, z = np.meshgrid(np.arange(around) / around * 2 * np.pi, np.linspace(0, HEIGHT, along))
-    V = np.stack([RADIUS * np.cos(a), RADIUS * np.sin(a), z], -1).reshape(-1, 3)
-    i, j = (x.ravel() for x in np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij"))
-    corner = [i * around + j, i * around + (j + 1) % around, (i + 1) * around + (j + 1) % around, (i + 1) * around + j]
-    F = np.concatenate([np.stack([corner[k] for k in t], 1) for t in ((0, 1, 2), (0, 2, 3))]).astype(np.int32)
-    return V, F
 
 
 @pytest.fixture(scope="module")
@@ -28,29 +19,12 @@ def matcher():
     return Matcher(SlidingSurface(V, F, kernels.boundary_loops(F), SETTINGS.lattice_spacing), V, SETTINGS)
 
 
-def dots(points, turn=0.0, seed=0):
-    """Channels of a print of random dots, 2 cm wide, the whole turned about the tube's axis by `turn` [m along the surface]."""
-    rng = np.random.default_rng(seed)
-    angle, height, colour = rng.uniform(0, 2 * np.pi, 150), rng.uniform(0, HEIGHT, 150), rng.normal(0, 0.4, (150, 3))
-    around = RADIUS * (np.arctan2(points[:, 1], points[:, 0])[:, None] - angle) - turn
-    circle = 2 * np.pi * RADIUS
-    around = (around + circle / 2) % circle - circle / 2
-    return np.exp(-(around**2 + (points[:, 2:] - height) ** 2) / (2 * 0.01**2)) @ colour
-
-
 def slide_of(matcher, picture, reference, seen=None):
     """The Matched slide of one print upon another, both functions of points."""
     points = matcher.surface.lattice.positions
     ones = np.ones(len(points))
     frame = matcher.pyramid(picture(points), ones if seen is None else seen(points))
     return matcher.match(frame, matcher.target(reference(points), ones), matcher.surface.rest)
-
-
-def around_and_up(matcher, d):
-    """Slides (g,2) as lengths around the tube and along its axis."""
-    v, p = matcher.surface.vectors(d), matcher.surface.rest
-    tangent = np.stack([-p[:, 1], p[:, 0], 0 * p[:, 0]], 1) / RADIUS
-    return np.einsum("gi,gi->g", v, tangent), v[:, 2]
 
 
 @pytest.mark.parametrize("turn", [-0.018, 0.004, 0.018])

@@ -309,7 +309,9 @@ class PrintSettings(Settings):
     wide_blurs: tuple[float, ...] = setting(
         (0.048, 0.024), "m", "before those, of a print laid on a template's texture"
     )
-    wide_steps: tuple[int, ...] = setting((6, 5), "count", "Gauss-Newton steps at each of them")
+    wide_steps: tuple[int, ...] = setting((12, 10), "count", "Gauss-Newton steps at each of them")
+    wide_strain: float = setting(0.4, "1", "`slide_strain` there: a template may be of other proportions", gt=0)
+    wide_edge_strain: float = setting(0.1, "1", "`edge_strain` there", gt=0)
     shade_blurs: float = setting(4.0, "1", "light varies slower than so many blurs", gt=0)
     lightness_noise: float = setting(0.10, "1", "noise of lightness, of which shading adds more than of colour", gt=0)
     chroma_noise: float = setting(0.05, "1", "noise of colour at equal lightness", gt=0)

@@ -52,8 +52,8 @@ def _slide(load, slid, prepared, numbers) -> Iterator[int]:
     be matched, slide as the frames beside them."""
     aligner, found = prepared.aligner, {}
     pictured = [number for number in numbers if prepared.capture.pictured(number)]
-    onto = {name: load_record(reference_path(prepared, name), Reference) for name in aligner.matchers if pictured}
-    onto = {name: (r, aligner.matchers[name].target(r.values, r.weights)) for name, r in onto.items()}
+    references = {name: load_record(reference_path(prepared, name), Reference) for name in aligner.matchers if pictured}
+    upon = aligner.upon(references)
     seconds = dict.fromkeys(numbers, 0.0)
 
     def begin(number, before):
@@ -64,7 +64,7 @@ def _slide(load, slid, prepared, numbers) -> Iterator[int]:
         yield
         start = time.perf_counter()
         near = before is not None and number - before <= NEAR
-        found[number] = aligner.match(views, layers[-1], onto, found[before] if near else None)
+        found[number] = aligner.match(views, layers[-1], upon, found[before] if near else None)
         seconds[number] += time.perf_counter() - start
 
     for number, error in overlapped(begin, pictured):

@@ -148,7 +148,10 @@ class PreparedRun:
         own = {t.name: t for t in self.templates if t.name in printed}
         lengths = {name: true_lengths(meshes.get(name), t.rest, t.faces) for name, t in own.items()}
         cameras, settings = self.capture.cameras, self.config.prints
-        textures = {name: read_rgba(path)[..., :3] for name, path in self.capture.textures.items()}
+        drawn = {
+            name: path for name, path in self.capture.textures.items() if name in meshes and meshes[name].uv is not None
+        }
+        textures = {name: read_rgba(path)[..., :3] for name, path in drawn.items()}
         return prints.PrintAligner(self.model, self.person, self.templates, lengths, cameras, settings, textures)
 
     @cached_property

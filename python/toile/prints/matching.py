@@ -28,11 +28,13 @@ class Matched:
 
 
 class Matcher:
-    """Matches prints on a SlidingSurface whose edges are as long as those of `template` (g,3); `settings` are AlignSettings."""
+    """Matches prints on a SlidingSurface whose edges are as long as those of `template` (g,3); `settings` are PrintSettings.
+    Slides without a print about them are drawn to `home` (g,2), to none by default."""
 
-    def __init__(self, surface, template, settings):
+    def __init__(self, surface, template, settings, home=0.0):
         self.surface, self.template, self.settings, self.levels = surface, template, settings, settings.blurs
         self.sigma = np.array([settings.lightness_noise, settings.chroma_noise, settings.chroma_noise])
+        self.home = home
         self.factor = kernels.CholeskyFactor()
         self.lengths = Lengths(surface, template, settings)
         self._grids = [_Grid(surface, sigma) for sigma in self.levels]
@@ -40,10 +42,16 @@ class Matcher:
         self._pattern()
 
     def widened(self):
-        """A Matcher that begins with a print blurred much more, for slides of centimetres."""
+        """A Matcher for slides of centimetres: it begins with a print blurred much more, and cloth may stretch more."""
         s = self.settings
-        more = {"blurs": (*s.wide_blurs, *s.blurs), "blur_steps": (*s.wide_steps, *s.blur_steps)}
+        more = {"blurs": (*s.wide_blurs, *s.blurs), "blur_steps": (*s.wide_steps, *(2 * n for n in s.blur_steps))}
+        more |= {"slide_strain": s.wide_strain, "edge_strain": s.wide_edge_strain, "hold_loops": False}
         return Matcher(self.surface, self.template, s.model_copy(update=more))
+
+    def about(self, home):
+        """A Matcher of slides near `home` (g,2), whose cloth is as long as the rest shape there."""
+        rest = self.surface.points_at(self.surface.rest, *self.surface.slid(home))
+        return Matcher(self.surface, rest, self.settings, home)
 
     def pyramid(self, values, weights):
         """[(values (N,3), weights (N,))] a level, coarse to fine, of values known with weights 0..1."""
@@ -100,7 +108,7 @@ class Matcher:
         """d after one solve of the normal equations: of the lengths, the mean of those of all `posed` surfaces, of the slide's
         smoothness, and of `data` (entries, right side) where there are any."""
         places = self.surface.slid(d)
-        entries, right = self._regular.data.copy(), self._regular @ (d + slid).ravel()
+        entries, right = self._regular.data.copy(), self._regular @ (d - self.home + slid).ravel()
         for V in posed:
             blocks, b = self.lengths.equations(V, places)
             entries += np.bincount(self._edge_at, blocks.ravel(), len(entries)) / len(posed)

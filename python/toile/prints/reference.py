@@ -45,11 +45,10 @@ def reference_of(matcher, frames, posed, anchors, texture=None):
     if texture is None:
         found = make_reference(matcher, pyramids, posed, anchors, matcher.settings.mean_rounds)
         return Reference(matcher.surface.rest, *found, offsets)
-    wide = matcher.widened()
-    everywhere = np.ones(len(texture))
+    wide, everywhere = matcher.widened(), np.ones(len(texture))
     start = wide.match(pyramid_of(wide, frames[0], offsets), wide.target(texture, everywhere), posed[0]).d
-    onto = matcher.target(texture, everywhere)
-    slides = [matcher.match(pyramid, onto, V, start).d for pyramid, V in zip(pyramids, posed)]
+    near, onto = matcher.about(start), matcher.target(texture, everywhere)
+    slides = [near.match(pyramid, onto, V, start).d for pyramid, V in zip(pyramids, posed)]
     return Reference(matcher.surface.rest, *mean_print(matcher, pyramids, slides), offsets, start)
 
 

@@ -31,6 +31,15 @@ class _Drawn:
     faces: Any  # (m,3)
 
 
+@dataclass(frozen=True)
+class Upon:
+    """A reference, and what matches frames to it."""
+
+    matcher: Matcher
+    target: Any  # see `Matcher.target`
+    reference: Reference
+
+
 class PrintAligner:
     """Aligns the garments named in `lengths`, which gives each the vertices (g,3) whose edges' lengths its cloth keeps;
     `textures` (H,W,3) uint8 are those that templates show themselves. Matching keeps state: one frame at a time."""
@@ -90,20 +99,27 @@ class PrintAligner:
         template, lattice = self.templates[name], self.matchers[name].surface.lattice
         return print_of_texture(lattice, template.uv, template.face_uv, self.textures[name])
 
+    def upon(self, references: Mapping[str, Reference]) -> dict[str, Upon]:
+        """What frames are matched with, from the references of all printed garments."""
+        found = {}
+        for name, r in references.items():
+            matcher = self.matchers[name] if r.start is None else self.matchers[name].about(r.start)
+            found[name] = Upon(matcher, matcher.target(r.values, r.weights), r)
+        return found
+
     def match(
         self,
         views: Views,
         dressed: Mapping[str, Dressed],
-        references: Mapping[str, tuple[Reference, Any]],
+        upon: Mapping[str, Upon],
         before: Mapping[str, Matched] | None = None,
     ) -> dict[str, Matched]:
-        """The slides of a frame upon references, each with its `Matcher.target`, from those of the frame `before`."""
+        """The slides of a frame, from those of the frame `before`."""
         found = {}
-        for name, matcher in self.matchers.items():
-            reference, onto = references[name]
-            pyramid = pyramid_of(matcher, views[name], reference.offsets)
-            start = reference.start if before is None else before[name].d
-            found[name] = matcher.match(pyramid, onto, dressed[name].vertices, start)
+        for name, to in upon.items():
+            pyramid = pyramid_of(to.matcher, views[name], to.reference.offsets)
+            start = to.reference.start if before is None else before[name].d
+            found[name] = to.matcher.match(pyramid, to.target, dressed[name].vertices, start)
         return found
 
     def slid(self, name: str, dressed: Dressed, d: Floats) -> Dressed:
