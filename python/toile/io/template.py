@@ -54,7 +54,9 @@ def texture_files(root: Path, path: Path) -> tuple[Path, ...]:
     """The material file and the picture that an OBJ names, `mtllib` and its first `map_Kd`; () where it names none, or a
     material file that is not there. UserError: a path that leaves the capture `root`, or a picture that is not there."""
     material = _named(root, path, "mtllib", OBJ_BYTES) if path.suffix.lower() == ".obj" else None
-    picture = _named(root, material, "map_Kd", MATERIAL_BYTES) if material is not None and material.is_file() else None
+    if material is None or not material.is_file():
+        return ()
+    picture = _named(root, material, "map_Kd", MATERIAL_BYTES)
     if picture is None:
         return ()
     if not picture.is_file():
