@@ -9,7 +9,6 @@ import zarr
 
 from toile.config import preset
 from toile.config.changes import changed
-from toile.io.capture import open_capture
 from toile.io.run import open_run
 from toile.io.status import Status
 from toile.kernels import SurfaceIndex
@@ -31,31 +30,31 @@ QUICK = {
 CONFIG = changed(preset("draft"), {"prints": QUICK})
 
 
-@pytest.fixture(scope="module")
-def captures(tmp_path_factory):
-    """{prints: a capture}: the bundled one's frames renumbered."""
-    made = {}
-    for printed in (False, True):
-        made[printed] = capture = tmp_path_factory.mktemp("prints") / "capture"
-        shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "frames"))
-        for i, number in enumerate(FRAMES):
-            skip = shutil.ignore_patterns("images") if i == 1 else None
-            shutil.copytree(SAMPLE / "frames" / f"{i:06d}", capture / "frames" / f"{number:06d}", ignore=skip)
-        if printed:
-            scene = (capture / "scene.toml").read_text()
-            (capture / "scene.toml").write_text(
-                scene.replace('\nlabel = "tshirt"', '\nlabel = "tshirt"\nprints = true')
-            )
-    return made
+def printed(capture, numbers, bare=()):
+    """The bundled capture's four frames under other numbers, its garment printed; `bare` frames have no pictures."""
+    shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "frames"))
+    for i, number in enumerate(numbers):
+        skip = shutil.ignore_patterns("images") if number in bare else None
+        shutil.copytree(SAMPLE / "frames" / f"{i:06d}", capture / "frames" / f"{number:06d}", ignore=skip)
+    scene = (capture / "scene.toml").read_text()
+    (capture / "scene.toml").write_text(scene.replace('\nlabel = "tshirt"', '\nlabel = "tshirt"\nprints = true'))
+    return capture
 
 
 @pytest.fixture(scope="module")
-def runs(captures):
-    """{prints: a run}."""
-    made = {printed: capture.parent / "run" for printed, capture in captures.items()}
-    for printed, run in made.items():
-        assert register(captures[printed], run, CONFIG).ok == FRAMES
-    return made
+def printed_run(tmp_path_factory):
+    """The frames of `sample_run`, registered with prints."""
+    root = tmp_path_factory.mktemp("prints")
+    assert register(printed(root / "capture", range(4)), root / "run", CONFIG).ok == (0, 1, 2, 3)
+    return root / "run"
+
+
+@pytest.fixture(scope="module")
+def two_blocks(tmp_path_factory):
+    """A capture whose frames lie in two blocks, 49 without pictures, and its run."""
+    root = tmp_path_factory.mktemp("prints")
+    assert register(printed(root / "capture", FRAMES, bare=(49,)), root / "run", CONFIG).ok == FRAMES
+    return root / "capture", root / "run"
 
 
 def arrays(run):
@@ -70,38 +69,48 @@ def assert_same_bits(once, twice):
         assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
 
 
-def test_prints_move_garments_along_their_surfaces_and_nothing_else(runs):
-    before, after = arrays(runs[False]), arrays(runs[True])
+def test_prints_move_garments_along_their_surfaces_and_nothing_else(sample_run, printed_run):
+    before, after = arrays(sample_run), arrays(printed_run)
     for name in ("track/vertices", "pose/rotations", "labels"):
         assert np.array_equal(before[name], after[name])
-    run = open_run(runs[False])
-    for k in range(len(FRAMES)):  # 49 slides as its neighbours
-        V, W = (a["garment/tshirt/vertices"][k] for a in (before, after))
-        step, off = np.linalg.norm(V - W, axis=1), SurfaceIndex(V, run.garments["tshirt"].faces).closest(W)[3]
+    faces = open_run(sample_run).garments["tshirt"].faces
+    for V, W in zip(*(a["garment/tshirt/vertices"] for a in (before, after))):
+        step, off = np.linalg.norm(V - W, axis=1), SurfaceIndex(V, faces).closest(W)[3]
         assert step.mean() > 5e-4 and step.max() < 0.08
         assert np.median(off) < 2e-4 and off.mean() < 0.2 * step.mean()
 
 
-def test_only_a_scene_that_asks_for_prints_pays_for_them(captures, runs):
-    for printed, run in runs.items():
+def test_only_a_scene_that_asks_for_prints_pays_for_them(sample_run, printed_run):
+    for run, frames in ((sample_run, []), (printed_run, [0, 1, 2, 3])):
         made = [line["frame"] for line in Status.of(run).lines() if line["stage"] == "prints"]
-        assert sorted(made) == (list(FRAMES) if printed else [])
-        assert (run / "prepared" / "print.tshirt.npz").exists() == printed
-        steps = {step.stage: step for step in plan(open_capture(captures[printed]))}
-        assert steps["prints"].runs == printed
+        assert sorted(made) == frames
+        assert (run / "prepared" / "print.tshirt.npz").exists() == bool(frames)
+        steps = {step.stage: step for step in plan(open_run(run).capture)}
+        assert steps["prints"].runs == bool(frames)
 
 
-def test_two_workers_slide_to_the_same_bits(captures, runs, tmp_path):
-    register(captures[True], tmp_path / "run", CONFIG, workers=2)
-    assert_same_bits(arrays(runs[True]), arrays(tmp_path / "run"))
+@pytest.mark.slow(seconds=60)
+def test_two_workers_slide_to_the_same_bits(two_blocks, tmp_path):
+    capture, run = two_blocks
+    register(capture, tmp_path / "run", CONFIG, workers=2)
+    assert_same_bits(arrays(run), arrays(tmp_path / "run"))
 
 
-def test_a_run_stopped_while_garments_slide_goes_on_with_the_same_bits(captures, runs, tmp_path):
+@pytest.mark.slow(seconds=60)
+def test_a_run_stopped_while_garments_slide_goes_on_with_the_same_bits(two_blocks, tmp_path):
+    capture, run = two_blocks
+
     def stop(stage, done, total):
         if stage == "prints" and done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        register(captures[True], tmp_path / "run", CONFIG, progress=stop)
-    register(captures[True], tmp_path / "run", CONFIG)
-    assert_same_bits(arrays(runs[True]), arrays(tmp_path / "run"))
+        register(capture, tmp_path / "run", CONFIG, progress=stop)
+    register(capture, tmp_path / "run", CONFIG)
+    assert_same_bits(arrays(run), arrays(tmp_path / "run"))
+
+
+@pytest.mark.slow(seconds=30)
+def test_a_frame_without_pictures_slides_as_its_neighbours(two_blocks):
+    slides = [open_run(two_blocks[1]).diagnostics.at(number)["dress tshirt"]["slide_mm"] for number in FRAMES]
+    assert min(slides) > 0.5 and abs(slides[1] - slides[0]) < 0.5 * slides[0]
