@@ -199,6 +199,15 @@ def test_template_made_from_labels_has_the_region_s_loops_and_weights():
     assert template.uv.min() >= 0 and template.uv.max() <= 1
 
 
+def test_labels_on_a_region_as_small_as_a_hole_are_no_garment():
+    model = pipe()
+    person, z = Person(np.zeros(0), model.v_template, model.J), model.v_template[:, 2]
+    labels = np.where((z > 0.5) & (z < 0.56), 2, 1)
+    assert make_template(model, person, "band", 2, labels, edge=0.01, hole=0.005).loops
+    with pytest.raises(UserError, match="no region of the tracked surface over 500 cm.2 carries band"):
+        make_template(model, person, "band", 2, labels, edge=0.01, hole=0.05)
+
+
 def test_crumpling_of_a_rigid_motion_a_stretch_and_a_fold_is_exact():
     V, F = tube(20, 24, 0.1, 0.5)
     turned = V @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]).T + [1, 2, 3]

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from tests.support.rig import ring_of_cameras
+from tests.support.shapes import tube
 from toile.config import ReconstructSettings
 from toile.errors import UserError
-from toile.scene import Camera, Keypoints
-from toile.stages.reconstruct import LIMBS, agreement, triangulate
+from toile.scene import Camera, Frame, Keypoints, Mesh, Points3D
+from toile.stages.reconstruct import LIMBS, agreement, check_with_scans, triangulate
+from toile.surface.operators import compact
 from toile.vision.detectors.names import TABLES, mirrored
 
 
@@ -154,3 +156,20 @@ def test_a_view_of_somebody_else_agrees_with_no_other():
         keypoints, triangulate(keypoints, cameras, ReconstructSettings()), cameras, ReconstructSettings()
     )
     assert shares.pop("cam2") < 0.1 and min(shares.values()) > 0.95
+
+
+def standing(scan_moved=(0, 0, 0), scan_above=0.0):
+    """A frame with keypoints inside of a pipe 1.8 m long, and a scan of it, of what is above a height, moved."""
+    V, F = tube(60, 40, 0.15, 1.8)
+    X = V[::20] * [0.7, 0.7, 1]
+    shown = F[(V[F][:, :, 2] >= scan_above).all(1)]
+    frame = Frame(0, Mesh(*compact(V + scan_moved, shown)))
+    return frame, Points3D(tuple(map(str, range(len(X)))), X, np.zeros(len(X)), np.full(len(X), 4))
+
+
+def test_a_scan_beside_the_keypoints_is_refused_and_one_of_a_part_is_not():
+    settings = ReconstructSettings()
+    check_with_scans([standing(), standing(scan_above=1.4)], settings)
+    with pytest.raises(UserError, match="half of the keypoints lie 0.* m and more from the scan"):
+        check_with_scans([standing([0.5, 0, 0]), standing([0, 0.6, 0])], settings)
+    check_with_scans([standing([0.5, 0, 0]), standing()], settings)  # one frame alone is judged by itself

@@ -113,10 +113,23 @@ def test_bound_points_move_rigidly_with_the_surface_they_stick_to(body, trousers
     assert np.allclose(bound.at(body.rest @ R.T + t), points @ R.T + t, atol=1e-12)
 
 
-def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, trousers):
+def test_a_calf_passes_through_the_trousers_ankles(body, trousers):
+    from toile.studio.surface import open_loops
+    from toile.surface.loops import loop_length
+
+    V, F = trousers
+    bone = [body.J[body.model.joint(f"{j}.L")] for j in ("lowerleg01", "foot")]
+    level = bone[0][2] + 0.3 * (bone[1][2] - bone[0][2])
+    ring = body.rest[(np.abs(body.rest[:, 2] - level) < 0.02) & (body.rest[:, 0] > 0)]
+    calf = np.pi * np.ptp(ring[:, :2], axis=0).mean()
+    for loop in open_loops(F)[1:]:
+        assert loop_length(V[loop]) > 1.05 * calf
+
+
+def test_borders_are_turned_in_under_the_skin_for_what_is_worn_over_them(body, trousers):
     import igl
 
-    from toile.studio.outfit import TurnedInGarment, upper_border
+    from toile.studio.outfit import TurnedInGarment
     from toile.studio.surface import open_loops
     from toile.studio.truth import pairs_between
 
@@ -126,7 +139,7 @@ def test_the_waist_is_turned_in_under_the_skin_for_what_is_worn_over_it(body, tr
     assert len(P) == lip.count and np.array_equal(P[: len(V)], V)
     edge = P[len(V) :]
     assert (igl.fast_winding_number(body.rest, body.skin_faces.astype(np.int64), edge) > 0.5).all()
-    assert not np.isin(np.concatenate(open_loops(lip.faces)), upper_border(V, F)).any()
+    assert not np.isin(np.concatenate(open_loops(lip.faces)), np.concatenate(open_loops(F))).any()
     half = np.concatenate([lip.faces[:, [0, 1]], lip.faces[:, [1, 2]], lip.faces[:, [2, 0]]])
     assert len(np.unique(half, axis=0)) == len(half)  # oriented as the garment is
     assert pairs_between(P, lip.faces, body.rest, body.skin_faces) > 0

@@ -36,6 +36,10 @@ class ReconstructSettings(Settings):
     exhaustive_views: int = setting(16, "count", "up to so many views all pairs are tried", ge=2)
     drawn_pairs: int = setting(120, "count", "beyond, this many drawn pairs", ge=1)
     gauss_newton_steps: int = setting(5, "count", "on the reprojection error of the inliers", ge=1)
+    apart: float = setting(
+        0.12, "m", "half of a frame's points farther than this from a whole scan: cameras and scans do not agree", gt=0
+    )
+    whole: float = setting(0.8, "1", "a scan this share as long as the points are is a whole one", gt=0)
     seed: int = setting(0, "count", "of the drawn pairs", ge=0)
 
 

@@ -210,6 +210,7 @@ def _samples(capture, run, config, frames):
     samples = [sample for sample in found if not isinstance(sample, str)]
     if not samples:
         raise UserError(found[0])
+    reconstruct.check_with_scans(samples, config.reconstruct)
     return samples
 
 

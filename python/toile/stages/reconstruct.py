@@ -49,6 +49,27 @@ def triangulate(keypoints, cameras, settings):
     return _points(keypoints.names, *fit, seen, gate, settings)
 
 
+def check_with_scans(samples, settings):
+    """UserError where in every sampled frame [(Frame, Points3D | None)] that has both the points lie beside the scan: half
+    of them farther than `settings.apart`, though the scan is as long as they are."""
+    found = {}
+    for frame, points in samples:
+        known = [] if points is None else points.points[np.isfinite(points.points).all(1)]
+        if len(known) and frame.scan is not None:
+            whole = _length(frame.scan.vertices) >= settings.whole * _length(known)
+            found[frame.number] = np.median(frame.scan.index.closest(known)[3]) if whole else 0.0
+    if found and min(found.values()) > settings.apart:
+        number, off = min(found.items(), key=lambda item: item[1])
+        raise UserError(
+            f"frame {number}: half of the keypoints lie {off:.2g} m and more from the scan: are cameras and scans in the "
+            "same units and axes, and of the same moment?"
+        )
+
+
+def _length(points):
+    return np.ptp(points, axis=0).max()
+
+
 def _fit(rig, uv, seen, gate, settings):
     """Points (k,3), their information, reprojection errors (C,k) [px] and inliers (C,k) at an inlier distance [px]."""
     X, inlier = _best_of_pairs(rig, uv, seen, gate, settings)

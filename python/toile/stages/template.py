@@ -28,13 +28,17 @@ def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offs
 
 
 def worn_region(model, person, name, label_id, vertex_labels, hole=0.01):
-    """The largest part (V, F) of the person's rest surface that carries the label, cut along its smoothed border."""
+    """The largest part (V, F) of the person's rest surface that carries the label, cut along its smoothed border. UserError:
+    none is larger than `hole` [m^2]."""
     share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
     share[_islands(person.rest, model.f, share <= 0.5, hole)] = 1
     V, F = cut(person.rest, model.f, smooth_on(model.f, share, 2), 0.5)
-    if len(F) < 20:
-        raise UserError(f"labels: no region of the tracked surface carries {name} (id {label_id})")
-    return _largest_component(V, F)
+    V, F = _largest_component(V, F) if len(F) else (V, F)
+    if kernels.face_areas(V, F).sum() < hole:
+        raise UserError(
+            f"labels: no region of the tracked surface over {1e4 * hole:.0f} cm^2 carries {name} (id {label_id})"
+        )
+    return V, F
 
 
 def _islands(V, F, other, area):

@@ -25,6 +25,10 @@ ABOVE_CROTCH = 0.04  # m below the hip joints
 STRETCHED, HANGING = 0.2, 0.7  # m of what hangs that is drawn down, and at most this share of it
 LIMB = ("upperarm", "lowerarm", "wrist", "finger", "metacarpal")
 LEG_OFFSET = 0.009  # m: the thighs leave little room
+LEG_EASE, EASED = (
+    0.02,
+    0.3,
+)  # m that trousers stand off more at the ankle, from so far above it on: a calf passes through
 
 
 @dataclass(frozen=True)
@@ -36,13 +40,14 @@ class Cut:
     held: bool = False  # its waistband is held by the body
     drop: float = 0.0  # m that it hangs lower than it was cut
     flare: float = 0.0  # share that its hem is wider than where it begins to hang
+    ease: float = 0.0  # m that its lower borders stand off more, fading over EASED above them
 
 
 def cut_garment(kind, body, over=None):
     """V (n,3) in the body's rest pose, F (m,3) of a garment of CUTS; V is the rest shape too. `over` (V, F): a surface to
     stay clear of, the skin by default."""
     cut, over = CUTS[kind], over or (body.rest, body.skin_faces)
-    V, F = cut_out(body, cut.field(body), cut.offset, over)
+    V, F = cut_out(body, cut.field(body), cut.offset, over, cut.ease)
     if not cut.drop:
         return V, F
     V, F = remesh(hung(V, cut.drop, cut.flare), F, EDGE, **REMESHING)
@@ -57,15 +62,17 @@ def hung(V, drop, flare=0.0):
     return middle + (V - middle) * (1 + flare * t * [1, 1, 0]) - drop * t * [0, 0, 1]
 
 
-def cut_out(body, field, offset, over):
-    """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`."""
+def cut_out(body, field, offset, over, ease=0.0):
+    """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`, and `ease` [m] more
+    at its lower border."""
     V, F = cut_skin(body, field, EDGE)
     N = smoothed(vertex_normals(V, F), F)
+    offset = offset + ease * np.clip(1 - (V[:, 2:] - V[:, 2].min()) / EASED, 0, 1)
     return lifted(V + offset * N / np.linalg.norm(N, axis=1, keepdims=True), F, over, offset), F
 
 
 def lifted(V, F, over, offset):
-    """V smoothed and kept `offset` [m] outside of the surface `over` (V, F), in turns."""
+    """V smoothed and kept `offset` [m], of all or of each (n,1), outside of the surface `over` (V, F), in turns."""
     for _ in range(3):
         V = outside(smoothed(V, F), *over, offset)
     return V
@@ -144,7 +151,7 @@ def neutral_lowest(body):
 
 CUTS = {
     "tshirt": Cut(shirt_field, OFFSET),
-    "trousers": Cut(trousers_field, LEG_OFFSET, held=True),
+    "trousers": Cut(trousers_field, LEG_OFFSET, held=True, ease=LEG_EASE),
     "shorts": Cut(lambda body: trousers_field(body, ankle=KNEE), LEG_OFFSET, held=True),
     "skirt": Cut(
         lambda body: trousers_field(body, ankle=neutral_lowest(body)), OFFSET, held=True, drop=0.3, flare=0.12
@@ -196,14 +203,14 @@ def smoothed(values, F):
 
 
 def outside(V, over_V, over_F, offset):
-    """Pushes vertices that came closer than `offset` to a surface back out along the direction from it."""
+    """Pushes vertices that came closer than `offset`, a number or (n,1), to a surface back out along the direction from it."""
     import igl
 
     _, face, near = igl.point_mesh_squared_distance(V, over_V, over_F.astype(np.int64))[:3]
     T = over_V[over_F[face]]
     n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    d = ((V - near) * n).sum(1)
-    away = np.where((d > 1e-3)[:, None], V - near, n)
+    d = ((V - near) * n).sum(1, keepdims=True)
+    away = np.where(d > 1e-3, V - near, n)
     away = away / np.linalg.norm(away, axis=1, keepdims=True)
-    return np.where((d < offset)[:, None], near + offset * away, V)
+    return np.where(d < offset, near + offset * away, V)

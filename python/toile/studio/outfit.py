@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .cloth import ClothSimulation
-from .surface import open_loops
+from .surface import open_loops, vertex_normals
 
-LIP_RISE, LIP_DEPTH = 0.02, 0.006  # m: how far above the border, and below the skin, an upper border is turned in
+LIP_REACH, LIP_DEPTH = 0.02, 0.006  # m: how far beyond the border, and below the skin, a border is turned in
 
 
 @dataclass(frozen=True)
@@ -56,25 +56,36 @@ class AttachedPoints:
 
 
 class TurnedInGarment:
-    """A garment as the next one meets it: its upper border turned in under the skin, so that no open edge stands out."""
+    """A garment as the next one meets it: its borders turned in under the skin, so that no open edge stands out."""
 
     def __init__(self, V, F, body_V, skin_faces):
         import igl
 
-        border = upper_border(V, F)
-        _, face, near = igl.point_mesh_squared_distance(
-            V[border] + [0, 0, LIP_RISE], body_V, skin_faces.astype(np.int64)
-        )[:3]
+        loops = open_loops(F)
+        border, after = np.concatenate(loops), np.concatenate([np.roll(loop, -1) for loop in loops])
+        beyond = V[border] + LIP_REACH * outwards(V, F, loops)
+        _, face, near = igl.point_mesh_squared_distance(beyond, body_V, skin_faces.astype(np.int64))[:3]
         T = body_V[skin_faces[face]]
         n = np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0])
         self.edge = AttachedPoints(near - LIP_DEPTH * n / np.linalg.norm(n, axis=1, keepdims=True), body_V, skin_faces)
-        a, b, c = border, np.roll(border, -1), len(V) + np.arange(len(border))
-        self.faces = np.concatenate([F, np.stack([b, a, c], 1), np.stack([b, c, np.roll(c, -1)], 1)]).astype(np.int32)
+        lip = len(V) + np.arange(len(border))
+        lip_after = np.concatenate(
+            [np.roll(part, -1) for part in np.split(lip, np.cumsum([len(c) for c in loops])[:-1])]
+        )
+        sides = np.stack([after, border, lip], 1), np.stack([after, lip, lip_after], 1)
+        self.faces = np.concatenate([F, *sides]).astype(np.int32)
         self.count = len(V) + len(border)
 
     def vertices(self, V, body_V):
         """(count,3): the garment's vertices V, then the turned-in edge's."""
         return np.concatenate([V, self.edge.at(body_V)])
+
+
+def outwards(V, F, loops):
+    """Unit vectors (b,3) at the vertices of the loops, one after the other: away from the cloth, in its surface."""
+    along = np.concatenate([V[np.roll(c, -1)] - V[np.roll(c, 1)] for c in loops])
+    out = np.cross(along, vertex_normals(V, F)[np.concatenate(loops)])
+    return out / np.linalg.norm(out, axis=1, keepdims=True)
 
 
 def upper_border(V, F):
