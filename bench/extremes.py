@@ -236,6 +236,17 @@ def toile_register(p):
     return result.V
 
 
+def toile_tracker(p):
+    from toile.kernels import NricpTracker
+
+    tracker = NricpTracker(p["src_v"], p["src_f"])
+    tracker.next(p["src_v"], p["src_f"])  # where it is, then where it went
+    result = tracker.next(p["tgt_v"], p["tgt_f"])
+    if result.stop == "no_overlap":
+        raise ValueError("stop = no_overlap")
+    return result.V
+
+
 def toile_untangle(p):
     from toile.kernels import untangle
 
@@ -276,7 +287,7 @@ def peer(name):
 
 
 METHODS = {
-    "register": {"toile": toile_register, "trimesh": peer("trimesh_amberg")},
+    "register": {"toile": toile_register, "NricpTracker": toile_tracker, "trimesh": peer("trimesh_amberg")},
     "biharmonic": {"toile": toile_biharmonic, "igl": peer("igl_harmonic")},
     "mrf": {"toile": toile_mrf, "gco": peer("gco_expansion"), "PyMaxflow": peer("pymaxflow_expansion")},
     "untangle": {"toile": toile_untangle, "open3d": open3d_push},

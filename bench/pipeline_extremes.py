@@ -62,7 +62,7 @@ def refused(words, change):
 
 JUDGED = "^frame . (doubtful|wrong|failed)"  # what no warning alone answers
 POSE = "^frame . (doubtful|wrong)"
-CUT_OFF = "loop|opening"  # a template of another cut
+OTHER = "another (cut|kind)|one opening"  # a template of another garment
 
 ROWS = {
     "as it is": solved(same),
@@ -102,15 +102,15 @@ ROWS = {
     "garment leaves the picture": solved(make.cropped),
     "garment named, not worn": refused("coat.*worn", make.not_worn),
     "garment worn, not named": solved(make.not_named),
-    "garment half taken off": said(CUT_OFF, make.posed({}, bare=lambda V: V[:, 0] > 0.03)),
-    "one-piece, a shirt's template": refused(CUT_OFF, make.posed({}, also=(4,))),
+    "garment half taken off": said(OTHER, make.posed({}, bare=lambda V: V[:, 0] > 0.03)),
+    "one-piece, a shirt's template": refused(OTHER, make.posed({}, also=(4,))),
     "one-piece, cut from the scan": solved(make.posed({}, also=(4,)), settings=CUT),
-    "jacket, a shirt's template": refused(CUT_OFF, make.posed({}, bare=make.front)),
+    "jacket, a shirt's template": refused(OTHER, make.posed({}, bare=make.front)),
     "jacket, cut from the scan": solved(make.posed({}, bare=make.front), settings=CUT),
-    "hood, a shirt's template": said(CUT_OFF, make.posed({}, also=(2,))),
+    "hood, a shirt's template": said("loop neck", make.posed({}, also=(2,))),
     "hood, cut from the scan": solved(make.posed({}, also=(2,)), settings=CUT),
-    "dress, a shirt's template": refused(CUT_OFF, make.posed({}, skirt=0.5)),
-    "dress, cut from the scan": said(f"{POSE}|{CUT_OFF}", make.posed({}, skirt=0.5), settings=CUT),
+    "dress, a shirt's template": refused(OTHER, make.posed({}, skirt=0.5)),
+    "dress, cut from the scan": said(f"{POSE}|loop hem", make.posed({}, skirt=0.5), settings=CUT),
     "a button on the shirt": solved(make.with_button),
 }
 

@@ -6,7 +6,7 @@ import pytest
 import scipy.sparse as sp
 import trimesh
 
-from toile.kernels import InputError, NricpSolver, SurfaceIndex, nricp
+from toile.kernels import InputError, NricpSolver, NricpTracker, SurfaceIndex, nricp
 
 from .ugly import HOLES, UGLY, seam
 
@@ -82,6 +82,39 @@ def test_nricp_solved_with_an_ugly_template(spoil, clean):
 @pytest.mark.parametrize("spoil", UGLY)
 def test_nricp_solved_when_both_are_ugly(spoil, clean):
     assert_solved(nricp(*spoil(V, F), *spoil(SCAN_V, SCAN_F)).V, clean["standard"], mean=1.2e-3, most=3e-3)
+
+
+@pytest.fixture(scope="module")
+def followed():
+    """What a tracker makes of the clean scan after one of the template as it is."""
+    return tracked(V, F, SCAN_V, SCAN_F)
+
+
+def tracked(template_V, template_F, scan_V, scan_F):
+    tracker = NricpTracker(template_V, template_F)
+    assert tracker.next(template_V, template_F).stop != "no_overlap"
+    result = tracker.next(scan_V, scan_F)
+    return None if result.stop == "no_overlap" else result.V
+
+
+@pytest.mark.parametrize("spoil", UGLY)
+def test_a_tracker_follows_to_an_ugly_scan_with_an_ugly_template(spoil, followed):
+    assert np.linalg.norm(followed - TRUTH, axis=1).mean() < 8e-3
+    assert_solved(tracked(*spoil(V, F), *spoil(SCAN_V, SCAN_F)), followed, mean=1.5e-3, most=4e-3)
+
+
+@pytest.mark.parametrize("scale, offset", [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e6)])
+def test_a_tracker_follows_in_any_unit_and_far_from_the_origin(scale, offset, followed):
+    x = tracked(scale * V + offset, F, scale * SCAN_V + offset, SCAN_F)
+    assert_solved((x - offset) / scale, followed, mean=1e-4)
+
+
+def test_a_tracker_says_that_a_scan_is_out_of_reach_and_refuses_what_is_none():
+    assert tracked(V, F, SCAN_V + 100, SCAN_F) is None
+    with pytest.raises(InputError, match="scan_V.7. is not finite"):
+        tracked(V, F, np.where(np.arange(len(SCAN_V))[:, None] == 7, np.nan, SCAN_V), SCAN_F)
+    with pytest.raises(InputError, match="scan_F is empty"):
+        tracked(V, F, SCAN_V, SCAN_F[:0])
 
 
 def test_nricp_keeps_seams_closed_and_serves_loops_and_landmarks_on_either_side():

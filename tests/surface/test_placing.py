@@ -75,6 +75,14 @@ def test_a_turned_template_is_turned_back_though_it_would_lie_on_the_body(model,
     assert np.linalg.norm(mesh.vertices - shirt.vertices, axis=1).max() < 0.06 and "-x -y +z" in said[0]
 
 
+def test_a_shirt_s_template_on_what_is_open_in_front_is_refused(model, shirt, region):
+    V = region.vertices
+    front = (np.abs(V[:, 0]) < 0.03) & (V[:, 1] < -0.02)
+    jacket = Mesh(*compact(V, region.faces[~front[region.faces].any(1)]))
+    with pytest.raises(UserError, match="hem and neck of the template are one opening in the capture"):
+        placed(model, shirt, jacket)
+
+
 @pytest.mark.parametrize("t", [(1, 0, 0), (0, 0, 0.82), (0.1, -0.2, 0.1)])
 def test_a_template_about_another_origin_is_moved(model, shirt, region, t):
     mesh, said = placed(model, Mesh(shirt.vertices + np.array(t), shirt.faces), region)

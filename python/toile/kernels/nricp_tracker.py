@@ -1,5 +1,7 @@
 """A template followed through a sequence of scans by non-rigid registration alone."""
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from .nricp import NricpSolver
 from .rebuilt import Rebuilt
 
 Scan = tuple[Floats, Any]  # V (p,3) [m], F (t,3)
+Surface = Callable[[], SurfaceIndex]
 SAMPLES = 3000  # points of either side that are asked how far they lie off
 REACH = 0.05  # of the template's size: distances count up to this, so that clutter does not decide
 AGAIN = 3  # fits from the last answer, at most, while each
@@ -58,7 +61,7 @@ class NricpTracker(Rebuilt):
         """Fits the next scan (p,3) [m], (t,3). The result is that of `NricpSolver.solve`; its `stop` is "no_overlap" where
         no start found the scan, which leaves the state as it was."""
         scan = as_vertices("nricp", "scan_V", scan_V), as_faces("nricp", "scan_F", scan_F)
-        surface = SurfaceIndex(*scan)
+        surface = cache(lambda: SurfaceIndex(*scan))  # once a solver has taken the scan, or refused it by name
         if self._last:
             best = self._fit(self._follow, self._last[0], scan, surface)
         else:
@@ -82,7 +85,7 @@ class NricpTracker(Rebuilt):
     def _usual(self) -> float:
         return float(np.median(self._distances)) if self._distances else 0.0
 
-    def _fit(self, solver: NricpSolver, start: Floats, scan: Scan, surface: SurfaceIndex) -> tuple[float, NricpResult]:
+    def _fit(self, solver: NricpSolver, start: Floats, scan: Scan, surface: Surface) -> tuple[float, NricpResult]:
         """(distance, result) of one start; infinite where it does not overlap the scan."""
         result = solver.solve(scan[0], scan[1], start=start)
         if result.stop != "no_overlap":
@@ -91,9 +94,7 @@ class NricpTracker(Rebuilt):
             return np.inf, result
         return self._distance(result, scan, surface), result
 
-    def _repeated(
-        self, best: tuple[float, NricpResult], scan: Scan, surface: SurfaceIndex
-    ) -> tuple[float, NricpResult]:
+    def _repeated(self, best: tuple[float, NricpResult], scan: Scan, surface: Surface) -> tuple[float, NricpResult]:
         for _ in range(AGAIN):
             if not np.isfinite(best[0]):
                 break
@@ -103,10 +104,10 @@ class NricpTracker(Rebuilt):
                 break
         return best
 
-    def _distance(self, result: NricpResult, scan: Scan, surface: SurfaceIndex) -> float:
+    def _distance(self, result: NricpResult, scan: Scan, surface: Surface) -> float:
         points, seen = scan[0], result.V[result.matched > 0]
         there = SurfaceIndex(result.V, self._F).closest(points[:: -(-len(points) // SAMPLES)])[3]
-        back = surface.closest(seen[:: -(-len(seen) // SAMPLES) or 1])[3] if len(seen) else np.full(1, np.inf)
+        back = surface().closest(seen[:: -(-len(seen) // SAMPLES) or 1])[3] if len(seen) else np.full(1, np.inf)
         return float(np.minimum(there, self._reach).mean() + np.minimum(back, self._reach).mean())
 
 

@@ -18,17 +18,18 @@ EDGE = 0.011  # m: about 6k vertices
 SLEEVE = 0.75  # share of the upper arm that the sleeve covers
 NECKLINE = np.array([0, -0.35, 0.94])  # the neck's opening looks up and forward
 SMOOTHING = 8  # umbrella steps on the offset surface
-WAIST, ANKLE = 1.05, 0.16  # m, heights of the trousers' borders on the neutral body
+WAIST, ANKLE = (
+    1.05,
+    0.21,
+)  # m, heights of the trousers' borders on the neutral body: a lower hem is pierced by the instep
 KNEE = 0.56  # m, of the shorts'
 CUFF = 0.85  # share of the forearm that long sleeves cover
 ABOVE_CROTCH = 0.04  # m below the hip joints
 STRETCHED, HANGING = 0.2, 0.7  # m of what hangs that is drawn down, and at most this share of it
 LIMB = ("upperarm", "lowerarm", "wrist", "finger", "metacarpal")
 LEG_OFFSET = 0.009  # m: the thighs leave little room
-LEG_EASE, EASED = (
-    0.02,
-    0.3,
-)  # m that trousers stand off more at the ankle, from so far above it on: a calf passes through
+LEG_WIDE, WIDENING = 0.015, 0.3  # m that trousers stand off more at the ankle, from so far above it: a calf passes
+LEG_EASE = 0.05  # share that trousers are larger than the cut: a seat needs cloth where a thigh is raised
 
 
 @dataclass(frozen=True)
@@ -40,14 +41,15 @@ class Cut:
     held: bool = False  # its waistband is held by the body
     drop: float = 0.0  # m that it hangs lower than it was cut
     flare: float = 0.0  # share that its hem is wider than where it begins to hang
-    ease: float = 0.0  # m that its lower borders stand off more, fading over EASED above them
+    wide: float = 0.0  # m that its lower borders stand off more, fading over WIDENING above them
+    ease: float = 0.0  # share that its cloth is larger than what is cut
 
 
 def cut_garment(kind, body, over=None):
-    """V (n,3) in the body's rest pose, F (m,3) of a garment of CUTS; V is the rest shape too. `over` (V, F): a surface to
-    stay clear of, the skin by default."""
+    """V (n,3) in the body's rest pose, F (m,3) of a garment of CUTS, whose cloth is larger by the share `ease`. `over`
+    (V, F): a surface to stay clear of, the skin by default."""
     cut, over = CUTS[kind], over or (body.rest, body.skin_faces)
-    V, F = cut_out(body, cut.field(body), cut.offset, over, cut.ease)
+    V, F = cut_out(body, cut.field(body), cut.offset, over, cut.wide)
     if not cut.drop:
         return V, F
     V, F = remesh(hung(V, cut.drop, cut.flare), F, EDGE, **REMESHING)
@@ -62,12 +64,12 @@ def hung(V, drop, flare=0.0):
     return middle + (V - middle) * (1 + flare * t * [1, 1, 0]) - drop * t * [0, 0, 1]
 
 
-def cut_out(body, field, offset, over, ease=0.0):
-    """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`, and `ease` [m] more
+def cut_out(body, field, offset, over, wide=0.0):
+    """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`, and `wide` [m] more
     at its lower border."""
     V, F = cut_skin(body, field, EDGE)
     N = smoothed(vertex_normals(V, F), F)
-    offset = offset + ease * np.clip(1 - (V[:, 2:] - V[:, 2].min()) / EASED, 0, 1)
+    offset = offset + wide * np.clip(1 - (V[:, 2:] - V[:, 2].min()) / WIDENING, 0, 1)
     return lifted(V + offset * N / np.linalg.norm(N, axis=1, keepdims=True), F, over, offset), F
 
 
@@ -151,8 +153,8 @@ def neutral_lowest(body):
 
 CUTS = {
     "tshirt": Cut(shirt_field, OFFSET),
-    "trousers": Cut(trousers_field, LEG_OFFSET, held=True, ease=LEG_EASE),
-    "shorts": Cut(lambda body: trousers_field(body, ankle=KNEE), LEG_OFFSET, held=True),
+    "trousers": Cut(trousers_field, LEG_OFFSET, held=True, wide=LEG_WIDE, ease=LEG_EASE),
+    "shorts": Cut(lambda body: trousers_field(body, ankle=KNEE), LEG_OFFSET, held=True, ease=LEG_EASE),
     "skirt": Cut(
         lambda body: trousers_field(body, ankle=neutral_lowest(body)), OFFSET, held=True, drop=0.3, flare=0.12
     ),

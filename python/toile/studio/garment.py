@@ -126,9 +126,11 @@ def nearest(points, among):
     return cKDTree(among).query(points)[1]
 
 
-def settle(V, F, under_V, under_F, progress, held=()):
-    """Lets a garment that already lies around the rest pose come to rest: gives the simulation."""
-    sim = ClothSimulation(V, F, under_V, under_F, held=held)
+def settle(V, F, rest, under_V, under_F, progress, held=()):
+    """Lets a garment V (n,3), of cloth whose shape is `rest` (n,3), that already lies around the rest pose come to rest:
+    gives the simulation."""
+    sim = ClothSimulation(rest, F, under_V, under_F, held=held)
+    sim.move(V)
     for k in range(SETTLING):
         sim.frame(sim.body)
         progress(k + 1, SETTLING)
@@ -144,7 +146,8 @@ def put_on(name, source, body, worn, size, translation, progress):
     if source == "cut":
         V, F = cut_garment(name, body, (under_V - translation, np.concatenate(under.faces)) if worn else None)
         held = np.flatnonzero(V[:, 2] > V[upper_border(V, F), 2].mean() - BAND) if CUTS[name].held else ()
-        return Settled.of(name, V, V, settle(V + translation, F, under_V, under.faces, progress, held))
+        cloth = (1 + CUTS[name].ease) * V
+        return Settled.of(name, cloth, cloth, settle(V + translation, F, cloth, under_V, under.faces, progress, held))
     flat, F = newton_shirt() if source == "newton" else read_shirt(source)
     rest = place(flat, F, body, size)
     return Settled.of(name, flat, rest, dress(rest, F, body, under, on, translation, progress))

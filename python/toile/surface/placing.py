@@ -175,6 +175,7 @@ def _rims_drawn(model, garment, V, F, region, s):
     seen = name_loops(model, region.vertices, kernels.boundary_loops(region.faces))
     pairs = _paired(V[cloth], names, loops, seen, rims, s)
     _check_openings(garment, names, seen, rims, pairs)
+    _check_apart(garment, {name: V[cloth][loop] for name, loop in zip(names, loops)}, rims, pairs, s.rim_near)
     targets, gaps = [], {}  # [m]
     for name, loop in zip(names, loops):
         at = V[cloth][loop]
@@ -233,6 +234,17 @@ def _check_openings(garment, names, seen, rims, pairs):
             f"garment {garment}: the template has the openings {own}, the capture shows {shown}: it lies askew, or is another "
             f"kind of garment; have its template cut with --template-from-scan {garment}"
         )
+
+
+def _check_apart(garment, loops, rims, pairs, near):
+    """A loop {name: (k,3)} without a rim of its own lies on that of another: the garment is open between them."""
+    for name in loops.keys() - pairs.keys():
+        for other, rim in pairs.items():
+            if distance_to_polyline(loops[name], rims[rim]).mean() < near:
+                raise UserError(
+                    f"garment {garment}: {' and '.join(sorted((name, other)))} of the template are one opening in the "
+                    f"capture: it is open between them; have its template cut with --template-from-scan {garment}"
+                )
 
 
 def _other_cut(model, garment, name, loop, rim):
