@@ -18,10 +18,7 @@ EDGE = 0.011  # m: about 6k vertices
 SLEEVE = 0.75  # share of the upper arm that the sleeve covers
 NECKLINE = np.array([0, -0.35, 0.94])  # the neck's opening looks up and forward
 SMOOTHING = 8  # umbrella steps on the offset surface
-WAIST, ANKLE = (
-    1.05,
-    0.21,
-)  # m, heights of the trousers' borders on the neutral body: a lower hem is pierced by the instep
+WAIST, ANKLE = 1.05, 0.27  # m, heights of the trousers' borders on the neutral body: the instep pierces a lower hem
 KNEE = 0.56  # m, of the shorts'
 CUFF = 0.85  # share of the forearm that long sleeves cover
 ABOVE_CROTCH = 0.04  # m below the hip joints
