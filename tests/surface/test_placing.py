@@ -75,6 +75,17 @@ def test_a_turned_template_is_turned_back_though_it_would_lie_on_the_body(model,
     assert np.linalg.norm(mesh.vertices - shirt.vertices, axis=1).max() < 0.06 and "-x -y +z" in said[0]
 
 
+def test_a_hem_about_two_legs_is_left_and_one_far_above_their_rims_refused(model, shirt):
+    V = shirt.vertices
+    down = np.clip(1 - (V[:, 2] - V[:, 2].min()) / 0.2, 0, 1)
+    dress = Mesh(V - np.outer(0.25 * down, [0, 0, 1]), shirt.faces)
+    legs = worn(model, low=dress.vertices[:, 2].min() + 0.02)
+    assert len(kernels.boundary_loops(legs.faces)) == 5  # neck, arms, two legs
+    assert np.array_equal(placed(model, dress, legs)[0].vertices, dress.vertices)
+    with pytest.raises(UserError, match="another kind of garment"):
+        placed(model, shirt, legs)
+
+
 def test_a_shirt_s_template_on_what_is_open_in_front_is_refused(model, shirt, region):
     V = region.vertices
     front = (np.abs(V[:, 0]) < 0.03) & (V[:, 1] < -0.02)

@@ -174,8 +174,9 @@ def _rims_drawn(model, garment, V, F, region, s):
     names = name_loops(model, V[cloth], loops)
     seen = name_loops(model, region.vertices, kernels.boundary_loops(region.faces))
     pairs = _paired(V[cloth], names, loops, seen, rims, s)
-    _check_openings(garment, names, seen, rims, pairs)
-    _check_apart(garment, {name: V[cloth][loop] for name, loop in zip(names, loops)}, rims, pairs, s.rim_near)
+    at_rest = {name: V[cloth][loop] for name, loop in zip(names, loops)}
+    _check_openings(garment, at_rest, seen, rims, pairs, s.rim_near)
+    _check_apart(garment, at_rest, rims, pairs, s.rim_near)
     targets, gaps = [], {}  # [m]
     for name, loop in zip(names, loops):
         at = V[cloth][loop]
@@ -224,12 +225,14 @@ def _limb(name):
     return f"{LIMBS.get(stem, stem)}_{side}"
 
 
-def _check_openings(garment, names, seen, rims, pairs):
-    """Both have openings that the other lacks: another kind of garment."""
-    lacking = [name for name in names if name not in pairs]
-    strange = [name for i, name in enumerate(seen) if i not in pairs.values() and loop_length(rims[i]) > STRANGE]
+def _check_openings(garment, loops, seen, rims, pairs, near):
+    """Both have openings that the other lacks: another kind of garment. A hem {name: (k,3)} that hangs about two limbs lacks
+    none: the body's rims below it are its own, in parts."""
+    strange = [i for i in range(len(rims)) if i not in pairs.values() and loop_length(rims[i]) > STRANGE]
+    about = lambda loop: strange and np.min([distance_to_polyline(loop, rims[i]) for i in strange], 0).mean() < near
+    lacking = [name for name, loop in loops.items() if name not in pairs and not about(loop)]
     if lacking and strange:
-        own, shown = ", ".join(names), ", ".join(seen)
+        own, shown = ", ".join(loops), ", ".join(seen)
         raise UserError(
             f"garment {garment}: the template has the openings {own}, the capture shows {shown}: it lies askew, or is another "
             f"kind of garment; have its template cut with --template-from-scan {garment}"
