@@ -1,0 +1,146 @@
+"""Scans from pictures against the truth: `python -m bench.stereo CAPTURE [--quality standard] [--frame 0] [--noise 0]`
+measures a studio capture; `python -m bench.stereo DATA/middlebury_temple --picture OUT.png` shows the temple beside itself.
+
+CPU seconds a view (depth maps; the whole scan), peak memory of the process, distances of the scan's vertices to the true
+outer surface, and completeness: the share of samples of that surface, seen by three cameras, that have the scan within 2, 5
+and 10 mm; of all, and by what they show.
+"""
+
+import argparse
+import json
+import resource
+import time
+from pathlib import Path
+
+import numpy as np
+
+from toile import kernels, open_capture
+from toile.config import changed, read_set
+from toile.config.stereo import scan_preset
+from toile.measure.truth import open_truth
+from toile.scene import Camera, Mesh
+from toile.stages.stereo import scan
+
+SAMPLES = 60_000
+SEEN_BY = 3  # cameras
+MIN_COSINE = 0.2  # between a sample's normal and the view of a camera that sees it
+TOLERANCE = 0.003  # m behind the nearest surface that still counts as seen
+WITHIN = (0.002, 0.005, 0.010)  # m
+
+
+def measure(path, number, settings, noise=0.0):
+    """One frame of a studio capture -> figures in mm, %, s, MB. `noise`: more noise of the pictures, of 255."""
+    capture = open_capture(path)
+    frame = capture.pictures(number)
+    images = noisy(frame.images, noise)
+    begin = time.process_time()
+    found = scan(images, frame.masks, capture.cameras, settings)
+    spent = time.process_time() - begin
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    surface, kind = outer_surface(capture, number)
+    distance = 1000 * surface.index.closest(found.scan.vertices)[3]
+    points, of = seen_samples(surface, kind, capture.cameras)
+    missed = found.scan.index.closest(points)[3]
+    off = {"all": missed} | {name: missed[of == name] for name in sorted(set(of))}
+    return {
+        "cpu_s_a_view": spent / len(images),
+        "peak_mb": peak,
+        "error_mm": {"median": np.median(distance), "p95": np.quantile(distance, 0.95), "max": distance.max()},
+        "within_percent": {name: [100 * float((m < w).mean()) for w in WITHIN] for name, m in off.items()},
+        "depth_percent": 100 * found.depth,
+        "holes_percent": {name: 100 * share for name, share in found.holes.items()},
+        "vertices": len(found.scan.vertices),
+    }
+
+
+def noisy(images, sigma):
+    rng = np.random.default_rng(0)
+    add = lambda image: np.clip(np.rint(image + rng.normal(0, sigma, image.shape)), 0, 255).astype(np.uint8)
+    return {name: add(image) for name, image in images.items()} if sigma else images
+
+
+def outer_surface(capture, number):
+    """Mesh of the true body and garments without what lies under them, and what each face shows, a label's name (m,)."""
+    garments = {g.name: capture.scene.labels[g.label] for g in capture.scene.garments}
+    V, F, label = open_truth(capture).outer(number, garments, bare=True)
+    names = {label: name for name, label in capture.scene.labels.items()}
+    return Mesh(V, F), np.array([names.get(int(i), "other") for i in label])
+
+
+def seen_samples(surface, kind, cameras):
+    """Points (n,3) of the surface, even by area, that enough cameras see, and what they show (n,)."""
+    rng = np.random.default_rng(0)
+    area = kernels.face_areas(surface.vertices, surface.faces)
+    face = rng.choice(len(area), SAMPLES, p=area / area.sum())
+    bary = rng.dirichlet(np.ones(3), SAMPLES)
+    points = np.einsum("nc,ncd->nd", bary, surface.vertices[surface.faces[face]])
+    normals, count = surface.face_normals[face], np.zeros(SAMPLES, int)
+    for camera in cameras.values():
+        depth = kernels.raster(camera.to_camera(surface.vertices), surface.faces, camera.K, camera.size).depth
+        uv = camera.K, camera.distortion, camera.T_camera_world
+        count += kernels.visibility(points, normals, *uv, depth, TOLERANCE, MIN_COSINE)[1] > 0
+    seen = count >= SEEN_BY
+    return points[seen], kind[face][seen]
+
+
+def temple(folder):
+    """Pictures, masks (what is not black) and cameras of Middlebury's templeSparseRing, tenths of a metre as they are."""
+    from PIL import Image
+    from scipy.ndimage import binary_closing, binary_fill_holes
+
+    images, masks, cameras = {}, {}, {}
+    for line in (folder / "templeSR_par.txt").read_text().splitlines()[1:]:
+        name, *numbers = line.split()
+        K, R, t = np.array(numbers[:9], float), np.array(numbers[9:18], float), np.array(numbers[18:21], float)
+        images[name] = np.array(Image.open(folder / name).convert("RGB"))
+        masks[name] = binary_fill_holes(binary_closing(images[name].max(2) > 25, iterations=3))
+        T, K = np.eye(4), K.reshape(3, 3)
+        T[:3, :3], T[:3, 3] = R.reshape(3, 3), t
+        K[:2, 2] += 0.5  # there pixel (0,0) has its centre at (0,0)
+        height, width = masks[name].shape
+        cameras[name] = Camera(name, width, height, K, np.zeros(5), T)
+    return images, masks, cameras
+
+
+def show_temple(folder, out, settings):
+    """The temple from one of its cameras beside that picture."""
+    from PIL import Image
+
+    images, masks, cameras = temple(folder)
+    begin = time.process_time()
+    found = scan(images, masks, cameras, settings)
+    print(
+        f"{(time.process_time() - begin) / len(images):.2f} CPU s a view; {found.depth:.3f} have a depth, {found.holes}"
+    )
+    rows = [np.hstack([images[name], shaded(found.scan, cameras[name])]) for name in list(images)[:16:5][:2]]
+    Image.fromarray(np.vstack(rows)).save(out)
+
+
+def shaded(mesh, camera):
+    """(H,W,3) uint8: a mesh lit from its camera."""
+    seen = kernels.raster(camera.to_camera(mesh.vertices), mesh.faces, camera.K, camera.size)
+    normal = mesh.face_normals[seen.face] @ camera.T_camera_world[:3, :3].T
+    light = np.clip(normal @ np.array([-0.3, -0.4, -0.87]), 0, 1)
+    grey = np.where(seen.face >= 0, 40 + 200 * light, 0).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, 2)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("path", type=Path)
+    parser.add_argument("--quality", default="standard")
+    parser.add_argument("--frame", type=int, default=0)
+    parser.add_argument("--noise", type=float, default=0.0)
+    parser.add_argument("--picture", type=Path)
+    parser.add_argument("--set", action="append", default=[])
+    given = parser.parse_args()
+    settings = changed(scan_preset(given.quality), read_set(given.set)).stereo
+    kernels.set_threads(1)
+    if given.picture:
+        show_temple(given.path, given.picture, settings)
+    else:
+        print(json.dumps(measure(given.path, given.frame, settings, given.noise), indent=1, default=float))
+
+
+if __name__ == "__main__":
+    main()
