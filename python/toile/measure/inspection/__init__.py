@@ -26,6 +26,7 @@ from .rays import Meeting, Sighting, epipolar, meet
 SAMPLED = 5  # frames whose pictures are read
 SHOWN = (*KINDS, "scan.ply")
 READ = 200  # frames whose keypoints are read, in a row
+DETECTIONS = 60_000  # that checks of all cameras look at
 ENOUGH = 8  # of the body's keypoints, to leave hands and face alone
 CULPRIT = 0.05  # by how much a hull without a camera covers the others better
 
@@ -98,13 +99,13 @@ def _detections(found: Inspection, capture: Capture) -> None:
     if len(sighting.cameras) < 2 or not sighting.uv.size:
         return
     what = "middles of masks" if of_masks else "keypoints"
-    convention, errors = convention_of(sighting)
+    convention, errors = convention_of(sighting.thinned(DETECTIONS))
     if convention:
-        text = f"cameras.json: {what} miss one another by {errors['']:.0f} px, by {errors[convention]:.1f} px if it is {convention}"
+        text = f"cameras.json: {what} {_apart_by(errors[''])}; they miss by {errors[convention]:.1f} px if it is {convention}"
         found.findings.append(Finding(text))
         sighting = read_as(sighting, convention)
     elif errors[""] > AGREES * diagonal(sighting):
-        text = f"cameras.json: {what} miss one another by {errors['']:.0f} px, and no usual convention mends it"
+        text = f"cameras.json: {what} {_apart_by(errors[''])}, and no usual convention mends it"
         found.findings.append(Finding(f"{text}: is it the calibration of these cameras?"))
     if not of_masks:
         sighting = _in_step(found, sighting)
@@ -114,6 +115,10 @@ def _detections(found: Inspection, capture: Capture) -> None:
     if not of_masks:
         _person(found, capture, found.meeting)
     _hulls(found, dict(zip((camera.name for camera in sighting.cameras), sighting.cameras)))
+
+
+def _apart_by(error: float) -> str:
+    return f"miss one another by {error:.0f} px" if np.isfinite(error) else "meet behind the cameras"
 
 
 def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int]:
@@ -146,8 +151,8 @@ def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int
 
 
 def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
-    late, sighting = steps(sighting)
-    for i, shift in late.items():
+    for i, shift in steps(sighting.thinned(DETECTIONS))[0].items():
+        sighting = sighting.shifted(i, shift)
         name, way = sighting.cameras[i].name, "behind" if shift > 0 else "ahead of"
         text = f"{name}: out of step, its pictures are {abs(shift)} frames {way} the others'"
         found.findings.append(Finding(f"{text}; import with --offset {name}={shift}"))
@@ -156,6 +161,7 @@ def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
 
 def _apart(found: Inspection, sighting: Sighting) -> None:
     """Cameras that disagree with the others, and such whose detections are all off to one side."""
+    sighting = sighting.thinned(DETECTIONS)
     meeting = meet(sighting)
     aside = offsets(sighting, meeting)
     for i, reading in strangers(sighting, meeting).items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ LEAST = 0.004  # of a picture's diagonal, from which a camera is said to disagre
 EXPLAINS = 1.0  # times the spread that is left: an offset that explains a camera's error
 SHIFTS = 30  # frames that a camera may be out of step
 SHIFT_BETTER = 0.75
+FEW = 8  # cameras
 MOVED = 1.0  # px a frame: below, nothing tells a step in time
 
 
@@ -93,7 +94,7 @@ def steps(sighting: Sighting) -> tuple[dict[int, int], Sighting]:
     if len(sighting.cameras) < 3 or reach < 1 or _motion(sighting) < MOVED:
         return found, sighting
     for _ in range(len(sighting.cameras) // 2):
-        gains = {i: _step(sighting, i, reach) for i in range(len(sighting.cameras)) if i not in found}
+        gains = {i: _step(sighting, i, reach, points) for i, points in _of_others(sighting) if i not in found}
         i = min(gains, key=lambda k: gains[k][1])
         shift, share = gains[i]
         if shift == 0 or share > SHIFT_BETTER:
@@ -103,6 +104,14 @@ def steps(sighting: Sighting) -> tuple[dict[int, int], Sighting]:
     return found, sighting
 
 
+def _of_others(sighting: Sighting) -> Iterator[tuple[int, Floats]]:
+    """(camera, points by the others); of many cameras by all, where one has little say."""
+    C = len(sighting.cameras)
+    whole = meet(sighting).points if C > FEW else None
+    for i in range(C):
+        yield i, meet(sighting.only([k for k in range(C) if k != i])).points if whole is None else whole
+
+
 def _motion(sighting: Sighting) -> float:
     """How far detections move a frame, the 75th percentile [px]."""
     both = (sighting.weight[:, 1:] > 0) & (sighting.weight[:, :-1] > 0)
@@ -110,10 +119,8 @@ def _motion(sighting: Sighting) -> float:
     return float(np.percentile(moved, 75)) if len(moved) else 0.0
 
 
-def _step(sighting: Sighting, i: int, reach: int) -> tuple[int, float]:
-    """(shift, share of the error that is left) of camera i against the points of the others."""
-    others = [k for k in range(len(sighting.cameras)) if k != i]
-    points = meet(sighting.only(others)).points if len(others) > 1 else np.full((*sighting.uv.shape[1:3], 3), np.nan)
+def _step(sighting: Sighting, i: int, reach: int, points: Floats) -> tuple[int, float]:
+    """(shift, share of the error that is left) of camera i against points (T,K,3)."""
     at, depth = sighting.cameras[i].project(np.nan_to_num(points))
     known = np.isfinite(points).all(-1) & (depth > 0)
     errors = {}
@@ -147,6 +154,8 @@ def strangers(sighting: Sighting, meeting: Meeting) -> dict[int, str]:
     errors = np.array([meeting.typical(i) for i in range(len(sighting.cameras))])
     found: dict[int, str] = {}
     for i in np.argsort(-errors):
+        if errors[i] < max(OFF * np.nanmin(errors), LEAST * diagonal(sighting)):
+            break  # the best of the others is not so much better
         keep = [k for k in range(len(errors)) if k != i and k not in found]
         if len(keep) < 2 or not np.isfinite(errors).any():
             break

@@ -30,6 +30,13 @@ class Sighting:
         cameras = tuple(self.cameras[i] for i in keep)
         return replace(self, cameras=cameras, uv=self.uv[list(keep)], weight=self.weight[list(keep)])
 
+    def thinned(self, most: int) -> Sighting:
+        """With fewer of its points, evenly picked, so that there are about `most` detections."""
+        count = max(1, min(len(self.names), most // max(1, self.weight.shape[0] * self.weight.shape[1])))
+        pick = np.unique(np.linspace(0, len(self.names) - 1, count).astype(int))
+        names = tuple(self.names[k] for k in pick)
+        return replace(self, names=names, uv=self.uv[:, :, pick], weight=self.weight[:, :, pick])
+
     def shifted(self, camera: int, frames: int) -> Sighting:
         """With one camera's frame t + `frames` in the place of t."""
         uv, weight = self.uv.copy(), np.zeros_like(self.weight)
