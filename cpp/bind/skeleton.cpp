@@ -23,7 +23,9 @@ void bind_skeleton(py::module_& m) {
         .def_readwrite("temporal_translation", &SkeletonOptions::temporal_translation)
         .def_readwrite("solve_shape", &SkeletonOptions::solve_shape)
         .def_readwrite("max_iterations", &SkeletonOptions::max_iterations)
-        .def_readwrite("tolerance", &SkeletonOptions::tolerance);
+        .def_readwrite("tolerance", &SkeletonOptions::tolerance)
+        .def_readwrite("relative_decrease", &SkeletonOptions::relative_decrease)
+        .def_readwrite("idle", &SkeletonOptions::idle);
     py::class_<SkeletonPose>(m, "SkeletonPose")
         .def(py::init([](Vertices rotations, Vec3 translation, Vector shape) {
         return SkeletonPose{std::move(rotations), std::move(translation), std::move(shape)};

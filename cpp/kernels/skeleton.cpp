@@ -5,6 +5,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <utility>
 
@@ -197,8 +198,10 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
         if (vertex_weights_[v] > 0) seen.push_back(static_cast<int>(v));
     }
     const SkeletonOptions& o = options_;
-    require(o.surface_samples > 0 && o.max_iterations > 0,
-            "skeleton: surface_samples and max_iterations must be positive");
+    require(o.surface_samples > 0 && o.max_iterations > 0 && o.idle > 0,
+            "skeleton: surface_samples, max_iterations and idle must be positive");
+    require(std::isfinite(o.relative_decrease) && o.relative_decrease >= 0 && o.relative_decrease < 1,
+            "skeleton: relative_decrease must lie in [0, 1)");
     for (double positive : {o.surface_sigma, o.surface_robust, o.reach_start, o.reach, o.keypoint_robust_sigmas,
                             o.limit_sigma, o.temporal_sigma, o.temporal_translation, o.shape_weight, o.pose_weight})
         require(std::isfinite(positive) && positive > 0,
@@ -259,11 +262,13 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
     System system;
     Vertices before;
     bool settled = false;  // the last step was taken within the final reach
+    double least = std::numeric_limits<double>::infinity();
+    int idle = 0;
     for (int i = 0; i < o.max_iterations; ++i) {
         problem.surface_robust = o.surface_robust * reach / o.reach;
         const Vertices Y = problem.posed(state).vertices();
         const double moved = i == 0 ? 1e30 : std::sqrt((Y - before).squaredNorm() / static_cast<double>(Y.rows()));
-        if (moved < o.tolerance && settled) {
+        if (settled && (moved < o.tolerance || idle >= o.idle)) {
             stop = Stop::converged;
             break;
         }
@@ -273,6 +278,10 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
             problem.matches = scan->match(Y, vertex_normals(Y, model_.F), samples_, reach, o.min_cosine);
         }
         energies.push_back(descend(problem, state, damping, system).energy);
+        if (settled) {
+            idle = energies.back() < (1 - o.relative_decrease) * least ? 0 : idle + 1;
+            least = std::min(least, energies.back());
+        }
         reach = std::max(o.reach, 0.75 * reach);
     }
     SkeletonResult result = result_of(model_, problem, state, system);

@@ -41,6 +41,8 @@ struct SkeletonOptions {
     bool solve_shape = true;             ///< false: the shape of the start is kept (zero without one)
     int max_iterations = 40;             ///< Levenberg-Marquardt steps in the surface stage
     double tolerance = 2e-4;             ///< stop when a step moves the vertices by less, root mean square [m]
+    double relative_decrease = 5e-4;     ///< a step that lowers the least energy by less of it is idle
+    int idle = 3;                        ///< stop after so many idle steps in a row: matches come and go
 };
 
 struct SkeletonPose {

@@ -80,6 +80,17 @@ def test_exact_surface_and_keypoints_give_joints_to_a_millimetre_cold(model, sol
     np.testing.assert_allclose(posed, result.V, atol=1e-12)
 
 
+def test_matches_that_come_and_go_do_not_keep_a_solve_going(model, truth):
+    few = dict(surface_samples=600, max_iterations=60)
+    noisy = truth.scan + np.random.default_rng(2).normal(0, 0.006, truth.scan.shape)
+    found = [
+        SkeletonSolver(model, **few, **options).solve(noisy, truth.faces, keypoints(model, truth, 0.005))
+        for options in ({}, {"relative_decrease": 0.0, "idle": 60})
+    ]
+    assert found[0].stop == "converged" and found[0].iterations <= 0.7 * found[1].iterations
+    assert joint_error(found[0], truth).mean() < joint_error(found[1], truth).mean() + 5e-4
+
+
 def test_noise_outliers_swaps_and_unseen_keypoints_leave_joints_under_a_centimetre(model, solver, truth):
     seen = keypoints(model, truth, 0.005)
     rng = np.random.default_rng(1)

@@ -74,7 +74,8 @@ class SkeletonSolver(Rebuilt):
     rho for keypoints, in multiples of their sigma). Weights: surface_weight=200 (independent observations that the whole
     surface counts as), cloth_fit=0.1 (of a clothed vertex whose scan lies outside it), pose_weight=1, shape_weight=1.
     min_cosine=0.5 (between normals of model and scan), surface_samples=5000 (vertices that look for the scan),
-    solve_shape=True (False keeps the start's), max_iterations=40.
+    solve_shape=True (False keeps the start's), max_iterations=40. It also stops, as matches come and go, after idle=3 steps
+    in a row that lowered the least energy by less than relative_decrease=5e-4 of it.
     """
 
     def __init__(
