@@ -63,9 +63,10 @@ def collect(capture, out, count, quality, bare, only):
     """Appends a line a frame and spoiling to OUT/CAPTURE.jsonl: {"frame", "spoiling", "errors", "measures"}."""
     out.mkdir(parents=True, exist_ok=True)
     run, config = out / f"run_{capture.name}", preset(quality)
-    frames = open_capture(capture).frames
+    opened = open_capture(capture)
+    frames = opened.frames
     pipeline.register(capture, run, config, frames)
-    prepared = pipeline.prepare(capture, run, config, frames)
+    prepared = pipeline.prepare(opened, run, config, frames)
     prepared = unsearched(prepared)
     truth = open_truth(prepared.capture, [t.name for t in prepared.templates])
     labels = {t.name: t.label for t in prepared.templates}

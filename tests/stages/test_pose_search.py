@@ -25,7 +25,7 @@ def known():
     capture, model = open_capture(SAMPLE), load_body_model("anny")
     frame = capture.frame(2)
     points = pipeline._points(capture, preset("draft"), frame)
-    person = prepare(model, [(frame, points)], SETTINGS)
+    person, _ = prepare(model, [(frame, points)], SETTINGS)
     return model, frame, person, Tracker(model, person, SETTINGS).track(frame, points)
 
 
@@ -55,7 +55,7 @@ def test_a_person_is_found_whichever_way_she_faces(known, name):
 def test_the_shared_fit_finds_a_person_who_faces_away(known):
     model, frame, _, there = known
     frame = turned(frame, TURNS["heading 180"])
-    person = prepare(model, [(frame, None)], SETTINGS)
+    person, _ = prepare(model, [(frame, None)], SETTINGS)
     found = Tracker(model, person, SETTINGS).track(frame, None)
     assert off_mm(model, found.vertices, there, TURNS["heading 180"]) < 8
 

@@ -53,7 +53,7 @@ def test_a_body_from_these_keypoints_alone_lies_under_them(data):
     cameras, frames = data
     settings, model = preset("draft"), load_body_model("anny")
     samples = [(Frame(i, None, k), triangulate(k, cameras, settings.reconstruct)) for i, k in enumerate(frames)]
-    person = prepare(model, samples, settings.track)
+    person, _ = prepare(model, samples, settings.track)
     tracker, off = Tracker(model, person, settings.track), []
     for frame, points in samples:
         tracked = tracker.track(frame, points)

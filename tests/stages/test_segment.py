@@ -13,7 +13,7 @@ from toile.scene import Camera, Frame, Garment, Mesh, Scene, Tracked
 from toile.stages.segment import coarse_pictures, evidence, prepare, segment
 from toile.surface.curves import isolines
 from toile.vision.completion import complete_labels
-from toile.vision.evidence import depth_views
+from toile.vision.evidence import Crop, depth_views, soft_crop, soft_labels
 from toile.vision.visibility import DepthView
 
 CENTRE, OPENING, RADIUS = np.array([0, 0, 1.0]), 1.05, 0.5
@@ -70,6 +70,20 @@ def on_ball(camera, uv):
     o = camera.centre - CENTRE
     b = d @ o
     return camera.centre + (-b - np.sqrt(np.maximum(b * b - o @ o + RADIUS**2, 0)))[:, None] * d
+
+
+def test_blurred_labels_about_the_surface_are_those_of_the_whole_picture(ball):
+    _, cameras, frame, _, _ = ball
+    settings, ids = SegmentSettings(), np.array([1, 2], np.uint8)
+    name, camera = next(iter(cameras.items()))
+    view = DepthView(camera, frame.scan.vertices, frame.scan.faces)
+    uv, weight, _ = view.visibility(frame.scan.vertices, frame.scan.normals, 0.01, 0.1)
+    crop, whole = (
+        soft_crop(view, frame.labels[name], ids, settings),
+        Crop(soft_labels(frame.labels[name], ids, settings)),
+    )
+    assert crop.values.size < 0.9 * whole.values.size and (weight > 0).sum() > 1000
+    np.testing.assert_array_equal(crop.read(uv[weight > 0]), whole.read(uv[weight > 0]))
 
 
 def labelled(scene, cameras, model, frame, tracked, faces):

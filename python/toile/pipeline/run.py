@@ -41,7 +41,7 @@ from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented, T
 from ..stages import dress, inner, motion, prints, reconstruct, segment, track
 from ..surface.sampling import evenly
 from ..vision.colours import ColourModel
-from ..vision.threads import parallel_map, parallel_map_with
+from ..vision.threads import parallel_map
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
 from .manifest import begin_run, note_frame
@@ -98,7 +98,7 @@ def register(
     run, fresh = Path(run), not Path(run).exists()
     results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
     title = "track, segment, dress" if capture.scene.garments else "track"
-    job = BlockJob(run, results, prepare, (capture.root, run, config, frames), first_stages, 1, title)
+    job = BlockJob(run, results, prepare, (capture, run, config, frames), first_stages, 1, title)
     try:
         again = _again(run, frames, results, retry)
         begin_run(run, capture, config, frames, verify, again)
@@ -171,16 +171,19 @@ class PreparedRun:
         return inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
 
 
-def prepare(root, run, config, frames, progress=lambda *_: None) -> PreparedRun:
+def prepare(capture, run, config, frames, progress=lambda *_: None) -> PreparedRun:
     """Makes what RUN/prepared does not hold yet, and loads it."""
     progress("prepare", 0, 1)
-    capture, folder = open_capture(root), run / "prepared"
+    folder = run / "prepared"
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
     sampled = cache(partial(_samples, capture, run, config, frames))
-    person = _kept(folder / "person.npz", Person, lambda: track.prepare(model, sampled(), config.track))
+    fitted = cache(lambda: track.prepare(model, sampled(), config.track))
+    person = _kept(folder / "person.npz", Person, lambda: fitted()[0])
     prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
     if capture.scene.garments:
-        _prepare_garments(prepared, sampled, Status.of(run))
+        _prepare_garments(
+            prepared, lambda: [(frame, t) for (frame, _), t in zip(sampled(), fitted()[1])], Status.of(run)
+        )
     progress("prepare", 1, 1)
     return prepared
 
@@ -230,14 +233,14 @@ def _points(capture, config, frame):
     return points if np.isfinite(points.points).any() else None
 
 
-def _prepare_garments(prepared, sampled, status):
-    """The colour models, and of each garment the template as large as this person's, and its Dresser."""
+def _prepare_garments(prepared, tracked, status):
+    """The colour models, and of each garment the template as large as this person's, and its Dresser; `tracked()` gives
+    the sampled frames [(Frame, Tracked)]."""
     scene, config, model, person = prepared.capture.scene, prepared.config, prepared.model, prepared.person
     paths = [prepared.folder / f"template.{garment.name}.npz" for garment in scene.garments]
     colours = prepared.folder / "colours.npz"
     if not all(path.exists() for path in (colours, *paths)):
-        tracker = partial(track.Tracker, model, person, config.track)
-        samples = parallel_map_with(tracker, lambda tool, sample: (sample[0], tool.track(*sample)), sampled())
+        samples = tracked()
         coarse = segment.coarse_pictures(prepared.capture.cameras, samples, config.segment)
         for warning in (*prepared.capture.warnings, *coarse):
             status.add(stage="dress", ok=False, warning=warning)

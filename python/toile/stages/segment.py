@@ -13,12 +13,11 @@ from ..surface.operators import adjacency, sides
 from ..vision.colours import ColourModel, fit_colours
 from ..vision.completion import complete_labels
 from ..vision.evidence import (
-    Crop,
     Evidence,
     depth_views,
     label_shares,
     mean_over_views,
-    soft_labels,
+    soft_crop,
     spread_views,
     visibility,
 )
@@ -57,25 +56,30 @@ def prepare(scene, cameras, samples, faces, settings):
         whole = [(_completed(frame, cameras, model, tracked, faces, settings), tracked) for frame, tracked in samples]
         if all(frame is given for (frame, _), (given, _) in zip(whole, samples)):
             break
-        model = SegmentModel(ids, model.colours, _prior(_votes(cameras, whole, faces, ids, settings), faces, settings))
+        votes = _votes(_labelled_views(cameras, whole, faces), whole, faces, ids, settings)
+        model = SegmentModel(ids, model.colours, _prior(votes, faces, settings))
     return model
 
 
 def _fitted(cameras, samples, faces, ids, settings):
     """The SegmentModel of the labels that sampled frames [(Frame, Tracked)] have."""
-    prior = _prior(_votes(cameras, samples, faces, ids, settings), faces, settings)
-    seen = [(frame, depth_views(frame.labels, cameras, tracked.vertices, faces)) for frame, tracked in samples]
+    seen = _labelled_views(cameras, samples, faces)
+    prior = _prior(_votes(seen, samples, faces, ids, settings), faces, settings)
     return SegmentModel(ids, _fit_colours(seen, prior, faces, ids, settings), prior)
 
 
-def _votes(cameras, samples, faces, ids, settings):
+def _labelled_views(cameras, samples, faces):
+    """[(Frame, {camera: DepthView})] of the label images that sampled frames have."""
+    return [(frame, depth_views(frame.labels, cameras, tracked.vertices, faces)) for frame, tracked in samples]
+
+
+def _votes(seen, samples, faces, ids, settings):
     """How often (n,L) each tracked vertex carried each label."""
     votes = np.zeros((len(samples[0][1].vertices), len(ids)))
-    for frame, tracked in samples:
-        views = depth_views(frame.labels, cameras, tracked.vertices, faces)
+    for (frame, views), (_, tracked) in zip(seen, samples):
         if views:
             N = kernels.vertex_normals(tracked.vertices, faces)
-            soft = {name: Crop(soft_labels(frame.labels[name], ids, settings)) for name in views}
+            soft = {name: soft_crop(view, frame.labels[name], ids, settings) for name, view in views.items()}
             share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
             votes += share * weight[:, None]
         if frame.scan_labels is not None:

@@ -1,6 +1,7 @@
 """Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,11 +12,11 @@ from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
 from ..surface.keypoints import learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
 from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
-from ..vision.threads import parallel_map_with
+from ..vision.threads import parallel_map, parallel_map_with
 
 
 def prepare(model, frames, settings):
-    """The personalised rest shape from sampled frames [(Frame, Points3D | None)].
+    """The Person from sampled frames [(Frame, Points3D | None)], and their Tracked.
 
     One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
     most frames saw it the mean of the offsets is added, smoothed, to the shape. Where the detector's keypoints lie beside
@@ -26,22 +27,29 @@ def prepare(model, frames, settings):
     shape = np.asarray(fits[0].shape)
     rest, J = model.rest(shape)
 
-    def offset(surface, found):
-        scan, pose = found[0].scan, (found[1].rotations, found[1].translation)
-        V, confidence = surface.fit(scan, model.skin(rest, J, *pose))
-        seen = (confidence == OBSERVED)[:, None]
-        return np.where(seen, model.unskin(V, J, *pose) - rest, 0), seen
+    def fitted(surface, sample):
+        (frame, _), fit = sample
+        V = model.skin(rest, J, fit.rotations, fit.translation)
+        return surface.fit(frame.scan, V) if frame.scan is not None else _unseen(V)
 
+    surfaces = parallel_map_with(lambda: _Surface(model, rest, settings), fitted, zip(frames, fits))
     offsets, weight = np.zeros_like(rest), np.zeros((len(rest), 1))
-    scanned = [(frame, fit) for (frame, _), fit in zip(frames, fits) if frame.scan is not None]
-    for moved, seen in parallel_map_with(lambda: _Surface(model, rest, settings), offset, scanned):
-        offsets += moved
+    for fit, (V, confidence) in zip(fits, surfaces):
+        seen = (confidence == OBSERVED)[:, None]
+        offsets += np.where(seen, model.unskin(V, J, fit.rotations, fit.translation) - rest, 0)
         weight += seen
     mean = offsets / np.maximum(weight, 1) * (weight >= max(len(frames) // 2, 1))
     poses = [(fit.rotations, fit.translation, fit.V) for fit, (_, points) in zip(fits, frames) if points is not None]
     found = [points for _, points in frames if points is not None]
-    offsets = learnt_offsets(model, J, poses, found, settings.keypoint_few_frames)
-    return Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J, offsets)
+    beside = learnt_offsets(model, J, poses, found, settings.keypoint_few_frames)
+    person = Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J, beside)
+    tracker = Tracker(model, person, settings)
+    return person, parallel_map(lambda one: tracker.tracked(*one[0], *one[1:]), zip(frames, fits, surfaces))
+
+
+def _unseen(V):
+    """A surface (n,3) that no scan shows, and its confidence."""
+    return V, np.full(len(V), INTERPOLATED, np.uint8)
 
 
 def _shared_fit(model, frames, settings):
@@ -169,15 +177,19 @@ class Tracker:
         person, model = self.person, self.model
         fit, measures = self._fit(frame, points, previous)
         _refuse_unmatched([frame.number], [fit])
+        previous = None if measures.get("searched") else previous  # a pose of its own
+        rest, pose = person.rest if previous is None else self._start(previous), (fit.rotations, fit.translation)
+        V = model.skin(rest, person.J, *pose)
+        surface = _unseen(V) if frame.scan is None else self.surface.fit(frame.scan, V)
+        return self.tracked(frame, points, fit, surface, previous, measures)
+
+    def tracked(self, frame, points, fit, surface, previous=None, measures=MappingProxyType({})):
+        """The Tracked of a frame whose pose was fitted, and its `surface`: vertices (n,3) and confidence (n,)."""
+        person, model, (V, confidence) = self.person, self.model, surface
         pose = np.asarray(fit.rotations), np.asarray(fit.translation)
         posed = model.skin(person.rest, person.J, *pose)
-        previous = None if measures.get("searched") else previous  # a pose of its own
-        V = posed if previous is None else model.skin(self._start(previous), person.J, *pose)
-        confidence = np.full(len(V), INTERPOLATED, np.uint8)
-        if frame.scan is not None:
-            V, confidence = self.surface.fit(frame.scan, V)
-            if self.poser is not None:
-                pose = self.poser.pose(V, confidence, points, pose, previous)
+        if frame.scan is not None and self.poser is not None:
+            pose = self.poser.pose(V, confidence, points, pose, previous)
         if not np.isfinite(V).all():
             raise UserError(f"frame {frame.number}: tracking left vertices that are not finite")
         moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]

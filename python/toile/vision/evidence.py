@@ -33,6 +33,12 @@ def soft_labels(image, ids, settings):
     return cv2.GaussianBlur((image[..., None] == ids).astype(np.float32), (0, 0), settings.label_blur)
 
 
+def soft_crop(view, image, ids, settings):
+    """The Crop of `soft_labels` about a DepthView's surface."""
+    rows, columns = view.crop(0, int(4 * settings.label_blur) + 2)
+    return Crop(soft_labels(image[rows, columns], ids, settings), (columns.start, rows.start))
+
+
 def visibility(views, points, normals, settings):
     """{name: pixels (n,2), weights (n,), clearance (n,)} of points (n,3), see DepthView.visibility."""
     seen = parallel_map(
