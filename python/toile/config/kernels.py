@@ -31,6 +31,10 @@ class SkeletonSettings(Settings):
     temporal_translation: float = setting(0.05, "m", "the same for the translation", gt=0)
     max_iterations: int = setting(40, "count", "Levenberg-Marquardt steps in the surface stage, at most", ge=1)
     tolerance: float = setting(2e-4, "m", "stop when a step moves the vertices by less, root mean square", gt=0)
+    relative_decrease: float = setting(
+        5e-4, "1", "a step that lowers the least energy by less than this share of it is idle", ge=0, lt=1
+    )
+    idle: int = setting(3, "count", "stop after so many idle steps in a row: matches come and go", ge=1)
     joint_sigma: dict[str, float] = setting(
         {name: value for name, value in JOINT_SIGMA if math.isfinite(value)},
         "rad",
@@ -59,6 +63,7 @@ class NricpSettings(Settings):
         (0.02, 0.02, 0.02), "1", "weight of rigidity at each level's last step: less follows folds, and clutter too"
     )
     fine_iterations: int = setting(2, "count", "steps of the vertices' own displacement, at most", ge=0)
+    fine_sweeps: int = setting(8, "count", "conjugate gradient steps of each of those", ge=1)
     relative_fine_length: float = setting(0.016, "1", "shorter waves of that displacement are not followed", gt=0)
     fine_noise: float = setting(10.0, "1", "nor those shorter than so many times the scan's noise beside", ge=0)
     relative_fine_robust: float = setting(0.004, "1", "Geman-McClure scale of those steps", gt=0)

@@ -14,13 +14,18 @@ PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "preparation_frames": 5,
         "track.surface_samples": 2000,
+        "track.skeleton.surface_samples": 2000,
+        "track.nricp.iterations": (0, 3, 0),
         "track.nricp.fine_iterations": 1,
+        "track.nricp.fine_sweeps": 3,
         "segment.views": 4,
         "segment.refine_border": False,
         "dress.trace_openings": False,
         "dress.fit_frames": 3,
         "dress.nricp.fine_iterations": 2,
+        "dress.nricp.fine_sweeps": 5,
         "inner.tolerance": 1e-3,
+        "inner.solver.tolerance": 1e-3,
     },
     "standard": {},
 }

@@ -71,10 +71,10 @@ class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
     surface_samples: int = setting(
-        5000, "count", "vertices of the body that look for the scan when a frame's pose is fitted", ge=1
+        2500, "count", "vertices of the body that look for the scan when a frame's pose is fitted", ge=1
     )
     nricp: NricpSettings = NricpSettings(
-        iterations=(0, 8, 0), fine_iterations=3, relative_fine_length=0.004, fine_noise=5.0
+        iterations=(0, 8, 0), fine_iterations=2, fine_sweeps=5, relative_fine_length=0.004, fine_noise=5.0
     )
     rest_smoothing: int = setting(5, "count", "umbrella steps on the personal offsets, which carry scan noise", ge=0)
     min_cosine: float = setting(
@@ -262,8 +262,8 @@ class DressSettings(Settings):
         True, "switch", "find openings that hang free of the scan in the pictures, and refine again"
     )
     nricp: NricpSettings = NricpSettings(
-        iterations=(0, 4, 0),
-        fine_iterations=4,
+        iterations=(0, 2, 0),
+        fine_iterations=3,
         relative_fine_length=0.005,
         fine_noise=5.0,
         relative_fine_robust=0.01,
@@ -421,7 +421,7 @@ class Config(Settings):
 
     quality: str = setting("standard", "name", "draft or standard: the preset that the others start from")
     preparation_frames: int = setting(
-        10, "count", "spread over the run, that make the person, the colours and the templates", ge=1
+        6, "count", "spread over the run, that make the person, the colours and the templates", ge=1
     )
     template_from_scan: tuple[str, ...] = setting(
         (), "name", "garments whose template is cut from the tracked surface of those frames, by their labels"
