@@ -148,6 +148,17 @@ class Scene:
 
 
 @dataclass(frozen=True)
+class Vote:
+    """A person's word on a label id: vertices (k,) of the tracked surface carry it (`prefer`) or do not, in some frames or,
+    for None, in all."""
+
+    label: int
+    vertices: Anything
+    prefer: bool
+    frames: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
 class Keypoints:
     """2D keypoints of one frame: `points[camera]` (k,3) u, v [px], confidence; unseen = confidence 0."""
 

@@ -9,7 +9,7 @@ from tests.support.rig import ring_of_cameras
 from tests.support.shapes import sphere
 from toile.config import SegmentSettings
 from toile.errors import UserError
-from toile.scene import Camera, Frame, Garment, Mesh, Scene, Tracked
+from toile.scene import Camera, Frame, Garment, Mesh, Scene, Tracked, Vote
 from toile.stages.segment import coarse_pictures, evidence, prepare, segment
 from toile.surface.curves import isolines
 from toile.vision.completion import complete_labels
@@ -229,3 +229,18 @@ def test_a_completed_picture_ends_at_the_surface_and_at_the_mask_and_leaves_out_
         assert (
             right[(told[name] > 0) & (told[name] < 255)].mean() > 0.95
         )  # those given are four pixels off and wrong in blobs
+
+
+@pytest.mark.parametrize("prefer", [True, False])
+def test_a_persons_vote_outweighs_pictures_where_it_was_cast_and_nowhere_else(ball, prefer):
+    """A patch within the shirt that a person calls skin, or not shirt."""
+    scene, cameras, frame, tracked, faces = ball
+    model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+    seen = evidence(frame, cameras, model, tracked, faces, SegmentSettings())
+    far = np.linalg.norm(tracked.vertices - [0, -0.4, 1.3], axis=1)
+    patch = np.flatnonzero(far < 0.12)
+    vote = Vote(1 if prefer else 2, patch, prefer)
+    before = segment(scene, seen, model, tracked, faces, SegmentSettings())
+    after = segment(scene, seen, model, tracked, faces, SegmentSettings(), votes=[vote])
+    assert (before.vertices[patch] == 2).all() and (after.vertices[patch] == 1).mean() > 0.95
+    assert np.array_equal(before.vertices[far > 0.2], after.vertices[far > 0.2])

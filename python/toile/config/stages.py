@@ -188,6 +188,7 @@ class SegmentSettings(Settings):
     label_weight: float = setting(1.0, "1", "of what given labels say", ge=0)
     prior_weight: float = setting(0.5, "1", "of how often a place carried a label in the sampled frames", ge=0)
     previous_weight: float = setting(0.3, "1", "cost of leaving the previous frame's label", ge=0)
+    vote_weight: float = setting(100.0, "1", "of a label that votes.json prefers or forbids at a place", ge=0)
     smoothness: float = setting(2.0, "1", "Potts cost of an edge of mean length on flat colour", ge=0)
     smoothness_floor: float = setting(0.1, "1", "added for every edge, so that no label flickers along a print", ge=0)
     max_edge_ratio: float = setting(

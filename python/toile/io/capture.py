@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import UserError, first_line
 from ..kernels.arrays import Anything
-from ..scene import Camera, Frame, Garment, Mesh, Scene
+from ..scene import Camera, Frame, Garment, Mesh, Scene, Vote
 from .body import model_in_capture
 from .bounded import read_toml
 from .camera import first_error, read_cameras
@@ -23,11 +23,13 @@ from .keypoints import read_keypoints
 from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 from .mesh import read_mesh
 from .template import read_template, texture_files
+from .votes import read_votes
 
 # garment names that name an array of the store, or another layer of an avatar
 RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS, "body", "surface"})
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
+VOTES = "votes.json"
 CHECKED = 3  # frames that are read before a run begins
 
 
@@ -85,6 +87,7 @@ class Capture:
     files: tuple[Path, ...] = ()  # that the scene is made of
     warnings: tuple[str, ...] = ()
     textures: dict[str, Path] = field(default_factory=dict)  # pictures of printed garments whose template names one
+    votes: tuple[Vote, ...] = ()
 
     def frame(self, number: int) -> Frame:
         """Reads one frame. UserError names the file and the field."""
@@ -187,10 +190,11 @@ def open_capture(path: Path | str) -> Capture:
     named += [scene.body_model] if scene.body_model.endswith(".npz") else []
     drawn = {g.name: texture_files(root, root / g.template) for g in with_file if g.prints}
     named += [os.path.relpath(path, os.path.realpath(root)) for paths in drawn.values() for path in paths]
-    files = tuple(path for path in (file, *(root / name for name in named)) if path.exists())
+    files = tuple(path for path in (file, *(root / name for name in (*named, VOTES))) if path.exists())
+    votes = read_votes(root / VOTES, scene.labels) if os.path.lexists(root / VOTES) else ()
     textures = {name: paths[-1] for name, paths in drawn.items() if paths}
     kept = {name: t.kept for name, t in found.items()}
-    return Capture(root, scene, cameras, frames, templates, kept, files, warnings, textures)
+    return Capture(root, scene, cameras, frames, templates, kept, files, warnings, textures, votes)
 
 
 def check_capture(capture: Capture, frames: Sequence[int]) -> None:
@@ -199,7 +203,11 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
     What is wrong in every one of them, and a garment whose label no pixel carries, is the capture's fault and raises;
     a bad frame among good ones is left for the run to record.
     """
-    model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
+    model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
+    for i, vote in enumerate(capture.votes):
+        if vote.vertices[-1] >= len(model.v_template):
+            n = len(model.v_template)
+            raise UserError(f"{capture.root / VOTES}: {i}.vertices: {vote.vertices[-1]}: the surface has {n} vertices")
     errors, seen, labelled = [], set(), False
     checked = list(frames[:CHECKED])
     if capture.scene.garments and not any(capture.labelled(number) for number in checked):

@@ -290,7 +290,8 @@ def _segment(prepared, colours, frame, tracked, previous):
     """(Segmented, Evidence) of a frame."""
     capture, settings, faces = prepared.capture, prepared.config.segment, prepared.model.f
     evidence = segment.evidence(frame, capture.cameras, colours, tracked, faces, settings)
-    return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous), evidence
+    votes = [vote for vote in capture.votes if vote.frames is None or frame.number in vote.frames]
+    return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous, votes), evidence
 
 
 # Every frame: track, segment, dress -----------------------------------------------------------------------------------

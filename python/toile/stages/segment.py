@@ -121,10 +121,12 @@ def evidence(frame, cameras, model, tracked, faces, settings):
     return Evidence(frame, views, scan, model.ids, model.colours, settings)
 
 
-def segment(scene, evidence, model, tracked, faces, settings, previous=None):
-    """Labels of one frame on the tracked vertices and on the scan (on the tracked surface where there is no scan)."""
+def segment(scene, evidence, model, tracked, faces, settings, previous=None, votes=()):
+    """Labels of one frame on the tracked vertices and on the scan (on the tracked surface where there is no scan). `votes`:
+    those of the frame."""
     scan, surface = evidence.scan, Mesh(tracked.vertices, faces)
-    place = _interpolate(_place_costs(model, previous, settings), *_closest(surface, scan.vertices))
+    places = _place_costs(model, previous, votes, settings)
+    place = _interpolate(places, *_closest(surface, scan.vertices))
     cost, colour, observed = evidence.scan_costs()
     labels = _solve_labels(cost + place, scan, colour, settings)
     labels = _dissolve_islands(labels, scan, settings.min_region)
@@ -143,8 +145,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None):
         probability[:, column] = p
         moved.append(shift)
         openings[scene.labels[garment.label]] = curves
-    place = _place_costs(model, previous, settings)
-    vertex_labels = _tracked_labels(surface, probability, evidence, place, settings)
+    vertex_labels = _tracked_labels(surface, probability, evidence, places, settings)
     face_labels = model.ids[probability[scan.faces].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {
@@ -202,11 +203,13 @@ def _with_neighbours(values, F, rounds=1):
     return values
 
 
-def _place_costs(model, previous, settings):
-    """Costs (n,L) of the tracked vertices from all sampled frames and the previous frame."""
+def _place_costs(model, previous, votes, settings):
+    """Costs (n,L) of the tracked vertices from all sampled frames, the previous frame and people's votes."""
     cost = -settings.prior_weight * np.log(model.prior)
     if previous is not None:
         cost += settings.previous_weight * (previous.vertices[:, None] != model.ids)
+    for vote in votes:
+        cost[vote.vertices, np.searchsorted(model.ids, vote.label)] += settings.vote_weight * (-1 if vote.prefer else 1)
     return cost
 
 
