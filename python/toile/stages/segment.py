@@ -125,8 +125,9 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None, vot
     """Labels of one frame on the tracked vertices and on the scan (on the tracked surface where there is no scan). `votes`:
     those of the frame."""
     scan, surface = evidence.scan, Mesh(tracked.vertices, faces)
-    places = _place_costs(model, previous, votes, settings)
-    place = _interpolate(places, *_closest(surface, scan.vertices))
+    voted = _vote_costs(votes, model, settings)
+    places = _place_costs(model, previous, settings)
+    place = _interpolate(places + voted, *_closest(surface, scan.vertices))
     cost, colour, observed = evidence.scan_costs()
     labels = _solve_labels(cost + place, scan, colour, settings)
     labels = _dissolve_islands(labels, scan, settings.min_region)
@@ -145,7 +146,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None, vot
         probability[:, column] = p
         moved.append(shift)
         openings[scene.labels[garment.label]] = curves
-    vertex_labels = _tracked_labels(surface, probability, evidence, places, settings)
+    vertex_labels = _tracked_labels(surface, probability, evidence, places, voted, settings)
     face_labels = model.ids[probability[scan.faces].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {
@@ -203,11 +204,17 @@ def _with_neighbours(values, F, rounds=1):
     return values
 
 
-def _place_costs(model, previous, votes, settings):
-    """Costs (n,L) of the tracked vertices from all sampled frames, the previous frame and people's votes."""
+def _place_costs(model, previous, settings):
+    """Costs (n,L) of the tracked vertices from all sampled frames and the previous frame."""
     cost = -settings.prior_weight * np.log(model.prior)
     if previous is not None:
         cost += settings.previous_weight * (previous.vertices[:, None] != model.ids)
+    return cost
+
+
+def _vote_costs(votes, model, settings):
+    """Costs (n,L) of the tracked vertices by people's votes."""
+    cost = np.zeros_like(model.prior)
     for vote in votes:
         cost[vote.vertices, np.searchsorted(model.ids, vote.label)] += settings.vote_weight * (-1 if vote.prefer else 1)
     return cost
@@ -313,9 +320,9 @@ def _strip(curve, scan):
     return left, surface
 
 
-def _tracked_labels(surface, probability, evidence, place, settings):
+def _tracked_labels(surface, probability, evidence, place, voted, settings):
     """Columns (n,) per tracked vertex: those of the scan's faces that pictures show, where one is near or where no picture
-    shows the vertex; the pictures' elsewhere; and the neighbours'."""
+    shows the vertex; the pictures' elsewhere; those of votes; and the neighbours'."""
     face, _, bary, distance = evidence.shown.index.closest(surface.vertices)
     p = _interpolate(probability, evidence.shown.faces[face], bary)
     cost, colour, seen = evidence.costs(surface.vertices, surface.normals)
@@ -323,5 +330,6 @@ def _tracked_labels(surface, probability, evidence, place, settings):
     near = distance < settings.depth_tolerance
     cost[~seen] = -settings.unseen_weight * np.log(p[~seen] + settings.unseen_floor)
     cost[near] = -settings.near_weight * np.log(p[near] + settings.near_floor)
+    cost += voted
     smoothness = settings.tracked_smoothness * settings.smoothness
     return _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))
