@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.rig import ring_of_cameras
 from tests.support.shapes import box, tube
 from toile import kernels
 from toile.config import DressSettings, SegmentSettings
@@ -14,7 +15,9 @@ from toile.scene import BodyModel, Frame, Garment, Mesh, Person, Segmented, Trac
 from toile.stages.dress import Dresser, crumpling, prepare
 from toile.stages.template import cut, make_template
 from toile.surface.curves import Curve
-from toile.vision.evidence import Evidence
+from toile.surface.loops import LoopMatch
+from toile.vision.evidence import Evidence, depth_views
+from toile.vision.visibility import DepthView
 
 SLEEVE = Garment("sleeve", "templates/sleeve.obj", "sleeve")
 
@@ -167,6 +170,41 @@ def test_a_sleeve_finds_its_scan_from_a_pose_whose_end_is_8_cm_off(scene):
     result = Dresser(model, person, template, DressSettings()).dress(frame, swung, segmented, dark(frame))
     assert kernels.SurfaceIndex(target, F).closest(result.vertices)[3].max() < 0.003
     assert kernels.SurfaceIndex(result.vertices, template.faces).closest(target)[3].max() < 0.005
+
+
+def test_the_border_of_a_web_does_not_draw_a_hem_that_pictures_show():
+    """A tube of cloth whose labels show half a border 5 cm above its hem, and nothing of the hem itself; posed between."""
+    V, F = sleeve(0.2, 0.7, 1.3)
+    cameras = ring_of_cameras(8, distortion=(0.0,) * 5)
+    seen = {name: DepthView(camera, V, F) for name, camera in cameras.items()}
+    labels = {name: np.where(view.face >= 0, 2, 0).astype(np.uint8) for name, view in seen.items()}
+    frame, ids = Frame(0, Mesh(V, F), None, {}, {}, labels), np.array([1, 2], np.uint8)
+    evidence = Evidence(frame, depth_views(frame, cameras, V, F), Mesh(V, F), ids, None, SegmentSettings())
+    around = np.linspace(0, 1.1 * np.pi, 100)
+    web = Curve(np.column_stack([0.2 * np.cos(around), 0.2 * np.sin(around), np.full(100, 0.75)]), False)
+    shares = np.tile(np.float32([0, 1]), (len(V), 1))
+    segmented = Segmented(np.ones(1, np.uint8), np.full(len(F), 2, np.uint8), shares, ids, {}, {2: (web,)})
+    model = pipe()
+    person = Person(np.zeros(0), model.v_template, model.J)
+    tracked = Tracked(model.v_template, np.zeros((2, 3)), np.zeros(3), np.zeros((0, 3)), np.zeros(0, np.uint8), {})
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.2, 0.725, 1.3)), [], DressSettings())
+    dresser = Dresser(model, person, template, DressSettings())
+    cloth, matches = dresser.register(frame, tracked, segmented, evidence)
+    hem = min(template.loops, key=lambda loop: cloth.vertices[loop, 2].mean())
+    assert np.abs(cloth.vertices[hem, 2] - 0.7).mean() < 0.005
+    assert kernels.SurfaceIndex(V, F).closest(cloth.vertices)[3].mean() < 0.003
+
+
+@pytest.mark.parametrize(("off", "share", "laid"), [(0.02, 0.5, False), (0.02, 0.9, True), (0.05, 0.5, True)])
+def test_only_openings_that_are_far_or_nearly_whole_draw_the_first_fit(scene, off, share, laid):
+    model, person = scene[:2]
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    dresser, posed = Dresser(model, person, template, DressSettings()), template.rest
+    observed = [np.arange(len(l)) < share * len(l) for l in template.loops]
+    matches = [LoopMatch(posed[l] + [0, 0, off], o, np.zeros(len(l))) for l, o in zip(template.loops, observed)]
+    for loop, match, first in zip(template.loops, matches, dresser._first(posed, matches)):
+        np.testing.assert_array_equal(first.target, match.target if laid else posed[loop])
+        np.testing.assert_array_equal(first.observed, match.observed & laid)
 
 
 def test_a_sleeve_far_from_the_faces_that_carry_it_is_refused(scene):

@@ -241,6 +241,12 @@ class LoopSettings(Settings):
         0.01, "m", "way that a loop follows background alone: a strip that leaves the cloth meets it too", ge=0
     )
     stay_weight: float = setting(0.05, "1", "of staying, where no opening is seen, against a seen one", ge=0)
+    near: float = setting(
+        0.03, "m", "a posed loop nearer than this to the scan's opening waits for pictures to lay it", ge=0
+    )
+    whole_share: float = setting(
+        0.75, "1", "observed share of a loop from which on it is laid on the scan's opening all the same", ge=0
+    )
 
 
 class PlacementSettings(Settings):
@@ -279,6 +285,9 @@ class DressSettings(Settings):
         relative_fine_robust=0.01,
         boundary_weight=1.0,
         border_weight=0.0,
+    )
+    free_reach: float = setting(
+        0.05, "m", "about a loop, cloth that lies off the scan goes on as the cloth on the scan leads", ge=0
     )
     min_faces: int = setting(100, "count", "faces of the scan that carry the garment, else the frame fails", ge=1)
     fit_reach: float = setting(0.04, "m", "reach of the body's shape when a template is carried to the person", gt=0)

@@ -10,6 +10,7 @@ from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
 from ..surface.attachments import Attachments
 from ..surface.curves import isolines, pieces
+from ..surface.extension import continued
 from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
@@ -157,22 +158,26 @@ class Dresser:
     def register(self, frame, tracked, segmented, evidence):
         """The Dressed of the cloth alone, and the LoopMatch of each loop.
 
-        The loops are laid on the scan's openings first, and the garment is fitted; then each is laid on the opening that
-        the pictures show along it, which may hang free of the scan, and the garment is fitted again."""
+        The garment is fitted; its ends that lie off the scan go on as what lies on it leads; each loop is laid on the opening
+        that the pictures show along it, which may hang free of the scan, and the garment is fitted again. Before the first
+        fit loops are laid on the scan's openings: without pictures all, else those that `_first` names."""
         t, s = self.template, self.settings
         V, F = _scan_of(frame, tracked, self.model)
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
         rivals = Rivals(V, F, segmented, t.label, self.over)
         openings = _openings_of(segmented, t.label, V, F, rivals)
         matches, unclaimed = match_loops([posed[l] for l in t.loops], openings, s.loop)
-        start = self._to_openings(posed, matches)
+        traced = s.trace_openings and bool(evidence.views)
+        first = self._first(posed, matches) if traced else matches
+        start = self._to_openings(posed, first)
         inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < s.min_faces:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
         cloth = Mesh(V, F[inside])
-        vertices = self._fitted(self.solver, cloth, start, matches)
-        if s.trace_openings and evidence.views:
+        vertices = self._fitted(self.solver, cloth, start, first)
+        if traced:
+            vertices = continued(t.rest, t.faces, vertices, self._free(vertices, cloth))
             garment = Mesh(vertices, t.faces)
             matches = [trace_opening(garment, l, evidence, rivals, m, s.loop) for l, m in zip(t.loops, matches)]
             vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches)
@@ -182,6 +187,29 @@ class Dresser:
         diagnostics = self._diagnostics(vertices, matches, unclaimed, tracked, confidence, distance, start)
         diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
         return Dressed(vertices, confidence, diagnostics), matches
+
+    def _first(self, posed, matches):
+        """The LoopMatch of each loop for the first fit, where pictures follow. A loop near its opening stays as it is posed
+        unless the scan shows the opening along most of it: what shows in part may be the border of a web, and pictures
+        tell the place better."""
+        s, first = self.settings.loop, []
+        for loop, match in zip(self.template.loops, matches):
+            off = np.linalg.norm(match.target - posed[loop], axis=1)[match.observed]
+            stays = match.observed.mean() < s.whole_share and len(off) and np.median(off) < s.near
+            nothing = LoopMatch(posed[loop], np.zeros(len(loop), bool), np.full(len(loop), np.nan))
+            first.append(nothing if stays else match)
+        return first
+
+    def _free(self, vertices, cloth):
+        """Which vertices (n,) lie off the labelled scan about a loop that lies on it in part."""
+        from scipy.spatial import cKDTree
+
+        s, free = self.settings, np.zeros(len(vertices), bool)
+        off = cloth.index.closest(vertices)[3] > s.observed_distance
+        for loop in self.template.loops:
+            if 1 - off[loop].mean() > s.loop.min_observed:
+                free |= off & (cKDTree(vertices[loop]).query(vertices)[0] < s.free_reach)
+        return free
 
     def _to_openings(self, vertices, matches):
         """Biharmonic displacement that takes the loops to their targets."""
