@@ -179,7 +179,7 @@ def test_the_border_of_a_web_does_not_draw_a_hem_that_pictures_show():
     seen = {name: DepthView(camera, V, F) for name, camera in cameras.items()}
     labels = {name: np.where(view.face >= 0, 2, 0).astype(np.uint8) for name, view in seen.items()}
     frame, ids = Frame(0, Mesh(V, F), None, {}, {}, labels), np.array([1, 2], np.uint8)
-    evidence = Evidence(frame, depth_views(frame, cameras, V, F), Mesh(V, F), ids, None, SegmentSettings())
+    evidence = Evidence(frame, depth_views(labels, cameras, V, F), Mesh(V, F), ids, None, SegmentSettings())
     around = np.linspace(0, 1.1 * np.pi, 100)
     web = Curve(np.column_stack([0.2 * np.cos(around), 0.2 * np.sin(around), np.full(100, 0.75)]), False)
     shares = np.tile(np.float32([0, 1]), (len(V), 1))
