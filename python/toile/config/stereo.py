@@ -37,13 +37,14 @@ class FuseSettings(Settings):
 
     agreement: float = setting(1.0, "px", "distance between surfaces up to which pixels are of one point", gt=0)
     min_cosine: float = setting(0.5, "1", "least agreement of their normals", ge=-1, le=1)
-    min_views: int = setting(2, "count", "cameras that a point needs", ge=1)
+    min_views: int = setting(3, "count", "cameras that a point needs, or all where there are fewer", ge=1)
 
 
 class SurfaceSettings(Settings):
     """The scan: a screened Poisson surface of the points, cut where nothing supports it. A pixel is as large as it is at the
     points' middle depth."""
 
+    least_confidence: float = setting(0.7, "1", "a point that is less sure counts for nothing", ge=0, le=1)
     cell: float = setting(1.5, "px", "of the Poisson octree", gt=0)
     largest_depth: int = setting(11, "count", "of that octree, at most", ge=4, le=14)
     reach: float = setting(4.0, "px", "a vertex farther from every point is cut away", gt=0)

@@ -40,12 +40,18 @@ def scan(images, masks, cameras, settings):
         raise UserError(f"masks: {len(views)} pictures have one that is not empty; depth needs two")
     seen, pictures, cut = zip(*views)
     maps = kernels.StereoSolver(seen, **settings.match.model_dump()).solve(pictures, cut)
-    points = kernels.fuse_depths(seen, maps.depth, maps.normal, maps.confidence, **settings.fuse.model_dump())
+    fuse = settings.fuse.model_dump() | {"min_views": min(settings.fuse.min_views, len(views))}
+    points = _sure(kernels.fuse_depths(seen, *maps[:3], **fuse), settings.surface.least_confidence)
     if len(points.points) < 100:
         raise UserError(f"the pictures agree on {len(points.points)} points: no surface is found")
     pixel = np.nanmedian([np.nanmedian(z) / c.K[0, 0] for z, c in zip(maps.depth, seen) if np.isfinite(z).any()])
     surface = _surface(points, seen, cut, pixel, settings.surface)
     return Scanned(surface, points, *_shares(maps.hole, cut))
+
+
+def _sure(points, least):
+    sure = points.confidence >= least
+    return type(points)(*(values[sure] for values in points))
 
 
 def _surface(points, cameras, masks, pixel, settings):
