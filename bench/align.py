@@ -28,7 +28,7 @@ def measure(run, truth, name):
     parts, errors, pairs = [], [], 0
     for number in frames:
         V = garment.at(number)
-        measures, error = truth.garment_errors(name, loops, V, number)
+        measures, error = truth.garment_errors(name, loops, V, garment.faces, number)
         place = truth.places(name, number)
         parts.append(measures | {"boundary_curve_mm": curves(truth, name, loops, V, number)})
         errors.append((error, np.einsum("gi,gai->ga", error, tangents(place, F))))

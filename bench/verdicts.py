@@ -127,7 +127,7 @@ def errors(prepared, truth, number, layer, surface):
     }
     for t in prepared.templates:
         loops = dict(zip(t.loop_names, t.loops))
-        of, _ = truth.garment_errors(t.name, loops, layer.garments[t.name], number)
+        of, _ = truth.garment_errors(t.name, loops, layer.garments[t.name], t.faces, number)
         found |= {f"{t.name}_{name}": of[name] for name in ("surface_mm", "boundary_all_mm", "correspondence_mm")}
     return {name: float(value) for name, value in found.items()}
 

@@ -1,17 +1,20 @@
 """evaluate on a run whose errors are known, because it is made of the truth."""
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import zarr
 
+from tests.support.shapes import tube
 from tests.support.synthetic_run import copy_capture, true_run
 from toile import kernels
 from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh, write_mesh
 from toile.measure.evaluate import evaluate
 from toile.measure.report import write_report
+from toile.measure.truth import Truth
 from toile.scene import Mesh
 
 
@@ -180,7 +183,21 @@ def test_a_template_that_the_truth_has_no_map_of_is_measured_by_surface_and_open
     shirt = found["all"]["garment"]["tshirt"]
     assert shirt["correspondence_mm"] is None and shirt["jitter_mm"] is None
     assert shirt["surface_mm"] < 1e-3 and max(shirt["boundary_mm"].values()) < 1e-3 and len(shirt["boundary_mm"]) == 4
+    assert shirt["surface_missed_mm"] < 1e-3 and max(shirt["boundary_missed_mm"].values()) < 1e-3
     assert "no map of this template" in write_report(made[1]).read_text()
+
+
+def test_a_garment_that_lacks_a_part_is_right_one_way_and_misses_the_other():
+    """A tube shorter than the true one lies on it wholly, and leaves its end and its border uncovered."""
+    V, F = tube(rings=41, height=0.4)
+    short = V[:, 2] <= 0.3 + 1e-9
+    faces = F[short[F].all(1)]
+    truth = SimpleNamespace(garment=lambda *_: (V, F))
+    upper = np.flatnonzero(np.abs(V[short][:, 2] - 0.3) < 1e-9)
+    told = Truth.garment_errors(truth, "tube", {"end": upper}, V[short], faces, 0, mapped=False)[0]
+    assert told["surface_mm"] < 1e-6 and told["surface_missed_mm"] > 5
+    assert told["boundary_mm"]["end"] == pytest.approx(100, rel=0.01)
+    assert told["boundary_missed_mm"]["end"] == pytest.approx(100, rel=0.01)
 
 
 def test_without_a_map_a_loop_is_measured_against_the_opening_of_its_name(made):

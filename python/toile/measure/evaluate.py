@@ -33,8 +33,8 @@ def evaluate(run: Run | Path | str) -> dict:
     the nearest point of the true outer surface (garments, and the body that no garment covers).
     garment: over all vertices of the template, seen or not. observed, share of them that lie on the labelled scan;
     boundary_mm, each loop's vertices to the true border that is its own; boundary_all_mm, the same over the vertices of all
-    loops together; loop_observed, share of a loop's vertices that lie on the scan and whose opening was seen; surface_mm,
-    vertices to the true garment's surface; correspondence_mm, vertices to their true places through the truth's map;
+    loops together; boundary_missed_mm, the other way, the true border's vertices to the loop; loop_observed, share of a loop's vertices that lie on the scan and whose opening was seen; surface_mm,
+    vertices to the true garment's surface, surface_missed_mm, its vertices to this surface; correspondence_mm, vertices to their true places through the truth's map;
     shared_mm, what a vertex errs by on average over the frames, in axes that go with the true garment, which no picture can
     show; slip_mm, the errors without that; jitter_mm, mean length of the second difference over time of that error (consecutive frames only); acceleration, mean
     length of the second difference of the vertices as a share of their true places'.
@@ -120,8 +120,8 @@ class _Evaluation:
         if not true:
             return out
         for name in self.known:
-            loops, told = run.garments[name].loops, (self.mapped[name], self.borders[name])
-            measures, error = self.truth.garment_errors(name, loops, cloth[name], number, *told)
+            garment, told = run.garments[name], (self.mapped[name], self.borders[name])
+            measures, error = self.truth.garment_errors(name, garment.loops, cloth[name], garment.faces, number, *told)
             out["garment"][name] |= measures
             if error is not None:
                 motions[name].add(number, cloth[name], cloth[name] - error)
@@ -146,7 +146,9 @@ class _Evaluation:
             "loop_observed",
             "boundary_mm",
             "boundary_all_mm",
+            "boundary_missed_mm",
             "surface_mm",
+            "surface_missed_mm",
             "correspondence_mm",
             "slip_mm",
             "shared_mm",

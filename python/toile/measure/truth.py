@@ -93,28 +93,32 @@ class Truth:
         posed = replace(model, J=np.array([at[joint] for joint in model.joint_names]))
         return name_loops(posed, V, kernels.boundary_loops(F))
 
-    def garment_errors(self, name, loops, V, number, mapped=True, borders=()):
-        """Measures of a garment's vertices V (g,3), and their error vectors (g,3). loops {name: vertex indices}.
+    def garment_errors(self, name, loops, V, faces, number, mapped=True, borders=()):
+        """Measures of a garment's surface V (g,3), `faces`, and its vertices' error vectors (g,3). loops {name: vertex indices}.
 
         boundary_mm: each loop's vertices to the true border that is its own; boundary_all_mm: those of all loops;
-        surface_mm: to the true surface;
+        boundary_missed_mm: that border's vertices to the loop; surface_mm: to the true surface; surface_missed_mm: the true
+        garment's vertices to this surface;
         correspondence_mm: to the vertices' true places.
         Without a map (`mapped`, see `maps`) a loop's own border is that of its name among `borders`, their names, else the
         nearest; neither correspondence nor errors are known.
         """
         T, F = self.garment(name, number)
         place = self.places(name, number) if mapped else V
-        curves, boundary = [T[loop] for loop in kernels.boundary_loops(F)], {}  # {loop: distances (k,) [m]}
+        curves = [T[loop] for loop in kernels.boundary_loops(F)]
+        boundary, missed = {}, {}  # {loop: distances (k,) [m]}
         named = {} if mapped else dict(zip(borders, curves))
         for loop, at in loops.items():
             own = named.get(loop)
             if own is None:
                 own = min(curves, key=lambda curve: distance_to_polyline(place[at], curve).mean())
-            boundary[loop] = distance_to_polyline(V[at], own)
+            boundary[loop], missed[loop] = distance_to_polyline(V[at], own), distance_to_polyline(own, V[at])
         measures = {
             "boundary_mm": {loop: millimetres(distances) for loop, distances in boundary.items()},
             "boundary_all_mm": millimetres(np.concatenate([*boundary.values(), []])),
+            "boundary_missed_mm": {loop: millimetres(distances) for loop, distances in missed.items()},
             "surface_mm": millimetres(kernels.SurfaceIndex(T, F).closest(V)[3]),
+            "surface_missed_mm": millimetres(kernels.SurfaceIndex(V, faces).closest(T[np.unique(F)])[3]),
             "correspondence_mm": millimetres(np.linalg.norm(V - place, axis=1)) if mapped else None,
         }
         return measures, V - place if mapped else None

@@ -219,7 +219,8 @@ class RegisteredRun:
         measures = {"outer_mm": self._outer_error(frame, decoded, layers)}
         for name, V in decoded.items():
             if layers[name].kind == "garment":
-                found = self.truth.garment_errors(name, self.loops[name], V, frame, self.mapped[name])[0]
+                faces, mapped = self.run.garments[name].faces, self.mapped[name]
+                found = self.truth.garment_errors(name, self.loops[name], V, faces, frame, mapped)[0]
                 measures.setdefault("garment", {})[name] = found
             elif layers[name].kind == "body":
                 hidden = self.run.body.confidence.at(frame) == HIDDEN
