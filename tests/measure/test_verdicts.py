@@ -121,6 +121,12 @@ def test_a_garment_that_was_hardly_found_is_no_good_whatever_shows_the_body():
     assert verdict(shown | {"shirt.garment_observed": 0.0}, SETTINGS)[0] == WRONG
 
 
+def test_one_pair_of_triangles_that_go_through_one_another_is_doubtful():
+    assert verdict(FINE | {"pairs_left": 0.0}, SETTINGS)[0] == GOOD
+    level, reasons = verdict(FINE | {"pairs_left": 1.0}, SETTINGS)
+    assert level == DOUBTFUL and "1 pairs of triangles" in reasons[0]
+
+
 def test_a_frame_without_a_scan_is_doubtful_at_best():
     level, reasons = verdict({"observed": 0.0, "keypoint_mm": 5.0}, SETTINGS)
     assert level >= DOUBTFUL and any("no scan" in reason for reason in reasons)

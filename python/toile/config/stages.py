@@ -385,7 +385,7 @@ class InnerSettings(Settings):
     tolerance: float = setting(2e-4, "m", "a frame's fit ends when no vertex moves by more", gt=0)
     solver: InnerSolverSettings = InnerSolverSettings()
     untangle: UntangleSettings = UntangleSettings()
-    layering_rounds: int = setting(3, "count", "of several layers: a push out of one may lead into another", ge=1)
+    layering_rounds: int = setting(3, "count", "of pushing garments out, at most: a push out of one layer may lead into another, or stall", ge=1)
 
 
 class VerdictSettings(Settings):
@@ -422,6 +422,9 @@ class VerdictSettings(Settings):
     )
     stretch_p95: tuple[float, float] = setting(
         (2.0, 3.0), "1", "stretch of a garment, what 95 % of its area stay below"
+    )
+    pairs_left: tuple[float, float] = setting(
+        (0.0, 1000.0), "count", "pairs of a garment's triangles and of those under it that go through one another"
     )
     flipped_share: tuple[float, float] = setting((0.05, 0.15), "1", "of a garment's area, turned over by the fit")
 

@@ -28,9 +28,11 @@ class JudgedLayer:
     looks: np.ndarray  # indices (k,) of the vertices that a scan can show
 
 
-def judge(seen, cameras, model, person, tracked, worn, settings) -> tuple[dict[str, float], int, list[str]]:
+def judge(
+    seen, cameras, model, person, tracked, worn, settings, pairs_left=0
+) -> tuple[dict[str, float], int, list[str]]:
     """(measures, verdict, reasons) of a frame: a Glimpse of it against its Tracked and its garments `worn`, each a
-    (GarmentTemplate, vertices (g,3), Dressed)."""
+    (GarmentTemplate, vertices (g,3), Dressed), `pairs_left` of whose triangles go through what lies under them."""
     outside = np.flatnonzero(~model.inside)
     body = JudgedLayer("body", None, tracked.vertices, model.skin_faces, tracked.confidence, outside)
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
@@ -40,6 +42,8 @@ def judge(seen, cameras, model, person, tracked, worn, settings) -> tuple[dict[s
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics)
         measures[f"{template.name}.edge_stretch"] = _stretch(V, template.rest, template.faces)
+    if worn:
+        measures["pairs_left"] = float(pairs_left)
     return measures, *verdict(measures, settings)
 
 
@@ -131,6 +135,7 @@ def _limits(s):
         ),
         "stretch_p95": (*s.stretch_p95, "a twentieth of the garment is stretched {} times and more"),
         "flipped_share": (*s.flipped_share, "{} of the garment is turned over"),
+        "pairs_left": (*s.pairs_left, "{} pairs of triangles go through one another"),
     }
 
 

@@ -451,4 +451,5 @@ def _judged(prepared, number, results, tracked, segmented=None, dressed=None, la
     templates = {template.name: template for template in prepared.templates}
     worn = [(templates[name], V, dressed[name]) for name, V in layer.garments.items()] if layer else []
     capture, model, settings = prepared.capture, prepared.model, prepared.config.verdict
-    return judge(seen, capture.cameras, model, prepared.person, tracked, worn, settings)
+    pairs = layer.intersections_left if layer else 0
+    return judge(seen, capture.cameras, model, prepared.person, tracked, worn, settings, pairs)

@@ -21,8 +21,8 @@ class Layered:
 
 class Layering:
     """`garments` [(name, faces, number of vertices)], inner to outer, over a skin of `n` vertices; the solvers are kept
-    between frames. `margin` [m] of a garment off what lies under it; `rounds` of several layers, since a push out of one
-    may lead into another; other options are those of kernels.UntangleSolver."""
+    between frames. `margin` [m] of a garment off what lies under it; `rounds` at most, since a push out of one layer may
+    lead into another, and a stalled one goes on from where it stands; other options are those of kernels.UntangleSolver."""
 
     def __init__(self, skin_faces, n, garments, margin, rounds=3, **options):
         self.skin_faces, self.n, self.rounds, self.solvers = skin_faces, n, rounds, {}
@@ -36,10 +36,10 @@ class Layering:
         under, moved, depth, before, left = [("", np.asarray(skin_V), self.skin_faces)], {}, {}, 0, 0
         for name, F, n in self.garments:
             a = self.attachments[name]
-            V, found = self._out_of(name, F, n, cloth[name][a.cloth], under)
+            V, found, clear = self._out_of(name, F, n, cloth[name][a.cloth], under)
             depth[name] = max(float(np.max(r.depth_before, initial=0)) for r in found)
             before += sum(r.intersections_before for r in found)
-            left += self._left(V, F, under, found)
+            left += 0 if clear else sum(len(kernels.intersecting_pairs(V, F, U, U_F)) for _, U, U_F in under)
             moved[name] = a.follow(cloth[name], V)
             under.append((name, V, F))
         return Layered(moved, depth, before, left)
@@ -56,24 +56,18 @@ class Layering:
         return {name: attachments[name].follow(np.asarray(cloth[name]), V) for name, V in moved.items()}
 
     def _out_of(self, name, F, n, V, under):
-        """V out of all layers `under` it, and the first round's results, a layer each."""
-        first = []
-        for turn in range(self.rounds if len(under) > 1 else 1):
+        """V out of all layers `under` it; the first round's results, a layer each; and whether nothing is left of one."""
+        first, found = [], None
+        for turn in range(self.rounds):
             start = V
             for other, U, U_F in under:
                 found = self._solver((name, other), F, n, U_F, len(U)).solve(V, U)
                 V = np.asarray(found.V)
                 if turn == 0:
                     first.append(found)
-            if np.array_equal(V, start):
+            if np.array_equal(V, start) or (len(under) == 1 and found.stop == "clear"):
                 break
-        return V, first
-
-    @staticmethod
-    def _left(V, F, under, found):
-        if len(under) == 1:
-            return found[0].intersections_left
-        return sum(len(kernels.intersecting_pairs(V, F, U, U_F)) for _, U, U_F in under)
+        return V, first, len(under) == 1 and found.intersections_left == 0
 
     def _solver(self, key, F, n, under_F, under_n):
         if key not in self.solvers:
