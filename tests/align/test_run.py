@@ -161,9 +161,10 @@ def test_align_opens_a_run_once(two_chunks, tmp_path, monkeypatch, unreported):
 def test_align_and_all_its_modules_import_without_torch():
     code = (
         "import sys, pkgutil, importlib; sys.modules['torch'] = None\n"
-        "import toile.align\n"
-        "names = [m.name for m in pkgutil.iter_modules(toile.align.__path__)]\n"
-        "for name in names: importlib.import_module(f'toile.align.{name}')\n"
+        "import toile.align, toile.prints\n"
+        "rooms = (toile.align, toile.prints)\n"
+        "names = [f'{r.__name__}.{m.name}' for r in rooms for m in pkgutil.iter_modules(r.__path__)]\n"
+        "for name in names: importlib.import_module(name)\n"
         "print(len(names))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -385,7 +385,9 @@ class InnerSettings(Settings):
     tolerance: float = setting(2e-4, "m", "a frame's fit ends when no vertex moves by more", gt=0)
     solver: InnerSolverSettings = InnerSolverSettings()
     untangle: UntangleSettings = UntangleSettings()
-    layering_rounds: int = setting(3, "count", "of pushing garments out, at most: a push out of one layer may lead into another, or stall", ge=1)
+    layering_rounds: int = setting(
+        3, "count", "of pushing garments out, at most: a push out of one layer may lead into another, or stall", ge=1
+    )
 
 
 class VerdictSettings(Settings):

@@ -122,8 +122,11 @@ class Capture:
         return tuple(self._files(self.folder(number) / "images"))
 
     def labelled(self, number: int) -> tuple[str, ...]:
-        """Names of the cameras that have a label image of a frame."""
-        return tuple(self._files(self.folder(number) / "labels"))
+        """Names of the cameras that have a label image of a frame; none where the frame is at fault, which reading it tells."""
+        try:
+            return tuple(self._files(self.folder(number) / "labels"))
+        except UserError:
+            return ()
 
     def check_pictures(self, number: int) -> None:
         """UserError where a frame has no picture, or one of another size than its camera's; only headers are read."""
