@@ -188,6 +188,7 @@ class Frame:
     images: dict[str, Anything] = field(default_factory=dict)  # (H,W,3) uint8 RGB
     masks: dict[str, Anything] = field(default_factory=dict)  # (H,W) bool
     labels: dict[str, Anything] = field(default_factory=dict)  # (H,W) uint8 ids
+    points3d: Points3D | None = None  # keypoints in space that the capture brings
 
     @property
     def scan_labels(self) -> Anything | None:

@@ -19,7 +19,7 @@ from .body import model_in_capture
 from .bounded import read_toml
 from .camera import first_error, read_cameras
 from .image import check_image, read_image
-from .keypoints import read_keypoints
+from .keypoints import read_keypoints, read_keypoints3d
 from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 from .mesh import read_mesh
 from .template import read_template, texture_files
@@ -99,7 +99,9 @@ class Capture:
             if scan.face_labels is not None:
                 self._check_ids(folder / "scan.ply", scan.face_labels)
         found = read_keypoints(keypoints, self.cameras) if os.path.lexists(keypoints) else None
-        return replace(self.pictures(number), scan=scan, keypoints=found)
+        space = folder / "keypoints3d.json"
+        points = read_keypoints3d(space) if os.path.lexists(space) else None
+        return replace(self.pictures(number), scan=scan, keypoints=found, points3d=points)
 
     def pictures(self, number: int) -> Any:
         """Reads images, masks and labels of one frame, and nothing else of it."""

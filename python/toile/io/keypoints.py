@@ -31,6 +31,24 @@ def read_keypoints(path: Path, cameras: dict[str, Camera]) -> Keypoints:
     return Keypoints(names, points)
 
 
+def read_keypoints3d(path: Path) -> Points3D:
+    """keypoints3d.json: names, and x, y, z and sigma [m] of each, null for one that is unseen. UserError names the field."""
+    data = read_json(path, dict)
+    try:
+        names = tuple(str(name) for name in data["names"])
+        rows = [[np.nan] * 3 + [np.inf] if row is None else [float(value) for value in row] for row in data["points"]]
+        points = np.array(rows, dtype=np.float64).reshape(len(rows), 4)
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
+        raise UserError(f"{path}: expected {{names, points: [[x, y, z, sigma] or null, ...]}}: {error}") from None
+    if len(points) != len(names):
+        raise UserError(f"{path}: points has {len(points)} rows, names {len(names)}")
+    seen = np.array([row is not None for row in data["points"]], bool)
+    bad = np.flatnonzero(seen & ~(np.isfinite(points).all(1) & (points[:, 3] > 0)))
+    if len(bad):
+        raise UserError(f"{path}: points[{bad[0]}]: expected three finite numbers and a sigma above 0, or null")
+    return Points3D(names, points[:, :3], points[:, 3], np.zeros(len(names), np.int32))
+
+
 def keypoints3d_json(points: Points3D) -> str:
     """The text of keypoints3d.json: x, y, z and sigma [m] a name, null where a point is unseen."""
     rows = [

@@ -22,8 +22,10 @@ def plan(capture: Capture) -> list[Step]:
     cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
     given = [("labels/*.png", bool(first.labels)), ("label of scan.ply", first.scan_labels is not None)]
     labels = " and ".join(name for name, there in given if there) or "labels"
+    points = "keypoints.json" if first.keypoints else "no keypoints.json"
+    points = points if first.points3d is None else "keypoints3d.json is given"
     return [
-        Step("reconstruct", first.keypoints is not None, "keypoints.json" if first.keypoints else "no keypoints.json"),
+        Step("reconstruct", first.points3d is None and first.keypoints is not None, points),
         Step("track", True, f'[body] model = "{scene.body_model}"'),
         Step("segment", bool(names), f"{cloth}; {labels}" if names else cloth),
         Step("dress", bool(names), cloth),

@@ -226,10 +226,11 @@ def _sampled(capture, frames, count):
 
 
 def _points(capture, config, frame):
-    """Keypoints of a frame in space; None where it has none, or none that two cameras agree on."""
-    if frame.keypoints is None:
+    """Keypoints of a frame in space, those that it brings or else triangulated; None where it has none, or none that two
+    cameras agree on."""
+    if frame.keypoints is None and frame.points3d is None:
         return None
-    points = reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
+    points = frame.points3d or reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
     return points if np.isfinite(points.points).any() else None
 
 
