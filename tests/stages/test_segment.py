@@ -244,3 +244,29 @@ def test_a_persons_vote_outweighs_pictures_where_it_was_cast_and_nowhere_else(ba
     after = segment(scene, seen, model, tracked, faces, SegmentSettings(), votes=[vote])
     assert (before.vertices[patch] == 2).all() and (after.vertices[patch] == 1).mean() > 0.95
     assert np.array_equal(before.vertices[far > 0.2], after.vertices[far > 0.2])
+
+
+def test_an_island_on_the_tracked_surface_takes_the_label_around_it_unless_a_person_voted_for_it(ball):
+    """Where the tracked surface floats off the scan, as at a web, and every picture calls the place skin."""
+    scene, cameras, frame, tracked, faces = ball
+    model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+    far = np.linalg.norm(tracked.vertices - CENTRE - RADIUS * np.array([0, -0.8, 0.6]), axis=1)
+    place, patch = tracked.vertices[far.argmin()], np.flatnonzero(far < 0.035)
+    V = tracked.vertices.copy()
+    V[patch] += 0.03 * (V[patch] - CENTRE) / RADIUS
+    images, labels = {}, {}
+    for name, camera in cameras.items():
+        at, depth = camera.project(place[None])
+        disc = np.hypot(*(np.indices((512, 512))[::-1] - at[0][:, None, None])) < 0.035 * 560 / depth[0]
+        disc &= (place - CENTRE) @ (camera.centre - place) > 0
+        images[name] = np.where(disc[..., None], np.uint8([215, 165, 140]), frame.images[name])
+        labels[name] = np.where(disc, np.uint8(1), frame.labels[name])
+    spoilt, floating = replace(frame, images=images, labels=labels), replace(tracked, vertices=V)
+    island = {}
+    for least in (0.0, 0.01):
+        settings = SegmentSettings(min_region=least)
+        seen = evidence(spoilt, cameras, model, floating, faces, settings)
+        island[least] = segment(scene, seen, model, floating, faces, settings).vertices[patch] == 1
+    assert island[0.0].any() and not island[0.01].any()
+    voted = segment(scene, seen, model, floating, faces, settings, votes=[Vote(1, patch, True)])
+    assert (voted.vertices[patch] == 1).all()

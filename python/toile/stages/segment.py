@@ -332,4 +332,5 @@ def _tracked_labels(surface, probability, evidence, place, voted, settings):
     cost[near] = -settings.near_weight * np.log(p[near] + settings.near_floor)
     cost += voted
     smoothness = settings.tracked_smoothness * settings.smoothness
-    return _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))
+    labels = _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))
+    return np.where(voted.any(1), labels, _dissolve_islands(labels, surface, settings.min_region))
