@@ -58,7 +58,7 @@ def write_body_model(path, mesh):
     body = load_body_model("anny", up=UP)
     frame = Frame(0, mesh, None, {}, {}, {})
     settings = preset("standard").track
-    person = prepare(body, [(frame, None)], settings)
+    person, _ = prepare(body, [(frame, None)], settings)
     tracked = Tracker(body, person, settings).track(frame, None)
     _, J = body.joint_transforms(person.J, tracked.rotations, tracked.translation)
     dense = np.zeros((len(body.v_template), len(body.parents)))

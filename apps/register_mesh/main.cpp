@@ -78,11 +78,12 @@ void register_mesh(const std::string& template_file, const std::string& scan_fil
     frame.V = scan.V;
     frame.F = scan.F;
     const toile::NricpResult result = toile::NricpSolver(mesh.V, mesh.F, options).solve(frame);
-    if (result.stop == "no_overlap") throw toile::SolveError(scan_file + ": the template lies nowhere near the scan");
+    if (result.stop == toile::Stop::no_overlap)
+        throw toile::SolveError(scan_file + ": the template lies nowhere near the scan");
     mesh.V = result.V;
     write_obj(out, mesh);
     std::printf("%s: %d iterations, %s; vertices lie %.3g from the scan on average\n", out.c_str(), result.iterations,
-                result.stop.c_str(), mean_distance(mesh.V, scan));
+                toile::name(result.stop).data(), mean_distance(mesh.V, scan));
 }
 
 }  // namespace

@@ -1,5 +1,7 @@
 """Keypoints that a detector puts beside the body model's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,8 @@ def test_a_pose_from_such_keypoints_is_right_where_the_offsets_are_known(model, 
             [model.joint("lowerarm01.L"), model.joint("lowerleg01.R")]
         ].max()
     assert off["known"] < 0.6 * off["ignored"]
+
+
+def test_a_rig_that_names_no_keypoint_stays_as_it_is(model):
+    bare = replace(model, keypoint_names=(), keypoint_joint=np.zeros(0, int), keypoint_vertices=())
+    assert with_offsets(bare, np.zeros((0, 3))) is bare

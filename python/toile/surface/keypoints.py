@@ -35,8 +35,8 @@ def learnt_offsets(model: BodyModel, J: Anything, poses: Any, found: Any, few: i
 
 def with_offsets(model: BodyModel, offsets: Anything | None) -> BodyModel:
     """The model with keypoints that lie `offsets` (q,3) [m] beside its own: each is one more vertex, of no face, which
-    moves with its bone. For None the model as it is."""
-    if offsets is None:
+    moves with its bone. For None, and for a model that names no keypoint, the model as it is."""
+    if offsets is None or not len(offsets):
         return model
     bones, (n, B) = _bones(model), np.shape(model.weights_idx)
     at, basis = [], []
