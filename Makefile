@@ -20,7 +20,7 @@ $(VENV)/.packages: tools/apt-packages.txt tools/install-apt
 $(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet torch==2.13.0
-	tools/python-requirements pyproject.toml studio avatar peers test lint | $(BIN)/pip install --quiet -r /dev/stdin
+	tools/python-requirements pyproject.toml studio avatar export peers test lint | $(BIN)/pip install --quiet -r /dev/stdin
 	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=3.1,<3.2'
 	touch $@
 

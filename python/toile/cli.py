@@ -351,7 +351,7 @@ def main():
     from .align.command import align
     from .avatar.command import train
     from .config.command import settings
-    from .io.command import body_model, import_capture
+    from .io.command import body_model, export, import_capture
     from .kernels import InputError
     from .measure.command import inspect
     from .studio.command import studio
@@ -362,6 +362,7 @@ def main():
     app.command()(settings)
     app.command()(inspect)
     app.command("import")(import_capture)
+    app.command()(export)
     app.command("body-model")(body_model)
     try:
         code = app(standalone_mode=False)

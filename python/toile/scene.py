@@ -6,6 +6,7 @@ z forward, and pixel (0,0) has its centre at (0.5, 0.5). Image sizes are (height
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -263,17 +264,7 @@ class BodyModel(_Record):
 
     def joint_transforms(self, J: Anything, rotations: Array, translation: Anything) -> tuple[Floats, Floats]:
         """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
-        from scipy.spatial.transform import Rotation
-
-        local = Rotation.from_rotvec(rotations).as_matrix()
-        R = np.empty_like(local)
-        x = np.empty((len(J), 3))
-        for k, p in enumerate(self.parents):
-            if p < 0:
-                R[k], x[k] = local[k], J[k] + translation
-            else:
-                R[k], x[k] = R[p] @ local[k], x[p] + R[p] @ (J[k] - J[p])
-        return R, x
+        return joint_transforms(self.parents, J, rotations, translation)
 
     def skin(self, rest: Anything, J: Anything, rotations: Array, translation: Anything) -> Floats:
         """Linear blend skinning of rest vertices (n,3)."""
@@ -292,6 +283,23 @@ class BodyModel(_Record):
         return np.array(
             [joints[j] if j >= 0 else V[v].mean(0) for j, v in zip(self.keypoint_joint, self.keypoint_vertices)]
         ).reshape(-1, 3)
+
+
+def joint_transforms(
+    parents: Sequence[int] | Ints, J: Anything, rotations: Array, translation: Anything
+) -> tuple[Floats, Floats]:
+    """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
+    from scipy.spatial.transform import Rotation
+
+    local = Rotation.from_rotvec(rotations).as_matrix()
+    R = np.empty_like(local)
+    x = np.empty((len(J), 3))
+    for k, p in enumerate(parents):
+        if p < 0:
+            R[k], x[k] = local[k], J[k] + translation
+        else:
+            R[k], x[k] = R[p] @ local[k], x[p] + R[p] @ (J[k] - J[p])
+    return R, x
 
 
 def blended_transforms(

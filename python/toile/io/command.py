@@ -1,4 +1,4 @@
-"""The commands `toile import` and `toile body-model`."""
+"""The commands `toile import`, `toile export` and `toile body-model`."""
 
 from __future__ import annotations
 
@@ -66,6 +66,46 @@ def import_capture(
     for note in written.notes:
         typer.echo(f"  {note}")
     typer.echo(f"see what is wrong with it: toile inspect {out}")
+
+
+def export(
+    path: Annotated[Path, typer.Argument(help="a run, or a folder that toile animate made")],
+    out: Annotated[Path, typer.Argument(help="a file, or for obj and ply a new folder")],
+    kind: Annotated[
+        str | None, typer.Option("--format", help="usd, glb, obj, ply, abc, npz, bvh; default by the file's ending")
+    ] = None,
+    layers: Annotated[
+        str | None, typer.Option(help="names such as inner,tshirt; default the body and all garments")
+    ] = None,
+    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    motion: Annotated[
+        str | None,
+        typer.Option(
+            help="of usd and glb: points, every vertex of every frame, or skeleton, rest surfaces moved by joints"
+        ),
+    ] = None,
+    textures: Annotated[Path | None, typer.Option(help="a folder of pictures LAYER.png over the UV squares")] = None,
+):
+    """Write a run or an animation for other programs: USD, glTF, Alembic, mesh sequences, arrays, BVH."""
+    from ..console import frame_numbers, progress_bars
+    from ..errors import UserError
+    from .export.source import open_clip, with_frames, with_layers, with_textures
+    from .export.writing import MOTIONS, format_of, write_clip
+
+    kind = format_of(out, kind)
+    if motion not in (None, *MOTIONS):
+        raise UserError(f"--motion {motion}: expected points or skeleton")
+    clip = open_clip(path)
+    clip = with_frames(clip, frame_numbers(frames, clip.frames, step))
+    clip = with_layers(clip, None if layers is None else [name.strip() for name in layers.split(",")])
+    clip = clip if textures is None else with_textures(clip, textures)
+    with progress_bars() as progress:
+        notes = write_clip(clip, out, kind, motion, progress)
+    names = "the skeleton" if kind == "bvh" else ", ".join(layer.name for layer in clip.layers)
+    typer.echo(f"{out}: {len(clip.frames)} frames of {names}")
+    for note in notes:
+        typer.echo(f"  {note}")
 
 
 def offsets_of(given):

@@ -11,6 +11,9 @@ from toile.avatar.drive.animate import DrivenAvatar, animate, resized, turned
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
+from toile.io.export.clip import rest_surface
+from toile.io.export.source import open_clip
+from toile.io.export.writing import write_clip
 from toile.io.mesh import read_mesh
 from toile.io.run import open_run
 from toile.kernels import intersecting_pairs
@@ -119,3 +122,17 @@ def test_a_stopped_animation_leaves_no_folder_that_looks_whole(avatar_folder, sa
     animate(avatar_folder, sample_run, out, frames=[2], height=32)
     assert [p.name for p in (out / "pictures").iterdir()] == ["000002.png"]
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_an_animation_is_exported_with_its_skeleton_and_textures(made, tmp_path):
+    pytest.importorskip("pxr")
+    out, _ = made
+    clip = open_clip(out)
+    assert clip.frames == (1, 2) and [layer.name for layer in clip.layers] == ["body", "tshirt"] and clip.skinned
+    for layer in clip.layers:
+        assert np.array_equal(layer.at(2), read_mesh(out / "meshes" / layer.name / "000002.ply").vertices)
+        texture = np.asarray(Image.open(layer.texture))
+        assert texture.shape == (64, 64, 3) and texture.std() > 5
+        assert np.median(rest_surface(clip, layer)[1]) < 0.005
+    write_clip(clip, tmp_path / "film.usdc", "usd", "points", lambda *_: None)
+    assert sorted(p.name for p in (tmp_path / "film_textures").iterdir()) == ["body.png", "tshirt.png"]

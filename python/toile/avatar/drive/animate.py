@@ -11,8 +11,16 @@ import numpy as np
 import torch
 
 from ...errors import UserError
+from ...io.animation import (
+    AnimatedLayer,
+    AnimatedSkeleton,
+    layer_file,
+    mesh_file,
+    skeleton_file,
+    texture_file,
+)
 from ...io.camera import read_cameras
-from ...io.files import write_text
+from ...io.files import save_record, write_text
 from ...io.image import write_image
 from ...io.mesh import write_mesh
 from ...io.motion import read_motion
@@ -142,14 +150,31 @@ def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=T
             film.add(picture)
             write_image(out / "pictures" / f"{number:06d}.png", picture)
             for layer in driven.avatar.layers if meshes else ():
-                place = out / "meshes" / layer.name / f"{number:06d}.ply"
-                write_mesh(place, Mesh(decoded[layer.name].vertices[0].cpu().numpy(), layer.faces))
+                V = decoded[layer.name].vertices[0].cpu().numpy()
+                write_mesh(mesh_file(out, layer.name, number), Mesh(V, layer.faces))
+            if meshes and done == 0:
+                write_still(out, driven, decoded, rows)
             progress("animate", done + 1, len(rows))
     done = Animation(len(rows), int(before), int(left), tuple(driven.warnings))
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
+    facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
     write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
     out.replace(whole)
     return done
+
+
+def write_still(out, driven, decoded, rows):
+    """What of an animation's layers does not move, their textures as `decoded` in one frame, and the skeleton's motion."""
+    for layer in driven.avatar.layers:
+        parts = layer.faces, layer.uv, layer.face_uv, layer.skin_idx, layer.skin_val
+        save_record(layer_file(out, layer.name), AnimatedLayer(*parts))
+        texture = decoded[layer.name].mean_texture[0].permute(1, 2, 0)
+        pixels = (texture.clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+        write_image(texture_file(out, layer.name), pixels)
+    motion, skeleton, model = driven.motion, driven.avatar.skeleton, driven.model
+    J, up = skeleton.J.cpu().numpy().astype(np.float64), driven.avatar.scene.up
+    moved = motion.frames[rows], motion.rotations[rows], motion.translation[rows], float(motion.fps), up
+    save_record(skeleton_file(out), AnimatedSkeleton(model.joint_names, np.asarray(model.parents), J, *moved))
 
 
 def chosen_rows(frames, asked):

@@ -1,0 +1,132 @@
+"""`write_clip`: a clip as one of FORMATS, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import UserError
+from ..files import output_file
+from .alembic import write_alembic
+from .arrays import write_arrays
+from .bvh import write_bvh
+from .clip import Clip
+from .glb import write_glb
+from .sequence import write_sequence
+from .usd import write_usd
+
+FORMATS = {  # name: the endings of its file, none for a folder
+    "usd": (".usdc", ".usda", ".usd"),
+    "glb": (".glb",),
+    "obj": (),
+    "ply": (),
+    "abc": (".abc",),
+    "npz": (".npz",),
+    "bvh": (".bvh",),
+}
+POINTS, SKELETON = MOTIONS = "points", "skeleton"
+BAKED = 120  # frames of a GLB that are morph targets by default: each is about half a megabyte
+FAR = 16.0  # single precision rounds coordinates beyond by more than a millionth of a metre
+
+Progress = Callable[..., None]
+
+
+def format_of(out: Path, asked: str | None) -> str:
+    """The format asked for, or that of the ending. UserError: neither, or they contradict each other."""
+    by_ending = {ending: name for name, endings in FORMATS.items() for ending in endings}
+    ending = out.suffix.lower()
+    if asked is None:
+        if ending not in by_ending:
+            raise UserError(
+                f"{out}: --format: expected one of {', '.join(FORMATS)}, or a file that ends in {', '.join(by_ending)}"
+            )
+        return by_ending[ending]
+    if asked not in FORMATS:
+        raise UserError(f"--format {asked}: expected one of {', '.join(FORMATS)}")
+    expected = FORMATS[asked]
+    if expected and ending not in expected:
+        raise UserError(f"{out}: --format {asked}: expected a file that ends in {' or '.join(expected)}")
+    if not expected and ending in by_ending:
+        raise UserError(f"{out}: --format {asked} is a folder of numbered files, {ending} is {by_ending[ending]}")
+    return asked
+
+
+def write_clip(clip: Clip, out: Path, kind: str, motion: str | None, progress: Progress) -> list[str]:
+    """Writes a clip; returns what a user should know of what was written. `motion` "points": every frame's vertices;
+    "skeleton": rest surfaces that the skeleton moves, an approximation; None: points, but for GLB of more than BAKED frames."""
+    motion = motion or chosen_motion(clip, kind)
+    if motion == SKELETON and not (kind in ("usd", "glb") and clip.skinned):
+        raise UserError(
+            f"--motion skeleton: --format {kind if clip.skinned else f'{kind}: {clip.name} has no skeleton'}"
+        )
+    if kind in ("obj", "ply"):
+        with whole_folder(out) as part:
+            write_sequence(clip, part, kind, progress)
+        return []
+    with whole_file(out) as part:
+        if kind == "usd":
+            notes = write_usd(clip, part, motion, progress)
+        elif kind == "glb":
+            notes = write_glb(clip, part, motion, progress)
+        elif kind == "abc":
+            notes = write_alembic(clip, part, progress)
+        elif kind == "bvh":
+            notes = write_bvh(clip, part)
+        else:
+            notes = write_arrays(clip, part, progress)
+    return notes if kind in ("npz", "bvh") else [*notes, *rounding(clip)]
+
+
+def chosen_motion(clip: Clip, kind: str) -> str:
+    return SKELETON if kind == "glb" and len(clip.frames) > BAKED and clip.skinned else POINTS
+
+
+def rounding(clip: Clip) -> list[str]:
+    """A line where single precision is too coarse, as judged in the first and last frame."""
+    far = max(
+        float(np.abs(layer.at(frame)).max()) for layer in clip.layers for frame in (clip.frames[0], clip.frames[-1])
+    )
+    return (
+        [f"coordinates of up to {far:.0f} m: single precision rounds them by {1e6 * far * 2**-24:.0f} micrometres"]
+        if far > FAR
+        else []
+    )
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path of the same name to write to, in a folder beside; renamed to `path` at the end, gone after an exception."""
+    folder = part_of(output_file(path))
+    try:
+        folder.mkdir()
+        yield folder / path.name
+        for picture in folder.glob("*/*"):  # what the file names comes first
+            place = path.parent / picture.relative_to(folder)
+            place.parent.mkdir(exist_ok=True)
+            os.replace(picture, place)
+        os.replace(folder / path.name, path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A folder to write into, renamed to `path` at the end, gone after an exception. UserError: `path` holds something."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise UserError(f"{path}: exists already and is not empty")
+    folder = part_of(path)
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+        os.replace(folder, path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def part_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
