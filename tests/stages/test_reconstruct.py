@@ -7,10 +7,11 @@ from tests.support.rig import ring_of_cameras
 from tests.support.shapes import tube
 from toile.config import ReconstructSettings
 from toile.errors import UserError
+from toile.io.skeletons import rows_of
 from toile.scene import Camera, Frame, Keypoints, Mesh, Points3D
 from toile.stages.reconstruct import LIMBS, agreement, check_with_scans, triangulate
+from toile.surface.keypoints import mirrored
 from toile.surface.operators import compact
-from toile.vision.detectors.names import TABLES, mirrored
 
 
 def observe(cameras, points, rng, noise=0.0, outliers=0.0, unseen=0.0):
@@ -110,7 +111,7 @@ def test_unknown_camera_is_refused_by_name():
 
 def person(rng, cameras, noise=1.0):
     """Detections of a body and its hands, each side 0.2 to 0.5 m from the middle."""
-    names = tuple(TABLES["coco_wholebody133"][1])
+    names = tuple(rows_of("coco_wholebody133"))
     X = points(rng, len(names))
     side = np.array([{"L": 1.0, "R": -1.0}.get(name[-1], 0.0) if "." in name[-2:] else 0.0 for name in names])
     X[:, 0] = np.where(side == 0, 0, side * rng.uniform(0.2, 0.5, len(names)))

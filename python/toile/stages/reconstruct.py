@@ -4,7 +4,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..scene import Points3D, distort
-from ..vision.detectors.names import mirrored
+from ..surface.keypoints import mirrored
 
 _UNDISTORT_STEPS = 20
 FEW = 20  # detections whose median says nothing of a frame's noise

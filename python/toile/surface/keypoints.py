@@ -65,3 +65,12 @@ def _bones(model: BodyModel) -> Any:
         moved = np.bincount(model.weights_idx[vertices].ravel(), model.weights_val[vertices].ravel())
         bones[row] = moved.argmax()
     return bones
+
+
+def mirrored(name: str) -> str:
+    """The same keypoint of the other side: "hand_left.finger1-1.L" -> "hand_right.finger1-1.R"; itself on the middle."""
+    if not name.endswith((".L", ".R")):
+        return name
+    other = {"L": "R", "R": "L"}[name[-1]]
+    swapped = name.replace("_left.", "_?.").replace("_right.", "_left.").replace("_?.", "_right.")
+    return f"{swapped[:-1]}{other}"

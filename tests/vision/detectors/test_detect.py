@@ -14,9 +14,10 @@ from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.image import write_image
 from toile.io.keypoints import read_keypoints
+from toile.io.skeletons import SKELETONS, rows_of
 from toile.pipeline.detect import confirmed, detect
 from toile.scene import Keypoints
-from toile.vision.detectors.names import TABLES, mirrored
+from toile.surface.keypoints import mirrored
 from toile.vision.detectors.program import Program
 
 SAMPLE = Path(__file__).parents[3] / "data_samples" / "tshirt-talk"
@@ -109,13 +110,13 @@ def test_without_any_detector_the_line_says_how_to_get_one(capture, monkeypatch)
 
 
 def seen_by(cameras, X):
-    names = tuple(TABLES["halpe26"][1])
+    names = tuple(rows_of("halpe26"))
     return Keypoints(names, {n: np.column_stack([c.project(X)[0], np.ones(len(X))]) for n, c in cameras.items()})
 
 
 @pytest.fixture
 def person():
-    return np.random.default_rng(0).uniform([-0.4, -0.2, 0], [0.4, 0.2, 1.8], (len(TABLES["halpe26"][1]), 3))
+    return np.random.default_rng(0).uniform([-0.4, -0.2, 0], [0.4, 0.2, 1.8], (len(rows_of("halpe26")), 3))
 
 
 def test_nobody_and_somebody_else_are_said_and_not_used(person):
@@ -143,8 +144,8 @@ def test_every_table_names_points_of_the_body_model_and_both_sides(body_model=No
     from toile.io.body import load_body_model
 
     known = set(load_body_model("anny").keypoint_names)
-    for count, rows in TABLES.values():
-        assert set(rows) <= known and max(rows.values()) < count and len(set(rows.values())) == len(rows)
+    for rows in map(rows_of, SKELETONS):
+        assert set(rows) <= known and len(set(rows.values())) == len(rows)
         assert {mirrored(name) for name in rows} == set(rows)
 
 
@@ -178,13 +179,3 @@ def test_masks_that_are_there_stay(capture, tmp_path):
     detect(opened, program(tmp_path, body), [number])
     assert mask.read_bytes() == before
     assert json.loads((opened.folder(number) / "keypoints.json").read_text())["names"]
-
-
-def test_lists_of_keypoints_that_files_and_detectors_share_are_the_same():
-    from toile.io.skeletons import SKELETONS
-
-    shared = set(SKELETONS) & set(TABLES)
-    assert shared == {"coco17", "coco_wholebody133", "halpe26", "openpose25"}
-    for name in shared:
-        rows = {keypoint: row for row, keypoint in enumerate(SKELETONS[name]) if keypoint}
-        assert TABLES[name] == (len(SKELETONS[name]), rows), name

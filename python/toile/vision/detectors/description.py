@@ -2,7 +2,7 @@
 beside it, and from a description NAME.toml, which has the last word.
 
     kind = "simcc"            # or "heatmap"; else by the graph's outputs
-    names = "halpe26"         # a table of `names.TABLES`, or a list of the body model's names, "" for points to leave
+    names = "halpe26"         # a list of io/skeletons.py, or a list of the body model's names, "" for points to leave
     mean = [123.675, 116.28, 103.53]   # of what `channels` says, for pixels of 0 to 255
     std = [58.395, 57.12, 57.375]
     channels = "rgb"          # or "bgr"
@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ...errors import UserError
 from ...io.bounded import read_json, read_toml
-from .names import TABLES, tables_of
+from ...io.skeletons import SKELETONS, rows_of
 
 IMAGENET = ((123.675, 116.28, 103.53), (58.395, 57.12, 57.375))
 Triple = tuple[float, float, float]
@@ -105,16 +105,16 @@ def _rows(path: Path, names: str | list[str] | None, count: int) -> dict[str, in
             )
         return {name: row for row, name in enumerate(names) if name}
     if names is None:
-        fitting = tables_of(count)
+        fitting = [name for name, points in SKELETONS.items() if len(points) == count]
         if len(fitting) != 1:
             known = f"it may be one of {', '.join(fitting)}" if fitting else f"no known table has {count}"
             raise UserError(f"{path}: which {count} points it gives is not said ({known}): {beside}")
         names = fitting[0]
-    if names not in TABLES:
-        raise UserError(f"{path.with_suffix('.toml')}: names: '{names}', expected one of {', '.join(TABLES)}")
-    if TABLES[names][0] != count:
-        raise UserError(f"{path}: gives {count} points, '{names}' has {TABLES[names][0]}: {beside}")
-    return TABLES[names][1]
+    if names not in SKELETONS:
+        raise UserError(f"{path.with_suffix('.toml')}: names: '{names}', expected one of {', '.join(SKELETONS)}")
+    if len(SKELETONS[names]) != count:
+        raise UserError(f"{path}: gives {count} points, '{names}' has {len(SKELETONS[names])}: {beside}")
+    return rows_of(names)
 
 
 def _said_beside(path: Path) -> dict[str, Any]:

@@ -3,8 +3,8 @@
     python holistic.py PICTURES OUT [PICTURES OUT ...]
 
 Each PICTURES is a folder with a picture a camera, each OUT an empty folder that gets keypoints.json and masks/CAMERA.png.
-Nothing of toile is imported here: mediapipe wants another numpy. Its landmarks are fractions of the picture's sides, so
-that times the sides they are pixels whose first has its centre at (0.5, 0.5).
+Of toile only the lists of keypoints are read: mediapipe wants another numpy. Its landmarks are fractions of the picture's
+sides, so that times the sides they are pixels whose first has its centre at (0.5, 0.5).
 """
 
 import json
@@ -14,9 +14,11 @@ from pathlib import Path
 import cv2
 import mediapipe
 import numpy as np
-from names import TABLES  # beside this file
 
-POINTS, ROWS = TABLES["mediapipe543"]
+sys.path.append(str(Path(__file__).parents[2] / "io"))
+from skeletons import SKELETONS, rows_of
+
+POINTS, ROWS = len(SKELETONS["mediapipe543"]), rows_of("mediapipe543")
 GROUPS = {"pose_landmarks": 0, "face_landmarks": 33, "left_hand_landmarks": 501, "right_hand_landmarks": 522}
 FOUND = 0.9  # confidence of a face or hand that was found: the model says no more of their points
 MASKED = 0.5
