@@ -170,7 +170,7 @@ class Keypoints:
 @dataclass(frozen=True)
 class Points3D:
     """Triangulated keypoints: `points` (k,3) [m], NaN where unseen; `sigma` (k,) [m]; `views` (k,) inlier counts; `gate`:
-    the reprojection error [px] up to which a detection counted."""
+    the reprojection error [px] up to which a detection counted, 0 where they were not triangulated."""
 
     names: tuple[str, ...]
     points: Anything
@@ -402,3 +402,15 @@ class Inner:
     garments: dict[str, Anything]  # name -> (g,3)
     intersections_left: int
     diagnostics: dict[str, float]
+
+
+def frame_ranges(numbers: Sequence[int], most: int | None = None) -> str:
+    """Ascending numbers in words, [1, 2, 3, 7] -> "1-3, 7"; of many runs the first `most`."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
+    return ", ".join(shown[:most]) + (", ..." if most is not None and len(shown) > most else "")

@@ -10,7 +10,7 @@ from tests.support.shapes import sphere
 from toile.config import SegmentSettings
 from toile.errors import UserError
 from toile.scene import Camera, Frame, Garment, Mesh, Scene, Tracked, Vote
-from toile.stages.segment import coarse_pictures, evidence, prepare, segment
+from toile.stages.segment import coarse_pictures, evidence, prepare, segment, unlabelled_pictures
 from toile.surface.curves import isolines
 from toile.vision.completion import complete_labels
 from toile.vision.evidence import Crop, depth_views, soft_crop, soft_labels
@@ -201,6 +201,25 @@ def test_one_labelled_picture_and_unlabelled_others_place_the_border(ball):
         assert (result.vertices != true_label(tracked.vertices)).mean() < 0.02
         border = isolines(frame.scan.vertices, frame.scan.faces, result.scan_probability[:, 1].astype(float))[0]
         assert border.closed and np.abs(border.points[:, 2] - OPENING).mean() < 0.002
+
+
+def test_of_few_views_those_with_a_label_image_come_first_and_only_what_is_read_is_completed(ball, monkeypatch):
+    scene, cameras, frame, tracked, faces = ball
+    model = prepare(scene, cameras, [(frame, tracked)], faces, SegmentSettings())
+    key = without_labels(frame, [name for name in cameras if name not in ("cam4", "cam5")])
+    told = []
+    watched = lambda frame, views, *rest: told.append(set(views)) or complete_labels(frame, views, *rest)
+    monkeypatch.setattr("toile.stages.segment.complete_labels", watched)
+    read = set(evidence(key, cameras, model, tracked, faces, SegmentSettings(views=3)).views)
+    assert len(read) == 3 and told == [read - {"cam4", "cam5"}]
+
+
+def test_pictures_without_a_label_image_are_counted_and_said(ball):
+    _, cameras, frame, tracked, _ = ball
+    key = without_labels(frame, [name for name in cameras if name != "cam0"])
+    assert unlabelled_pictures([(frame, tracked)]) == []
+    (said,) = unlabelled_pictures([(frame, tracked), (key, tracked)])
+    assert said.startswith("labels: 5 of 12 sampled pictures")
 
 
 def test_where_every_picture_is_labelled_none_is_completed(ball):

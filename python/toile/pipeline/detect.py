@@ -14,7 +14,7 @@ from ..config import ReconstructSettings
 from ..io.capture import Capture
 from ..io.files import write_text
 from ..io.image import write_image
-from ..scene import Keypoints
+from ..scene import Keypoints, frame_ranges
 from ..stages.reconstruct import agreement, triangulate
 from ..vision.detectors import Detection
 
@@ -44,15 +44,28 @@ def detect(
     asked = [number for number in frames if again or number not in there]
     for number in asked:
         capture.check_pictures(number)
-    folders, said = [capture.folder(number) / "images" for number in asked], []
+    folders, said = [capture.folder(number) / "images" for number in asked], _beforehand(capture, asked)
     found: Iterator[Detection] = detector.detect(folders, capture.cameras)
-    for done, (number, detection) in enumerate(zip(asked, found), 1):
+    for done, (number, detection) in enumerate(zip(asked, found, strict=True), 1):
         keypoints, warnings = confirmed(detection.keypoints, capture.cameras)
         said += [f"frame {number}: {warning}" for warning in warnings]
         _write(capture.folder(number), replace(detection, keypoints=keypoints))
         if progress is not None:
             progress("detect", done, len(asked))
     return Detected(tuple(asked), tuple(sorted(there - set(asked))), tuple(said))
+
+
+def _beforehand(capture: Capture, asked: Sequence[int]) -> list[str]:
+    """What is to be said whatever will be detected."""
+    placed = [number for number in asked if (capture.folder(number) / "keypoints3d.json").exists()]
+    said = (
+        [f"frames {frame_ranges(placed)}: keypoints3d.json is there: `toile register` takes its points"]
+        if placed
+        else []
+    )
+    return said + (
+        ["one camera: no other view confirms what is detected"] if len(capture.cameras) == 1 and asked else []
+    )
 
 
 def confirmed(keypoints: Keypoints, cameras: Any) -> tuple[Keypoints, list[str]]:

@@ -243,7 +243,7 @@ def _prepare_garments(prepared, tracked, status):
     if not all(path.exists() for path in (colours, *paths)):
         samples = tracked()
         coarse = segment.coarse_pictures(prepared.capture.cameras, samples, config.segment)
-        for warning in (*prepared.capture.warnings, *coarse):
+        for warning in (*prepared.capture.warnings, *coarse, *segment.unlabelled_pictures(samples)):
             status.add(stage="dress", ok=False, warning=warning)
         made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
         save_record(colours, made)

@@ -53,7 +53,10 @@ def prepare(scene, cameras, samples, faces, settings):
     _check_ids(scene, samples)
     model = _fitted(cameras, samples, faces, ids, settings)
     for _ in range(settings.completion_rounds):
-        whole = [(_completed(frame, cameras, model, tracked, faces, settings), tracked) for frame, tracked in samples]
+        whole = [
+            (_completed(frame, frame.images, cameras, model, tracked, faces, settings), tracked)
+            for frame, tracked in samples
+        ]
         if all(frame is given for (frame, _), (given, _) in zip(whole, samples)):
             break
         votes = _votes(_labelled_views(cameras, whole, faces), whole, faces, ids, settings)
@@ -94,9 +97,20 @@ def _prior(votes, faces, settings):
     return prior / prior.sum(1, keepdims=True)
 
 
-def _completed(frame, cameras, model, tracked, faces, settings):
-    """The frame with label images of all cameras that have a picture; itself where nothing is missing or to be told."""
-    missing = [name for name in frame.images if name not in frame.labels]
+def unlabelled_pictures(samples):
+    """What to warn of where pictures of sampled frames [(Frame, Tracked)] have no label image."""
+    pictures = [name in frame.labels for frame, _ in samples for name in frame.images]
+    if all(pictures) or not any(frame.labels for frame, _ in samples):
+        return []
+    missing = len(pictures) - sum(pictures)
+    return [
+        f"labels: {missing} of {len(pictures)} sampled pictures have no label image: theirs follow colours and places"
+    ]
+
+
+def _completed(frame, names, cameras, model, tracked, faces, settings):
+    """The frame with label images of the cameras `names` that have a picture; itself where none is missing or to be told."""
+    missing = [name for name in names if name in frame.images and name not in frame.labels]
     if not missing or model.colours is None:
         return frame
     views = depth_views(missing, cameras, tracked.vertices, faces)
@@ -114,10 +128,13 @@ def _scan_votes(scan, points, ids, settings):
 def evidence(frame, cameras, model, tracked, faces, settings):
     """What the frame's pictures say, seen past the scan and the tracked surface, and what labels its scan carries."""
     scan = Mesh(tracked.vertices, faces) if frame.scan is None else frame.scan
-    frame = _completed(frame, cameras, model, tracked, faces, settings)
     V, F = scan.vertices, scan.faces
+    told = frame.images if model.colours is not None else {}  # pictures whose labels can be
+    names = [*frame.labels, *(name for name in told if name not in frame.labels)]
+    chosen = spread_views(cameras, names, V.mean(0), settings.views, len(frame.labels))
+    frame = _completed(frame, chosen, cameras, model, tracked, faces, settings)
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
-    views = depth_views(frame.labels, spread_views(cameras, frame.labels, V.mean(0), settings.views), *both)
+    views = depth_views([name for name in frame.labels if name in chosen], chosen, *both)
     return Evidence(frame, views, scan, model.ids, model.colours, settings)
 
 

@@ -196,7 +196,7 @@ class Tracker:
         diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
         if points is not None and len(points.points):
             kept = float(np.isfinite(points.points).all(1).mean())
-            diagnostics |= {"keypoints_kept": kept, "keypoint_gate_px": points.gate}
+            diagnostics |= {"keypoints_kept": kept} | ({"keypoint_gate_px": points.gate} if points.gate else {})
         diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
         return Tracked(V, *pose, self._face(*pose, points), confidence, diagnostics)
 

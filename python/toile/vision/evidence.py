@@ -15,16 +15,19 @@ def depth_views(names, cameras, V, F):
     return dict(zip(names, parallel_map(lambda name: DepthView(cameras[name], V, F), names)))
 
 
-def spread_views(cameras, names, centre, most):
-    """At most `most` of the cameras with these names, far apart as seen from `centre` [m]; all of them for 0."""
+def spread_views(cameras, names, centre, most, first=1):
+    """At most `most` of the cameras with these names, far apart as seen from `centre` [m]; all of them for 0. The `first`
+    of them come before all others."""
     chosen = {name: cameras[name] for name in names if name in cameras}
     if most == 0 or len(chosen) <= most:
         return chosen
     rays = {name: camera.centre - centre for name, camera in chosen.items()}
     rays = {name: ray / max(np.linalg.norm(ray), 1e-12) for name, ray in rays.items()}
-    kept = [next(iter(rays))]
+    before = list(rays)[: max(first, 1)]
+    kept = before[:1]
     while len(kept) < most:  # farthest first
-        kept.append(min((n for n in rays if n not in kept), key=lambda n: max(rays[n] @ rays[k] for k in kept)))
+        left = [name for name in before if name not in kept] or [name for name in rays if name not in kept]
+        kept.append(min(left, key=lambda n: max(rays[n] @ rays[k] for k in kept)))
     return {name: chosen[name] for name in chosen if name in kept}
 
 

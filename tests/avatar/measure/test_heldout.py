@@ -10,7 +10,7 @@ import torch
 from typer.testing import CliRunner
 
 from toile.avatar.measure.evaluation import evaluate_avatar
-from toile.avatar.measure.heldout import HeldOut, _chosen, _ranges
+from toile.avatar.measure.heldout import HeldOut, _chosen
 from toile.avatar.measure.report import write_avatar_report
 from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings
 from toile.cli import app
@@ -140,10 +140,6 @@ def test_a_frame_without_hold_out_must_be_named():
     with pytest.raises(UserError, match="name frames by --frames"):
         _chosen("avatar", facts, None, [0, 1])
     assert _chosen("avatar", facts, [1], [0, 1])[0] == [1]
-
-
-def test_ranges_are_put_together():
-    assert _ranges([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10" and _ranges([]) == ""
 
 
 def test_without_truth_the_registration_is_checked_by_its_pictures(avatar, sample_run, tmp_path):

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,17 @@ def test_nobody_and_somebody_else_are_said_and_not_used(person):
     assert (left.points["cam3"][:, 2] == 0).all() and (left.points["cam2"][:, 2] == 1).all()
     nobody = Keypoints(keypoints.names, {n: 0 * rows for n, rows in keypoints.points.items()})
     assert confirmed(nobody, cameras)[1] == ["nobody was found in any picture"]
+
+
+def test_points_in_space_that_win_and_a_camera_alone_are_said(capture, tmp_path):
+    opened = open_capture(capture)
+    (opened.folder(opened.frames[1]) / "keypoints3d.json").write_text("{}")
+    (said,) = detect(opened, program(tmp_path, COPIES), opened.frames).warnings
+    assert said.startswith(f"frames {opened.frames[1]}: keypoints3d.json")
+    alone = replace(opened, cameras=dict([next(iter(opened.cameras.items()))]))
+    assert any(
+        "one camera" in said for said in detect(alone, program(tmp_path, COPIES), opened.frames[:1], True).warnings
+    )
 
 
 def test_what_one_view_alone_of_several_sees_is_not_used(person):

@@ -13,7 +13,7 @@ from ... import kernels
 from ...errors import UserError
 from ...io.run import is_run, open_run
 from ...measure.truth import millimetres, open_truth
-from ...scene import HIDDEN
+from ...scene import HIDDEN, frame_ranges
 from ...surface.sampling import evenly
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import pose_distance
@@ -243,26 +243,15 @@ def _chosen(folder, facts, asked, pictured):
         raise UserError(f"{folder}: nothing was held out of the training: name frames by --frames")
     left = [n for n in frames if n in set(pictured)]
     if not left:
-        raise UserError(f"{folder}: frames {_ranges(frames)}: none of them is registered and has pictures")
+        raise UserError(f"{folder}: frames {frame_ranges(frames)}: none of them is registered and has pictures")
     warnings, trained = [], sorted(set(left) & set(facts["frames"]))
     if len(left) < len(frames):
         warnings.append(
-            f"frames {_ranges(sorted(set(frames) - set(left)))}: not registered or without pictures, left out"
+            f"frames {frame_ranges(sorted(set(frames) - set(left)))}: not registered or without pictures, left out"
         )
     if trained:
-        warnings.append(f"frames {_ranges(trained)}: the avatar was trained on them")
+        warnings.append(f"frames {frame_ranges(trained)}: the avatar was trained on them")
     return left, warnings
-
-
-def _ranges(numbers):
-    """ "1-3, 7" of sorted numbers."""
-    parts = []
-    for n in numbers:
-        if parts and parts[-1][1] == n - 1:
-            parts[-1][1] = n
-        else:
-            parts.append([n, n])
-    return ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in parts)
 
 
 def _turned(centre, angle, up):

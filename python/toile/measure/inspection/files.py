@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...io.capture import Capture
+from ...scene import frame_ranges
 from .cameras import Finding
 
 KINDS = ("images", "masks", "labels")
@@ -42,7 +43,7 @@ def gaps(numbers: tuple[int, ...]) -> list[Finding]:
     missing = sorted(set(range(numbers[0], numbers[-1] + 1, step)) - set(numbers))
     if not missing:
         return []
-    return [Finding(f"frames: {len(missing)} numbers are missing: {ranges(missing)}", serious=False)]
+    return [Finding(f"frames: {len(missing)} numbers are missing: {frame_ranges(missing, MANY)}", serious=False)]
 
 
 def uneven(capture: Capture) -> list[Finding]:
@@ -59,7 +60,9 @@ def uneven(capture: Capture) -> list[Finding]:
         for name in sorted(there):
             missing = sorted(set(frames) - set(there[name]))
             if missing:
-                found.append(Finding(f"{name}: no {kind} in {len(missing)} frames: {ranges(missing)}", serious=False))
+                found.append(
+                    Finding(f"{name}: no {kind} in {len(missing)} frames: {frame_ranges(missing, MANY)}", serious=False)
+                )
     idle = [name for name in capture.cameras if name not in pictured]
     if pictured and idle:
         found.append(Finding(f"cameras without a picture: {', '.join(idle[:MANY])}{'...' * (len(idle) > MANY)}", False))
@@ -127,15 +130,3 @@ def looks(frames: list[Any]) -> list[Finding]:
             if len(values) > 2 and value < BLURRED * usual:
                 found.append(Finding(f"{name}: frame {number} is blurred, against its other frames", serious=False))
     return found
-
-
-def ranges(numbers: list[int]) -> str:
-    """[1, 2, 3, 7] -> "1-3, 7"."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
-    return ", ".join(shown[:MANY]) + (", ..." if len(shown) > MANY else "")
