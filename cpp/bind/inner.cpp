@@ -14,6 +14,8 @@ void bind_inner(py::module_& m) {
         .def_readwrite("fit_scale", &InnerOptions::fit_scale)
         .def_readwrite("prior", &InnerOptions::prior)
         .def_readwrite("gap", &InnerOptions::gap)
+        .def_readwrite("seldom", &InnerOptions::seldom)
+        .def_readwrite("often", &InnerOptions::often)
         .def_readwrite("taper", &InnerOptions::taper)
         .def_readwrite("reach", &InnerOptions::reach)
         .def_readwrite("tightness", &InnerOptions::tightness)

@@ -228,6 +228,16 @@ void check_inner_sums(const InnerSums& sums, Eigen::Index n) {
 
 constexpr int kSkinPasses = 3;  // the mean of all skin, then twice that of the skin near it
 
+/// How sure (n,) in [0,1] each vertex is skin: where few of the frames showed it, it was a wrong label, which would draw
+/// the body to the cloth.
+Vector seen_skin(const InnerSums& sums, const InnerOptions& o) {
+    return sums.skin.unaryExpr([&](double seen) {
+        const double share = seen / static_cast<double>(sums.frames);
+        const double t = std::clamp((share - o.seldom) / (o.often - o.seldom), 0.0, 1.0);
+        return std::min(seen, 1.0) * t * t * (3 - 2 * t);
+    });
+}
+
 /// Mean rest position (n,3) of the skin; 0 where none was seen.
 Vertices mean_skin(const InnerSums& sums) {
     return sums.position.array().colwise() / sums.weight.array().max(std::numeric_limits<double>::min());
@@ -306,6 +316,8 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
                 "up to 1e50");
     require(o.fit >= 0 && o.gap >= 0 && o.taper >= 0 && o.fit + o.gap + o.taper <= 1e50,
             "inner: fit, gap and taper must not be negative, nor beyond 1e50");
+    require(o.seldom >= 0 && o.seldom < o.often && o.often <= 1,
+            "inner: seldom and often must be 0 <= seldom < often <= 1");
     require(o.tightness >= 0 && o.tightness <= 1, "inner: tightness must lie in [0, 1]");
     require(o.rounds > 0 && o.max_iterations > 0, "inner: rounds and max_iterations must be positive");
     shape_.conservativeResizeLike(Vector::Zero(model_.shapes()));
@@ -416,7 +428,7 @@ void InnerFusion::average(const InnerSums& sums) {
     State& s = *state_;
     const InnerSolver& k = solver_;
     if (s.passes == 1) {
-        s.seen.skin = sums.skin.cwiseMin(1.0);
+        s.seen.skin = seen_skin(sums, k.options_);
         s.seen.room = tightest_room(sums, s.seen.skin, k.options_);
     }
     guess_ = {Vertices(0, 3), mean_skin(sums), true};

@@ -29,6 +29,8 @@ struct InnerOptions {
     double fit_scale = 0.008;         ///< Geman-McClure scale of that pull [m]
     double prior = 0.5;               ///< coupling to the model, and of a frame to the fused shape
     double gap = 0.002;               ///< cloth stays this far off the skin [m]
+    double seldom = 0.1;              ///< up to this share of the frames skin that was seen is taken for a wrong label,
+    double often = 0.25;              ///< from this on for skin
     double taper = 0.02;              ///< skin counts fully only this far from the cloth, along the surface [m]
     double reach = 0.06;              ///< cloth farther than this from the body says nothing [m]
     double tightness = 0.1;           ///< the bound of a hidden vertex is this quantile over the frames

@@ -100,6 +100,20 @@ def test_blocks_of_frames_add_up_to_the_fused_shape_of_all(scene):
     assert np.abs(together.rest - twice.rest).mean() < 1e-5 and np.abs(together.rest - twice.rest).max() < 1e-3
 
 
+def test_one_frame_of_ten_that_takes_cloth_for_skin_leaves_the_fused_body_as_it_is(scene):
+    """A patch of the shirt's front, up to 20 mm off the body, called skin in one frame alone."""
+    solver, frames = InnerSolver(scene.model, scene.shape, scene.J), [arguments(scene)[i % FRAMES] for i in range(10)]
+    chest = scene.model.J[scene.model.joint("spine02")] + [0, -0.3, 0]
+    on_shirt = np.flatnonzero(scene.covered)
+    patch = on_shirt[np.argsort(np.linalg.norm(scene.body[on_shirt] - chest, axis=1))[:60]]
+    rotations, translation, tracked, visible, garments = frames[3]
+    strayed = visible.copy()
+    strayed[patch] = 1
+    stray = [*frames[:3], (rotations, translation, tracked, strayed, garments), *frames[4:]]
+    moved = np.linalg.norm(solver.fuse(stray).rest - solver.fuse(frames).rest, axis=1)
+    assert moved.max() < 1e-3
+
+
 def test_sums_outlive_a_file_and_another_solver(scene):
     solver, other = (InnerSolver(scene.model, scene.shape, scene.J) for _ in range(2))
     guess = pickle.loads(pickle.dumps(solver.fusion().guess))

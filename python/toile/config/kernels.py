@@ -84,6 +84,10 @@ class InnerSolverSettings(Settings):
     prior: float = setting(0.5, "1", "coupling to the model, and of a frame to the fused shape", ge=0)
     gap: float = setting(0.002, "m", "cloth stays this far off the skin", ge=0)
     taper: float = setting(0.02, "m", "skin counts fully only this far from the cloth, along the surface", ge=0)
+    seldom: float = setting(
+        0.1, "1", "up to this share of the frames skin that was seen is taken for a wrong label", ge=0, lt=1
+    )
+    often: float = setting(0.25, "1", "from this share of the frames on it is skin", gt=0, le=1)
     reach: float = setting(0.06, "m", "cloth farther than this from the body says nothing", gt=0)
     tightness: float = setting(0.1, "1", "the bound of a hidden vertex is this quantile over the frames", ge=0, le=1)
     shape_sigma: float = setting(0.01, "m", "spread of the skin about the model's span", gt=0)

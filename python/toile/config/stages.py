@@ -383,6 +383,13 @@ class InnerSettings(Settings):
     """The body under the garments, and the garments out of it."""
 
     tolerance: float = setting(2e-4, "m", "a frame's fit ends when no vertex moves by more", gt=0)
+    spike: float = setting(
+        1.0,
+        "1",
+        "the run warns where the fused body's displacement parts the ends of an edge by more, over its length",
+        gt=0,
+    )
+    spike_length: float = setting(0.008, "m", "edges count as at least this long there", gt=0)
     solver: InnerSolverSettings = InnerSolverSettings()
     untangle: UntangleSettings = UntangleSettings()
     layering_rounds: int = setting(

@@ -32,7 +32,8 @@ class InnerSolver(Rebuilt):
     fully only this far from the cloth, along the surface), reach=0.06 (cloth farther away says nothing),
     shape_sigma=0.01 (spread of the skin about the model's span), tolerance=2e-4 (stop when no vertex moves by more).
     Weights: skin=1e4, out=1e3, fit=1, prior=0.5 as above; shape_observations=200 (independent observations that the
-    skin counts as when the shape is refitted). tightness=0.1 (the bound of a hidden vertex is this quantile of its room
+    skin counts as when the shape is refitted). seldom=0.1, often=0.25 (shares of the frames: skin that no more than `seldom`
+    of them show is a wrong label; from `often` on it is skin; a smooth step between). tightness=0.1 (the bound of a hidden vertex is this quantile of its room
     over the frames), rounds=3 (cloth is looked for anew), max_iterations=8 (reweightings a round).
 
     After Zhang et al. 2017 (arXiv 1703.04454), own form.
@@ -53,8 +54,8 @@ class InnerSolver(Rebuilt):
         """One rest shape (n,3) for all frames.
 
         A frame is (rotations (K,3), translation (3,), tracked (n,3), visible (n,), garments): visible in [0,1], 1 where
-        the tracked surface is the inner layer; garments [(V, F), ...] registered and posed. A vertex is skin where any
-        frame shows it; a hidden one lies inside the tightest cloth (a low quantile over frames).
+        the tracked surface is the inner layer; garments [(V, F), ...] registered and posed. A vertex is skin where more
+        than a stray frame shows it (`seldom`, `often`); a hidden one lies inside the tightest cloth (a low quantile over frames).
         -> .rest [m], .shape (S,) refitted, .bound (n,) room left to the cloth [m], .observed, .bounded, .stop (`Stop`),
         .iterations, .energy, .factorisations (numeric), .analyses (symbolic, beside the solver's own: 0).
         """

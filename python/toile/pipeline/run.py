@@ -362,7 +362,12 @@ def _fuse(run, frames, results, prepared, pool):
     good = blocks([number for number in frames if results.whole(number)])
     if not good:
         return InnerShape(prepared.person.rest, {})
-    return fuse(good, partial(_load_results, results), run / "work" / "fusion", prepared, pool)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        shape = fuse(good, partial(_load_results, results), run / "work" / "fusion", prepared, pool)
+    for warning in caught:
+        results.status.add(stage="inner", ok=False, warning=str(warning.message))
+    return shape
 
 
 def _smoothed(results):

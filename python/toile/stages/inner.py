@@ -1,11 +1,12 @@
 """The body under the garments, and the garments moved out of it."""
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import kernels
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Inner, InnerShape
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Inner, InnerShape, Mesh
 from ..surface.attachments import Attachments
 from ..surface.layering import Layering
 
@@ -26,7 +27,8 @@ class Fusion:
     gathered at `guess`, and the blocks are added in their order. Blocks may be gathered by other processes."""
 
     def __init__(self, model, person, templates, settings):
-        self.templates = templates
+        self.model, self.templates, self.settings, self.J = model, templates, settings, person.J
+        self.skin = Mesh(model.rest(person.shape)[0], model.skin_faces)
         self.solver = kernels.InnerSolver(model, person.shape, person.J, **settings.solver.model_dump())
         self.fusion = self.solver.fusion()
 
@@ -59,9 +61,28 @@ class Fusion:
         self.fusion.step(total)
 
     def shape(self):
-        """The InnerShape, once done."""
+        """The InnerShape, once done; it warns of a spike."""
         fused = self.fusion.fused
-        return InnerShape(np.asarray(fused.rest), {"iterations": float(fused.iterations)})
+        steepest, vertex = steepest_edge(self.skin, np.asarray(fused.rest), self.settings.spike_length)
+        if steepest > self.settings.spike:
+            near = np.argmin(np.linalg.norm(self.J - self.skin.vertices[vertex], axis=1))
+            warnings.warn(
+                f"the body fused under the garments has a spike near {self.model.joint_names[near]}: ends of an edge part "
+                f"by {steepest:.1f} of its length; look at the labels there",
+                stacklevel=2,
+            )
+        return InnerShape(np.asarray(fused.rest), {"iterations": float(fused.iterations), "steepest_edge": steepest})
+
+
+def steepest_edge(skin, moved, shortest):
+    """(steepness, vertex) of the edge of the Mesh `skin` whose ends part most on the way to `moved` (n,3): by how much [m],
+    over its length, or over `shortest` [m] where that is more. A smooth displacement parts them by a fraction of it."""
+    ends = skin.edges
+    length = np.linalg.norm(np.diff(skin.vertices[ends], axis=1)[:, 0], axis=1)
+    parted = np.linalg.norm(np.diff((moved - skin.vertices)[ends], axis=1)[:, 0], axis=1)
+    steep = parted / np.maximum(length, shortest)
+    worst = int(np.argmax(steep))
+    return float(steep[worst]), int(ends[worst, 0])
 
 
 class InnerLayer:
