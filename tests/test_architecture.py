@@ -46,6 +46,7 @@ DOORS = {
     "config/command",
     "io/command",
     "measure/command",
+    "pipeline/command",
 }
 TORCH = {"avatar", "studio"}
 HEAVY = {"torch", "anny", "newton", "warp", "mitsuba"}

@@ -32,6 +32,23 @@ STOPPED = 130
 RESUMED = ("register", "reconstruct", "align", "train", "studio")  # the same command goes on with what was stopped
 
 
+def say_version(asked: bool):
+    if asked:
+        from . import __version__
+
+        typer.echo(f"toile {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def begin(
+    version: Annotated[
+        bool, typer.Option("--version", help="say the version and end", is_eager=True, callback=say_version)
+    ] = False,
+):
+    pass
+
+
 @app.command()
 def plan(capture: Path):
     """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
@@ -353,7 +370,8 @@ def main():
     from .config.command import settings
     from .io.command import body_model, export, import_capture
     from .kernels import InputError
-    from .measure.command import inspect
+    from .measure.command import doctor, inspect
+    from .pipeline.command import status
     from .studio.command import studio
 
     app.command()(align)
@@ -361,6 +379,8 @@ def main():
     app.command()(studio)
     app.command()(settings)
     app.command()(inspect)
+    app.command()(doctor)
+    app.command()(status)
     app.command("import")(import_capture)
     app.command()(export)
     app.command("body-model")(body_model)

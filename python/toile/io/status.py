@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 
 class Status:
-    """Lines {"frame", "stage", "seconds", "ok", ...} in the order in which they were added, by however many processes."""
+    """Lines {"frame", "stage", "seconds", "ok", ..., "time"} in the order in which they were added, by however many processes;
+    `time` is when [s since 1970]."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -21,7 +23,7 @@ class Status:
 
     def add(self, **line: Any) -> None:
         with open(self.path, "a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
+            file.write(json.dumps(line | {"time": round(time.time(), 2)}) + "\n")
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """All whole lines; a run that was killed may have left the last one cut."""

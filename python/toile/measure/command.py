@@ -1,4 +1,4 @@
-"""The command `toile inspect`."""
+"""The commands `toile inspect` and `toile doctor`."""
 
 from __future__ import annotations
 
@@ -25,3 +25,35 @@ def inspect(
     write_inspection(found, page, capture.resolve().name)
     typer.echo(f"{page}")
     raise typer.Exit(1 if found.wasted else 0)
+
+
+def doctor():
+    """Say what is installed and what the machine has, and try every kernel against a reference; exit code 1 where one is off."""
+    from .. import __version__, kernels
+    from .doctor.checks import check_kernels
+    from .doctor.machine import PROGRAMS, machine, packages, programs
+
+    typer.echo(f"toile {__version__} in {Path(kernels.__file__).parents[1]}")
+    for name, words in machine().items():
+        typer.echo(f"  {name:<10} {words}")
+    for name, version in programs().items():
+        typer.echo(f"  {name:<10} {version or f'not installed ({PROGRAMS[name]})'}")
+    found = list(packages())
+    there = {name: version for name, version, _ in found if version}
+    missing = {}
+    for name, version, extra in found:
+        if not version:
+            missing.setdefault(extra, []).append(name)
+    typer.echo(f"packages: {', '.join(f'{name} {version}' for name, version in there.items())}")
+    for extra, names in missing.items():
+        typer.echo(
+            f"  not installed: {', '.join(dict.fromkeys(names))}{f' (pip install toile[{extra}])' if extra else ''}"
+        )
+    sound = not missing.get("")
+    for checked in check_kernels():
+        sound &= checked.sound
+        error = f"error {checked.error:.1e}, at most {checked.most:.0e}" if checked.error is not None else checked.said
+        word = "ok   " if checked.sound else "WRONG"
+        typer.echo(f"  {word} {checked.name:<18} {checked.seconds:5.2f} s  {checked.against}: {error}")
+    typer.echo("all kernels agree with their references" if sound else "something is wrong, see above")
+    raise typer.Exit(0 if sound else 1)

@@ -1,0 +1,1 @@
+"""`toile doctor`: what of this machine and installation matters, and every kernel against a reference."""

@@ -1,0 +1,89 @@
+"""What is installed, and what the machine has."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+from ... import kernels
+
+PROGRAMS = {"chromium": "pages are tested in it", "blender": "Alembic", "node": "the glTF validator of the tests"}
+WAIT = 20.0  # s for a program to say its version
+GIB = 2**30
+
+
+def packages() -> Iterator[tuple[str, str, str]]:
+    """(name, version or "", the extra that asks for it, "" for all) of what toile's metadata asks for."""
+    for line in importlib.metadata.requires("toile") or ():
+        name = re.match(r"[A-Za-z0-9._-]+", line)
+        extra = re.search(r"extra == ['\"]([^'\"]+)", line)
+        if name:
+            yield name[0], version_of(name[0]), extra[1] if extra else ""
+
+
+def version_of(package: str) -> str:
+    """Its version, "" where it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def machine() -> dict[str, str]:
+    """What the machine has, in words."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return {
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "processor": processor(),
+        "cores": f"{cores}, kernels use {kernels.threads()} threads",
+        "memory": memory(),
+        "GPU": graphics(),
+    }
+
+
+def processor() -> str:
+    """Its name, and whether it has the instructions that the core may be built for."""
+    text = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    name = re.search(r"model name\s*: (.*)", text)
+    flags = set(re.search(r"flags\s*: (.*)", text)[1].split()) if "flags" in text else set()
+    return f"{name[1] if name else platform.machine()}{', AVX2' if 'avx2' in flags else ''}"
+
+
+def memory() -> str:
+    """Free and all, and what this process is held to where that is less."""
+    text = Path("/proc/meminfo").read_text() if Path("/proc/meminfo").exists() else ""
+    size = {name: int(kib) * 1024 / GIB for name, kib in re.findall(r"(\w+):\s+(\d+) kB", text)}
+    if "MemTotal" not in size:
+        return "unknown"
+    limit = Path("/sys/fs/cgroup/memory.max")
+    held = limit.read_text().strip() if limit.exists() else "max"
+    held = f", this process is held to {int(held) / GIB:.1f}" if held.isdecimal() else ""
+    return f"{size['MemAvailable']:.1f} of {size['MemTotal']:.1f} GiB free{held}"
+
+
+def graphics() -> str:
+    """NVIDIA's cards by their driver's program; torch is not asked, it takes seconds to load."""
+    cards = said(["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"])
+    return "; ".join(cards.splitlines()) or "none that NVIDIA's driver knows"
+
+
+def programs() -> dict[str, str]:
+    """{program: its version, "" where it is not installed}."""
+    return {name: next(iter(said([name, "--version"]).splitlines()), "") for name in PROGRAMS}
+
+
+def said(command: list[str]) -> str:
+    """What a program prints, "" where it is not there or fails."""
+    if shutil.which(command[0]) is None:
+        return ""
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=WAIT).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

@@ -1,0 +1,42 @@
+"""`toile doctor` and `toile --version`."""
+
+import subprocess
+import sys
+
+import pytest
+
+from toile import __version__, kernels
+from toile.measure.doctor import checks
+from toile.measure.doctor.machine import machine, packages, programs
+
+
+@pytest.mark.parametrize("name", checks.CHECKS)
+def test_every_kernel_agrees_with_its_reference(name, monkeypatch):
+    monkeypatch.setattr(checks, "CHECKS", {name: checks.CHECKS[name]})
+    (found,) = checks.check_kernels()
+    assert found.sound, found
+
+
+def test_a_kernel_that_is_off_or_breaks_is_told(monkeypatch):
+    right = kernels.cheapest_path
+    monkeypatch.setattr(checks, "CHECKS", {n: checks.CHECKS[n] for n in ("cheapest_path", "bilinear")})
+    monkeypatch.setattr(kernels, "cheapest_path", lambda cost, step: right(step[:1].repeat(6, 0), step))
+    monkeypatch.setattr(kernels, "bilinear", lambda *_: 1 / 0)
+    off, broken = checks.check_kernels()
+    assert not off.sound and off.error > 0.01
+    assert not broken.sound and broken.said == "ZeroDivisionError: division by zero"
+
+
+def test_the_machine_and_the_packages_are_named():
+    found = machine()
+    assert "threads" in found["cores"] and "GiB" in found["memory"]
+    assert found["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert set(programs()) == {"chromium", "blender", "node"}
+    versions = {name: version for name, version, extra in packages() if not extra}
+    assert versions["numpy"] and versions["zarr"]
+
+
+@pytest.mark.parametrize("program", [["-m", "toile", "--version"]])
+def test_the_version_is_said(program):
+    said = subprocess.run([sys.executable, *program], capture_output=True, text=True)
+    assert (said.returncode, said.stdout.strip()) == (0, f"toile {__version__}")
