@@ -137,7 +137,14 @@ def test_points_in_space_that_win_and_a_camera_alone_are_said(capture, tmp_path)
     (opened.folder(opened.frames[1]) / "keypoints3d.json").write_text("{}")
     (said,) = detect(opened, program(tmp_path, COPIES), opened.frames).warnings
     assert said.startswith(f"frames {opened.frames[1]}: keypoints3d.json")
-    alone = replace(opened, cameras=dict([next(iter(opened.cameras.items()))]))
+    name, camera = next(iter(opened.cameras.items()))
+    for path in (opened.folder(opened.frames[0]) / "images").iterdir():
+        if path.stem != name:
+            path.unlink()
+    kept = json.loads((opened.folder(opened.frames[0]) / "kept.json").read_text())
+    kept["points"] = {name: kept["points"][name]}
+    (opened.folder(opened.frames[0]) / "kept.json").write_text(json.dumps(kept))
+    alone = replace(opened, cameras={name: camera})
     assert any(
         "one camera" in said for said in detect(alone, program(tmp_path, COPIES), opened.frames[:1], True).warnings
     )
