@@ -43,6 +43,19 @@ def test_subjects_have_their_size(body, subject, low, high):
     assert (size_of(subject, other) < SIZES[subject]) == (subject == "child")
 
 
+def test_a_shirt_cut_for_a_child_with_thin_arms_touches_nothing():
+    from toile.studio.body import make_body
+    from toile.studio.cut import cut_garment
+    from toile.studio.truth import pairs_between
+    from toile.studio.truths import Hard
+
+    body = make_body("child", np.random.default_rng([3, 0]), Hard())
+    V, F = cut_garment("tshirt", body)
+    sides = np.linalg.norm(V[F[:, [1, 2, 0]]] - V[F], axis=2)
+    assert pairs_between(body.rest, body.skin_faces, V, F) == 0
+    assert sides.max() < 0.025  # longer ones cut through an arm
+
+
 ODD = [("child", "talk", "cut"), ("tall", "fast", "cut"), ("heavy", "talk", "cut"), ("fitted", "sit", "cut")]
 
 

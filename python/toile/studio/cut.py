@@ -15,6 +15,7 @@ from .template import REMESHING
 
 OFFSET = 0.012  # m outside the skin
 EDGE = 0.011  # m: about 6k vertices
+GROWN = 1.5  # m tall: triangles on smaller bodies are smaller
 SLEEVE = 0.75  # share of the upper arm that the sleeve covers
 NECKLINE = np.array([0, -0.35, 0.94])  # the neck's opening looks up and forward
 SMOOTHING = 8  # umbrella steps on the offset surface
@@ -46,11 +47,20 @@ def cut_garment(kind, body, over=None):
     """V (n,3) in the body's rest pose, F (m,3) of a garment of CUTS, whose cloth is larger by the share `ease`. `over`
     (V, F): a surface to stay clear of, the skin by default."""
     cut, over = CUTS[kind], over or (body.rest, body.skin_faces)
-    V, F = cut_out(body, cut.field(body), cut.offset, over, cut.wide)
-    if not cut.drop:
-        return V, F
-    V, F = remesh(hung(V, cut.drop, cut.flare), F, EDGE, **REMESHING)
-    return lifted(V, F, over, cut.offset), F
+    edge = EDGE * min(1.0, np.ptp(body.rest[:, 2]) / GROWN)
+    V, F = cut_skin(body, cut.field(body), edge)
+    N = smoothed(vertex_normals(V, F), F)
+    off = stand_off(V, cut)
+    V = lifted(V + off * N / np.linalg.norm(N, axis=1, keepdims=True), F, over, off)
+    if cut.drop:
+        V = hung(V, cut.drop, cut.flare)
+    V, F = remesh(V, F, edge, **REMESHING)  # about a thin arm the skin's triangles have become twice as long
+    return lifted(V, F, over, stand_off(V, cut)), F
+
+
+def stand_off(V, cut):
+    """How far (n,1) [m] from the skin a garment stands: `wide` more at its lower borders."""
+    return cut.offset + cut.wide * np.clip(1 - (V[:, 2:] - V[:, 2].min()) / WIDENING, 0, 1)
 
 
 def hung(V, drop, flare=0.0):
@@ -59,15 +69,6 @@ def hung(V, drop, flare=0.0):
     t = np.clip(1 - (V[:, 2:] - V[:, 2].min()) / stretched, 0, 1)
     middle = V.mean(0) * [1, 1, 0]
     return middle + (V - middle) * (1 + flare * t * [1, 1, 0]) - drop * t * [0, 0, 1]
-
-
-def cut_out(body, field, offset, over, wide=0.0):
-    """The skin where `field` is positive, remeshed and moved `offset` [m] outside of the surface `over`, and `wide` [m] more
-    at its lower border."""
-    V, F = cut_skin(body, field, EDGE)
-    N = smoothed(vertex_normals(V, F), F)
-    offset = offset + wide * np.clip(1 - (V[:, 2:] - V[:, 2].min()) / WIDENING, 0, 1)
-    return lifted(V + offset * N / np.linalg.norm(N, axis=1, keepdims=True), F, over, offset), F
 
 
 def lifted(V, F, over, offset):
