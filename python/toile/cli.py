@@ -73,8 +73,13 @@ def detect(
         str | None, typer.Option(help="a program: COMMAND PICTURES OUT [PICTURES OUT ...], run without a shell")
     ] = None,
     model: Annotated[Path | None, typer.Option(help="a network of keypoints, an ONNX file")] = None,
+    labels: Annotated[
+        str | None, typer.Option(help="label images instead, labels/CAMERA.png, by a network of labels: an ONNX file")
+    ] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
-    again: Annotated[bool, typer.Option("--again", help="also frames that have keypoints.json")] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="also frames that have keypoints.json, or label images")
+    ] = False,
 ):
     """Find keypoints and masks of the person in a capture's pictures: keypoints.json and masks/ of each frame.
 
@@ -85,6 +90,10 @@ def detect(
 
     opened = open_capture(capture)
     numbers = frame_numbers(frames, opened.frames)
+    if labels is not None:
+        if detector is not None or model is not None:
+            raise UserError("--labels: --detector or --model is given too")
+        return write_label_images(opened, labels, numbers, again)
     with progress_bars() as progress:
         found = find(opened, detector_of(opened, detector, model), numbers, again, progress)
     kept = f", {len(found.kept)} had theirs (--again makes them anew)" if found.kept else ""
@@ -305,6 +314,18 @@ def template(
     from .pipeline.template import write_template
 
     typer.echo(write_template(run, out, name, label))
+
+
+def write_label_images(capture, network, numbers, again):
+    """What `toile detect --labels` does."""
+    from .pipeline.labelling import scene_segmenter, write_labels
+
+    segmenter = scene_segmenter(capture, network)
+    with progress_bars() as progress:
+        done = write_labels(capture, segmenter, numbers, again, progress)
+    kept = f", {done.kept} were there (--again makes them anew)" if done.kept else ""
+    typer.echo(f"{capture.root}: {done.written} label images{kept}")
+    typer.echo(f"  of the person's pixels {100 * done.unsure:.1f} % are unsure")
 
 
 def detector_of(capture, command, model):

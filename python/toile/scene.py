@@ -146,6 +146,7 @@ class Scene:
     face_keypoints: bool = False
     view_dependent: bool = False
     keypoints: str = ""  # an ONNX file of the capture that finds them
+    segmenter: str = ""  # an ONNX file of the capture, or the name of a packaged one, that labels pictures
 
 
 @dataclass(frozen=True)
@@ -189,6 +190,7 @@ class Frame:
     images: dict[str, Anything] = field(default_factory=dict)  # (H,W,3) uint8 RGB
     masks: dict[str, Anything] = field(default_factory=dict)  # (H,W) bool
     labels: dict[str, Anything] = field(default_factory=dict)  # (H,W) uint8 ids
+    certainty: dict[str, Anything] = field(default_factory=dict)  # (H,W) uint8 [1/255], of labels that may be unsure
     points3d: Points3D | None = None  # keypoints in space that the capture brings
 
     @property

@@ -30,6 +30,7 @@ RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS,
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 VOTES = "votes.json"
+BESIDE_NETWORKS = ("pipeline.json", "config.json", "preprocessor_config.json")
 CHECKED = 3  # frames that are read before a run begins
 
 
@@ -43,6 +44,7 @@ class _SceneTable(_Table):
     units: str = "m"
     up: str = "z"
     keypoints: str = ""
+    segmenter: str = ""
 
 
 class _BodyTable(_Table):
@@ -193,6 +195,7 @@ def open_capture(path: Path | str) -> Capture:
     warnings = tuple(warning for t in found.values() for warning in t.warnings)
     named = [table.cameras.file, *(g.template for g in with_file)]
     named += [scene.body_model] if scene.body_model.endswith(".npz") else []
+    named += [scene.segmenter, *beside_network(root, scene.segmenter)] if scene.segmenter else []
     drawn = {g.name: texture_files(root, root / g.template) for g in with_file if g.prints}
     named += [os.path.relpath(path, os.path.realpath(root)) for paths in drawn.values() for path in paths]
     files = tuple(path for path in (file, *(root / name for name in (*named, VOTES))) if path.exists())
@@ -215,7 +218,8 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
             raise UserError(f"{capture.root / VOTES}: {i}.vertices: {vote.vertices[-1]}: the surface has {n} vertices")
     errors, seen, labelled = [], set(), False
     checked = list(frames[:CHECKED])
-    if capture.scene.garments and not any(capture.labelled(number) for number in checked):
+    segmented = bool(capture.scene.segmenter) and any(capture.pictured(number) for number in frames)
+    if capture.scene.garments and not segmented and not any(capture.labelled(number) for number in checked):
         checked += [number for number in frames[CHECKED:] if capture.labelled(number)][:CHECKED]  # key frames
     for number in checked:
         try:
@@ -236,6 +240,8 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
                 f"{capture.root / 'scene.toml'}: garment.{i}.prints: frame {frames[0]:06d} has no images to show the print of "
                 f"'{garment.name}', nor has any other"
             )
+        if segmented:
+            continue
         if not labelled:
             raise UserError(
                 f"{capture.root / 'frames'}: garment '{garment.name}' needs labels/*.png or labels on the scans"
@@ -280,6 +286,8 @@ def _scene(root: Path, file: Path, table: Any) -> Scene:
                 "capture, name it by `toile detect --detector`"
             )
         _inside(root, file, "scene.keypoints", table.scene.keypoints)
+    if table.scene.segmenter:
+        _check_segmenter(root, file, table.scene.segmenter, table.labels)
     return Scene(
         table.scene.name,
         table.scene.fps,
@@ -291,7 +299,23 @@ def _scene(root: Path, file: Path, table: Any) -> Scene:
         bool(table.face and table.face.keypoints),
         table.cameras.view_dependent,
         table.scene.keypoints,
+        table.scene.segmenter,
     )
+
+
+def _check_segmenter(root: Path, file: Path, name: str, labels: dict[str, int]) -> None:
+    if not labels:
+        raise UserError(f"{file}: scene.segmenter: the scene has no [labels] that it could give")
+    if not name.endswith(".onnx"):
+        raise UserError(f"{file}: scene.segmenter: '{name}' is no .onnx file")
+    for path in (name, *beside_network(root, name)):
+        _inside(root, file, "scene.segmenter", path)
+
+
+def beside_network(root: Path, name: str) -> list[str]:
+    """Files of the capture, as paths inside it, that may say what a network's file does not."""
+    beside = [Path(name).with_suffix(".toml"), *(Path(name).with_name(other) for other in BESIDE_NETWORKS)]
+    return [str(path) for path in beside if os.path.lexists(root / path)]
 
 
 def _cameras(root: Path, name: str, metres: float) -> dict[str, Camera]:

@@ -39,7 +39,8 @@ def workload(capture, numbers):
     """What the time of a frame grows with: pictures' pixels and scan faces, of the first frame."""
     frame = capture.frame(numbers[0])
     faces = 0 if frame.scan is None else len(frame.scan.faces)
-    return {"pixels": int(sum(image.size for image in frame.labels.values())), "faces": faces}
+    labelled = frame.images if capture.scene.segmenter else frame.labels
+    return {"pixels": int(sum(image.shape[0] * image.shape[1] for image in labelled.values())), "faces": faces}
 
 
 def expected(measured, reference, work, speed):

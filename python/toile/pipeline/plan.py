@@ -21,6 +21,7 @@ def plan(capture: Capture) -> list[Step]:
     first = capture.frame(capture.frames[0])
     cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
     given = [("labels/*.png", bool(first.labels)), ("label of scan.ply", first.scan_labels is not None)]
+    given += [(f'[scene] segmenter = "{scene.segmenter}"', bool(scene.segmenter))]
     labels = " and ".join(name for name, there in given if there) or "labels"
     points = "keypoints.json" if first.keypoints else "no keypoints.json"
     points = points if first.points3d is None else "keypoints3d.json is given"

@@ -44,6 +44,7 @@ from ..vision.colours import ColourModel
 from ..vision.threads import parallel_map
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
+from .labelling import labelled, scene_segmenter
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
@@ -95,6 +96,8 @@ def register(
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
     check_templates(capture, config)
     check_capture(capture, frames)
+    if capture.scene.segmenter and capture.scene.garments:
+        scene_segmenter(capture)
     run, fresh = Path(run), not Path(run).exists()
     results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
     title = "track, segment, dress" if capture.scene.garments else "track"
@@ -201,7 +204,7 @@ def _samples(capture, run, config, frames):
     def read(number):
         try:
             note_frame(run, capture, number)
-            frame = capture.frame(number)
+            frame = labelled(capture, capture.frame(number))
             points = _points(capture, config, frame)
         except Exception as error:
             return first_line(error)
@@ -220,7 +223,7 @@ def _samples(capture, run, config, frames):
 def _sampled(capture, frames, count):
     """Numbers of frames spread evenly, and as many of those with label images where others have none."""
     spread = evenly(frames, count)
-    if not capture.scene.garments or all(capture.labelled(number) for number in spread):
+    if not capture.scene.garments or capture.scene.segmenter or all(capture.labelled(number) for number in spread):
         return spread
     return sorted({*spread, *evenly([number for number in frames if capture.labelled(number)], count)})
 
@@ -248,9 +251,9 @@ def _prepare_garments(prepared, tracked, status):
         made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
         save_record(colours, made)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
-        labelled = parallel_map(lambda sample: (*sample, *_segment(prepared, made, *sample, None)), wanted)
+        segmented = parallel_map(lambda sample: (*sample, *_segment(prepared, made, *sample, None)), wanted)
         for garment, path in zip(scene.garments, paths):
-            save_record(path, _template(prepared, garment, labelled, status))
+            save_record(path, _template(prepared, garment, segmented, status))
     prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
     prepared.templates = tuple(load_record(path, GarmentTemplate, ("loops",)) for path in paths)
     prepared.dressers = tuple(
@@ -311,7 +314,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
         return result
 
     note_frame(prepared.folder.parent, capture, number)
-    frame = capture.frame(number)
+    frame = labelled(capture, capture.frame(number))
     points = timed("reconstruct", lambda: _points(capture, prepared.config, frame))
     yield
     last = None if before is None else load_record(before / "track.npz", Tracked)

@@ -82,7 +82,8 @@ def _votes(seen, samples, faces, ids, settings):
     for (frame, views), (_, tracked) in zip(seen, samples):
         if views:
             N = kernels.vertex_normals(tracked.vertices, faces)
-            soft = {name: soft_crop(view, frame.labels[name], ids, settings) for name, view in views.items()}
+            given = lambda name: (frame.labels[name], ids, settings, frame.certainty.get(name))
+            soft = {name: soft_crop(view, *given(name)) for name, view in views.items()}
             share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
             votes += share * weight[:, None]
         if frame.scan_labels is not None:
@@ -198,6 +199,8 @@ def _fit_colours(seen, prior, faces, ids, settings):
             column = np.searchsorted(ids, frame.labels[name]).clip(0, len(ids) - 1)
             known = (view.face >= 0) & (ids[column] == frame.labels[name])
             known &= ~occlusion_border(view.depth, settings.evidence.depth_step, settings.evidence.depth_border)
+            if name in frame.certainty:
+                known &= frame.certainty[name] > 255 * settings.sure_share
             rgb.append(frame.images[name][known])
             given.append(column[known])
             place.append(view.face[known])

@@ -31,15 +31,20 @@ def spread_views(cameras, names, centre, most, first=1):
     return {name: chosen[name] for name in chosen if name in kept}
 
 
-def soft_labels(image, ids, settings):
-    """Blurred indicator (H,W,L) of each label."""
-    return cv2.GaussianBlur((image[..., None] == ids).astype(np.float32), (0, 0), settings.label_blur)
+def soft_labels(image, ids, settings, certainty=None):
+    """Blurred indicator (H,W,L) of each label. Where labels are not certain (H,W uint8 [1/255]) what is left is shared by all."""
+    given = (image[..., None] == ids).astype(np.float32)
+    if certainty is not None:
+        sure = certainty[..., None].astype(np.float32) / 255
+        given = sure * given + (1 - sure) / len(ids) * (image[..., None] > 0)
+    return cv2.GaussianBlur(given, (0, 0), settings.label_blur)
 
 
-def soft_crop(view, image, ids, settings):
+def soft_crop(view, image, ids, settings, certainty=None):
     """The Crop of `soft_labels` about a DepthView's surface."""
     rows, columns = view.crop(0, int(4 * settings.label_blur) + 2)
-    return Crop(soft_labels(image[rows, columns], ids, settings), (columns.start, rows.start))
+    certainty = None if certainty is None else certainty[rows, columns]
+    return Crop(soft_labels(image[rows, columns], ids, settings, certainty), (columns.start, rows.start))
 
 
 def visibility(views, points, normals, settings):
@@ -111,12 +116,15 @@ class Evidence:
         self.seen |= not self.seen.any()
         self.shown = Mesh(scan.vertices, scan.faces[self.seen])
         pictures = parallel_map(
-            lambda name: self._picture(views[name], frame.labels[name], frame.images.get(name)), views
+            lambda name: self._picture(
+                views[name], *(of.get(name) for of in (frame.labels, frame.images, frame.certainty))
+            ),
+            views,
         )
         self.maps = dict(zip(views, pictures))
         self._views = [view.with_picture(self.maps[name]) for name, view in views.items()]
 
-    def _picture(self, view, labels, image):
+    def _picture(self, view, labels, image, certainty):
         """The Crop of one view."""
         s, own, L = self.settings, self.settings.evidence, self.L
         rows, columns = view.crop(own.picture_margin, int(4 * s.label_blur))
@@ -127,7 +135,8 @@ class Evidence:
             clear = (labels > 0) & ~occlusion_border(depth, own.depth_step, own.depth_border)
             every[clear, :L] = self.colours.evidence(image[clear])
             np.divide(image, np.float32(255), out=every[..., 2 * L : 2 * L + 3])
-        every[..., L : 2 * L] = soft_labels(labels, self.ids, s)
+        certainty = None if certainty is None else certainty[rows, columns]
+        every[..., L : 2 * L] = soft_labels(labels, self.ids, s, certainty)
         every[..., -1] = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), own.empty_blur)
         return Crop(every, (columns.start, rows.start))
 

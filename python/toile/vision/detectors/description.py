@@ -65,7 +65,7 @@ def describe(path: Path, inputs: Any, outputs: Any) -> Description:
     size = tuple(inputs[0].shape[2:])
     if not all(isinstance(side, int) and 0 < side <= 4096 for side in size):
         raise UserError(f"{path}: the size of its input is not fixed")
-    sidecar, said = path.with_suffix(".toml"), _said_beside(path)
+    sidecar, said = path.with_suffix(".toml"), said_beside(path)
     if os.path.lexists(sidecar):
         said |= read_toml(sidecar)
     try:
@@ -117,14 +117,14 @@ def _rows(path: Path, names: str | list[str] | None, count: int) -> dict[str, in
     return rows_of(names)
 
 
-def _said_beside(path: Path) -> dict[str, Any]:
+def said_beside(path: Path) -> dict[str, Any]:
     """What mmdeploy's pipeline.json or Hugging Face's preprocessor_config.json in the same folder say."""
     mmdeploy, hugging = path.with_name("pipeline.json"), path.with_name("preprocessor_config.json")
     try:
         if mmdeploy.exists():
-            return _of_mmdeploy(read_json(mmdeploy, dict))
+            return of_mmdeploy(read_json(mmdeploy, dict))
         if hugging.exists():
-            return _of_hugging_face(read_json(hugging, dict))
+            return of_hugging_face(read_json(hugging, dict))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise UserError(
             f"{mmdeploy if mmdeploy.exists() else hugging}: not as its exporter writes it: {error}"
@@ -132,7 +132,7 @@ def _said_beside(path: Path) -> dict[str, Any]:
     return {}
 
 
-def _of_mmdeploy(pipeline: dict[str, Any]) -> dict[str, Any]:
+def of_mmdeploy(pipeline: dict[str, Any]) -> dict[str, Any]:
     tasks = pipeline["pipeline"]["tasks"]
     transforms = {step["type"]: step for task in tasks for step in task.get("transforms", ())}
     decoders = [task.get("component", "") + str(task.get("params", {}).get("type", "")) for task in tasks]
@@ -144,7 +144,7 @@ def _of_mmdeploy(pipeline: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in said.items() if value is not None}
 
 
-def _of_hugging_face(config: dict[str, Any]) -> dict[str, Any]:
+def of_hugging_face(config: dict[str, Any]) -> dict[str, Any]:
     full = 1 / config.get("rescale_factor", 1 / 255)
     said = {"padding": config.get("padding_factor"), "unbiased": config.get("do_affine_transform")}
     for own, theirs in (("mean", "image_mean"), ("std", "image_std")):

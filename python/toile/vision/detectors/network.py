@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import UserError, first_line
-from ...io.bounded import check_file
 from ...io.image import read_image
 from ...scene import Camera, Keypoints
+from ..networks import open_network, run_network
 from . import Detection
 from .description import Description, describe
 
@@ -20,7 +19,6 @@ BLUR = 2.0  # sigma of the Gaussian that a peak is refined under [cells of the m
 SURE = 0.3  # confidence of points that draw the second crop
 ROUNDS = 2  # the whole picture, or the mask's box; then the box of what was found in it
 FEW = 4  # points that draw no box
-MODEL_BYTES = 4 << 30
 
 
 class Network:
@@ -28,19 +26,8 @@ class Network:
     (../masks/CAMERA.png) its box is the first crop. UserError: no ONNX file, or one that gives no keypoints of a person."""
 
     def __init__(self, path: Path, threads: int = 0):
-        check_file(path, MODEL_BYTES)
-        try:
-            import onnxruntime
-        except ImportError:
-            raise UserError(f"{path}: a network needs onnxruntime: pip install 'toile[detect]'") from None
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.log_severity_level = 3
-        try:
-            self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:
-            raise UserError(f"{path}: cannot be read as an ONNX network: {first_line(error)}") from None
-        self.path, self.input = path, self.session.get_inputs()[0]
+        self.session = open_network(path, threads)
+        self.path = path
         self.about: Description = describe(path, self.session.get_inputs(), self.session.get_outputs())
 
     def detect(self, folders: Sequence[Path], cameras: Mapping[str, Camera]) -> Iterator[Detection]:
@@ -68,10 +55,7 @@ class Network:
 
     def _in_box(self, picture: Any, box: Any) -> Any:
         crop, scale, corner = cropped(picture, box, self.about)
-        try:
-            outputs = self.session.run(None, {self.input.name: crop[None].astype(_kind_of(self.input.type))})
-        except Exception as error:
-            raise UserError(f"{self.path}: does not run: {first_line(error)}") from None
+        outputs = run_network(self.path, self.session, crop)
         found = dict(zip((out.name for out in self.session.get_outputs()), outputs))
         if self.about.kind == "simcc":
             x, y = (found.get(f"simcc_{axis}", outputs[i])[0] for i, axis in enumerate("xy"))
@@ -137,7 +121,3 @@ def _box_beside(folder: Path, name: str, camera: Camera) -> Any:
         return None
     rows, columns = np.nonzero(read_image(path, camera.size, "L") > 127)
     return np.array([columns.min(), rows.min(), columns.max() + 1.0, rows.max() + 1.0]) if len(rows) else None
-
-
-def _kind_of(name: str) -> Any:
-    return np.float16 if name == "tensor(float16)" else np.float32
