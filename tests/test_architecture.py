@@ -32,6 +32,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "avatar/edit": BASE
     | {"avatar", "avatar/drive", "avatar/measure", "avatar/model", "avatar/render", "io", "surface"},
     "studio": BASE | {"config", "io", "pipeline", "surface"},
+    "view": BASE | {"io"},
     "console": {"errors"},
 }
 # files that only parse and call, and the old places of public names: they may import any room
@@ -47,6 +48,7 @@ DOORS = {
     "io/command",
     "measure/command",
     "pipeline/command",
+    "view/command",
 }
 TORCH = {"avatar", "studio"}
 HEAVY = {"torch", "anny", "newton", "warp", "mitsuba"}

@@ -394,6 +394,7 @@ def main():
     from .measure.command import doctor, inspect
     from .pipeline.command import status
     from .studio.command import studio
+    from .view.command import view
 
     app.command()(align)
     app.command()(train)
@@ -402,6 +403,7 @@ def main():
     app.command()(inspect)
     app.command()(doctor)
     app.command()(status)
+    app.command()(view)
     app.command("import")(import_capture)
     app.command()(export)
     app.command("body-model")(body_model)

@@ -41,7 +41,14 @@ def test_a_run_under_way_says_its_pace_and_what_is_left(begun):
     assert first == f"{begun}: 0 of 10 frames registered (0 good, 0 doubtful, 0 wrong), 1 failed"
     assert progress == "  the first pass: 4 of 10 frames, 3 a minute: about 2 min left of it, then the last pass"
     assert failed == "  frame 7: failed: frames/000007: keypoints.json: no keypoint"
-    assert again.startswith("  goes on with: toile register 'my capture'") and again.endswith("--frames 4-12,20")
+    assert again.startswith("  where it was stopped it goes on with: toile register 'my capture'") and again.endswith(
+        "--frames 4-12,20"
+    )
+
+
+def test_a_run_that_is_being_prepared_says_so(begun):
+    Status.of(begun).path.unlink()
+    assert "  no frame has ended yet: what all frames need is being made" in words(begun, standing(begun))
 
 
 def test_a_run_that_has_fallen_silent_is_told(begun):

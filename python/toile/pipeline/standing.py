@@ -132,6 +132,8 @@ def words(run: Path | str, found: Standing, most: int = 20) -> list[str]:
             else f": about {duration(left)} left{' of it, then the last pass' if found.waiting else ''}"
         )
         lines.append(f"  {what}: {done} of {len(found.frames)} frames{pace}{rest}")
+        if found.silence is None:
+            lines.append("  no frame has ended yet: what all frames need is being made")
     if not found.whole and found.silence is not None and found.silence > QUIET:
         lines.append(f"  nothing was written for {duration(found.silence)}: is it still running?")
     told = {"failed": found.failed, "wrong": found.wrong, "doubtful": found.doubtful}
@@ -147,7 +149,7 @@ def next_steps(run: Path | str, found: Standing) -> list[str]:
     again = ["toile", "register", found.capture, str(run), "--config", str(config_file(run))]
     again += ["--frames", ranges_of(found.frames)]
     if not found.whole:
-        return [f"goes on with: {shlex.join(again)}"]
+        return [f"where it was stopped it goes on with: {shlex.join(again)}"]
     steps = {"failed": found.failed, "wrong": found.wrong}
     return [f"{kind} frames again: {shlex.join([*again, '--retry', kind])}" for kind, frames in steps.items() if frames]
 

@@ -1,0 +1,33 @@
+"""The command `toile view`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def view(
+    path: Annotated[Path, typer.Argument(help="a run, a capture, or a folder that toile animate made")],
+    beside: Annotated[Path | None, typer.Option(help="another, shown beside it at the same frames")] = None,
+    port: Annotated[int, typer.Option(help="of the page; default a free one", min=0, max=65535)] = 0,
+    browser: Annotated[bool, typer.Option(help="open it in a browser")] = True,
+):
+    """Look at a run over time in a browser: layers, scan, cameras with pictures, confidence and errors as colours. Ctrl-C ends it."""
+    import webbrowser
+
+    from .server import serve
+    from .shown import Shown
+
+    server = serve([Shown(p) for p in (path, beside) if p is not None], port)
+    address = f"http://127.0.0.1:{server.server_address[1]}/"
+    typer.echo(f"{address}  (only from this machine; Ctrl-C ends it)")
+    if browser:
+        webbrowser.open(address)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.server_close()

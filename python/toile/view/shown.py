@@ -1,0 +1,168 @@
+"""What a path shows, in the bytes that the page draws."""
+
+from __future__ import annotations
+
+import io
+import struct
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import UserError
+from ..io.animation import is_animation
+from ..io.capture import open_capture
+from ..io.export.clip import Clip
+from ..io.export.source import open_clip
+from ..io.image import read_rgba
+from ..io.layout import FAILED, VERDICTS
+from ..io.run import is_run, open_run
+
+PLAIN, CONFIDENCE, DISTANCE = "plain", "confidence", "distance to the scan"
+FARTHEST = 0.02  # m: the end of the scale of distances
+PICTURE = 720  # pixels, the longer side of pictures that are sent
+LAST = 65535
+CURVES = ("two_sided_mm", "surface_to_scan_mm", "keypoint_mm")  # of the verdict's evidence, the first that there is
+
+
+class Shown:
+    """A run, an animation or a capture. Bytes are little-endian; frames are numbers, layers and cameras names."""
+
+    def __init__(self, path: Path):
+        self.path = Path(path)
+        self.run = open_run(path) if is_run(path) else None
+        if (self.path / "avatar.json").exists():
+            raise UserError(f"{path}: an avatar: drive it by toile animate, and view what that makes")
+        if self.run is not None or is_animation(path):
+            self.clip = open_clip(path, skeleton=False)
+        else:
+            self.clip = self._bare()
+        self.layers = {layer.name: layer for layer in self.clip.layers}
+
+    def _bare(self) -> Clip:
+        scene = self.capture.scene
+        return Clip(scene.name, scene.fps, scene.up.removeprefix("-"), tuple(self.capture.frames), ())
+
+    @cached_property
+    def capture(self):
+        """The Capture behind it; None where there is none, or none any more."""
+        if self.run is None:
+            return None if is_animation(self.path) else open_capture(self.path)
+        try:
+            return self.run.capture
+        except UserError:
+            return None
+
+    def facts(self) -> dict:
+        """What the page asks first."""
+        cameras = self.capture.cameras.values() if self.capture else ()
+        return {
+            "name": str(self.path), "up": self.clip.up, "fps": self.clip.fps, "frames": list(self.clip.frames),
+            "layers": [self._layer(name) for name in self.layers], "scan": self.capture is not None,
+            "cameras": [camera_facts(camera) for camera in cameras], "marks": self._marks(), "curve": self._curve(),
+        }  # fmt: skip
+
+    def _layer(self, name):
+        kinds = [PLAIN]
+        if self.run is not None:
+            kinds += [CONFIDENCE] + ([DISTANCE] if self.capture else [])
+        shown = name != "track" or "inner" not in self.layers
+        return {"name": name, "colours": kinds, "shown": shown}
+
+    def _marks(self):
+        """{frame: what is wrong with it}."""
+        if self.run is None:
+            return {}
+        found = {int(n): "failed" for n in self.run.frames[self.run.done == FAILED]}
+        verdict = self.run.verdict if self.run.verdict is not None else np.zeros(len(self.run.frames), int)
+        for number, level in zip(self.run.frames.tolist(), verdict.tolist()):
+            if level and number not in found and level < len(VERDICTS):
+                found[number] = VERDICTS[level]
+        return found
+
+    def _curve(self):
+        """{"name", "values": one a frame, None where unknown} of what the verdicts rest on; None without."""
+        evidence = self.run.diagnostics.get("evidence", {}) if self.run is not None else {}
+        name = next((name for name in CURVES if name in evidence), None)
+        if name is None:
+            return None
+        values = dict(zip(self.run.frames.tolist(), evidence[name].tolist()))
+        return {"name": name.replace("_", " "), "values": [number(values[frame]) for frame in self.clip.frames]}
+
+    # bytes ------------------------------------------------------------------------------------------------------------
+
+    def faces(self, layer: str) -> bytes:
+        """uint32 (m,3)."""
+        return np.asarray(self.layer(layer).faces, "<u4").tobytes()
+
+    def points(self, layer: str, frame: int) -> bytes:
+        """See `quantised`."""
+        return quantised(self.layer(layer).at(self.frame(frame)))
+
+    def colours(self, layer: str, kind: str, frame: int) -> bytes:
+        """uint8 (n,): shares of the scale, 255 its end."""
+        self.layer(layer)
+        if self.run is not None and kind == CONFIDENCE:
+            return (255 - 127 * np.minimum(self.run.confidence[layer].at(self.frame(frame)), 2)).astype("u1").tobytes()
+        if self.run is not None and kind == DISTANCE:
+            scan = self._scan(frame)
+            distance = scan.index.closest(self.layer(layer).at(frame))[3]
+            return (255 * np.clip(distance / FARTHEST, 0, 1)).astype("u1").tobytes()
+        raise UserError(f"{layer} has no colours '{kind}'")
+
+    def scan(self, frame: int) -> bytes:
+        """uint32 n and m, `quantised` points and padding to four bytes, uint32 faces (m,3)."""
+        scan = self._scan(frame)
+        points = quantised(scan.vertices)
+        head = struct.pack("<2I", len(scan.vertices), len(scan.faces))
+        return head + points + bytes(-len(points) % 4) + np.asarray(scan.faces, "<u4").tobytes()
+
+    def _scan(self, frame):
+        scan = self.capture.frame(self.frame(frame)).scan if self.capture else None
+        if scan is None:
+            raise UserError(f"{self.path}: frame {frame} has no scan")
+        return scan
+
+    def picture(self, camera: str, frame: int) -> bytes:
+        """A JPEG of what a camera saw, at most PICTURE pixels large."""
+        from PIL import Image
+
+        folder = self.capture.folder(self.frame(frame)) / "images" if self.capture else None
+        if folder is None or camera not in self.capture.pictured(frame):
+            raise UserError(f"{self.path}: frame {frame} has no picture of camera {camera}")
+        path = next(p for p in sorted(folder.iterdir()) if p.stem == camera)
+        image, out = Image.fromarray(read_rgba(path)).convert("RGB"), io.BytesIO()
+        image.thumbnail((PICTURE, PICTURE))
+        image.save(out, "JPEG", quality=85)
+        return out.getvalue()
+
+    def layer(self, name):
+        if name not in self.layers:
+            raise UserError(f"{self.path}: no layer '{name}'")
+        return self.layers[name]
+
+    def frame(self, frame: int) -> int:
+        if frame not in self.clip.frames:
+            raise UserError(f"{self.path}: no frame {frame}")
+        return frame
+
+
+def quantised(V) -> bytes:
+    """float32 least corner (3,) and step (3,), uint16 (n,3): a place is the corner plus steps. A person's are under 0.04 mm."""
+    low, high = V.min(0), V.max(0)
+    step = np.maximum((high - low) / LAST, 1e-12)
+    return np.concatenate([low, step]).astype("<f4").tobytes() + ((V - low) / step).round().astype("<u2").tobytes()
+
+
+def camera_facts(camera) -> dict:
+    """A camera as JSON."""
+    K, T = np.asarray(camera.K), np.asarray(camera.T_camera_world)
+    return {
+        "name": camera.name, "width": camera.width, "height": camera.height, "K": K.tolist(), "T": T.tolist(),
+        "distorted": bool(np.any(camera.distortion)),
+    }  # fmt: skip
+
+
+def number(value):
+    """A number of JSON, None for NaN."""
+    return float(value) if np.isfinite(value) else None

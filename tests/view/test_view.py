@@ -1,0 +1,177 @@
+"""`toile view`: the bytes it sends, what it refuses, and the page in a real browser."""
+
+import http.client
+import io
+import json
+import shutil
+import struct
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import zarr
+from PIL import Image
+
+from tests.support.browser import Browser
+from tests.support.synthetic_run import SAMPLE, copy_capture, true_run
+from toile.errors import UserError
+from toile.io.run import open_run
+from toile.view.server import serve
+from toile.view.shown import FARTHEST, Shown
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Six frames of the bundled capture: the third failed, the fifth is doubtful."""
+    folder = tmp_path_factory.mktemp("viewed")
+    run = true_run(copy_capture(folder), folder)
+    store = zarr.open_group(str(run / "registered.zarr"), mode="r+")
+    store["done"][2], store["verdict"][:] = 2, [0, 0, 2, 0, 1, 0]
+    return run
+
+
+@contextmanager
+def served(*paths):
+    server = serve([Shown(path) for path in paths], 0)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield server.server_address
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def get(address, path, **headers):
+    connection = http.client.HTTPConnection(*address)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    return answer.status, answer.read(), answer
+
+
+def unpacked(data):
+    """The points (n,3) of what `quantised` made."""
+    low, step = np.frombuffer(data, "<f4", 6).reshape(2, 3).astype(float)
+    return low + step * np.frombuffer(data, "<u2", offset=24).reshape(-1, 3)
+
+
+def test_points_are_within_a_twentieth_of_a_millimetre(run):
+    shown, opened = Shown(run), open_run(run)
+    for layer in (opened.inner, opened.garments["tshirt"]):
+        data = shown.points(layer.name, 3)
+        assert np.abs(unpacked(data) - layer.at(3)).max() < 5e-5 and len(data) == 24 + 6 * len(layer.at(3))
+        assert np.array_equal(np.frombuffer(shown.faces(layer.name), "<u4").reshape(-1, 3), layer.faces)
+
+
+def test_the_scan_is_sent_whole_and_colours_are_distances_to_it(run):
+    shown = Shown(run)
+    scan, data = shown.capture.frame(3).scan, shown.scan(3)
+    n, m = struct.unpack("<2I", data[:8])
+    assert (n, m) == (len(scan.vertices), len(scan.faces))
+    assert np.abs(unpacked(data[8 : 8 + 24 + 6 * n]) - scan.vertices).max() < 5e-5
+    assert np.array_equal(np.frombuffer(data[-12 * m :], "<u4").reshape(-1, 3), scan.faces)
+    shares = np.frombuffer(shown.colours("tshirt", "distance to the scan", 3), np.uint8) / 255
+    distance = scan.index.closest(open_run(run).garments["tshirt"].at(3))[3]
+    assert np.abs(shares - np.clip(distance / FARTHEST, 0, 1)).max() < 1 / 255
+
+
+def test_marks_name_bad_frames_and_pictures_are_small(run):
+    shown = Shown(run)
+    facts = json.loads(json.dumps(shown.facts()))
+    assert facts["marks"] == {"2": "failed", "4": "doubtful"} and facts["frames"] == [0, 1, 3, 4, 5]
+    assert [layer["name"] for layer in facts["layers"] if layer["shown"]] == ["inner", "tshirt"]
+    camera = facts["cameras"][0]
+    image = Image.open(io.BytesIO(shown.picture(camera["name"], 0)))
+    assert image.format == "JPEG" and max(image.size) <= 720
+    assert image.size[0] / image.size[1] == pytest.approx(camera["width"] / camera["height"], rel=0.01)
+
+
+def test_a_capture_and_no_avatar_is_shown(tmp_path):
+    facts = Shown(SAMPLE).facts()
+    assert facts["layers"] == [] and facts["scan"] and facts["frames"][:2] == [0, 1]
+    (tmp_path / "avatar.json").write_text("{}")
+    with pytest.raises(UserError, match="an avatar: drive it by toile animate"):
+        Shown(tmp_path)
+
+
+def test_only_this_machine_is_answered_and_only_what_is_shown(run):
+    with served(run) as address:
+        assert address[0] == "127.0.0.1"
+        assert get(address, "/")[0] == 200 and get(address, "/facts")[0] == 200
+        assert get(address, "/facts", Host="evil.example:80")[0] == 403
+        for path in (
+            "/../config.toml", "/view.html", "/0/points/tshirt/2", "/0/points/hat/1", "/1/points/tshirt/1", "/0/layer/tshirt",
+            "/0/picture/..%2F..%2Fscene/1", "/0/colours/tshirt/nothing/1", "/0/points/tshirt/x", "/0", "/x",
+        ):  # fmt: skip
+            status, body, _ = get(address, path)
+            assert status == 404 and b"Traceback" not in body, path
+        policy = get(address, "/")[2].headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy and "http" not in policy
+        with pytest.raises(UserError, match=f"--port {address[1]}"):
+            serve([], address[1])
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    if shutil.which("chromium") is None:
+        pytest.skip("chromium is not installed")
+    with Browser(tmp_path_factory.mktemp("profile")) as found:
+        yield found
+
+
+PIXELS = """(() => { view.draw(); const gl = document.getElementById('scene').getContext('webgl2'), w = gl.drawingBufferWidth,
+  p = new Uint8Array(4 * w); let sum = 0; for (let y = 0; y < gl.drawingBufferHeight; y += 7) {
+  gl.readPixels(0, y, w, 1, gl.RGBA, gl.UNSIGNED_BYTE, p); for (const v of p) sum = (sum * 31 + v) % 4294967291; } return sum; })()"""
+
+
+def test_the_page_shows_frames_layers_scan_and_cameras_without_an_error(run, browser):
+    with served(run) as (host, port):
+        browser.errors.clear()
+        browser.open(f"http://{host}:{port}/", "globalThis.view")
+        seen = {"first": browser.run(PIXELS)}
+        assert browser.run("document.getElementById('number').textContent") == "frame 0"
+        browser.run("view.show(4)")
+        assert browser.run("document.getElementById('number').textContent") == "frame 4: doubtful"
+        seen["later"] = browser.run(PIXELS)
+        for label in ("tshirt", "scan", "cameras"):
+            browser.run(f"[...document.querySelectorAll('label')].find(l => l.textContent === '{label}').click()")
+            browser.run("view.show(4)")
+            seen[label] = browser.run(PIXELS)
+        for value in ("confidence", "distance to the scan", "cam00"):
+            choose = (
+                f"[...document.querySelectorAll('select')].forEach(s => {{ if ([...s.options].some(o => o.value === '{value}'))"
+                f" {{ s.value = '{value}'; s.dispatchEvent(new Event('change')); }} }})"
+            )
+            browser.run(choose)
+            browser.run("view.show(4)")
+            seen[value] = browser.run(PIXELS)
+        browser.run("view.show(2)")  # it failed: nothing is drawn, and that is no error
+        seen["failed"] = browser.run(PIXELS)
+        assert len(set(seen.values())) == len(seen), seen
+        assert browser.errors == []
+
+
+def test_two_runs_stand_side_by_side_at_the_same_frame(run, browser):
+    with served(run, SAMPLE) as (host, port):
+        browser.errors.clear()
+        browser.open(f"http://{host}:{port}/", "globalThis.view?.clips.length === 2")
+        browser.run("(() => { view.state.scan = true; return view.show(3); })()")
+        halves = browser.run(
+            "(() => { view.draw(); const gl = document.getElementById('scene').getContext('webgl2'), w = gl.drawingBufferWidth,"
+            " h = gl.drawingBufferHeight, p = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);"
+            " const n = [0, 0]; for (let i = 0; i < w * h; i++) if (Math.abs(p[4 * i] - p[0]) > 20) n[i % w < w / 2 ? 0 : 1]++;"
+            " return n; })()"
+        )
+        assert min(halves) > 1000 and browser.errors == []
+
+
+def test_frames_that_have_been_seen_are_ready_again_at_20_a_second(run, browser):
+    """What the page does but for drawing: points, normals, buffers of 13.7k and 2k vertices."""
+    with served(run) as (host, port):
+        browser.open(f"http://{host}:{port}/", "globalThis.view")
+        seconds = browser.run(
+            "(async () => { const took = []; for (let i = 0; i < 40; i++) { const t = performance.now();"
+            " await view.load(view.frames[i % view.frames.length]); took.push(performance.now() - t); }"
+            " return took.slice(10).sort((a, b) => a - b)[15] / 1000; })()"
+        )
+        assert seconds < 0.05
