@@ -29,7 +29,8 @@ from toile.kernels import SurfaceIndex
 from toile.measure.glimpse import glimpse
 from toile.measure.truth import open_truth
 from toile.measure.verdicts import judge, verdict
-from toile.pipeline import run as pipeline
+from toile.pipeline import preparation
+from toile.pipeline.run import register
 from toile.surface.sampling import evenly
 
 WRONG_MM, RIGHT_MM = 15.0, 10.0
@@ -65,8 +66,8 @@ def collect(capture, out, count, quality, bare, only):
     run, config = out / f"run_{capture.name}", preset(quality)
     opened = open_capture(capture)
     frames = opened.frames
-    pipeline.register(capture, run, config, frames)
-    prepared = pipeline.prepare(opened, run, config, frames)
+    register(capture, run, config, frames)
+    prepared = preparation.prepare(opened, run, config, frames)
     prepared = unsearched(prepared)
     truth = open_truth(prepared.capture, [t.name for t in prepared.templates])
     labels = {t.name: t.label for t in prepared.templates}
@@ -94,13 +95,13 @@ def measured(prepared, truth, labels, frame, spoil):
     """Errors and measures of one frame, registered as it was spoilt."""
     number, draw = frame.number, np.random.default_rng(frame.number)
     frame, start, prepared = spoil(prepared, frame, draw)
-    points = pipeline._points(prepared.capture, prepared.config, frame)
+    points = preparation.points_of(prepared.capture, prepared.config, frame)
     tracked = prepared.tracker.track(frame, points, start)
     if not prepared.templates:
         given = prepared.capture.cameras, prepared.model, prepared.person, tracked, (), prepared.config.verdict
         outer = truth.outer(number, labels)[:2]
         return {"errors": errors(prepared, truth, number, tracked, outer), "measures": judge(glimpse(frame), *given)[0]}
-    segmented, evidence = pipeline._segment(prepared, prepared.colours, frame, tracked, None)
+    segmented, evidence = preparation.segmented(prepared, prepared.colours, frame, tracked, None)
     dressed = {
         t.name: dresser.dress(frame, tracked, segmented, evidence)
         for t, dresser in zip(prepared.templates, prepared.dressers)

@@ -11,7 +11,8 @@ import zarr
 from toile.config import preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
-from toile.pipeline.run import _points, register
+from toile.pipeline.preparation import points_of
+from toile.pipeline.run import register
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -58,9 +59,9 @@ def test_keypoints_of_one_camera_are_no_points_in_space(capture):
     """Not points of which none is known: the first pose is searched by the scan then."""
     opened = open_capture(capture)
     frame = opened.frame(0)
-    assert np.isfinite(_points(opened, preset("draft"), frame).points).any()
+    assert np.isfinite(points_of(opened, preset("draft"), frame).points).any()
     alone = replace(frame, keypoints=replace(frame.keypoints, points={"cam00": frame.keypoints.points["cam00"]}))
-    assert _points(opened, preset("draft"), alone) is None
+    assert points_of(opened, preset("draft"), alone) is None
 
 
 def test_a_frame_with_neither_scan_nor_keypoints_fails_alone(capture, tmp_path):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from toile.config import changed, preset
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
-from toile.pipeline import run as pipeline
+from toile.pipeline.preparation import points_of
 from toile.scene import Mesh
 from toile.stages.track import PoseSearch, Tracker, prepare
 from toile.surface.two_sided import TwoSided
@@ -24,7 +24,7 @@ def known():
     """(model, frame, its keypoints in space, person and Tracked by them)."""
     capture, model = open_capture(SAMPLE), load_body_model("anny")
     frame = capture.frame(2)
-    points = pipeline._points(capture, preset("draft"), frame)
+    points = points_of(capture, preset("draft"), frame)
     person, _ = prepare(model, [(frame, points)], SETTINGS)
     return model, frame, person, Tracker(model, person, SETTINGS).track(frame, points)
 

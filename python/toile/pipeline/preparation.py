@@ -1,0 +1,199 @@
+"""What all frames of a run need, made once from sampled frames and kept in RUN/prepared: the person, the labels' colours,
+each garment's template."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from ..config import Config
+from ..errors import UserError, first_line
+from ..io.body import model_in_capture
+from ..io.capture import Capture
+from ..io.files import load_record, save_record
+from ..io.image import read_rgba
+from ..io.status import Status
+from ..prints.lengths import true_lengths
+from ..scene import BodyModel, GarmentTemplate, InnerShape, Person
+from ..stages import dress, inner, motion, prints, reconstruct, segment, track
+from ..surface.sampling import evenly
+from ..vision.colours import ColourModel
+from ..vision.threads import parallel_map
+from .labelling import labelled
+from .manifest import note_frame
+from .template import Worn, template_from_scan, template_on_body
+
+
+@dataclass
+class PreparedRun:
+    """What the stages of every frame need; each process loads its own."""
+
+    capture: Capture
+    config: Config
+    model: BodyModel
+    person: Person
+    folder: Path  # RUN/prepared
+    tracker: track.Tracker
+    colours: segment.SegmentModel | None = None  # these where the scene names a garment
+    templates: tuple[GarmentTemplate, ...] = ()
+    dressers: tuple[dress.Dresser, ...] = ()
+
+    @cached_property
+    def aligner(self) -> prints.PrintAligner:
+        """Slides printed garments."""
+        printed = [garment.name for garment in self.capture.scene.garments if garment.prints]
+        meshes = {
+            name: mesh for name, mesh in self.capture.templates.items() if name not in self.config.template_from_scan
+        }
+        own = {t.name: t for t in self.templates if t.name in printed}
+        lengths = {name: true_lengths(meshes.get(name), t.rest, t.faces) for name, t in own.items()}
+        cameras, settings = self.capture.cameras, self.config.prints
+        drawn = {
+            name: path for name, path in self.capture.textures.items() if name in meshes and meshes[name].uv is not None
+        }
+        textures = {name: read_rgba(path)[..., :3] for name, path in drawn.items()}
+        return prints.PrintAligner(self.model, self.person, self.templates, lengths, cameras, settings, textures)
+
+    @cached_property
+    def smoother(self) -> motion.Smoother:
+        """Smooths consecutive frames."""
+        return motion.Smoother(self.model, self.person, self.templates, self.config.motion)
+
+    @cached_property
+    def fusion(self) -> inner.Fusion:
+        """Fuses the body's shape of every frame."""
+        return inner.Fusion(self.model, self.person, self.templates, self.config.inner)
+
+    @cached_property
+    def inner(self) -> inner.InnerLayer:
+        """Solves the inner layer, once the body's shape is fused."""
+        shape = load_record(self.folder / "inner.npz", InnerShape)
+        return inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
+
+
+def prepare(capture, run, config, frames, progress=lambda *_: None) -> PreparedRun:
+    """Makes what RUN/prepared does not hold yet, and loads it."""
+    progress("prepare", 0, 1)
+    folder = run / "prepared"
+    model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
+    sampled = cache(partial(_samples, capture, run, config, frames))
+    fitted = cache(lambda: track.prepare(model, sampled(), config.track))
+    person = kept(folder / "person.npz", Person, lambda: fitted()[0])
+    prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
+    if capture.scene.garments:
+        _prepare_garments(
+            prepared, lambda: [(frame, t) for (frame, _), t in zip(sampled(), fitted()[1])], Status.of(run)
+        )
+    progress("prepare", 1, 1)
+    return prepared
+
+
+def kept(path, kind, make):
+    """The record of this path, made when it is not there."""
+    if not path.exists():
+        save_record(path, make())
+    return load_record(path, kind)
+
+
+def _samples(capture, run, config, frames):
+    """Frames spread evenly over the run that can be read, with their keypoints in space."""
+
+    def read(number):
+        try:
+            note_frame(run, capture, number)
+            frame = labelled(capture, capture.frame(number))
+            points = points_of(capture, config, frame)
+        except Exception as error:
+            return first_line(error)
+        if frame.scan is None and points is None:
+            return f"frame {number}: neither a scan nor keypoints that two cameras agree on"
+        return frame, points
+
+    found = parallel_map(read, _sampled(capture, frames, config.preparation_frames))
+    samples = [sample for sample in found if not isinstance(sample, str)]
+    if not samples:
+        raise UserError(found[0])
+    reconstruct.check_with_scans(samples, config.reconstruct)
+    return samples
+
+
+def _sampled(capture, frames, count):
+    """Numbers of frames spread evenly, and as many of those with label images where others have none."""
+    spread = evenly(frames, count)
+    if not capture.scene.garments or capture.scene.segmenter or all(capture.labelled(number) for number in spread):
+        return spread
+    return sorted({*spread, *evenly([number for number in frames if capture.labelled(number)], count)})
+
+
+def points_of(capture, config, frame):
+    """Keypoints of a frame in space, those that it brings or else triangulated; None where it has none, or none that two
+    cameras agree on."""
+    if frame.keypoints is None and frame.points3d is None:
+        return None
+    points = frame.points3d or reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
+    return points if np.isfinite(points.points).any() else None
+
+
+def _prepare_garments(prepared, tracked, status):
+    """The colour models, and of each garment the template as large as this person's, and its Dresser; `tracked()` gives
+    the sampled frames [(Frame, Tracked)]."""
+    scene, config, model, person = prepared.capture.scene, prepared.config, prepared.model, prepared.person
+    paths = [prepared.folder / f"template.{garment.name}.npz" for garment in scene.garments]
+    colours = prepared.folder / "colours.npz"
+    if not all(path.exists() for path in (colours, *paths)):
+        samples = tracked()
+        coarse = segment.coarse_pictures(prepared.capture.cameras, samples, config.segment)
+        for warning in (*prepared.capture.warnings, *coarse, *segment.unlabelled_pictures(samples)):
+            status.add(stage="dress", ok=False, warning=warning)
+        made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
+        save_record(colours, made)
+        wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
+        evidenced = parallel_map(lambda sample: (*sample, *segmented(prepared, made, *sample, None)), wanted)
+        for garment, path in zip(scene.garments, paths):
+            save_record(path, _template(prepared, garment, evidenced, status))
+    prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
+    prepared.templates = tuple(load_record(path, GarmentTemplate, ("loops",)) for path in paths)
+    prepared.dressers = tuple(
+        dress.Dresser(model, person, template, config.dress, _over(scene, template.name))
+        for template in prepared.templates
+    )
+
+
+def _template(prepared, garment, evidenced, status):
+    """The GarmentTemplate of a garment of the scene; what its preparation warned of goes to the status."""
+    capture, over = prepared.capture, _over(prepared.capture.scene, garment.name)
+    label, mesh = capture.scene.labels[garment.label], capture.templates.get(garment.name)
+    settings, model = prepared.config.dress, prepared.model
+    shown, changes = [(tracked, segmented) for _, tracked, segmented, _ in evidenced], []
+    worn = Worn.of(model, prepared.person, shown)
+    if garment.name in prepared.config.template_from_scan:
+        mesh = template_from_scan(model, worn, garment, label)
+    elif shown:
+        mesh, changes = template_on_body(model, worn, garment, label, mesh, settings.placement, bool(over))
+    for change in changes:
+        status.add(stage="dress", ok=False, warning=change)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        samples = dress.fit_samples(evidenced, settings)
+        template = dress.prepare(model, prepared.person, garment, label, mesh, samples, settings, over)
+    for warning in caught:
+        status.add(stage="dress", ok=False, warning=str(warning.message))
+    return template
+
+
+def _over(scene, name):
+    """Label ids of the garments that are worn over a garment."""
+    names = [garment.name for garment in scene.garments]
+    return [scene.labels[garment.label] for garment in scene.garments[names.index(name) + 1 :]]
+
+
+def segmented(prepared, colours, frame, tracked, previous):
+    """(Segmented, Evidence) of a frame."""
+    capture, settings, faces = prepared.capture, prepared.config.segment, prepared.model.f
+    evidence = segment.evidence(frame, capture.cameras, colours, tracked, faces, settings)
+    votes = [vote for vote in capture.votes if vote.frames is None or frame.number in vote.frames]
+    return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous, votes), evidence
