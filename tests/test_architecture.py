@@ -32,7 +32,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "avatar/edit": BASE
     | {"avatar", "avatar/drive", "avatar/measure", "avatar/model", "avatar/render", "io", "surface"},
     "studio": BASE | {"config", "io", "pipeline", "surface"},
-    "view": BASE | {"io"},
+    "view": BASE | {"io", "measure"},
     "console": {"errors"},
 }
 # files that only parse and call, and the old places of public names: they may import any room

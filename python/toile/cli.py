@@ -25,7 +25,12 @@ from .console import (
 from .errors import UserError, first_line
 
 app = typer.Typer(  # without markup: it would take the units in brackets for styles
-    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, help=__doc__
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help=__doc__,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 LINE = 1000  # characters of a message that are shown
 STOPPED = 130

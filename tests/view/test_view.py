@@ -75,6 +75,15 @@ def test_the_scan_is_sent_whole_and_colours_are_distances_to_it(run):
     assert np.abs(shares - np.clip(distance / FARTHEST, 0, 1)).max() < 1 / 255
 
 
+def test_the_true_run_lies_on_the_truth(run):
+    shown = Shown(run)
+    for layer in ("inner", "tshirt"):
+        assert "distance to the truth" in next(f["colours"] for f in shown.facts()["layers"] if f["name"] == layer)
+        assert max(shown.colours(layer, "distance to the truth", 3)) == 0
+    with pytest.raises(UserError, match="track has no colours 'distance to the truth' in frame 3"):
+        shown.colours("track", "distance to the truth", 3)
+
+
 def test_marks_name_bad_frames_and_pictures_are_small(run):
     shown = Shown(run)
     facts = json.loads(json.dumps(shown.facts()))

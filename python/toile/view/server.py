@@ -42,8 +42,8 @@ class Answers:
                 return self.kept[parts]
         made = self._made(*parts)
         with self.lock:
+            self.size += len(made[0]) if parts not in self.kept else 0  # another thread may have made it meanwhile
             self.kept[parts] = made
-            self.size += len(made[0])
             while self.size > KEPT:
                 self.size -= len(self.kept.popitem(last=False)[1][0])
         return made

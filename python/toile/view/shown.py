@@ -17,8 +17,10 @@ from ..io.export.source import open_clip
 from ..io.image import read_rgba
 from ..io.layout import FAILED, VERDICTS
 from ..io.run import is_run, open_run
+from ..kernels import SurfaceIndex
+from ..measure.truth import open_truth
 
-PLAIN, CONFIDENCE, DISTANCE = "plain", "confidence", "distance to the scan"
+PLAIN, CONFIDENCE, DISTANCE, TRUTH = "plain", "confidence", "distance to the scan", "distance to the truth"
 FARTHEST = 0.02  # m: the end of the scale of distances
 PICTURE = 720  # pixels, the longer side of pictures that are sent
 LAST = 65535
@@ -53,6 +55,11 @@ class Shown:
         except UserError:
             return None
 
+    @cached_property
+    def truth(self):
+        """The Truth of a studio capture, None without."""
+        return open_truth(self.capture) if self.capture else None
+
     def facts(self) -> dict:
         """What the page asks first."""
         cameras = self.capture.cameras.values() if self.capture else ()
@@ -66,6 +73,7 @@ class Shown:
         kinds = [PLAIN]
         if self.run is not None:
             kinds += [CONFIDENCE] + ([DISTANCE] if self.capture else [])
+            kinds += [TRUTH] if self.truth is not None and name != "track" else []
         shown = name != "track" or "inner" not in self.layers
         return {"name": name, "colours": kinds, "shown": shown}
 
@@ -104,11 +112,21 @@ class Shown:
         self.layer(layer)
         if self.run is not None and kind == CONFIDENCE:
             return (255 - 127 * np.minimum(self.run.confidence[layer].at(self.frame(frame)), 2)).astype("u1").tobytes()
-        if self.run is not None and kind == DISTANCE:
-            scan = self._scan(frame)
-            distance = scan.index.closest(self.layer(layer).at(frame))[3]
-            return (255 * np.clip(distance / FARTHEST, 0, 1)).astype("u1").tobytes()
-        raise UserError(f"{layer} has no colours '{kind}'")
+        index = self._index(layer, kind, frame) if self.run is not None else None
+        if index is None:
+            raise UserError(f"{layer} has no colours '{kind}' in frame {frame}")
+        distance = index.closest(self.layer(layer).at(frame))[3]
+        return (255 * np.clip(distance / FARTHEST, 0, 1)).astype("u1").tobytes()
+
+    def _index(self, layer, kind, frame):
+        """The SurfaceIndex that a kind's distances are to; None where there is none."""
+        if kind == DISTANCE:
+            return self._scan(frame).index
+        if kind != TRUTH or layer == "track" or self.truth is None or frame not in self.truth:
+            return None
+        if layer == "inner":
+            return SurfaceIndex(*self.truth.body(frame))
+        return SurfaceIndex(*self.truth.garment(layer, frame)) if self.truth.has(layer) else None
 
     def scan(self, frame: int) -> bytes:
         """uint32 n and m, `quantised` points and padding to four bytes, uint32 faces (m,3)."""
