@@ -36,7 +36,7 @@ SHARED = ("mean", "std", "channels")  # of what exporters say of any network
 LARGEST = 4096  # px, of an input's sides
 
 
-class _Described(BaseModel):
+class _DescribedLabels(BaseModel):
     model_config = ConfigDict(extra="forbid")
     classes: str | list[str] | None = None
     output: str | None = None
@@ -78,7 +78,7 @@ def describe(path: Path, inputs: Any, outputs: Any, labels: Mapping[str, int]) -
     if os.path.lexists(sidecar):
         said |= read_toml(sidecar)
     try:
-        given = _Described(**said)
+        given = _DescribedLabels(**said)
     except ValidationError as error:
         first = error.errors()[0]
         where = sidecar if sidecar.exists() else path.parent
@@ -120,7 +120,7 @@ def _size(path: Path, said: tuple[int, int] | None, shape: Any) -> tuple[int, in
     return size
 
 
-def _output(path: Path, given: _Described, outputs: Any) -> tuple[int, str, int | None]:
+def _output(path: Path, given: _DescribedLabels, outputs: Any) -> tuple[int, str, int | None]:
     """Which output, its kind, and how many classes it has where its shape says so."""
     names = [out.name for out in outputs]
     if given.output is not None and given.output not in names:
