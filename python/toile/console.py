@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +17,7 @@ from .errors import UserError
 FRAMES = 1_000_000  # frame numbers have six digits
 WORKERS = 1024
 SEEDS = 2**32  # seeds are below
+EVERY = 30.0  # s between lines of progress where there is no terminal
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", help="settings: a TOML file, or the config.toml of a run to take them from")
 ]
@@ -96,13 +99,19 @@ def table(values: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 @contextmanager
 def progress_bars(quiet: bool = False) -> Iterator[Any]:
-    """-> progress(stage, done, total, note=""), one bar a stage, on stderr; `progress.print` writes a line above them."""
+    """-> progress(stage, done, total, note=""), one bar a stage, on stderr; `progress.print` writes a line above them. Where
+    stderr is no terminal, a line a stage at its begin and end and every EVERY seconds between."""
     from rich.console import Console
+
+    console = Console(stderr=True, quiet=quiet)
+    if not console.is_terminal:
+        yield ProgressLines(quiet)
+        return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     note_column = TextColumn("{task.fields[note]}")
-    with Progress(*columns, note_column, console=Console(stderr=True, quiet=quiet)) as bars:
+    with Progress(*columns, note_column, console=console) as bars:
         tasks: dict[str, Any] = {}
 
         def progress(stage: str, done: int, total: int, note: str = "") -> None:
@@ -112,3 +121,34 @@ def progress_bars(quiet: bool = False) -> Iterator[Any]:
 
         progress.print = bars.console.print  # type: ignore[attr-defined]
         yield progress
+
+
+class ProgressLines:
+    """Progress as lines of a log: "track: 120 of 1000, about 14 min left"."""
+
+    def __init__(self, quiet: bool = False, every: float = EVERY, clock: Callable[[], float] = time.monotonic):
+        self.quiet, self.every, self.clock = quiet, every, clock
+        self.begun: dict[str, tuple[float, int]] = {}  # stage: when, and what was done by then
+        self.said: dict[str, float] = {}
+
+    def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
+        now = self.clock()
+        start, before = self.begun.setdefault(stage, (now, done))
+        if stage in self.said and done < total and now - self.said[stage] < self.every:
+            return
+        self.said[stage] = now
+        left = (now - start) * (total - done) / (done - before) if done > before else 0.0
+        rest = f", about {duration(left)} left" if left and done < total else ""
+        self.print(f"{stage}: {done} of {total}{rest}{f' {note}' if note else ''}")
+
+    def print(self, line: str) -> None:
+        """A line on stderr, at once."""
+        if not self.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+
+def duration(seconds: float) -> str:
+    """ "40 s", "12 min", "3.5 h"."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

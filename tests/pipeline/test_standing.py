@@ -11,7 +11,8 @@ from toile.config import from_options, preset
 from toile.errors import UserError
 from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
-from toile.pipeline.standing import ranges_of, standing, words
+from toile.pipeline.command import ranges_of, words
+from toile.pipeline.standing import standing
 
 
 @pytest.fixture

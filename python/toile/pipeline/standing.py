@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
 import time
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 
 from ..errors import UserError
@@ -17,7 +14,6 @@ from ..io.status import Status
 from .blocks import FrameFolders
 
 WINDOW = 600.0  # s before the last frame over which its pace is measured
-QUIET = 120.0  # s without a line after which it is said that nothing happens
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,8 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
     frames = config.get("frames")
     if not isinstance(frames, list) or not all(isinstance(frame, int) for frame in frames):
         raise UserError(f"{config_file(run)}: frames: expected numbers")
-    stored = states(run)
+    opened = open_run(run) if is_run(run) else None
+    stored = {} if opened is None else dict(zip(opened.frames.tolist(), opened.done.tolist()))
     results = FrameFolders(run / ("slides" if aligned else "work/frames"), status, "frame")
     failed: dict[int, str] = {}
     passed = waiting = 0
@@ -76,27 +73,13 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
     first = "align" if aligned else "track"
     pace, last = pace_of(status, first if waiting else "verdict")
     silence = None if last is None else max((time.time() if now is None else now) - last, 0.0)
-    judged = {level: judged_as(run, registered, level) for level in (DOUBTFUL, WRONG)}
+    judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
+    if opened is not None and opened.verdict is not None:
+        for frame, level in zip(opened.frames.tolist(), opened.verdict.tolist()):
+            if level in judged and stored[frame] == OK:
+                judged[level][frame] = "; ".join(read_diagnostics(run, frame).get("reasons", ()))
     told = judged[DOUBTFUL], judged[WRONG], failed, passed, waiting, pace, silence
     return Standing(str(config.get("capture")), tuple(frames), registered, *told)
-
-
-def states(run: Path) -> dict[int, int]:
-    """{frame: its `done`} of the store, {} where it is not there yet."""
-    if not is_run(run):
-        return {}
-    opened = open_run(run)
-    return dict(zip(opened.frames.tolist(), opened.done.tolist()))
-
-
-def judged_as(run: Path, frames: Sequence[int], level: int) -> dict[int, str]:
-    """{frame: reasons} of those of this verdict."""
-    verdict = open_run(run).verdict if frames else None
-    if verdict is None:
-        return {}
-    rows = dict(zip(open_run(run).frames.tolist(), verdict.tolist()))
-    found = [frame for frame in frames if rows.get(frame) == level]
-    return {frame: "; ".join(read_diagnostics(run, frame).get("reasons", ())) for frame in found}
 
 
 def pace_of(status: Status, stage: str) -> tuple[float | None, float | None]:
@@ -111,57 +94,3 @@ def pace_of(status: Status, stage: str) -> tuple[float | None, float | None]:
     recent = [at for at in times if at > max(times) - WINDOW]
     span = max(recent) - min(recent) if recent else 0.0
     return ((len(recent) - 1) / span if span > 0 else None), last
-
-
-def words(run: Path | str, found: Standing, most: int = 20) -> list[str]:
-    """What to tell a user: where it stands, how long it takes, what is wrong, and how to go on."""
-    good = len(found.registered) - len(found.doubtful) - len(found.wrong)
-    lines = [
-        f"{run}: {len(found.registered)} of {len(found.frames)} frames registered "
-        f"({good} good, {len(found.doubtful)} doubtful, {len(found.wrong)} wrong), {len(found.failed)} failed"
-    ]
-    if not found.whole:
-        behind = len(found.frames) - found.waiting
-        what = "the first pass" if found.waiting else "the last pass"
-        done = behind if found.waiting else behind - found.passed
-        left = found.seconds_left
-        pace = f", {60 * found.pace:.3g} a minute" if found.pace else ""
-        rest = (
-            ""
-            if left is None
-            else f": about {duration(left)} left{' of it, then the last pass' if found.waiting else ''}"
-        )
-        lines.append(f"  {what}: {done} of {len(found.frames)} frames{pace}{rest}")
-        if found.silence is None:
-            lines.append("  no frame has ended yet: what all frames need is being made")
-    if not found.whole and found.silence is not None and found.silence > QUIET:
-        lines.append(f"  nothing was written for {duration(found.silence)}: is it still running?")
-    told = {"failed": found.failed, "wrong": found.wrong, "doubtful": found.doubtful}
-    reasons = [f"  frame {n}: {kind}: {why}" for kind, of in told.items() for n, why in of.items()]
-    lines += reasons[:most] + ([f"  and {len(reasons) - most} more"] if len(reasons) > most else [])
-    return lines + [f"  {line}" for line in next_steps(run, found)]
-
-
-def next_steps(run: Path | str, found: Standing) -> list[str]:
-    """Commands that go on with the run."""
-    if "align" in read_config(run):
-        return []
-    again = ["toile", "register", found.capture, str(run), "--config", str(config_file(run))]
-    again += ["--frames", ranges_of(found.frames)]
-    if not found.whole:
-        return [f"where it was stopped it goes on with: {shlex.join(again)}"]
-    steps = {"failed": found.failed, "wrong": found.wrong}
-    return [f"{kind} frames again: {shlex.join([*again, '--retry', kind])}" for kind, frames in steps.items() if frames]
-
-
-def ranges_of(frames: Iterable[int]) -> str:
-    """[0, 1, 2, 7] -> "0-2,7"."""
-    runs = [[n for _, n in part] for _, part in groupby(enumerate(sorted(frames)), lambda pair: pair[1] - pair[0])]
-    return ",".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
-
-
-def duration(seconds: float) -> str:
-    """ "40 s", "12 min", "3.5 h"."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,34 @@
+"""What commands show of their work where there is no terminal."""
+
+from toile.console import ProgressLines, duration
+
+
+def test_a_log_gets_the_first_and_the_last_line_and_one_in_a_while_with_the_time_left(capsys):
+    now = [0.0]
+    progress = ProgressLines(every=30, clock=lambda: now[0])
+    for done in range(101):  # 10 s each
+        now[0] = 10.0 * done
+        progress("track", done, 100)
+    said = capsys.readouterr().err.splitlines()
+    assert said[:3] == ["track: 0 of 100", "track: 3 of 100, about 16 min left", "track: 6 of 100, about 16 min left"]
+    assert said[-1] == "track: 100 of 100" and len(said) == 35
+
+
+def test_what_was_there_before_does_not_flatter_the_time_left(capsys):
+    now = [0.0]
+    progress = ProgressLines(every=30, clock=lambda: now[0])
+    progress("track", 90, 100)
+    now[0] = 60.0
+    progress("track", 91, 100)
+    assert capsys.readouterr().err.splitlines()[-1] == "track: 91 of 100, about 9 min left"
+
+
+def test_a_quiet_log_says_nothing(capsys):
+    progress = ProgressLines(quiet=True)
+    progress("track", 0, 100)
+    progress.print("a warning")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_durations_are_said_in_words():
+    assert [duration(s) for s in (40, 720, 12600)] == ["40 s", "12 min", "3.5 h"]
