@@ -168,6 +168,7 @@ def register(
     from .io.capture import open_capture
     from .pipeline.run import RETRIES
     from .pipeline.run import register as run_pipeline
+    from .pipeline.scanning import lacks_scan
 
     if retry not in (None, *RETRIES):
         raise UserError(f"--retry {retry}: expected one of {', '.join(RETRIES)}")
@@ -177,6 +178,10 @@ def register(
     if budget is not None:
         quality = quality_within(budget, quality, opened, numbers)
     settings = from_options(preset, quality, config, changes)
+    bare = sum(lacks_scan(opened, number) for number in numbers) if settings.make_scans else 0
+    if bare:
+        made = "made of their pictures (--set make_scans=false goes without)"
+        typer.echo(f"{bare} of {len(numbers)} frames bring no scan: it is {made}", err=True)
     if template_from_scan:
         settings = changed(settings, {"template_from_scan": list(template_from_scan)})
     with progress_bars() as progress:

@@ -28,6 +28,7 @@ from toile.config import (
     read_set,
 )
 from toile.config.settings import UNITS
+from toile.config.stereo import FuseSettings, MatchSettings
 from toile.errors import UserError
 from toile.studio.options import StudioOptions
 
@@ -75,7 +76,7 @@ def groups(settings):
 
 def test_every_setting_is_read_somewhere():
     code = "\n".join(p.read_text() for p in SOURCE.rglob("*.py") if p.parent != SOURCE / "config")
-    kernels = {type(group_of(Config(), name)) for name in KERNELS} | {NricpSettings}
+    kernels = {type(group_of(Config(), name)) for name in KERNELS} | {NricpSettings, MatchSettings, FuseSettings}
     for group in {group for settings in COMMANDS for group in groups(settings)} - kernels:
         for name in group.model_fields:
             if name != "quality":  # the name of the preset

@@ -38,6 +38,7 @@ def test_a_clothed_man_keeps_his_correspondences_over_four_frames(shared_data, t
     crane, truth = crane_capture(tmp_path / "capture", shared_data, 5)
     runs = {step.stage: step.runs for step in plan(open_capture(tmp_path / "capture"))}
     assert runs == {
+        "stereo": False,
         "reconstruct": False,
         "track": True,
         "segment": False,

@@ -13,11 +13,11 @@ from .stages import (
     OpeningSettings,
     PlacementSettings,
     PrintSettings,
-    ReconstructSettings,
     SegmentSettings,
     TrackSettings,
     VerdictSettings,
 )
+from .triangulation import ReconstructSettings
 
 __all__ = [
     "QUALITIES",

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import UserError
 from .changes import changed
 from .stages import Config
+from .stereo import SCAN_PRESETS
 
 QUALITIES = ("draft", "standard")
 PRESETS: dict[str, dict[str, Any]] = {
@@ -33,11 +34,11 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 def preset(quality: str) -> Config:
     """The settings of a quality. Draft reads four pictures a frame, leaves openings where the labels put them, and fits
-    pose and surfaces in fewer steps to fewer points. UserError: no such quality."""
+    pose and surfaces in fewer steps to fewer points; scans that it makes are those of `toile reconstruct --quality draft`. UserError: no such quality."""
     if quality not in QUALITIES:
         finer = "; nothing measured is finer than standard, which --set changes" if quality == "fine" else ""
         raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}{finer}")
-    return changed(Config(), PRESETS[quality], {"quality": quality})
+    return changed(Config(), SCAN_PRESETS[quality], PRESETS[quality], {"quality": quality})
 
 
 def configured(settings: Mapping[str, Any], also: tuple[str, ...] = ()) -> Config:

@@ -7,7 +7,7 @@ from typing import Any
 from ..errors import UserError
 from .changes import changed
 from .settings import Settings, setting
-from .stages import ReconstructSettings
+from .triangulation import ReconstructSettings
 
 
 class MatchSettings(Settings):

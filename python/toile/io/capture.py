@@ -90,18 +90,19 @@ class Capture:
     warnings: tuple[str, ...] = ()
     textures: dict[str, Path] = field(default_factory=dict)  # pictures of printed garments whose template names one
     votes: tuple[Vote, ...] = ()
+    made: Path | None = None  # where a run keeps what it makes of frames, a folder a frame: scans of their pictures
 
     def frame(self, number: int) -> Frame:
         """Reads one frame. UserError names the file and the field."""
         folder = self.folder(number)
-        scan, keypoints = None, folder / "keypoints.json"
-        if os.path.lexists(folder / "scan.ply"):
-            scan = _scaled(read_mesh(folder / "scan.ply"), METRES[self.scene.units])
-            self._check_height(folder / "scan.ply", scan)
+        scan, keypoints, surface = None, folder / "keypoints.json", self._own_or_made(folder, "scan.ply")
+        if os.path.lexists(surface):
+            scan = _scaled(read_mesh(surface), METRES[self.scene.units])
+            self._check_height(surface, scan)
             if scan.face_labels is not None:
-                self._check_ids(folder / "scan.ply", scan.face_labels)
+                self._check_ids(surface, scan.face_labels)
         found = read_keypoints(keypoints, self.cameras) if os.path.lexists(keypoints) else None
-        space = folder / "keypoints3d.json"
+        space = self._own_or_made(folder, "keypoints3d.json")
         points = read_keypoints3d(space) if os.path.lexists(space) else None
         return replace(self.pictures(number), scan=scan, keypoints=found, points3d=points)
 
@@ -132,6 +133,10 @@ class Capture:
         except UserError:
             return ()
 
+    def masked(self, number: int) -> tuple[str, ...]:
+        """Names of the cameras that have a mask of a frame."""
+        return tuple(self._files(self.folder(number) / "masks"))
+
     def check_pictures(self, number: int) -> None:
         """UserError where a frame has no picture, or one of another size than its camera's; only headers are read."""
         folder = self.folder(number) / "images"
@@ -140,6 +145,11 @@ class Capture:
             raise UserError(f"{folder}: no pictures")
         for name, path in files.items():
             check_image(path, self.cameras[name].size)
+
+    def _own_or_made(self, folder: Path, name: str) -> Path:
+        """A file of a frame's folder; where that has none, of what was made of the frame."""
+        own = folder / name
+        return own if self.made is None or os.path.lexists(own) else self.made / folder.name / name
 
     def _files(self, folder: Path) -> dict[str, Path]:
         """{camera: path} of one kind, for the cameras that have it, in their order."""

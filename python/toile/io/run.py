@@ -7,6 +7,7 @@ V, F = run.track.at(run.ok[0]), run.track.faces
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from .bounded import check_file
 from .camera import first_error
 from .capture import Capture, open_capture
 from .layout import DIAGNOSTICS, OK, STORE, VERDICT, VERSION, Attributes, StoredGarment
-from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics
+from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics, scans_folder
 from .status import Status
 
 LARGEST = 2**31  # bytes of one chunk: a larger one is no person's
@@ -276,8 +277,8 @@ class Run:
 
     @cached_property
     def capture(self) -> Capture:
-        """The Capture that the run was made of."""
-        return open_capture(capture_folder(self.path))
+        """The Capture that the run was made of, with the scans that the run made."""
+        return replace(open_capture(capture_folder(self.path)), made=scans_folder(self.path))
 
 
 def open_run(path: Path | str) -> Run:

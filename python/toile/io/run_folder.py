@@ -31,6 +31,11 @@ def capture_folder(run: Path | str) -> Path:
     return Path(named)
 
 
+def scans_folder(run: Path | str) -> Path:
+    """Where a run keeps the scans that it makes of frames' pictures, a folder a frame."""
+    return Path(run) / "scans"
+
+
 def body_model_of(run: Path | str, name: str, up: str) -> BodyModel:
     """The body model of this name: a packaged one, or a `.npz` inside the capture that the run was made of."""
     return model_in_capture(capture_folder(run) if name.endswith(".npz") else Path(), name, up)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ..io.capture import Capture
+from .scanning import lacks_scan
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,11 @@ def plan(capture: Capture) -> list[Step]:
     labels = " and ".join(name for name, there in given if there) or "labels"
     points = "keypoints.json" if first.keypoints else "no keypoints.json"
     points = points if first.points3d is None else "keypoints3d.json is given"
+    lacking = lacks_scan(capture, first.number)
+    scans = "scan.ply is given" if first.scan else "no scan.ply; pictures with masks or labels"
+    scans = scans if first.scan or lacking else "no pictures with masks or labels to make one"
     return [
+        Step("stereo", lacking, scans),
         Step("reconstruct", first.points3d is None and first.keypoints is not None, points),
         Step("track", True, f'[body] model = "{scene.body_model}"'),
         Step("segment", bool(names), f"{cloth}; {labels}" if names else cloth),

@@ -25,6 +25,7 @@ from ..vision.colours import ColourModel
 from ..vision.threads import parallel_map
 from .labelling import labelled
 from .manifest import note_frame
+from .scanning import make_scans
 from .template import Worn, template_from_scan, template_on_body
 
 
@@ -113,7 +114,9 @@ def _samples(capture, run, config, frames):
             return f"frame {number}: neither a scan nor keypoints that two cameras agree on"
         return frame, points
 
-    found = parallel_map(read, _sampled(capture, frames, config.preparation_frames))
+    chosen = _sampled(capture, frames, config.preparation_frames)
+    failed = make_scans(capture, chosen, config, Status.of(run))
+    found = [*parallel_map(read, [number for number in chosen if number not in failed]), *failed.values()]
     samples = [sample for sample in found if not isinstance(sample, str)]
     if not samples:
         raise UserError(found[0])

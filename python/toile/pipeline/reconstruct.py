@@ -12,8 +12,28 @@ from ..io.files import replace_file
 from ..io.importing import link
 from ..io.keypoints import keypoints3d_json, read_keypoints
 from ..io.mesh import write_mesh
+from ..scene import Mesh, Points3D
 from ..stages.reconstruct import triangulate
 from ..stages.stereo import scan
+
+MADE = "scan.ply", "keypoints3d.json"
+
+
+@dataclass(frozen=True)
+class Made:
+    """What the pictures of a frame gave: the scan in the capture's units, keypoints in space where it has 2D ones, the
+    share of the masks' pixels that have a depth, and what became of the others in words."""
+
+    scan: Mesh
+    points: Points3D | None
+    depth: float
+    said: str
+
+    def write(self, folder):
+        """scan.ply and keypoints3d.json."""
+        write_mesh(folder / "scan.ply", self.scan)
+        if self.points is not None:
+            (folder / "keypoints3d.json").write_text(keypoints3d_json(self.points), encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -70,30 +90,33 @@ def _linked(source, path):
     link(Path(source), Path(path), copy=False)
 
 
-def _frame(capture, number, folder, settings):
-    """Makes one frame; -> what its pictures gave, in words."""
+def made_of(capture, number, settings):
+    """What the pictures and keypoints of one frame give; `settings` has those of `stereo` and `reconstruct`. UserError: no
+    pictures or masks, or no surface is found."""
     frame = capture.pictures(number)
     if not frame.images:
         raise UserError(f"{capture.folder(number) / 'images'}: no pictures")
     masks = {name: labels > 0 for name, labels in frame.labels.items()} | frame.masks
     found = scan(frame.images, masks, capture.cameras, settings.stereo)
     mesh = replace(found.scan, vertices=found.scan.vertices / METRES[capture.scene.units])
-    source = capture.folder(number)
-    keypoints = source / "keypoints.json"
+    keypoints = capture.folder(number) / "keypoints.json"
     points = None
     if keypoints.exists():
         points = triangulate(read_keypoints(keypoints, capture.cameras), capture.cameras, settings.reconstruct)
+    return Made(mesh, points, found.depth, _told(found))
+
+
+def _frame(capture, number, folder, settings):
+    """Writes one frame; -> what its pictures gave, in words."""
+    made = made_of(capture, number, settings)
 
     def write(part):
-        shutil.copytree(
-            source, part, copy_function=_linked, ignore=shutil.ignore_patterns("scan.ply", "keypoints3d.json")
-        )
-        write_mesh(part / "scan.ply", mesh)
-        if points is not None:
-            (part / "keypoints3d.json").write_text(keypoints3d_json(points), encoding="utf-8")
+        ignored = shutil.ignore_patterns(*MADE)
+        shutil.copytree(capture.folder(number), part, copy_function=_linked, ignore=ignored)
+        made.write(part)
 
     replace_file(folder, write)
-    return _told(found)
+    return made.said
 
 
 def _told(found):

@@ -32,6 +32,7 @@ from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse
 from ..measure.verdicts import judge
 from ..scene import InnerShape, Segmented, Tracked
+from . import scanning
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
 from .labelling import labelled, scene_segmenter
@@ -82,6 +83,7 @@ def register(
     check_shares(workers, shard)
     capture = open_capture(capture)
     frames = tuple(capture.frames if frames is None else frames)
+    capture = scanning.kept_in(run, capture)
     unknown = sorted(set(frames) - set(capture.frames))
     if unknown or not frames:
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
@@ -98,6 +100,7 @@ def register(
         begin_run(run, capture, config, frames, verify, again)
         if retry:
             reopen(run, again, results)
+            scanning.forget(capture, again)
         last = partial(last_stages, run, frames, results, progress)
         run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
         return outcome_of(run, frames, results)
@@ -131,6 +134,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
         return result
 
     note_frame(prepared.folder.parent, capture, number)
+    scanning.make_scan(capture, number, prepared.config, results.status)
     frame = labelled(capture, capture.frame(number))
     points = timed("reconstruct", lambda: points_of(capture, prepared.config, frame))
     yield

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numpy as np
 
 from ..errors import UserError
@@ -13,10 +15,9 @@ WEIGHT = 4.0  # of the points against smoothness (Kazhdan, Hoppe 2013)
 def poisson(points, normals, cell, largest_depth):
     """Screened Poisson surface of points (n,3) with outward normals (n,3): V (v,3), F (m,3), closed or nearly so. `cell` [m]
     is the octree's, unless that asks for more than `largest_depth` levels."""
-    try:
-        import pymeshlab
-    except ImportError:
-        raise UserError("scans need pymeshlab: pip install 'toile[stereo]'") from None
+    check_poisson()
+    import pymeshlab
+
     extent = 1.1 * np.ptp(points, axis=0).max()
     depth = int(np.clip(np.ceil(np.log2(extent / cell)), 4, largest_depth))
     meshes = pymeshlab.MeshSet()
@@ -24,6 +25,12 @@ def poisson(points, normals, cell, largest_depth):
     meshes.generate_surface_reconstruction_screened_poisson(depth=depth, pointweight=WEIGHT, preclean=True, threads=1)
     made = meshes.current_mesh()
     return np.array(made.vertex_matrix()), np.array(made.face_matrix(), dtype=np.int32)
+
+
+def check_poisson():
+    """UserError: what `poisson` needs is not installed."""
+    if find_spec("pymeshlab") is None:
+        raise UserError("scans need pymeshlab: pip install 'toile[stereo]'")
 
 
 def keep_vertices(V, F, keep):
