@@ -45,10 +45,10 @@ void bind_nricp(py::module_& m) {
     using RowSparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
     py::class_<NricpFrame>(m, "NricpFrame")
         .def(py::init([](Vertices V, Faces F, Vertices start, RowSparse W, Vertices P, Vector sigma,
-                         const std::vector<std::pair<Indices, Vertices>>& boundary, Indices labels) {
+                         const std::vector<std::pair<Indices, Vertices>>& boundary, Indices labels, Vector confidence) {
         NricpFrame frame{
-            std::move(V), std::move(F),     std::move(start), {std::move(W), std::move(P), std::move(sigma)},
-            {},           std::move(labels)};
+            std::move(V), std::move(F),      std::move(start),     {std::move(W), std::move(P), std::move(sigma)},
+            {},           std::move(labels), std::move(confidence)};
         for (const auto& [vertices, polyline] : boundary) frame.loops.push_back({vertices, polyline});
         return frame;
     }));

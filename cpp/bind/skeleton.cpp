@@ -32,10 +32,15 @@ void bind_skeleton(py::module_& m) {
     })).def(as_tuple_of(&SkeletonPose::rotations, &SkeletonPose::translation, &SkeletonPose::shape));
     py::class_<SkeletonFrame>(m, "SkeletonFrame")
         .def(py::init([](Vertices V, Faces F, Indices index, Vertices points, Vector sigma,
-                         std::vector<SkeletonPose> start, std::vector<SkeletonPose> previous, Vector clothed) {
-        return SkeletonFrame{
-            std::move(V),     std::move(F),        {std::move(index), std::move(points), std::move(sigma)},
-            std::move(start), std::move(previous), std::move(clothed)};
+                         std::vector<SkeletonPose> start, std::vector<SkeletonPose> previous, Vector clothed,
+                         Vector scan_confidence) {
+        return SkeletonFrame{std::move(V),
+                             std::move(F),
+                             {std::move(index), std::move(points), std::move(sigma)},
+                             std::move(start),
+                             std::move(previous),
+                             std::move(clothed),
+                             std::move(scan_confidence)};
     }));
     py::class_<SkeletonResult>(m, "SkeletonResult")
         .def_property_readonly("rotations", [](const SkeletonResult& r) { return r.pose.rotations; })

@@ -110,7 +110,7 @@ struct NricpSolver::State {
 NricpFrame NricpSolver::State::into(const NricpFrame& frame) const {
     NricpFrame f = frame;
     f.V = into(frame.V);
-    f.F = target_faces(f.V, frame.F, frame.labels, options.labels);
+    f.F = target_faces(f, options.labels);
     if (frame.start.rows() > 0) f.start = into(frame.start);
     if (frame.landmarks.P.rows() > 0) f.landmarks.P = into(frame.landmarks.P);
     constexpr double exact = 1e-4;  // a landmark of less than this is met, and a smaller one spoils the factor
@@ -332,7 +332,7 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
     none.stop = Stop::no_overlap;
     if (frame.F.rows() == 0) return none;
 
-    NricpTarget target(frame.V, frame.F);
+    NricpTarget target(frame.V, frame.F, frame.confidence);
     const Vertices start = frame.start.rows() > 0 ? frame.start : s.V;
     const Vertices start_N = vertex_normals(start, s.F);
     Samples& widest = s.levels.empty() ? *s.all : s.levels.front().samples;

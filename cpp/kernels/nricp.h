@@ -65,6 +65,7 @@ struct NricpFrame {
     NricpLandmarks landmarks;      ///< or empty
     std::vector<NricpLoop> loops;  ///< or empty
     Indices labels;                ///< per face, or empty
+    Vector confidence;             ///< per vertex >= 0, or empty: 1 everywhere. Faces with a corner at 0 are no target
 };
 
 struct NricpResult {
@@ -77,7 +78,7 @@ struct NricpResult {
 };
 
 /// argmin_x sum_v a_v w_v (n_v . (x_v - q_v))^2 + reverse + borders + loops + landmarks + stiffness * rigidity(x),
-/// w_v = Geman-McClure weight times squared cosine of the normals, annealed; x carried by a graph of rigid nodes (embedded
+/// w_v = Geman-McClure weight times squared cosine of the normals, annealed, times the confidence at q_v; x carried by a graph of rigid nodes (embedded
 /// deformation), then by a smooth displacement of its own. The same bits for any number of threads.
 ///
 /// Keeps, from its constructor on: the nodes and weights of each level, the lists that sum pulls into its normal equations,

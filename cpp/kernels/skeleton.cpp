@@ -136,6 +136,7 @@ void check_frame(const SkeletonFrame& f, const BodyModel& model) {
             "skeleton: scan_F is empty, scan_V has " + std::to_string(f.scan_V.rows()) + " rows");
     if (f.scan_F.rows() > 0) check_mesh("skeleton", f.scan_V, f.scan_F, "scan_V", "scan_F");
     if (f.scan_F.rows() > 0) check_span(f, model);
+    check_confidence("skeleton", "scan_confidence", f.scan_confidence, f.scan_V.rows());
     require(kp.index.size() == kp.points.rows() && kp.index.size() == kp.sigma.size(),
             "skeleton: keypoints have " + std::to_string(kp.index.size()) + " indices, " +
                 std::to_string(kp.points.rows()) + " points, " + std::to_string(kp.sigma.size()) + " sigmas");
@@ -233,13 +234,28 @@ SkeletonResult result_of(const BodyModel& model, const Problem& problem, const B
 }
 
 std::unique_ptr<ScanSurface> surface_of(const SkeletonFrame& frame) {
-    return frame.scan_F.rows() ? std::make_unique<ScanSurface>(frame.scan_V, frame.scan_F) : nullptr;
+    return frame.scan_F.rows() ? std::make_unique<ScanSurface>(frame.scan_V, frame.scan_F, frame.scan_confidence)
+                               : nullptr;
+}
+
+/// The frame, checked, without the faces of its scan that nothing vouches for.
+SkeletonFrame trusted(const SkeletonFrame& given, const BodyModel& model) {
+    check_frame(given, model);
+    if (given.scan_confidence.size() == 0) return given;
+    SkeletonFrame frame = given;
+    frame.scan_F = trusted_faces(given.scan_F, given.scan_confidence);
+    if (frame.scan_F.rows() == 0) {
+        frame.scan_V.resize(0, 3);
+        frame.scan_confidence.resize(0);
+    }
+    check_frame(frame, model);
+    return frame;
 }
 
 }  // namespace
 
-SkeletonResult SkeletonSolver::solve(const SkeletonFrame& frame) const {
-    check_frame(frame, model_);
+SkeletonResult SkeletonSolver::solve(const SkeletonFrame& given) const {
+    const SkeletonFrame frame = trusted(given, model_);
     const auto scan = surface_of(frame);
     return solve_on(scan.get(), frame);
 }
@@ -293,11 +309,12 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
     return result;
 }
 
-std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<SkeletonFrame>& frames, int rounds) const {
-    require(!frames.empty(), "skeleton: frames is empty");
+std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<SkeletonFrame>& given, int rounds) const {
+    require(!given.empty(), "skeleton: frames is empty");
     require(rounds > 0, "skeleton: rounds must be positive");
     const int S = model_.shapes();
-    for (const SkeletonFrame& frame : frames) check_frame(frame, model_);
+    std::vector<SkeletonFrame> frames;
+    for (const SkeletonFrame& frame : given) frames.push_back(trusted(frame, model_));
     const auto each_frame = [&](auto&& work) {
         parallel_for(static_cast<std::int64_t>(frames.size()),
                      [&](std::int64_t f) { work(static_cast<std::size_t>(f)); }, 1);

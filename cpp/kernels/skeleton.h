@@ -1,6 +1,7 @@
 // Pose and shape of a body model from a scan, 3D keypoints and the frames before.
 //
-//   E = N mean_v a_v rho(n_v . (y_v - q_v) / s)^2           surface: y_v on the model, q_v the closest scan point
+//   E = N mean_v a_v c_v rho(n_v . (y_v - q_v) / s)^2       surface: y_v on the model, q_v the closest scan point,
+//                                                           c_v the scan's confidence there
 //     + sum_i rho(|k_i - p_i| / sigma_i)^2                  keypoints
 //     + sum_k |log L_k|^2 / joint_sigma_k^2 + limits        pose prior
 //     + shape_weight |beta|^2 + temporal terms
@@ -65,6 +66,7 @@ struct SkeletonFrame {
     std::vector<SkeletonPose> start;     ///< none, or one
     std::vector<SkeletonPose> previous;  ///< frames before, newest first: none, one (held) or two (extrapolated)
     Vector clothed;                      ///< (n,) in [0,1], or empty: vertices under cloth
+    Vector scan_confidence;  ///< per scan vertex >= 0, or empty: 1 everywhere. Faces with a corner at 0 are not there
 };
 
 struct SkeletonResult {

@@ -92,21 +92,23 @@ void BorderTarget::pull_curve(const Border& own, const Pose& pose, const MatchSe
         const int v = own.vertex[i];
         if (bound[v]) continue;
         const Vec3 p = row(pose.V, v);
-        double nearest = 9 * s.mu * s.mu, cosine = 0;
+        double nearest = 9 * s.mu * s.mu, cosine = 0, confidence = 0;
         Vec3 residual = Vec3::Zero();
         for (const Curve* curve : candidates) {
             const int hit = curve->tree.nearest(p, off[i], s.spread, 3 * s.mu);
             if (hit < 0) continue;
             const Vec3 d = row(curve->place, hit) - p;
             const double agree = off[i].dot(row(curve->border.conormal, hit));
-            const bool outwards = row(pose.N, v).dot(target_.vertex(curve->border.vertex[hit]).normal) > 0;
+            const ScanPoint at = target_.vertex(curve->border.vertex[hit]);
+            const bool outwards = row(pose.N, v).dot(at.normal) > 0;
             if (agree <= 0 || !outwards || d.squaredNorm() >= nearest) continue;
             nearest = d.squaredNorm();
             cosine = agree;
+            confidence = at.confidence;
             residual = d;
         }
         if (cosine <= 0) continue;
-        const double weight = geman_mcclure(nearest, s.mu) * cosine * cosine;
+        const double weight = geman_mcclure(nearest, s.mu) * cosine * cosine * confidence;
         constexpr double wide = 0.04, slip = 0.05;  // as a strip of surface, nearly free along the curve
         const Mat3 across = Mat3::Identity() - (1 - slip) * along[i] * along[i].transpose();
         pull.matched[v] = std::max(pull.matched[v], weight);

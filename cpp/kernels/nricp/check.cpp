@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/errors.h"
+#include "geometry/confidence.h"
 
 namespace toile {
 
@@ -67,6 +68,7 @@ void check_options(const NricpOptions& o) {
 void check_frame(const NricpFrame& f, Eigen::Index n, const NricpOptions& options) {
     check_mesh("nricp", f.V, f.F, "scan_V", "scan_F");
     check_size("scan_V", f.V);
+    check_confidence("nricp", "scan_confidence", f.confidence, f.V.rows());
     if (f.start.rows() > 0) {
         require(f.start.rows() == n, "nricp: start has " + to_string(f.start.rows()) + " rows, V has " + to_string(n));
         check_points("nricp", "start", f.start);

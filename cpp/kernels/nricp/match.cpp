@@ -92,7 +92,7 @@ void Matcher::to_scan(const Pose& pose, const Samples& samples, const MatchSetti
         const ScanPoint hit = s.surface ? target_.closest(near, p, s.phong) : target_.vertex(near);
         const double cosine = hit.normal.dot(m), distance2 = (hit.point - p).squaredNorm();
         if (hit.open || cosine <= 0 || distance2 > 9 * s.mu * s.mu) return;
-        pull.matched[v] = geman_mcclure(distance2, s.mu) * cosine * cosine;
+        pull.matched[v] = geman_mcclure(distance2, s.mu) * cosine * cosine * hit.confidence;
         const Vec3 plane = between(hit.normal, m);
         squared[i] = std::pow(plane.dot(hit.point - p), 2);
         pull.add(v, samples.area[i] * pull.matched[v] * plane_weight(plane, s.point_weight), hit.point - p);
@@ -130,7 +130,8 @@ void Matcher::from_scan(const Pose& pose, Samples& samples, const MatchSettings&
         const Vec3 residual = from.point - row(pose.V, v);
         const double cosine = from.normal.dot(row(pose.N, v));
         if (cosine <= 0 || residual.squaredNorm() > 9 * s.mu * s.mu) continue;
-        const double w = s.reverse / count * geman_mcclure(residual.squaredNorm(), s.mu) * cosine * cosine;
+        const double robust = geman_mcclure(residual.squaredNorm(), s.mu);
+        const double w = s.reverse / count * robust * cosine * cosine * from.confidence;
         const Vec3 plane = between(from.normal, row(pose.N, v));
         pull.add(v, w * plane_weight(plane, s.point_weight), residual);
     }

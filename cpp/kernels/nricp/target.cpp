@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "geometry/closest.h"
+#include "geometry/confidence.h"
 #include "geometry/laplacian.h"
 #include "geometry/weld.h"
 
@@ -32,12 +33,13 @@ Faces without_clutter(const Vertices& V, const Faces& F) {
 
 }  // namespace
 
-Faces target_faces(const Vertices& V, const Faces& F, const Indices& labels, const std::vector<int>& valid) {
-    if (labels.size() == 0) return without_clutter(V, F);
+Faces target_faces(const NricpFrame& frame, const std::vector<int>& valid) {
+    const Indices& labels = frame.labels;
+    if (labels.size() == 0) return without_clutter(frame.V, trusted_faces(frame.F, frame.confidence));
     std::vector<int> keep;
-    for (int f = 0; f < F.rows(); ++f)
+    for (int f = 0; f < frame.F.rows(); ++f)
         if (std::find(valid.begin(), valid.end(), labels[f]) != valid.end()) keep.push_back(f);
-    return F(keep, Eigen::all);
+    return trusted_faces(frame.F(keep, Eigen::all), frame.confidence);
 }
 
 Samples::Samples(const Vertices& V, const Vertices& N, std::vector<int> v, std::vector<double> a, std::vector<int> s)
@@ -101,13 +103,14 @@ Vertices smoothed(const Vertices& N, const Faces& F) {
 
 }  // namespace
 
-NricpTarget::NricpTarget(const Vertices& V, const Faces& F) {
+NricpTarget::NricpTarget(const Vertices& V, const Faces& F, const Vector& confidence) {
     const Faces whole = weld(V, F).F;
     const Vertices N = vertex_normals(V, whole);
     const auto [used, faces] = used_part(N, whole);
     V_ = V(used, Eigen::all);
     N_ = N(used, Eigen::all);
     F_ = faces;
+    confidence_ = confidence.size() ? Vector(confidence(used)) : Vector::Ones(V_.rows());
     faces_ = vertex_faces(F_, V_.rows());
     open_ = open_vertices(F_, V_.rows());
     const auto [noise, edge] = noise_of(V_, N_, F_);
@@ -147,7 +150,9 @@ int NricpTarget::descend(const Vec3& x, const Vec3& n, double spread, int from) 
     }
 }
 
-ScanPoint NricpTarget::vertex(int v) const { return {row(V_, v), row(N_, v), static_cast<bool>(open_[v])}; }
+ScanPoint NricpTarget::vertex(int v) const {
+    return {row(V_, v), row(N_, v), static_cast<bool>(open_[v]), confidence_[v]};
+}
 
 ScanPoint NricpTarget::closest(int v, const Vec3& x, double phong) const {
     SurfacePoint best;
@@ -174,7 +179,8 @@ ScanPoint NricpTarget::closest(int v, const Vec3& x, double phong) const {
             corners_open &= static_cast<bool>(open_[i]);
     }
     const double length = normal.norm();
-    return {best.point + phong * lift, length > 0 ? Vec3(normal / length) : row(N_, v), !interior && corners_open};
+    return {best.point + phong * lift, length > 0 ? Vec3(normal / length) : row(N_, v), !interior && corners_open,
+            confidence_at(confidence_, F_.row(best.face), best.barycentric)};
 }
 
 }  // namespace toile

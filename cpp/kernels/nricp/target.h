@@ -26,13 +26,14 @@ struct Samples {
 struct ScanPoint {
     Vec3 point, normal;
     bool open;  ///< on the scan's border
+    double confidence;
 };
 
 /// The scan as a target: valid faces, without small closed pieces that float beside it; faces turned inwards are
 /// turned about.
 class NricpTarget {
 public:
-    NricpTarget(const Vertices& V, const Faces& F);
+    NricpTarget(const Vertices& V, const Faces& F, const Vector& confidence);  ///< (n,) or empty: 1 everywhere
 
     void orient(const Samples& samples, const Pose& start);  ///< turns all normals when most oppose the template's
 
@@ -55,6 +56,7 @@ public:
 private:
     Vertices V_, N_;
     Faces F_;
+    Vector confidence_;
     Adjacency faces_;
     std::vector<char> open_;
     double noise_ = 0;
@@ -62,6 +64,6 @@ private:
 };
 
 /// Faces of the scan that are valid targets.
-Faces target_faces(const Vertices& V, const Faces& F, const Indices& labels, const std::vector<int>& valid);
+Faces target_faces(const NricpFrame& frame, const std::vector<int>& valid);
 
 }  // namespace toile

@@ -8,6 +8,7 @@
 
 #include "base/parallel.h"
 #include "geometry/closest.h"
+#include "geometry/confidence.h"
 #include "geometry/laplacian.h"
 #include "geometry/weld.h"
 #include "kernels/skeleton.h"
@@ -36,6 +37,7 @@ struct System {
 struct Match {
     int vertex;
     Vec3 point, normal;
+    double confidence = 1;  ///< of the scan there
 };
 
 /// Geman-McClure r^2 / (1 + r^2 / c^2): value, and weight of r^2 in a reweighted step.
@@ -44,8 +46,9 @@ inline double robust_weight(double r2, double c) { return 1 / ((1 + r2 / (c * c)
 
 class ScanSurface {
 public:
-    ScanSurface(const Vertices& V, const Faces& F)
-        : index_(V, distinct_faces(F, V.rows())), normals_(vertex_normals(V, index_.faces())) {}
+    ScanSurface(const Vertices& V, const Faces& F, const Vector& confidence)
+        : index_(V, distinct_faces(F, V.rows())), normals_(vertex_normals(V, index_.faces())),
+          confidence_(confidence.size() ? confidence : Vector::Ones(V.rows())) {}
 
     /// Matches of samples within `reach` whose normals agree up to the scan's orientation, in order of the samples.
     std::vector<Match> match(const Vertices& Y, const Vertices& model_normals, const Indices& samples, double reach,
@@ -62,6 +65,7 @@ public:
             for (int c = 0; c < 3; ++c) n += hit.barycentric[c] * normals_.row(index_.faces()(hit.face, c)).transpose();
             all[s].point = hit.point;
             all[s].normal = n.normalized();
+            all[s].confidence = confidence_at(confidence_, index_.faces().row(hit.face), hit.barycentric);
             cosine[s] = all[s].normal.dot(model_normals.row(v));
             const double along = std::abs(all[s].normal.dot(Vec3(Y.row(v)) - hit.point));
             if (hit.distance > 0.005 && along < 0.5 * hit.distance) all[s].vertex = -1;  // beyond the border of a hole
@@ -81,6 +85,7 @@ public:
 private:
     SurfaceIndex index_;
     Vertices normals_;
+    Vector confidence_;
 };
 
 /// One frame's problem: knows which unknowns are free and how to linearise.
@@ -190,7 +195,7 @@ private:
 
     /// Weight of one squared distance [1/m^2]; d > 0: the scan lies outside the model.
     double surface_scale(const Match& m, double d) const {
-        double w = o_.surface_weight * area_[m.vertex] / (o_.surface_sigma * o_.surface_sigma);
+        double w = o_.surface_weight * area_[m.vertex] / (o_.surface_sigma * o_.surface_sigma) * m.confidence;
         if (frame_.clothed.size() && d > 0) w *= 1 + frame_.clothed[m.vertex] * (o_.cloth_fit - 1);
         return w;
     }

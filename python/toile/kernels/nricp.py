@@ -69,17 +69,19 @@ class NricpSolver(Rebuilt):
         landmarks: Landmarks | None = None,
         boundary: Boundary | None = None,
         scan_labels: Array | None = None,
+        scan_confidence: Array | None = None,
     ) -> NricpResult:
         """One scan: scan_V (p,3) [m], scan_F (t,3).
 
         start (n,3) [m]: first positions, V without it. landmarks: (W sparse (k,n) with convex rows, P (k,3) [m], sigma
         scalar or (k,) [m]), pulls W x to P. boundary: [(loop vertices (l,), closed polyline (k,3) [m])], each vertex is
         pulled to the closest point of its polyline. scan_labels (t,): only faces with a label in the option `labels`
-        are targets.
+        are targets. scan_confidence (p,) >= 0: every pull of the scan counts by its confidence there, 1 without; faces
+        with a corner at 0 are as though they were not there.
 
         -> .V (n,3) [m]; .stop (`Stop`) "converged", "max_iterations", or "no_overlap" (then V is NaN: no answer); .iterations;
         .energy [m^2] per step; .rms [m] of matched vertices to their planes; .matched (n,) in [0,1] weight of the last match,
-        without fine steps that of a vertex nearby.
+        confidence included, without fine steps that of a vertex nearby.
         InputError names the argument and index.
         """
         none = np.zeros((0, 3))
@@ -88,8 +90,9 @@ class NricpSolver(Rebuilt):
             (as_indices("nricp", f"boundary[{i}] vertices", v), as_vertices("nricp", f"boundary[{i}] polyline", line))
             for i, (v, line) in enumerate(boundary or ())
         ]
+        scan_V = as_vertices("nricp", "scan_V", scan_V)
         frame = _core.NricpFrame(
-            as_vertices("nricp", "scan_V", scan_V),
+            scan_V,
             as_faces("nricp", "scan_F", scan_F),
             none if start is None else as_vertices("nricp", "start", start),
             W,
@@ -97,6 +100,9 @@ class NricpSolver(Rebuilt):
             sigma,
             loops,
             np.zeros(0, np.int32) if scan_labels is None else as_indices("nricp", "scan_labels", scan_labels),
+            np.zeros(0)
+            if scan_confidence is None
+            else as_floats("nricp", "scan_confidence", scan_confidence, (len(scan_V),)),
         )
         return self._solver.solve(frame)
 

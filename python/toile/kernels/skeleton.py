@@ -54,10 +54,10 @@ KEYPOINT_SIGMA = 0.005  # m, where keypoints bring none of their own
 class SkeletonSolver(Rebuilt):
     """Fits `body_model` (`toile.scene.BodyModel`) to frames: argmin over local rotations, translation and shape of
 
-        surface_weight mean_v rho(n.(y_v - q_v) / surface_sigma)^2 + sum_i rho(|k_i - p_i| / sigma_i)^2
+        surface_weight mean_v c_v rho(n.(y_v - q_v) / surface_sigma)^2 + sum_i rho(|k_i - p_i| / sigma_i)^2
         + sum_k |log L_k|^2 / joint_sigma_k^2 + joint limits + shape_weight |beta|^2 + temporal terms
 
-    rho is Geman-McClure, q_v the closest scan point within `reach` whose normal agrees. Levenberg-Marquardt on dense
+    rho is Geman-McClure, q_v the closest scan point within `reach` whose normal agrees, c_v its confidence. Levenberg-Marquardt on dense
     normal equations with analytic derivatives; the same bits for any number of threads. `joint_sigma` [rad],
     (K,) or {beginning of a joint's name: value}, replaces the spreads about rest (0 locks a joint at its start, infinity
     frees it), `joint_limit` [rad] the largest angles; joints that a table does not name get `other_joint_sigma` and
@@ -110,6 +110,7 @@ class SkeletonSolver(Rebuilt):
         start: Pose | None = None,
         previous: Iterable[Pose] = (),
         clothed: Array | None = None,
+        scan_confidence: Array | None = None,
     ) -> SkeletonResult:
         """Pose and shape of one frame.
 
@@ -118,13 +119,14 @@ class SkeletonSolver(Rebuilt):
         does not know are left out. start: a result, or (rotations (K,3), translation (3,), shape (s,)); without one the
         solve begins at the keypoints, or, with none either, at rest in the middle of the scan. previous: up to two
         earlier frames like `start`, newest first, for the temporal term. clothed (n,) in [0,1]: vertices under cloth;
-        where the scan lies outside them it pulls with `cloth_fit` only.
+        where the scan lies outside them it pulls with `cloth_fit` only. scan_confidence (m,) >= 0: the scan pulls by its
+        confidence there, 1 without; faces with a corner at 0 are as though they were not there.
 
         -> .rotations (K,3) [rad], .translation (3,) [m], .shape (S,), .V (n,3) [m], .joints (K,3) [m], .stop
         (`Stop`: "converged", "max_iterations", "unmatched": no scan within reach), .iterations, .energy (per iteration),
         .rms [m] and .matched of the surface, .keypoint_rms [m]. Raises InputError (argument, index) and SolveError.
         """
-        return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed))
+        return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed, scan_confidence))
 
     def solve_shared(self, frames: Sequence[Mapping[str, Any]], rounds: int = 4) -> list[SkeletonResult]:
         """One shape for several frames; `frames` are dicts of `solve`'s arguments. -> [SkeletonResult], equal `.shape`.
@@ -141,6 +143,7 @@ class SkeletonSolver(Rebuilt):
         start: Pose | None = None,
         previous: Iterable[Pose] = (),
         clothed: Array | None = None,
+        scan_confidence: Array | None = None,
     ) -> Any:
         has_scan = scan_F is not None and len(scan_F)
         V = np.zeros((0, 3)) if scan_V is None else as_vertices("skeleton", "scan_V", scan_V)
@@ -160,6 +163,9 @@ class SkeletonSolver(Rebuilt):
             [] if start is None else [as_pose("start", start)],
             [as_pose("previous", p) for p in previous],
             clothed,
+            np.zeros(0)
+            if scan_confidence is None
+            else as_floats("skeleton", "scan_confidence", scan_confidence, (len(V),)),
         )
 
     def _keypoints(self, keypoints: Any) -> tuple[Ints, Floats, Floats]:

@@ -174,7 +174,7 @@ class Dresser:
         if inside.sum() < s.min_faces:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
-        cloth = Mesh(V, F[inside])
+        cloth = Mesh(V, F[inside], confidence=None if frame.scan is None else frame.scan.confidence)
         vertices = self._fitted(self.solver, cloth, start, first)
         if traced:
             vertices = continued(t.rest, t.faces, vertices, self._free(vertices, cloth))
@@ -218,7 +218,8 @@ class Dresser:
 
     def _fitted(self, solver, cloth, start, matches):
         """Vertices (n,3) from `start` onto the labelled scan."""
-        fit = solver.solve(cloth.vertices, cloth.faces, start=start, boundary=self._boundary(matches))
+        boundary, confidence = self._boundary(matches), cloth.confidence
+        fit = solver.solve(cloth.vertices, cloth.faces, start=start, boundary=boundary, scan_confidence=confidence)
         if fit.stop == "no_overlap":
             raise UserError(f"dress: garment {self.template.name} lies nowhere near the scan's faces that carry it")
         return fit.V

@@ -109,7 +109,8 @@ class PoseSearch:
         def try_from(turns, strides):
             for turn in turns:
                 for stride in strides:
-                    fit = self.solver.solve(scan.vertices, scan.faces, start=self._at(scan, turn, stride))
+                    at = self._at(scan, turn, stride)
+                    fit = self.solver.solve(scan.vertices, scan.faces, start=at, scan_confidence=scan.confidence)
                     found.append((*measure(fit.V), turn, fit))
             found.sort(key=lambda candidate: candidate[0])
             return found[0]
@@ -311,7 +312,7 @@ class _Surface:
 
     def fit(self, scan, start):
         """-> vertices (n,3) and confidence (n,)."""
-        fit = self.solver.solve(scan.vertices, scan.faces, start=start)
+        fit = self.solver.solve(scan.vertices, scan.faces, start=start, scan_confidence=scan.confidence)
         confidence = None if fit.stop == "no_overlap" else self._confidence(fit.V, scan)
         if confidence is None or not (confidence == OBSERVED).any():
             raise UserError("scan.ply: the scan and the posed body do not overlap")
@@ -340,6 +341,7 @@ def _evidence(frame, points):
     return {
         "scan_V": None if scan is None else scan.vertices,
         "scan_F": None if scan is None else scan.faces,
+        "scan_confidence": None if scan is None else scan.confidence,
         "keypoints": points,
     }
 
