@@ -326,6 +326,24 @@ def test_blender_reads_the_bvh(clip, tmp_path):
             assert np.abs(np.array(bones[name]) - x[k]).max() < 3 * NEAR
 
 
+def test_rerun_reads_its_recording(clip, tmp_path):
+    pytest.importorskip("rerun")
+    from rerun.chunk import RrdReader
+
+    write(clip, tmp_path / "clip.rrd")
+    found = {}
+    for chunk in RrdReader(tmp_path / "clip.rrd").stream().to_chunks():
+        rows = chunk.to_record_batch()
+        for name in {"frame", "Mesh3D:triangle_indices", "Mesh3D:vertex_positions"} & set(rows.schema.names):
+            found.setdefault((chunk.entity_path, name), []).extend(rows.column(name).to_pylist())
+    for layer in clip.layers:
+        entity = f"/{layer.name}"
+        assert tuple(found[entity, "frame"]) == clip.frames
+        assert np.array_equal(found[entity, "Mesh3D:triangle_indices"][0], layer.faces)
+        for V, frame in zip(found[entity, "Mesh3D:vertex_positions"], clip.frames):
+            assert np.abs(np.array(V) - layer.at(frame)).max() < NEAR
+
+
 # refusals -----------------------------------------------------------------------------------------------------------------
 
 

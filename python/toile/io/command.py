@@ -72,7 +72,8 @@ def export(
     path: Annotated[Path, typer.Argument(help="a run, or a folder that toile animate made")],
     out: Annotated[Path, typer.Argument(help="a file, or for obj and ply a new folder")],
     kind: Annotated[
-        str | None, typer.Option("--format", help="usd, glb, obj, ply, abc, npz, bvh; default by the file's ending")
+        str | None,
+        typer.Option("--format", help="usd, glb, obj, ply, abc, npz, bvh, rrd; default by the file's ending"),
     ] = None,
     layers: Annotated[
         str | None, typer.Option(help="names such as inner,tshirt; default the body and all garments")

@@ -17,6 +17,7 @@ from .arrays import write_arrays
 from .bvh import write_bvh
 from .clip import Clip
 from .glb import write_glb
+from .rrd import write_rrd
 from .sequence import write_sequence
 from .usd import write_usd
 
@@ -28,6 +29,7 @@ FORMATS = {  # name: the endings of its file, none for a folder
     "abc": (".abc",),
     "npz": (".npz",),
     "bvh": (".bvh",),
+    "rrd": (".rrd",),
 }
 POINTS, SKELETON = MOTIONS = "points", "skeleton"
 BAKED = 120  # frames of a GLB that are morph targets by default: each is about half a megabyte
@@ -75,6 +77,8 @@ def write_clip(clip: Clip, out: Path, kind: str, motion: str | None, progress: P
             notes = write_glb(clip, part, motion, progress)
         elif kind == "abc":
             notes = write_alembic(clip, part, progress)
+        elif kind == "rrd":
+            notes = write_rrd(clip, part, progress)
         elif kind == "bvh":
             notes = write_bvh(clip, part)
         else:
