@@ -1,9 +1,15 @@
 """A clip with known answers: a bent tube and a patch over it, moved by a chain of three joints."""
 
+import json
+
 import numpy as np
 
+from toile.io import animation
 from toile.io.export.clip import Clip, ClipLayer, ClipSkeleton
-from toile.scene import blend_skinning, joint_transforms
+from toile.io.files import save_record
+from toile.io.image import write_image
+from toile.io.mesh import write_mesh
+from toile.scene import Mesh, blend_skinning, joint_transforms
 
 ROUND, HIGH = 8, 6
 
@@ -49,3 +55,19 @@ def bending_clip(frames=(3, 4, 5, 7), up="z", loose=0.0):
 
     layers = layer("inner", 0.1), layer("t-shirt", 0.12)
     return Clip("bend", 25.0, up, tuple(frames), layers, ClipSkeleton(names, parents, J, pose))
+
+
+def write_animation(clip, folder, colour=(200, 10, 10)):
+    """The clip as `toile animate` leaves one, every layer's texture of one colour."""
+    for layer in clip.layers:
+        parts = layer.faces, layer.uv, layer.face_uv, layer.joints, layer.weights
+        save_record(animation.layer_file(folder, layer.name), animation.AnimatedLayer(*parts))
+        write_image(animation.texture_file(folder, layer.name), np.full((8, 8, 3), colour, np.uint8))
+        for frame in clip.frames:
+            write_mesh(animation.mesh_file(folder, layer.name, frame), Mesh(layer.at(frame), layer.faces))
+    poses = [clip.skeleton.pose(frame) for frame in clip.frames]
+    moved = np.array(clip.frames), np.array([r for r, _ in poses]), np.array([t for _, t in poses])
+    still = clip.skeleton.names, np.array(clip.skeleton.parents), clip.skeleton.J
+    save_record(animation.skeleton_file(folder), animation.AnimatedSkeleton(*still, *moved, clip.fps, clip.up))
+    names = [layer.name for layer in clip.layers]
+    (folder / "animation.json").write_text(json.dumps({"fps": clip.fps, "layers": names}))

@@ -13,6 +13,7 @@ import pytest
 import zarr
 from PIL import Image
 
+from tests.support.bending_clip import bending_clip, write_animation
 from tests.support.browser import Browser
 from tests.support.synthetic_run import SAMPLE, copy_capture, true_run
 from toile.errors import UserError
@@ -172,6 +173,28 @@ def test_two_runs_stand_side_by_side_at_the_same_frame(run, browser):
             " return n; })()"
         )
         assert min(halves) > 1000 and browser.errors == []
+
+
+def test_an_animation_wears_its_textures(browser, tmp_path):
+    clip = bending_clip()
+    write_animation(clip, tmp_path)
+    shown = Shown(tmp_path)
+    data = shown.split("t-shirt")
+    n, m = struct.unpack("<I", data[:4])[0], len(clip.layers[1].faces)
+    vertex = np.frombuffer(data, "<u4", n, 4)
+    uv = np.frombuffer(data, "<u2", 2 * n, 4 + 4 * n).reshape(-1, 2) / 65535
+    faces = np.frombuffer(data, "<u4", 3 * m, 4 + 8 * n).reshape(-1, 3)
+    assert np.array_equal(vertex[faces], clip.layers[1].faces)
+    assert np.abs(uv[faces] - (clip.layers[1].uv[clip.layers[1].face_uv] * [1, -1] + [0, 1])).max() < 1e-4
+    with served(tmp_path) as (host, port):
+        browser.errors.clear()
+        browser.open(f"http://{host}:{port}/", "globalThis.view?.state.colour === 'texture'")
+        red = browser.run(
+            "(() => { view.draw(); const gl = document.getElementById('scene').getContext('webgl2'), w = gl.drawingBufferWidth,"
+            " h = gl.drawingBufferHeight, p = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);"
+            " let n = 0; for (let i = 0; i < w * h; i++) n += p[4 * i] > 40 && p[4 * i + 1] * 5 < p[4 * i]; return n; })()"
+        )
+        assert red > 1000 and browser.errors == []
 
 
 def test_frames_that_have_been_seen_are_ready_again_at_20_a_second(run, browser):

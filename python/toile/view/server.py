@@ -52,8 +52,9 @@ class Answers:
         if not which.isdecimal() or int(which) >= len(self.shown):
             raise UserError("no such page")
         shown = self.shown[int(which)]
-        if what == "faces" and len(given) == 1:
-            return shown.faces(*given), BYTES
+        still = {"faces": BYTES, "split": BYTES, "texture": "image/png"}
+        if what in still and len(given) == 1:
+            return getattr(shown, what)(*given), still[what]
         kinds = {"points": (2, BYTES), "colours": (3, BYTES), "scan": (1, BYTES), "picture": (2, "image/jpeg")}
         if what not in kinds or len(given) != kinds[what][0] or not given[-1].isdecimal():
             raise UserError("no such page")

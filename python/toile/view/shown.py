@@ -11,8 +11,10 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.animation import is_animation
+from ..io.bounded import read_bytes
 from ..io.capture import open_capture
 from ..io.export.clip import Clip
+from ..io.export.glb import split_layer
 from ..io.export.source import open_clip
 from ..io.image import read_rgba
 from ..io.layout import FAILED, VERDICTS
@@ -21,6 +23,7 @@ from ..kernels import SurfaceIndex
 from ..measure.truth import open_truth
 
 PLAIN, CONFIDENCE, DISTANCE, TRUTH = "plain", "confidence", "distance to the scan", "distance to the truth"
+TEXTURE = "texture"
 FARTHEST = 0.02  # m: the end of the scale of distances
 PICTURE = 720  # pixels, the longer side of pictures that are sent
 LAST = 65535
@@ -70,7 +73,7 @@ class Shown:
         }  # fmt: skip
 
     def _layer(self, name):
-        kinds = [PLAIN]
+        kinds = [PLAIN] if self.layers[name].texture is None else [TEXTURE, PLAIN]
         if self.run is not None:
             kinds += [CONFIDENCE] + ([DISTANCE] if self.capture else [])
             kinds += [TRUTH] if self.truth is not None and name != "track" else []
@@ -102,6 +105,21 @@ class Shown:
     def faces(self, layer: str) -> bytes:
         """uint32 (m,3)."""
         return np.asarray(self.layer(layer).faces, "<u4").tobytes()
+
+    def split(self, layer: str) -> bytes:
+        """A vertex for each of its UVs: uint32 count, uint32 vertices (q,) of the layer, uint16 UVs (q,2) over the unit square,
+        v down, uint32 faces (m,3) into these."""
+        found = self.layer(layer)
+        split = split_layer(found, len(found.at(self.clip.frames[0])))
+        uv = (LAST * np.clip(split.uv, 0, 1)).round().astype("<u2")
+        head = struct.pack("<I", len(uv)) + split.vertex.astype("<u4").tobytes()
+        return head + uv.tobytes() + split.faces.astype("<u4").tobytes()
+
+    def texture(self, layer: str) -> bytes:
+        """The picture over a layer's UV square, as it lies on disk."""
+        if self.layer(layer).texture is None:
+            raise UserError(f"{self.path}: {layer} has no texture")
+        return read_bytes(self.layer(layer).texture)
 
     def points(self, layer: str, frame: int) -> bytes:
         """See `quantised`."""

@@ -3,18 +3,18 @@
 const HEAD = `#version 300 es
 precision highp float;`;
 const MESH_VERTEX = `${HEAD}
-layout(location=0) in vec3 place; layout(location=1) in vec3 normal; layout(location=2) in float share;
-uniform mat4 view, projection; uniform vec3 low, size; out vec3 n; out float s;
-void main() { n = mat3(view) * normal; s = share; gl_Position = projection * view * vec4(low + size * place, 1.0); }`;
+layout(location=0) in vec3 place; layout(location=1) in vec3 normal; layout(location=2) in float share; layout(location=3) in vec2 uv;
+uniform mat4 view, projection; uniform vec3 low, size; out vec3 n; out float s; out vec2 at;
+void main() { n = mat3(view) * normal; s = share; at = uv; gl_Position = projection * view * vec4(low + size * place, 1.0); }`;
 const MESH_FRAGMENT = `${HEAD}
-in vec3 n; in float s; uniform vec3 colour; uniform float scaled, alpha; out vec4 pixel;
+in vec3 n; in float s; in vec2 at; uniform vec3 colour; uniform float scaled, textured, alpha; uniform sampler2D picture; out vec4 pixel;
 vec3 heat(float t) {
   vec3 c[5] = vec3[5](vec3(44,75,130), vec3(120,170,190), vec3(240,225,150), vec3(225,120,60), vec3(140,20,40));
   float at = clamp(t, 0.0, 1.0) * 4.0; int i = min(int(at), 3); return mix(c[i], c[i+1], at - float(i)) / 255.0; }
 void main() {
   vec3 m = normalize(n) * (gl_FrontFacing ? 1.0 : -1.0);
   float light = 0.35 + 0.65 * max(dot(m, normalize(vec3(0.3, 0.5, 1.0))), 0.0);
-  pixel = vec4(mix(colour, heat(s), scaled) * light * (gl_FrontFacing ? 1.0 : 0.75), alpha); }`;
+  pixel = vec4(mix(mix(colour, heat(s), scaled), texture(picture, at).rgb, textured) * light * (gl_FrontFacing ? 1.0 : 0.75), alpha); }`;
 const LINE_VERTEX = `${HEAD}
 layout(location=0) in vec3 place; uniform mat4 view, projection; void main() { gl_Position = projection * view * vec4(place, 1.0); }`;
 const LINE_FRAGMENT = `${HEAD}
@@ -40,12 +40,13 @@ export function programs(gl) {
   return {mesh: make(MESH_VERTEX, MESH_FRAGMENT), line: make(LINE_VERTEX, LINE_FRAGMENT), picture: make(PICTURE_VERTEX, PICTURE_FRAGMENT)};
 }
 
-// A surface whose points come as 24 bytes of corner and step, then uint16 (n,3).
+// A surface whose points come as 24 bytes of corner and step, then uint16 (n,3). `split`: its vertices for each of their UVs,
+// as the server sends them, for a surface with a texture.
 export class Surface {
-  constructor(gl, faces) {
+  constructor(gl, faces, split = null) {
     this.gl = gl;
     this.array = gl.createVertexArray();
-    this.buffers = [0, 1, 2, 3].map(() => gl.createBuffer());
+    this.buffers = [0, 1, 2, 3, 4].map(() => gl.createBuffer());
     gl.bindVertexArray(this.array);
     const attribute = (i, size, kind, stride) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[i]);
@@ -55,29 +56,45 @@ export class Surface {
     attribute(0, 3, gl.UNSIGNED_SHORT, 6);
     attribute(1, 3, gl.BYTE, 4);
     attribute(2, 1, gl.UNSIGNED_BYTE, 1);
-    this.setFaces(faces);
+    if (split) {
+      const count = new Uint32Array(split, 0, 1)[0];
+      this.vertex = new Uint32Array(split, 4, count);
+      attribute(3, 2, gl.UNSIGNED_SHORT, 4);
+      this.put(3, new Uint16Array(split, 4 + 4 * count, 2 * count));
+      this.setFaces(faces, new Uint32Array(split, 4 + 8 * count));
+      this.texture = new Picture(gl);
+    } else this.setFaces(faces);
   }
-  setFaces(faces) {
+  setFaces(faces, drawn = faces) {
     this.faces = faces;
+    this.count = drawn.length;
     this.gl.bindVertexArray(this.array);
-    this.gl.bindBuffer(this.gl.ELEMENT_ARRAY_BUFFER, this.buffers[3]);
-    this.gl.bufferData(this.gl.ELEMENT_ARRAY_BUFFER, faces, this.gl.DYNAMIC_DRAW);
+    this.gl.bindBuffer(this.gl.ELEMENT_ARRAY_BUFFER, this.buffers[4]);
+    this.gl.bufferData(this.gl.ELEMENT_ARRAY_BUFFER, drawn, this.gl.DYNAMIC_DRAW);
   }
   setPoints(bytes, offset = 0, count = (bytes.byteLength - offset - 24) / 6) {
     const head = new Float32Array(bytes.slice(offset, offset + 24));
     const points = new Uint16Array(bytes, offset + 24, 3 * count);
     this.low = [...head.slice(0, 3)];
     this.size = [...head.slice(3)].map(step => 65535 * step);
-    this.put(0, points);
-    this.put(1, normals(points, head, this.faces));
+    this.put(0, this.each(points, 3));
+    this.put(1, this.each(normals(points, head, this.faces), 4));
     if (this.shares?.length !== count) this.setShares(new Uint8Array(count));
   }
-  setShares(shares) { this.shares = shares; this.put(2, shares); }
+  setShares(shares) { this.shares = shares; this.put(2, this.each(shares, 1)); }
+  // Rows of `width` numbers, one a vertex, as one a split vertex.
+  each(values, width) {
+    if (!this.vertex) return values;
+    const out = new values.constructor(width * this.vertex.length);
+    for (let i = 0, o = 0; i < this.vertex.length; i++)
+      for (let k = 0, at = width * this.vertex[i]; k < width; k++) out[o++] = values[at + k];
+    return out;
+  }
   put(i, data) {
     this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.buffers[i]);
     this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.DYNAMIC_DRAW);
   }
-  draw(programs, view, projection, colour, scaled, alpha) {
+  draw(programs, view, projection, colour, scaled, textured, alpha) {
     const gl = this.gl, {program, at} = programs.mesh;
     if (!this.low) return;
     gl.useProgram(program);
@@ -87,9 +104,11 @@ export class Surface {
     gl.uniform3fv(at('size'), this.size);
     gl.uniform3fv(at('colour'), colour);
     gl.uniform1f(at('scaled'), scaled ? 1 : 0);
+    gl.uniform1f(at('textured'), textured && this.texture ? 1 : 0);
     gl.uniform1f(at('alpha'), alpha);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture?.texture ?? null);
     gl.bindVertexArray(this.array);
-    gl.drawElements(gl.TRIANGLES, this.faces.length, gl.UNSIGNED_INT, 0);
+    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
   }
 }
 

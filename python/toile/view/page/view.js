@@ -13,7 +13,7 @@ const frames = [...new Set(clips.flatMap(clip => [...clip.frames, ...Object.keys
 const canvas = $('scene'), gl = canvas.getContext('webgl2', {antialias: !drawnBySoftware()});
 if (!gl) { $('said').textContent = 'this browser has no WebGL 2'; throw new Error('no WebGL 2'); }
 const shaders = programs(gl);
-const state = {frame: frames[0], playing: false, scan: false, cameras: false, camera: '', alpha: 1, colour: 'plain',
+const state = {frame: frames[0], playing: false, scan: false, cameras: false, camera: '', alpha: 1, colour: clips.some(clip => clip.layers.some(layer => layer.colours.includes('texture'))) ? 'texture' : 'plain',
                yaw: 0.5, pitch: 0.1, distance: 3.2, target: null};
 document.title = `toile view: ${clips.map(clip => clip.name).join(', ')}`;
 
@@ -41,8 +41,10 @@ const place = (i, ...parts) => [i, ...parts].map(encodeURIComponent).join('/');
 for (const [i, clip] of clips.entries()) {
   clip.surfaces = new Map();
   for (const [k, layer] of clip.layers.entries()) {
-    const faces = new Uint32Array(await ask(place(i, 'faces', layer.name)));
-    clip.surfaces.set(layer.name, {surface: new Surface(gl, faces), colour: COLOURS[k % COLOURS.length], layer, scaled: false, there: false});
+    const faces = new Uint32Array(await ask(place(i, 'faces', layer.name))), textured = layer.colours.includes('texture');
+    const surface = new Surface(gl, faces, textured ? await ask(place(i, 'split', layer.name)) : null);
+    if (textured) surface.texture.set(await createImageBitmap(await ask(place(i, 'texture', layer.name), 'blob')));
+    clip.surfaces.set(layer.name, {surface, colour: COLOURS[k % COLOURS.length], layer, scaled: false, there: false});
   }
   clip.scanned = new Surface(gl, new Uint32Array());
   clip.picture = new Picture(gl);
@@ -56,7 +58,7 @@ function wanted(i, frame) {
   if (!clip.has.has(frame)) return found;
   for (const {name, colours, shown} of clip.layers) if (shown) {
     found[`points ${name}`] = ask(place(i, 'points', name, frame));
-    if (state.colour !== 'plain' && colours.includes(state.colour)) found[`colours ${name}`] = ask(place(i, 'colours', name, state.colour, frame));
+    if (!['plain', 'texture'].includes(state.colour) && colours.includes(state.colour)) found[`colours ${name}`] = ask(place(i, 'colours', name, state.colour, frame));
   }
   if (state.scan && clip.scan) found.scan = ask(place(i, 'scan', frame));
   if (clip.cameras.some(camera => camera.name === state.camera)) found.picture = ask(place(i, 'picture', state.camera, frame), 'blob');
@@ -134,9 +136,9 @@ function drawClip(clip, [x, y, w, h]) {
   }
   gl.viewport(x, y, w, h);
   if (camera && clip.hasPicture) clip.picture.draw(shaders);
-  if (clip.hasScan && state.scan) clip.scanned.draw(shaders, view, projection, [0.6, 0.6, 0.6], false, state.alpha);
+  if (clip.hasScan && state.scan) clip.scanned.draw(shaders, view, projection, [0.6, 0.6, 0.6], false, false, state.alpha);
   for (const {surface, colour, layer, there, scaled} of clip.surfaces.values())
-    if (there && layer.shown) surface.draw(shaders, view, projection, colour, scaled, state.alpha);
+    if (there && layer.shown) surface.draw(shaders, view, projection, colour, scaled, state.colour === 'texture', state.alpha);
   if (state.cameras && !camera) clip.rig.draw(shaders, view, projection, [0.70, 0.33, 0.18]);
 }
 
@@ -233,7 +235,7 @@ if (kinds.length > 1) {
   const legend = make('div', {hidden: true}, make('div', {className: 'bar'}), make('div', {className: 'soft'}));
   panel.append(make('h2', {}, 'colours'), choice(kinds.map(kind => [kind, kind]), kind => {
     state.colour = kind;
-    legend.hidden = kind === 'plain';
+    legend.hidden = ['plain', 'texture'].includes(kind);
     legend.lastChild.textContent = kind === 'confidence' ? 'observed, interpolated, hidden' : '0 to 20 mm and more';
   }), legend);
 }
