@@ -2,6 +2,9 @@
 
 #include <pybind11/numpy.h>
 
+#include <algorithm>
+#include <optional>
+
 #include "base/errors.h"
 #include "bind/common.h"
 
@@ -34,6 +37,51 @@ BoundView view_of(const Mat3& K, Vector distortion, const Eigen::Matrix4d& T, De
                     {pixels.data(), pixels.shape(0), pixels.shape(1), pixels.shape(2)},
                     corner};
     return {std::move(depth), std::move(pixels), view};
+}
+
+using Labels = py::array_t<std::uint8_t, py::array::c_style>;
+using Mask = py::array_t<bool, py::array::c_style>;
+
+/// Hands the values over without a copy.
+py::array_t<float> as_picture(std::vector<float> values, std::int64_t height, std::int64_t width) {
+    auto* const kept = new std::vector<float>(std::move(values));
+    const py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<float>*>(p); });
+    const auto channels = static_cast<std::int64_t>(kept->size()) / std::max<std::int64_t>(height * width, 1);
+    return py::array_t<float>({height, width, channels}, kept->data(), owner);
+}
+
+LabelImage label_image(const Labels& labels) {
+    require(labels.ndim() == 2 && labels.size() > 0, "soft_labels: labels is not (H,W) of one pixel or more");
+    return {labels.data(), labels.shape(0), labels.shape(1)};
+}
+
+py::array_t<float> bound_soft_labels(const Labels& labels, const std::vector<std::uint8_t>& ids, double blur) {
+    const LabelImage image = label_image(labels);
+    std::vector<float> out;
+    {
+        py::gil_scoped_release release;
+        out = soft_labels(image, ids, blur);
+    }
+    return as_picture(std::move(out), image.height, image.width);
+}
+
+py::array_t<float> bound_picture(const Labels& labels, const std::vector<std::uint8_t>& ids, const Mask& clear,
+                                 const std::optional<Pixels>& likelihood, const std::optional<Labels>& rgb, double blur,
+                                 double empty_blur) {
+    const LabelImage image = label_image(labels);
+    const std::int64_t n = image.height * image.width;
+    require(clear.size() == n, "evidence_picture: clear has another size than labels");
+    const auto count = static_cast<std::int64_t>(std::count(clear.data(), clear.data() + n, true));
+    require(!likelihood || likelihood->size() == count * static_cast<std::int64_t>(ids.size()),
+            "evidence_picture: likelihood has another number of rows than clear has pixels, or of columns than ids");
+    require(!rgb || rgb->size() == 3 * n, "evidence_picture: rgb has another size than labels");
+    std::vector<float> out;
+    {
+        py::gil_scoped_release release;
+        out = evidence_picture(image, ids, clear.data(), likelihood ? likelihood->data() : nullptr,
+                               rgb ? rgb->data() : nullptr, blur, empty_blur);
+    }
+    return as_picture(std::move(out), image.height, image.width);
 }
 
 std::vector<View> views_of(const std::vector<const BoundView*>& bound) {
@@ -87,6 +135,8 @@ void bind_sight(py::module_& m) {
         return py::make_tuple(std::move(sight.uv), std::move(sight.weight), std::move(sight.clearance));
     });
     m.def("bilinear", &read_pixels);
+    m.def("soft_labels", &bound_soft_labels);
+    m.def("evidence_picture", &bound_picture);
 }
 
 }  // namespace toile::bind

@@ -120,6 +120,7 @@ SurfaceIndex::SurfaceIndex(const Vertices& V, const Faces& F) : state_(std::make
     if (!s.device) throw SolveError("closest: Embree gives no device on this machine");
     s.scene = rtcNewScene(s.device);
     rtcSetSceneFlags(s.scene, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(s.scene, RTC_BUILD_QUALITY_LOW);  // most trees serve few queries: a quick build pays
     RTCGeometry mesh = rtcNewGeometry(s.device, RTC_GEOMETRY_TYPE_TRIANGLE);
     auto* vertex = static_cast<float*>(rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), static_cast<std::size_t>(V.rows())));
@@ -131,6 +132,7 @@ SurfaceIndex::SurfaceIndex(const Vertices& V, const Faces& F) : state_(std::make
     }
     for (Eigen::Index f = 0; f < F.rows(); ++f)
         for (int c = 0; c < 3; ++c) index[3 * f + c] = static_cast<unsigned>(F(f, c));
+    rtcSetGeometryBuildQuality(mesh, RTC_BUILD_QUALITY_LOW);
     rtcCommitGeometry(mesh);
     rtcAttachGeometry(s.scene, mesh);
     rtcReleaseGeometry(mesh);

@@ -39,10 +39,9 @@ struct DepthPlane {
 
 /// A face, or a piece of a clipped one, that covers at least one pixel centre's row and column.
 struct Triangle {
-    std::array<Corner, 3> corner;  // turning from x to y: positive area
-    int left, right, top, bottom;  // pixels, inclusive, within the image
+    std::array<Corner, 3> corner;           // turning from x to y: positive area
+    std::int16_t left, right, top, bottom;  // pixels, inclusive, within the image
     std::int32_t face;
-    DepthPlane depth;
 };
 
 struct Camera {
@@ -107,15 +106,16 @@ std::int64_t edge_function(const Corner& a, const Corner& b, std::int64_t px, st
 }
 
 /// Adds the image triangle (a, b, c), all of face f or a piece of it, unless it covers no pixel centre for certain.
-void add_triangle(Corner a, Corner b, Corner c, const Vertices& V, const Faces& F, Eigen::Index f, const Camera& camera,
-                  std::vector<Triangle>& out) {
+void add_triangle(Corner a, Corner b, Corner c, Eigen::Index f, const Camera& camera, std::vector<Triangle>& out) {
     const auto [left, right] = pixel_range(std::min({a.x, b.x, c.x}), std::max({a.x, b.x, c.x}), camera.width);
     const auto [top, bottom] = pixel_range(std::min({a.y, b.y, c.y}), std::max({a.y, b.y, c.y}), camera.height);
     if (left > right || top > bottom) return;
     const std::int64_t area = edge_function(a, b, c.x, c.y);
     if (area == 0) return;
     if (area < 0) std::swap(b, c);
-    out.push_back({{a, b, c}, left, right, top, bottom, static_cast<std::int32_t>(f), depth_plane(V, F, f, camera)});
+    const auto pixel = [](int i) { return static_cast<std::int16_t>(i); };
+    out.push_back(
+        {{a, b, c}, pixel(left), pixel(right), pixel(top), pixel(bottom), static_cast<std::int32_t>(f)});
 }
 
 /// Sutherland-Hodgman. Each cut runs from the kept end to the lost one, so the two faces of an edge get the same point.
@@ -136,8 +136,8 @@ void add_clipped(const Vertices& V, const Faces& F, Eigen::Index f, const Camera
     }
     if (polygon.size() < 3) return;
     for (std::size_t i = 2; i < polygon.size(); ++i)
-        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), V, F, f,
-                     camera, out);
+        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), f, camera,
+                     out);
 }
 
 std::vector<Triangle> visible_triangles(const Vertices& V, const Faces& F, const Camera& camera) {
@@ -154,7 +154,7 @@ std::vector<Triangle> visible_triangles(const Vertices& V, const Faces& F, const
         for (std::int64_t f = b * FACE_BLOCK, end = std::min<std::int64_t>(F.rows(), f + FACE_BLOCK); f < end; ++f) {
             const int i = F(f, 0), j = F(f, 1), k = F(f, 2);
             if (kept[i] && kept[j] && kept[k])
-                add_triangle(corner[i], corner[j], corner[k], V, F, f, camera, blocks[b]);
+                add_triangle(corner[i], corner[j], corner[k], f, camera, blocks[b]);
             else
                 add_clipped(V, F, f, camera, blocks[b]);
         }
@@ -190,7 +190,7 @@ struct TileLists {
 };
 
 /// Draws one triangle into the pixels [left, right] x [top, bottom].
-void draw(const Triangle& t, int left, int right, int top, int bottom, RasterResult& image) {
+void draw(const Triangle& t, const DepthPlane& plane, int left, int right, int top, int bottom, RasterResult& image) {
     std::array<std::int64_t, 3> row, step_x, step_y;  // edge functions, never negative inside
     for (std::size_t k = 0; k < 3; ++k) {
         const Corner &a = t.corner[k], &b = t.corner[(k + 1) % 3];
@@ -206,7 +206,7 @@ void draw(const Triangle& t, int left, int right, int top, int bottom, RasterRes
         double* depth = &image.depth(i, 0);
         for (int j = left; j <= right; ++j) {
             if ((e[0] | e[1] | e[2]) >= 0) {
-                const double z = t.depth.at(j + 0.5, i + 0.5);
+                const double z = plane.at(j + 0.5, i + 0.5);
                 if (z < depth[j] || (z == depth[j] && t.face < face[j])) {
                     depth[j] = z;
                     face[j] = t.face;
@@ -245,8 +245,8 @@ RasterResult raster(const Vertices& V, const Faces& F, const Mat3& K, int height
         const int x = static_cast<int>(tile % tiles.across) * TILE, y = static_cast<int>(tile / tiles.across) * TILE;
         for (std::size_t k = tiles.start[tile]; k < tiles.start[tile + 1]; ++k) {
             const Triangle& t = triangles[tiles.triangle[k]];
-            draw(t, std::max(t.left, x), std::min(t.right, x + TILE - 1), std::max(t.top, y),
-                 std::min(t.bottom, y + TILE - 1), image);
+            draw(t, depth_plane(V, F, t.face, camera), std::max<int>(t.left, x), std::min<int>(t.right, x + TILE - 1),
+                 std::max<int>(t.top, y), std::min<int>(t.bottom, y + TILE - 1), image);
         }
     }, 1);
     if (!options.barycentric) return image;

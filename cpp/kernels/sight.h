@@ -42,6 +42,21 @@ struct View {
     Eigen::Vector2d corner;
 };
 
+/// Label ids (H,W), 0: none.
+struct LabelImage {
+    const std::uint8_t* values;
+    std::int64_t height, width;
+};
+
+/// Blurred indicator (H,W,L) of each of the labels `ids`; `blur` [px] is the Gaussian's sigma. Beyond its border the picture
+/// is mirrored.
+std::vector<float> soft_labels(const LabelImage& image, const std::vector<std::uint8_t>& ids, double blur);
+
+/// A picture as `view_odds` reads it (H,W,2L+4). `likelihood`: L values for each pixel that is `clear` (H,W), row by row, and
+/// `rgb` (H,W,3); either may be null, and is zero then.
+std::vector<float> evidence_picture(const LabelImage& image, const std::vector<std::uint8_t>& ids, const bool* clear,
+                                    const float* likelihood, const std::uint8_t* rgb, double blur, double empty_blur);
+
 struct OddsOptions {
     double tolerance = 0, min_cosine = 0;  ///< as `visibility` has them
     double floating = 0;                   ///< a point this far before the surface floats [m]

@@ -5,7 +5,7 @@ import numpy
 import numpy.typing
 import scipy.sparse
 import typing
-__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'EdgeOptions', 'FuseOptions', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'OddsOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'StereoCamera', 'StereoOptions', 'StereoSolver', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'View', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cheapest_path', 'cotangent_laplacian', 'face_areas', 'face_normals', 'fuse_depths', 'intersecting_pairs', 'mrf', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'stop_names', 'threads', 'unique_edges', 'vertex_components', 'vertex_normals', 'view_edges', 'view_odds', 'visibility', 'voronoi_mass', 'winding_number']
+__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'EdgeOptions', 'FuseOptions', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'OddsOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'StereoCamera', 'StereoOptions', 'StereoSolver', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'View', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cheapest_path', 'cotangent_laplacian', 'evidence_picture', 'face_areas', 'face_normals', 'fuse_depths', 'intersecting_pairs', 'mrf', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'soft_labels', 'stop_names', 'threads', 'unique_edges', 'vertex_components', 'vertex_normals', 'view_edges', 'view_odds', 'visibility', 'voronoi_mass', 'winding_number']
 class InputError(ValueError):
     pass
 class SolveError(RuntimeError):
@@ -1111,6 +1111,8 @@ def cheapest_path(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, 
     ...
 def cotangent_laplacian(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> scipy.sparse.csc_matrix:
     ...
+def evidence_picture(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8], arg1: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.bool], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float32] | None, arg4: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8] | None, arg5: typing.SupportsFloat | typing.SupportsIndex, arg6: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
+    ...
 def face_areas(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     ...
 def face_normals(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"]:
@@ -1132,6 +1134,8 @@ def set_threads(arg0: typing.SupportsInt | typing.SupportsIndex) -> None:
     How many threads kernels may use that are called from this thread of Python. A forked child has one all the same.
     """
 def signed_distance(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
+    ...
+def soft_labels(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8], arg1: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], arg2: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
     ...
 def threads() -> int:
     """

@@ -308,9 +308,13 @@ def blended_transforms(
     J: Anything, R: Anything, x: Anything, weights_idx: Anything, weights_val: Anything
 ) -> tuple[Floats, Floats]:
     """Per vertex A (n,3,3) and b (n,3) so that skinning is A v + b."""
-    A = np.einsum("nb,nbij->nij", weights_val, R[weights_idx])
-    offset = x - np.einsum("kij,kj->ki", R, J)
-    return A, np.einsum("nb,nbi->ni", weights_val, offset[weights_idx])
+    from scipy.sparse import csr_matrix
+
+    n, most = weights_idx.shape
+    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
+    starts = np.arange(0, n * most + 1, most)
+    blended = csr_matrix((weights_val.ravel(), weights_idx.ravel(), starts), shape=(n, len(R))) @ bones
+    return blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
 
 
 def blend_skinning(

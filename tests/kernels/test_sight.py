@@ -106,3 +106,57 @@ def test_bad_input_is_refused_by_name(value):
         kernels.bilinear([[[1.0]], [[1.0], [2.0]]], np.zeros((2, 2)))
     with pytest.raises(kernels.InputError, match=r"bilinear: uv has shape \(2, 3\)"):
         kernels.bilinear(np.zeros((9, 9, 1)), np.zeros((2, 3)))
+
+
+def labels_of(seed, size=(40, 56)):
+    """Patches of labels 0 to 4."""
+    rng = np.random.default_rng(seed)
+    return np.kron(rng.integers(0, 5, (size[0] // 8, size[1] // 8)), np.ones((8, 8))).astype(np.uint8)
+
+
+@pytest.mark.parametrize("blur", [0.8, 3.0, 15.0])
+def test_soft_labels_are_opencvs_blur_of_each_indicator(blur):
+    import cv2
+
+    labels, ids = labels_of(3), np.array([1, 2, 4], np.uint8)
+    soft = kernels.soft_labels(labels, ids, blur)
+    side = 2 * round(4 * blur) + 1
+    expected = cv2.GaussianBlur((labels[..., None] == ids).astype(np.float64), (side, side), blur)
+    assert soft.shape == (*labels.shape, 3) and np.abs(soft - expected).max() < 1e-6
+
+
+def test_an_evidence_picture_lays_its_channels_side_by_side():
+    labels, ids, rng = labels_of(4), np.array([1, 2, 3], np.uint8), np.random.default_rng(4)
+    clear, rgb = rng.random(labels.shape) < 0.5, rng.integers(0, 256, (*labels.shape, 3)).astype(np.uint8)
+    likelihood = rng.normal(size=(clear.sum(), 3)).astype(np.float32)
+    picture = kernels.evidence_picture(labels, ids, clear, likelihood, rgb, 2.0, 1.0)
+    assert picture.shape == (*labels.shape, 10)
+    np.testing.assert_array_equal(picture[clear, :3], likelihood)
+    assert not picture[~clear, :3].any()
+    np.testing.assert_array_equal(picture[..., 3:6], kernels.soft_labels(labels, ids, 2.0))
+    np.testing.assert_array_equal(picture[..., 6:9], rgb.astype(np.float32) / np.float32(255))
+    np.testing.assert_array_equal(picture[..., 9:], kernels.soft_labels(labels, [0], 1.0))
+    bare = kernels.evidence_picture(labels, ids, np.zeros_like(clear), None, None, 2.0, 1.0)
+    assert not bare[..., :3].any() and not bare[..., 6:9].any()
+    np.testing.assert_array_equal(bare[..., 3:6], picture[..., 3:6])
+
+
+@pytest.mark.parametrize(
+    "change, named",
+    [
+        ({"labels": labels_of(0).astype(int)}, "labels"),
+        ({"labels": labels_of(0)[:0]}, "labels"),
+        ({"ids": []}, "ids"),
+        ({"blur": 0.0}, "blur"),
+        ({"empty_blur": np.nan}, "blur"),
+        ({"clear": np.ones((3, 4), bool)}, "clear"),
+        ({"likelihood": np.zeros((2, 3))}, "likelihood"),
+        ({"rgb": np.zeros((2, 2, 3), np.uint8)}, "rgb"),
+    ],
+)
+def test_an_evidence_picture_names_the_argument_that_is_wrong(change, named):
+    labels = labels_of(0)
+    sound = {"labels": labels, "ids": [1, 2, 3], "clear": np.ones(labels.shape, bool), "blur": 2.0, "empty_blur": 1.0}
+    likelihood, rgb = np.zeros((labels.size, 3)), np.zeros((*labels.shape, 3), np.uint8)
+    with pytest.raises(kernels.InputError, match=named):
+        kernels.evidence_picture(**sound | {"likelihood": likelihood, "rgb": rgb} | change)

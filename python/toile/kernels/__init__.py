@@ -24,7 +24,7 @@ from .nricp_tracker import NricpTracker
 from .occlusion import ambient_occlusion
 from .raster import raster
 from .remesh import remesh
-from .sight import View, bilinear, view_edges, view_odds, visibility
+from .sight import View, bilinear, evidence_picture, soft_labels, view_edges, view_odds, visibility
 from .skeleton import SkeletonSolver, skeleton
 from .stereo import StereoSolver, fuse_depths
 from .stop import Stop
@@ -51,6 +51,7 @@ __all__ = [
     "boundary_loops",
     "cheapest_path",
     "cotangent_laplacian",
+    "evidence_picture",
     "face_areas",
     "face_normals",
     "fuse_depths",
@@ -65,6 +66,7 @@ __all__ = [
     "set_threads",
     "signed_distance",
     "skeleton",
+    "soft_labels",
     "threads",
     "unique_edges",
     "untangle",

@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from .. import _core
+from .._core import InputError
 from .arrays import Array, Floats, Pixels, as_floats, as_indices, as_pixels, as_vertices
 
 
@@ -41,6 +44,43 @@ def bilinear(image: Array, uv: Array) -> Pixels:
     beyond the outermost centres their values go on; at what is no number any value. InputError for fewer than 2 x 2
     pixels."""
     return _core.bilinear(as_pixels("bilinear", "image", image), as_floats("bilinear", "uv", uv, (None, 2)))
+
+
+def soft_labels(image: Array, ids: Array, blur: float) -> Pixels:
+    """Blurred indicator (H,W,L) float32 of each of the labels `ids` (L,) in a picture (H,W) uint8 of label ids; `blur` [px] is
+    the Gaussian's sigma, cut at four of them. Beyond its border the picture is mirrored. InputError: no pixel, no id, a
+    blur of 0 or beyond 1000."""
+    return _core.soft_labels(_as_bytes("labels", image), _as_ids(ids), blur)
+
+
+def evidence_picture(
+    labels: Array, ids: Array, clear: Array, likelihood: Array | None, rgb: Array | None, blur: float, empty_blur: float
+) -> Pixels:
+    """A picture (H,W,2L+4) float32 as `view_odds` reads it, of labels (H,W) uint8.
+
+    likelihood (k,L): the labels' log likelihoods by colour at the k pixels that are `clear` (H,W), row by row; rgb (H,W,3)
+    uint8; what is None is zero. `blur` and `empty_blur` [px] are of the labels' shares and of label 0, which is none; see
+    `soft_labels`. InputError for sizes that differ."""
+    return _core.evidence_picture(
+        _as_bytes("labels", labels),
+        _as_ids(ids),
+        np.ascontiguousarray(clear, bool),
+        None if likelihood is None else np.ascontiguousarray(likelihood, np.float32),
+        None if rgb is None else _as_bytes("rgb", rgb),
+        blur,
+        empty_blur,
+    )
+
+
+def _as_bytes(name: str, values: Array) -> Any:
+    values = np.asarray(values)
+    if values.dtype != np.uint8:
+        raise InputError(f"soft_labels: {name} has dtype {values.dtype}, expected uint8")
+    return np.ascontiguousarray(values)
+
+
+def _as_ids(ids: Array) -> list[int]:
+    return list(np.asarray(ids, np.uint8).tolist())
 
 
 class View:

@@ -69,9 +69,9 @@ class _Skinning:
 
     def __init__(self, model, person, skin, rotations, translation):
         R, x = model.joint_transforms(person.J, rotations, translation)
-        K = len(R)
-        self.A = (skin @ R.reshape(K, 9)).reshape(-1, 3, 3)
-        self.b = skin @ (x - np.einsum("kij,kj->ki", R, person.J))
+        bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, person.J)], axis=1)
+        blended = skin @ bones
+        self.A, self.b = blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
 
     def pose(self, rest):
         return np.einsum("gij,gj->gi", self.A, rest) + self.b
@@ -270,18 +270,24 @@ class Dresser:
             yield (garment.index.closest(about)[3] < reach).sum() / len(V) if len(about) else 0.0
 
 
+def _metric(sides):
+    """The metrics of faces by two sides each (m,2,3): their entries (3,m), first, mixed and second."""
+    a, b = sides[:, 0], sides[:, 1]
+    return np.stack([np.einsum("mi,mi->m", x, y) for x, y in ((a, a), (a, b), (b, b))])
+
+
 def crumpling(rest, posed, V, F):
     """How far a garment V (g,3) is from cloth that was bent: stretch_p95, the largest stretch of a face against its shape at
     `rest`, what 95 % of the area stay below; flipped_share, of the area whose faces look against those of the template as the
     body's pose bends it, `posed`."""
     a, b = (X[F[:, 1:]] - X[F[:, :1]] for X in (rest, V))  # (m,2,3) two sides of each face
-    A, B = (
-        np.einsum("mij,mkj->mik", sides, sides) for sides in (a, b)
-    )  # metrics: stretch^2 are the eigenvalues of A^-1 B
+    A, B = (_metric(sides) for sides in (a, b))  # stretch^2 are the eigenvalues of A^-1 B
     area = kernels.face_areas(rest, F)
-    sound = np.linalg.det(A) > 1e-16 * area.mean() ** 2
-    M = np.linalg.solve(A[sound], B[sound])
-    half, det = np.trace(M, axis1=1, axis2=2) / 2, np.linalg.det(M)
+    size = A[0] * A[2] - A[1] ** 2
+    sound = size > 1e-16 * area.mean() ** 2
+    A, B, size = A[:, sound], B[:, sound], size[sound]
+    half = (A[2] * B[0] - 2 * A[1] * B[1] + A[0] * B[2]) / (2 * size)
+    det = (B[0] * B[2] - B[1] ** 2) / size
     stretch = np.sqrt(half + np.sqrt(np.maximum(half**2 - det, 0)))
     order = np.argsort(stretch)
     share = np.cumsum(area[sound][order]) / area[sound].sum()

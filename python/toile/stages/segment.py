@@ -301,12 +301,13 @@ def _refine_border(labels, column, evidence, settings):
     scan, own = evidence.scan, settings.opening
     V, F, inside = scan.vertices, scan.faces, labels == column
     distance = np.where(inside, own.ramp, -own.ramp)
-    soft = _with_neighbours(inside.astype(float), F, 2) / _with_neighbours(np.ones(len(V)), F, 2)
+    soft, whole = _with_neighbours(np.stack([inside, np.ones(len(V))], 1), F, 2).T
+    soft = soft / whole
     coarse = [c for c in isolines(V, F, soft) if c.length > own.min_length]
     outside = np.flatnonzero(~inside)
     if not coarse or len(outside) == 0:
         return distance, (), np.zeros(0)
-    rivals = cKDTree(V[outside])
+    rivals = cKDTree(V[outside], balanced_tree=False, compact_nodes=False)  # few queries: quickly built
     at, across, shift, openings = [], [], [], []
     for curve in coarse:
         curve = resample(curve, own.spacing)

@@ -33,11 +33,11 @@ def spread_views(cameras, names, centre, most, first=1):
 
 def soft_labels(image, ids, settings, certainty=None):
     """Blurred indicator (H,W,L) of each label. Where labels are not certain (H,W uint8 [1/255]) what is left is shared by all."""
-    given = (image[..., None] == ids).astype(np.float32)
-    if certainty is not None:
-        sure = certainty[..., None].astype(np.float32) / 255
-        given = sure * given + (1 - sure) / len(ids) * (image[..., None] > 0)
-    return cv2.GaussianBlur(given, (0, 0), settings.label_blur)
+    if certainty is None:
+        return kernels.soft_labels(image, ids, settings.label_blur)
+    sure = certainty[..., None].astype(np.float32) / 255
+    given = sure * (image[..., None] == ids) + (1 - sure) / len(ids) * (image[..., None] > 0)
+    return cv2.GaussianBlur(given.astype(np.float32), (0, 0), settings.label_blur)
 
 
 def soft_crop(view, image, ids, settings, certainty=None):
@@ -126,18 +126,18 @@ class Evidence:
 
     def _picture(self, view, labels, image, certainty):
         """The Crop of one view."""
-        s, own, L = self.settings, self.settings.evidence, self.L
+        s, own = self.settings, self.settings.evidence
         rows, columns = view.crop(own.picture_margin, int(4 * s.label_blur))
         labels, depth = labels[rows, columns], view.depth[rows, columns]
-        every = np.zeros((*depth.shape, 2 * L + 4), np.float32)
+        clear, colours = np.zeros(labels.shape, bool), None
         if self.colours is not None and image is not None:
             image = image[rows, columns]
             clear = (labels > 0) & ~occlusion_border(depth, own.depth_step, own.depth_border)
-            every[clear, :L] = self.colours.evidence(image[clear])
-            np.divide(image, np.float32(255), out=every[..., 2 * L : 2 * L + 3])
-        certainty = None if certainty is None else certainty[rows, columns]
-        every[..., L : 2 * L] = soft_labels(labels, self.ids, s, certainty)
-        every[..., -1] = cv2.GaussianBlur((labels == 0).astype(np.float32), (0, 0), own.empty_blur)
+            colours = self.colours.evidence(image[clear])
+        shown = None if colours is None else image
+        every = kernels.evidence_picture(labels, self.ids, clear, colours, shown, s.label_blur, own.empty_blur)
+        if certainty is not None:
+            every[..., self.L : 2 * self.L] = soft_labels(labels, self.ids, s, certainty[rows, columns])
         return Crop(every, (columns.start, rows.start))
 
     def scan_costs(self):
