@@ -1,8 +1,10 @@
-"""Seconds a frame and errors of `toile register` at each quality, on the bundled capture.   python -m bench.front
+"""Seconds a frame and errors of `toile register` at each quality.   python -m bench.front [CAPTURE OUT] [--frames N]
 
-Writes python/toile/assets/front.json, which `toile register --budget` reads. Two threads; the calibration that compares
-machines is timed between the runs."""
+Without arguments on the bundled capture, to python/toile/assets/front.json, which `toile register --budget` reads; else on
+N frames of a capture that has truth, to the file OUT. Two threads; the calibration that compares machines is timed between
+the runs."""
 
+import argparse
 import json
 import tempfile
 from pathlib import Path
@@ -16,8 +18,15 @@ from toile.measure.evaluate import evaluate
 from toile.pipeline import run as pipeline
 from toile.pipeline.budget import calibration, workload
 
+from .summary import mark_front
+
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "data_samples" / "tshirt-talk"
+FRONT = ROOT / "python" / "toile" / "assets" / "front.json"
+PANELS = {  # of the picture: the errors, and what they are called there
+    "surface_mm": "garment's surface", "boundary_mm": "openings", "hidden_mm": "body under garments",
+    "correspondence_mm": "correspondence",
+}  # fmt: skip
 
 
 def errors(measured):
@@ -28,23 +37,46 @@ def errors(measured):
         "boundary_mm": float(np.mean(list(garment["boundary_mm"].values()))),
         "surface_mm": garment["surface_mm"],
         "hidden_mm": measured["inner"]["hidden_mm"],
+        "correspondence_mm": garment["correspondence_mm"],
     }
 
 
+def panels(table):
+    """The qualities of a front as panels of `bench.picture.draw`: seconds a frame, all stages, against each error."""
+    out = {}
+    for error, title in PANELS.items():
+        points = [
+            dict(method=q, ours=True, oracle=False, failed=0, on_front=False)
+            | dict(seconds=sum(table[q]["seconds"].values()), error=table[q]["errors"].get(error))
+            for q in QUALITIES
+            if q in table
+        ]
+        mark_front([p for p in points if p["error"] is not None])
+        out[f"register: {title}"] = dict(kernel="register", error="mean error [mm]", points=points)
+    return out
+
+
 def main():
+    parse = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parse.add_argument("capture", type=Path, nargs="?", default=SAMPLE)
+    parse.add_argument("out", type=Path, nargs="?", default=FRONT)
+    parse.add_argument("--frames", type=int, default=None, help="the first so many; all by default")
+    a = parse.parse_args()
+    if (a.capture == SAMPLE) != (a.out == FRONT):
+        parse.error("a capture of your own needs a file of its own")
     kernels.set_threads(2)
-    capture = open_capture(SAMPLE)
-    table, times = {}, [calibration()]
+    capture = open_capture(a.capture)
+    frames, table, times = capture.frames[: a.frames], {}, [calibration()]
     with tempfile.TemporaryDirectory() as folder:
         for quality in QUALITIES:
             run = Path(folder) / quality
-            pipeline.register(SAMPLE, run, preset(quality), capture.frames)
+            pipeline.register(a.capture, run, preset(quality), frames)
             measured = evaluate(run)["all"]
             table[quality] = {"seconds": measured["seconds"], "errors": errors(measured)}
             times.append(calibration())
-    table["reference"] = {"calibration": float(np.median(times)), **workload(capture, capture.frames)}
+    table["reference"] = {"calibration": float(np.median(times)), **workload(capture, frames)}
     text = json.dumps(table, indent=1)
-    (ROOT / "python" / "toile" / "assets" / "front.json").write_text(text + "\n", encoding="utf-8")
+    a.out.write_text(text + "\n", encoding="utf-8")
     print(text, times)
 
 

@@ -2,7 +2,8 @@
 
 python -m bench.tradeoff [OUT] [--quick] [--seeds 101,102,103] [--problems FOLDER] [--only WORDS] [--timeout SECONDS]
 
-OUT gets rows.jsonl as the run goes (given again it goes on where it stood), then rows.csv, summary.json, tradeoff.png.
+OUT gets rows.jsonl as the run goes (given again it goes on where it stood), then rows.csv, summary.json, tradeoff.png,
+and pipeline.png, the whole pipeline's qualities as bench.front measured them.
 Problems are written to OUT/problems unless --problems names a folder that has them.
 """
 
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from .contenders import methods
+from .front import FRONT, panels
 from .kernel_problems import score_biharmonic, score_mrf, score_untangle
 from .measure import THREADS, frame_files, run
 from .metrics import score
@@ -116,6 +118,7 @@ def main():
     parse.add_argument("--seeds", default="")
     parse.add_argument("--problems", type=Path)
     parse.add_argument("--only", default="", help="problems whose name holds one of these words, separated by commas")
+    parse.add_argument("--front", type=Path, default=FRONT, help="the pipeline's qualities, as bench.front wrote them")
     parse.add_argument("--timeout", type=float, default=400.0, help="of one method on one problem [s]")
     a = parse.parse_args()
     start = time.time()
@@ -132,7 +135,8 @@ def main():
     from .picture import draw
 
     draw(summary["panels"], a.out / "tradeoff.png")
-    say(f"{a.out}/rows.csv, summary.json, tradeoff.png")
+    draw(panels(json.loads(a.front.read_text())), a.out / "pipeline.png")
+    say(f"{a.out}/rows.csv, summary.json, tradeoff.png, pipeline.png")
 
 
 if __name__ == "__main__":

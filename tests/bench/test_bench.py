@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 import trimesh
 
-from bench import clothing, kernel_problems, loop, measure, metrics, peers, plan, problems, sequences, summary, tradeoff
+from bench import (
+    clothing,
+    front,
+    kernel_problems,
+    loop,
+    measure,
+    metrics,
+    peers,
+    plan,
+    problems,
+    sequences,
+    summary,
+    tradeoff,
+)
 
 
 def ball(subdivisions=4):
@@ -192,6 +205,20 @@ def test_a_run_goes_on_where_it_stood(tmp_path):
     first = tradeoff.measure_all([problem], one, tmp_path / "rows.jsonl", 1, 60, lambda text: None)
     again = tradeoff.measure_all([problem], one, tmp_path / "rows.jsonl", 1, 60, lambda text: pytest.fail(text))
     assert json.dumps(first) == json.dumps(again)
+
+
+def test_the_pipelines_qualities_become_a_panel_an_error_with_the_sum_of_their_stages():
+    table = {
+        "draft": {"seconds": {"track": 0.1, "dress": 0.2}, "errors": {"boundary_mm": 5.0, "surface_mm": 1.0}},
+        "standard": {"seconds": {"track": 0.3, "dress": 0.4}, "errors": {"boundary_mm": 2.0, "surface_mm": 1.5}},
+        "reference": {"calibration": 0.05},
+    }
+    made = front.panels(table)
+    assert set(made) == {f"register: {title}" for title in front.PANELS.values()}
+    openings, surface = (made[f"register: {front.PANELS[key]}"]["points"] for key in ("boundary_mm", "surface_mm"))
+    assert [(p["method"], p["seconds"]) for p in openings] == [("draft", pytest.approx(0.3)), ("standard", 0.7)]
+    assert [p["on_front"] for p in openings] == [True, True] and [p["on_front"] for p in surface] == [True, False]
+    assert all(p["error"] is None for p in made[f"register: {front.PANELS['hidden_mm']}"]["points"])
 
 
 def test_picture_shows_the_panels_and_says_who_gave_no_answer(tmp_path):
