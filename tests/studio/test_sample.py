@@ -1,21 +1,31 @@
-"""The bundled capture is whole, small, and what its README says."""
+"""The bundled captures are whole, small, and what their README says."""
 
 import hashlib
 from pathlib import Path
 
 import numpy as np
 
+from toile.io.capture import open_capture
+from toile.pipeline.scanning import lacks_scan
+
 SAMPLES = Path(__file__).parents[2] / "data_samples"
 
 
-def test_bundled_capture_matches_its_sums_and_stays_under_10_mb():
+def test_bundled_captures_match_their_sums_and_stay_under_10_mb():
     sums = (SAMPLES / "SHA256SUMS").read_bytes()
     assert hashlib.sha256(sums).hexdigest() in (SAMPLES / "README.md").read_text()
     listed = dict(line.split("  ")[::-1] for line in sums.decode().splitlines())
-    files = {str(p.relative_to(SAMPLES)): p for p in (SAMPLES / "tshirt-talk").rglob("*") if p.is_file()}
+    captures = (SAMPLES / "tshirt-talk", SAMPLES / "tshirt-pictures")
+    files = {str(p.relative_to(SAMPLES)): p for folder in captures for p in folder.rglob("*") if p.is_file()}
     assert files.keys() == listed.keys()
     assert all(hashlib.sha256(p.read_bytes()).hexdigest() == listed[name] for name, p in files.items())
     assert sum(p.stat().st_size for p in files.values()) < 10e6
+
+
+def test_the_bundled_pictures_bring_no_scan_and_are_under_2_mb():
+    folder = SAMPLES / "tshirt-pictures"
+    assert sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) < 2e6
+    assert lacks_scan(open_capture(folder), 0) and open_capture(folder).frame(0).keypoints is None
 
 
 def test_bundled_template_lies_on_the_truth_garment_through_the_map():
