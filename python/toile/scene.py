@@ -410,7 +410,7 @@ class Inner:
     diagnostics: dict[str, float]
 
 
-def frame_ranges(numbers: Sequence[int], most: int | None = None) -> str:
+def frame_ranges(numbers: Sequence[int], most: int | None = None, between: str = ", ") -> str:
     """Ascending numbers in words, [1, 2, 3, 7] -> "1-3, 7"; of many runs the first `most`."""
     runs: list[list[int]] = []
     for number in numbers:
@@ -419,4 +419,4 @@ def frame_ranges(numbers: Sequence[int], most: int | None = None) -> str:
         else:
             runs.append([number, number])
     shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
-    return ", ".join(shown[:most]) + (", ..." if most is not None and len(shown) > most else "")
+    return between.join(shown[:most]) + (f"{between}..." if most is not None and len(shown) > most else "")

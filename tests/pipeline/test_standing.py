@@ -11,7 +11,7 @@ from toile.config import from_options, preset
 from toile.errors import UserError
 from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
-from toile.pipeline.command import ranges_of, words
+from toile.pipeline.command import words
 from toile.pipeline.standing import standing
 
 
@@ -89,10 +89,6 @@ def test_a_run_that_has_ended_names_its_bad_frames_and_how_to_give_them_again(en
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(UserError, match="config.toml: missing: the folder holds no run"):
         standing(tmp_path)
-
-
-def test_frames_are_written_as_ranges():
-    assert ranges_of([0, 1, 2, 7, 9, 10]) == "0-2,7,9-10"
 
 
 def test_lines_carry_the_time_they_were_written(tmp_path):

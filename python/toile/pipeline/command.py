@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterable
 from dataclasses import asdict
-from itertools import groupby
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +12,7 @@ import typer
 
 from ..console import duration
 from ..io.run_folder import config_file, read_config
+from ..scene import frame_ranges
 from .standing import Standing, standing
 
 QUIET = 120.0  # s without a line after which it is said that nothing happens
@@ -67,14 +66,8 @@ def next_steps(run: Path | str, found: Standing) -> list[str]:
     if "align" in read_config(run):
         return []
     again = ["toile", "register", found.capture, str(run), "--config", str(config_file(run))]
-    again += ["--frames", ranges_of(found.frames)]
+    again += ["--frames", frame_ranges(found.frames, between=",")]
     if not found.whole:
         return [f"where it was stopped it goes on with: {shlex.join(again)}"]
     steps = {"failed": found.failed, "wrong": found.wrong}
     return [f"{kind} frames again: {shlex.join([*again, '--retry', kind])}" for kind, frames in steps.items() if frames]
-
-
-def ranges_of(frames: Iterable[int]) -> str:
-    """[0, 1, 2, 7] -> "0-2,7"."""
-    runs = [[n for _, n in part] for _, part in groupby(enumerate(sorted(frames)), lambda pair: pair[1] - pair[0])]
-    return ",".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
