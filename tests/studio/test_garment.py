@@ -113,6 +113,25 @@ def test_bound_points_move_rigidly_with_the_surface_they_stick_to(body, trousers
     assert np.allclose(bound.at(body.rest @ R.T + t), points @ R.T + t, atol=1e-12)
 
 
+def test_a_waistband_is_not_folded_by_the_thighs_that_are_lifted_under_it(body, trousers):
+    from toile.studio.garment import waistband
+    from toile.studio.outfit import HOLDING, AttachedPoints
+    from toile.studio.surface import unique_edges
+
+    V, F = trousers
+    held = waistband(V, F)
+    place = np.full(len(V), -1)
+    place[held] = np.arange(len(held))
+    edges = place[unique_edges(F)]
+    edges = edges[(edges >= 0).all(1)]
+    rotations = np.zeros((len(body.J), 3))
+    for side in "LR":
+        rotations[body.model.joint(f"upperleg01.{side}"), 0] = np.radians(-65)
+    raised = AttachedPoints(V[held], body.rest, body.trunk_faces, HOLDING).at(body.pose(rotations, np.zeros(3)))
+    lengths = [np.linalg.norm(P[edges[:, 1]] - P[edges[:, 0]], axis=1) for P in (raised, V[held])]
+    assert np.abs(lengths[0] / lengths[1] - 1).max() < 0.3
+
+
 def test_a_calf_passes_through_the_trousers_ankles(body, trousers):
     from toile.studio.cut import CUTS
     from toile.studio.surface import open_loops

@@ -49,6 +49,13 @@ class TruthBody:
         np.put_along_axis(W, self.model.weights_idx, self.model.weights_val, axis=1)
         return W
 
+    @cached_property
+    def trunk_faces(self):
+        """(k,3) faces of the skin that legs do not move."""
+        leg = [n.startswith(("upperleg", "lowerleg")) for n in self.model.joint_names]
+        still = self.dense_weights[:, leg].sum(1) < 0.1
+        return self.skin_faces[still[self.skin_faces].all(1)]
+
     def pose(self, rotations, translation, expression=None):
         """Posed vertices (n,3) for rotations (K,3), translation (3,) and facial actions (e,)."""
         rest = self.rest if expression is None else self.rest + np.tensordot(expression, self.expressions, 1)

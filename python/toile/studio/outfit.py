@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .cloth import ClothSimulation
+from .cloth import OVER_CLOTH, ClothSimulation
+from .cut import outside
 from .surface import open_loops, vertex_normals
 
 LIP_REACH, LIP_DEPTH = 0.02, 0.006  # m: how far beyond the border, and below the skin, a border is turned in
+HOLDING = 16  # triangles of the trunk that hold a point of a waistband: one alone folds it into every crease
 
 
 @dataclass(frozen=True)
@@ -34,25 +36,27 @@ class Settled:
 
 
 class AttachedPoints:
-    """Points that follow the nearest triangles of a surface as if stuck to them."""
+    """Points that follow triangles of a surface as if stuck to them: the mean of where the `count` triangles with the
+    nearest middles would take each. One alone follows every crease of the skin, many together its larger motion."""
 
-    def __init__(self, points, V, F):
-        import igl
+    def __init__(self, points, V, F, count=1):
+        from scipy.spatial import cKDTree
 
-        self.corners = F[igl.point_mesh_squared_distance(points, V, F.astype(np.int64))[1]]
+        near = cKDTree(V[F].mean(1)).query(points, count)[1].reshape(len(points), count)
+        self.corners = F[near]
         origin, axes = self._frames(V)
-        self.local = np.einsum("pij,pj->pi", axes, points - origin)
+        self.local = np.einsum("pkij,pkj->pki", axes, points[:, None] - origin)
 
     def at(self, V):
         """Where they are (p,3) when the surface's vertices are at V."""
         origin, axes = self._frames(V)
-        return origin + np.einsum("pij,pi->pj", axes, self.local)
+        return (origin + np.einsum("pkij,pki->pkj", axes, self.local)).mean(1)
 
     def _frames(self, V):
-        a, b, c = np.moveaxis(V[self.corners], 1, 0)
-        unit = lambda x: x / np.linalg.norm(x, axis=1, keepdims=True)
+        a, b, c = np.moveaxis(V[self.corners], 2, 0)
+        unit = lambda x: x / np.linalg.norm(x, axis=-1, keepdims=True)
         along, normal = unit(b - a), unit(np.cross(b - a, c - a))
-        return a, np.stack([along, np.cross(normal, along), normal], 1)
+        return a, np.stack([along, np.cross(normal, along), normal], -2)
 
 
 class TurnedInGarment:
@@ -112,10 +116,12 @@ class LayersBelow:
 class Outfit:
     """The simulations of all garments of a sequence, as they stand when everything has settled on the body."""
 
-    def __init__(self, settled, body_V, skin_faces):
+    def __init__(self, settled, body_V, skin_faces, trunk_faces):
+        """On a body in its rest pose; `trunk_faces`: the part of its skin that holds waistbands."""
         self.settled = settled
         self.under = [LayersBelow(body_V, skin_faces, settled[:i]) for i in range(len(settled))]
-        self.bands = [AttachedPoints(s.vertices[s.held].astype(np.float64), body_V, skin_faces) for s in settled]
+        held = [s.vertices[s.held].astype(np.float64) for s in settled]
+        self.bands = [AttachedPoints(points, body_V, trunk_faces, HOLDING) for points in held]
         self.sims = []
         for s, under in zip(settled, self.under):
             sim = ClothSimulation(s.cloth_rest, s.faces, s.first_body, under.faces, held=s.held)
@@ -139,7 +145,9 @@ class Outfit:
         """Advances one frame while the body goes to body_V (n,3); the garments' vertices, one after the other."""
         worn = []
         for sim, under, band in zip(self.sims, self.under, self.bands):
-            worn.append(sim.frame(under.vertices(body_V, worn), band.at(body_V)))
+            below = under.vertices(body_V, worn)
+            held = outside(band.at(body_V), below, np.concatenate(under.faces), OVER_CLOTH)
+            worn.append(sim.frame(below, held))
         return np.concatenate(worn)
 
 

@@ -118,7 +118,7 @@ class Sequence:
     def _cloth(self, number, before):
         """The garments' simulations as they stand before a block."""
         standing = self.body.pose(np.zeros((len(self.body.J), 3)), [0, 0, self.ground])
-        cloth = Outfit(self.settled, standing, self.body.skin_faces)
+        cloth = Outfit(self.settled, standing, self.body.skin_faces, self.body.trunk_faces)
         if before is not None:
             last = self._pose(motion.RAMP + number * BLOCK - 1)[0]
             cloth.go_on_from(before.garment[-1], before.velocities, last)
