@@ -96,12 +96,35 @@ def test_marks_name_bad_frames_and_pictures_are_small(run):
     assert image.size[0] / image.size[1] == pytest.approx(camera["width"] / camera["height"], rel=0.01)
 
 
-def test_a_capture_and_no_avatar_is_shown(tmp_path):
+def test_a_capture_is_shown_without_layers():
     facts = Shown(SAMPLE).facts()
     assert facts["layers"] == [] and facts["scan"] and facts["frames"][:2] == [0, 1]
-    (tmp_path / "avatar.json").write_text("{}")
-    with pytest.raises(UserError, match="an avatar: drive it by toile animate"):
-        Shown(tmp_path)
+
+
+class Puppet:
+    """The bending clip, which "lift" raises by a metre at 90 degrees."""
+
+    turns = ["lift"]
+
+    def __init__(self):
+        self.clip = bending_clip()
+
+    def vertices(self, frame, turns):
+        lift = [0, 0, turns.get("lift", 0.0) / (np.pi / 2)]
+        return {layer.name: layer.at(frame) + lift for layer in self.clip.layers}
+
+
+def test_poses_are_degrees_by_name_and_others_are_refused(tmp_path):
+    shown = Shown(tmp_path, Puppet())
+    for angle in (90, -45):
+        V = unpacked(shown.posed("inner", f"lift:{angle}", 4))
+        assert np.abs(V - Puppet().clip.layers[0].at(4) - [0, 0, angle / 90]).max() < 5e-5
+    for pose in ("lift", "lift:x", "lift:nan", "lift:999"):
+        with pytest.raises(UserError, match="no pose|-180 to 180"):
+            shown.posed("inner", pose, 4)
+    write_animation(Puppet().clip, tmp_path)
+    with pytest.raises(UserError, match="nothing that can be posed"):
+        Shown(tmp_path).posed("inner", "lift:1", 4)
 
 
 def test_only_this_machine_is_answered_and_only_what_is_shown(run):
@@ -195,6 +218,22 @@ def test_an_animation_wears_its_textures(browser, tmp_path):
             " let n = 0; for (let i = 0; i < w * h; i++) n += p[4 * i] > 40 && p[4 * i + 1] * 5 < p[4 * i]; return n; })()"
         )
         assert red > 1000 and browser.errors == []
+
+
+def test_a_slider_poses(browser, tmp_path):
+    server = serve([Shown(tmp_path, Puppet())], 0)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    browser.errors.clear()
+    browser.open(f"http://127.0.0.1:{server.server_address[1]}/", "globalThis.view")
+    lowest = "view.clips[0].surfaces.get('inner').surface.low[2]"
+    before = browser.run(lowest)
+    browser.run(
+        "(() => { const s = document.querySelector('input[aria-label=lift]'); s.value = 45;"
+        " s.dispatchEvent(new Event('input')); return view.show(view.state.frame); })()"
+    )
+    assert browser.run(lowest) - before == pytest.approx(0.5, abs=1e-4) and browser.errors == []
+    server.shutdown()
+    server.server_close()
 
 
 def test_frames_that_have_been_seen_are_ready_again_at_20_a_second(run, browser):

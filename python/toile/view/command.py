@@ -9,8 +9,11 @@ import typer
 
 
 def view(
-    path: Annotated[Path, typer.Argument(help="a run, a capture, or a folder that toile animate made")],
+    path: Annotated[Path, typer.Argument(help="a run, a capture, an avatar, or a folder that toile animate made")],
     beside: Annotated[Path | None, typer.Option(help="another, shown beside it at the same frames")] = None,
+    motion: Annotated[
+        Path | None, typer.Option(help="of an avatar: a run, a .bvh file or an .npz; default its training poses")
+    ] = None,
     port: Annotated[int, typer.Option(help="of the page; default a free one", min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option(help="open it in a browser")] = True,
 ):
@@ -20,7 +23,7 @@ def view(
     from .server import serve
     from .shown import Shown
 
-    server = serve([Shown(p) for p in (path, beside) if p is not None], port)
+    server = serve([Shown(p, posable(p, motion)) for p in (path, beside) if p is not None], port)
     address = f"http://127.0.0.1:{server.server_address[1]}/"
     typer.echo(f"{address}  (only from this machine; Ctrl-C ends it)")
     if browser:
@@ -31,3 +34,12 @@ def view(
         pass
     finally:
         server.server_close()
+
+
+def posable(path, motion=None):
+    """The PosedAvatar of an avatar's folder, None of any other."""
+    if not (path / "avatar.json").exists():
+        return None
+    from ..avatar.drive.posing import PosedAvatar
+
+    return PosedAvatar(path, motion)

@@ -55,7 +55,13 @@ class Answers:
         still = {"faces": BYTES, "split": BYTES, "texture": "image/png"}
         if what in still and len(given) == 1:
             return getattr(shown, what)(*given), still[what]
-        kinds = {"points": (2, BYTES), "colours": (3, BYTES), "scan": (1, BYTES), "picture": (2, "image/jpeg")}
+        kinds = {
+            "points": (2, BYTES),
+            "posed": (3, BYTES),
+            "colours": (3, BYTES),
+            "scan": (1, BYTES),
+            "picture": (2, "image/jpeg"),
+        }
         if what not in kinds or len(given) != kinds[what][0] or not given[-1].isdecimal():
             raise UserError("no such page")
         return getattr(shown, what)(*given[:-1], int(given[-1])), kinds[what][1]

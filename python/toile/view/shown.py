@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import struct
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from ..io.image import read_rgba
 from ..io.layout import FAILED, VERDICTS
 from ..io.run import is_run, open_run
 from ..kernels import SurfaceIndex
+from ..kernels.arrays import Floats
 from ..measure.truth import open_truth
 
 PLAIN, CONFIDENCE, DISTANCE, TRUTH = "plain", "confidence", "distance to the scan", "distance to the truth"
@@ -30,15 +33,25 @@ LAST = 65535
 CURVES = ("two_sided_mm", "surface_to_scan_mm", "keypoint_mm")  # of the verdict's evidence, the first that there is
 
 
-class Shown:
-    """A run, an animation or a capture. Bytes are little-endian; frames are numbers, layers and cameras names."""
+class Posed(Protocol):
+    """What can be posed: an avatar."""
 
-    def __init__(self, path: Path):
-        self.path = Path(path)
-        self.run = open_run(path) if is_run(path) else None
-        if (self.path / "avatar.json").exists():
-            raise UserError(f"{path}: an avatar: drive it by toile animate, and view what that makes")
-        if self.run is not None or is_animation(path):
+    clip: Clip
+    turns: Sequence[str]  # names of what can be turned
+
+    def vertices(self, frame: int, turns: dict[str, float]) -> dict[str, Floats]: ...
+
+
+class Shown:
+    """A run, an animation, a capture, or what can be `posed`. Bytes are little-endian; frames are numbers, layers and cameras
+    names."""
+
+    def __init__(self, path: Path, posed: Posed | None = None):
+        self.path, self.posable = Path(path), posed
+        self.run = open_run(path) if posed is None and is_run(path) else None
+        if posed is not None:
+            self.clip = posed.clip
+        elif self.run is not None or is_animation(path):
             self.clip = open_clip(path, skeleton=False)
         else:
             self.clip = self._bare()
@@ -51,6 +64,8 @@ class Shown:
     @cached_property
     def capture(self):
         """The Capture behind it; None where there is none, or none any more."""
+        if self.posable is not None:
+            return None
         if self.run is None:
             return None if is_animation(self.path) else open_capture(self.path)
         try:
@@ -70,6 +85,7 @@ class Shown:
             "name": str(self.path), "up": self.clip.up, "fps": self.clip.fps, "frames": list(self.clip.frames),
             "layers": [self._layer(name) for name in self.layers], "scan": self.capture is not None,
             "cameras": [camera_facts(camera) for camera in cameras], "marks": self._marks(), "curve": self._curve(),
+            "turns": list(self.posable.turns) if self.posable else [],
         }  # fmt: skip
 
     def _layer(self, name):
@@ -124,6 +140,20 @@ class Shown:
     def points(self, layer: str, frame: int) -> bytes:
         """See `quantised`."""
         return quantised(self.layer(layer).at(self.frame(frame)))
+
+    def posed(self, layer: str, pose: str, frame: int) -> bytes:
+        """`quantised` points of a frame with joints turned as `pose` says: "left arm up:30,head turned:-10" [degrees]."""
+        self.layer(layer)
+        if self.posable is None:
+            raise UserError(f"{self.path}: nothing that can be posed")
+        try:
+            parts = (part.rpartition(":") for part in pose.split(","))
+            turns = {name: np.radians(float(angle)) for name, _, angle in parts}
+        except ValueError:
+            raise UserError(f"'{pose}' is no pose") from None
+        if not all(abs(angle) <= np.pi for angle in turns.values()):
+            raise UserError(f"'{pose}': angles are of -180 to 180 degrees")
+        return quantised(self.posable.vertices(self.frame(frame), turns)[layer])
 
     def colours(self, layer: str, kind: str, frame: int) -> bytes:
         """uint8 (n,): shares of the scale, 255 its end."""

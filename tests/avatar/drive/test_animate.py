@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from toile.avatar.drive.animate import DrivenAvatar, animate, resized, turned
+from toile.avatar.drive.posing import PosedAvatar
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
@@ -136,3 +137,17 @@ def test_an_animation_is_exported_with_its_skeleton_and_textures(made, tmp_path)
         assert np.median(rest_surface(clip, layer)[1]) < 0.005
     write_clip(clip, tmp_path / "film.usdc", "usd", "points", lambda *_: None)
     assert sorted(p.name for p in (tmp_path / "film_textures").iterdir()) == ["body.png", "tshirt.png"]
+
+
+def test_a_posed_avatar_turns_what_it_is_told_to_and_nothing_else(avatar_folder, sample_run):
+    posed, driven = PosedAvatar(avatar_folder, sample_run), DrivenAvatar(avatar_folder, sample_run)
+    decoded, _, _ = driven.decode(1, driven.batch(1, driven.avatar.cameras[0]))
+    for name, V in posed.vertices(1, {}).items():
+        assert np.abs(V - decoded[name].vertices[0].numpy()).max() < 1e-5
+    still, raised = posed.vertices(1, {"head turned": 0.0})["body"], posed.vertices(1, {"left arm up": 0.5})["body"]
+    moved, model = np.linalg.norm(raised - still, axis=1), driven.model
+    assert moved[model.segments["hand_left"]].min() > 0.1 and (raised - still)[model.segments["hand_left"], 2].min() > 0
+    assert np.median(moved) < 0.01
+    with pytest.raises(UserError, match="'tail': there are left arm up"):
+        posed.vertices(1, {"tail": 1.0})
+    assert PosedAvatar(avatar_folder).clip.frames == (0, 1, 2)

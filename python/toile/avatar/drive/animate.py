@@ -23,7 +23,7 @@ from ...io.camera import read_cameras
 from ...io.files import save_record, write_text
 from ...io.image import write_image
 from ...io.mesh import write_mesh
-from ...io.motion import read_motion
+from ...io.motion import Motion, read_motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...scene import Camera, Mesh
@@ -51,18 +51,26 @@ class Animation:
 class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
-    def __init__(self, folder, motion_path, device=None, seed=0):
+    def __init__(self, folder, motion, device=None, seed=0):
+        """`motion`: a Motion, or the path of one."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
         scene = self.avatar.scene
         self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
         J, poses = self.avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)
-        self.motion = read_motion(motion_path, self.model, J, scene.fps, poses["translation"].mean(0))
+        if not isinstance(motion, Motion):
+            motion = read_motion(motion, self.model, J, scene.fps, poses["translation"].mean(0))
+        self.motion = motion
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
         self.layering = GarmentLayering(self.avatar.layers, self.model.skin_faces)
+
+    def hold(self, motion, seed=0):
+        """Takes another motion in place of the one there was."""
+        self.motion = motion
+        self.latents = self._latents(seed)
 
     def _latents(self, seed):
         """{layer: (T,Z)}: garments' by the temporal model; the single-layer baseline's drawn once from the unit Gaussian."""

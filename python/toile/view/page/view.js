@@ -14,7 +14,7 @@ const canvas = $('scene'), gl = canvas.getContext('webgl2', {antialias: !drawnBy
 if (!gl) { $('said').textContent = 'this browser has no WebGL 2'; throw new Error('no WebGL 2'); }
 const shaders = programs(gl);
 const state = {frame: frames[0], playing: false, scan: false, cameras: false, camera: '', alpha: 1, colour: clips.some(clip => clip.layers.some(layer => layer.colours.includes('texture'))) ? 'texture' : 'plain',
-               yaw: 0.5, pitch: 0.1, distance: 3.2, target: null};
+               yaw: 0.5, pitch: 0.1, distance: 3.2, target: null, turns: {}};
 document.title = `toile view: ${clips.map(clip => clip.name).join(', ')}`;
 
 // Smooth edges cost a processor that stands in for a graphics card three times the time.
@@ -52,12 +52,16 @@ for (const [i, clip] of clips.entries()) {
   clip.has = new Set(clip.frames);
 }
 
+// What the sliders turn, as the server reads it: "left arm up:30,head turned:-10".
+const poseOf = () => Object.entries(state.turns).filter(([, angle]) => angle).map(([name, angle]) => `${name}:${angle}`).sort().join(',');
+
 // Everything of a frame that is switched on, as promises by what they are for.
 function wanted(i, frame) {
   const clip = clips[i], found = {};
   if (!clip.has.has(frame)) return found;
   for (const {name, colours, shown} of clip.layers) if (shown) {
-    found[`points ${name}`] = ask(place(i, 'points', name, frame));
+    const pose = clip.turns.length ? poseOf() : '';
+    found[`points ${name}`] = ask(pose ? place(i, 'posed', name, pose, frame) : place(i, 'points', name, frame));
     if (!['plain', 'texture'].includes(state.colour) && colours.includes(state.colour)) found[`colours ${name}`] = ask(place(i, 'colours', name, state.colour, frame));
   }
   if (state.scan && clip.scan) found.scan = ask(place(i, 'scan', frame));
@@ -104,7 +108,7 @@ async function show(frame) {
   })();
   await loading;
   const at = frames.indexOf(state.frame);
-  for (let k = 1; k <= AHEAD; k++) clips.forEach((_, i) => frames[at + k] !== undefined && wanted(i, frames[at + k]));
+  for (let k = 1; k <= (turns.length ? 0 : AHEAD); k++) clips.forEach((_, i) => frames[at + k] !== undefined && wanted(i, frames[at + k]));
 }
 
 function aim() {
@@ -238,6 +242,13 @@ if (kinds.length > 1) {
     legend.hidden = ['plain', 'texture'].includes(kind);
     legend.lastChild.textContent = kind === 'confidence' ? 'observed, interpolated, hidden' : '0 to 20 mm and more';
   }), legend);
+}
+const turns = [...new Set(clips.flatMap(clip => clip.turns))];
+if (turns.length) panel.append(make('h2', {}, 'pose'));
+for (const name of turns) {
+  const slider = make('input', {type: 'range', min: -90, max: 90, step: 5, value: 0, ariaLabel: name});
+  slider.addEventListener('input', () => { state.turns[name] = Number(slider.value); show(state.frame); });
+  panel.append(make('label', {className: 'soft'}, name), slider);
 }
 const alpha = make('input', {type: 'range', min: 0.1, max: 1, step: 0.05, value: 1, ariaLabel: 'opacity'});
 alpha.addEventListener('input', () => { state.alpha = Number(alpha.value); draw(); });
