@@ -146,8 +146,23 @@ def test_a_posed_avatar_turns_what_it_is_told_to_and_nothing_else(avatar_folder,
         assert np.abs(V - decoded[name].vertices[0].numpy()).max() < 1e-5
     still, raised = posed.vertices(1, {"head turned": 0.0})["body"], posed.vertices(1, {"left arm up": 0.5})["body"]
     moved, model = np.linalg.norm(raised - still, axis=1), driven.model
-    assert moved[model.segments["hand_left"]].min() > 0.1 and (raised - still)[model.segments["hand_left"], 2].min() > 0
-    assert np.median(moved) < 0.01
+    left, right = model.segments["hand_left"], model.segments["hand_right"]
+    assert moved[left].min() > 0.03 and moved[right].max() < 0.01 and np.median(moved) < 0.01
+    rest = model.joint_transforms(model.J, np.zeros((len(model.J), 3)), np.zeros(3))[1]
+    for turn, joint, axis, sign in (  # z up, facing -y
+        ("left arm up", "lowerarm01.L", 2, 1),
+        ("right arm up", "lowerarm01.R", 2, 1),
+        ("left arm forward", "lowerarm01.L", 1, -1),
+        ("right elbow", "wrist.R", 1, -1),
+        ("left leg forward", "foot.L", 1, -1),
+        ("right leg aside", "foot.R", 0, -1),
+        ("right knee", "foot.R", 1, 1),
+        ("trunk forward", "head", 1, -1),
+    ):
+        turned = posed.turned(np.zeros((len(model.J), 3)), {turn: 0.5})
+        x = model.joint_transforms(model.J, turned, np.zeros(3))[1]
+        k = model.joint(joint)
+        assert sign * (x - rest)[k, axis] > 0.03, turn
     with pytest.raises(UserError, match="'tail': there are left arm up"):
         posed.vertices(1, {"tail": 1.0})
     assert PosedAvatar(avatar_folder).clip.frames == (0, 1, 2)
