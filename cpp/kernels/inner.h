@@ -25,8 +25,12 @@ struct InnerOptions {
     double length = 0.08;             ///< features shorter than this are smoothed away [m]
     double skin = 1e4;                ///< weight of observed skin
     double out = 1e3;                 ///< weight of a body that pokes out of the cloth
-    double fit = 1;                   ///< pull towards close cloth from inside
-    double fit_scale = 0.008;         ///< Geman-McClure scale of that pull [m]
+    double fit = 400;                 ///< pull to where the cloth's swing tells the body to be
+    double fit_scale = 0.02;          ///< Geman-McClure scale of that pull [m]
+    double swing = 3.2;               ///< cloth is so many standard deviations of its room over the frames off the body
+    double still = 0.004;             ///< all cloth swings by so much at least: what shows less is scaled up [m]
+    double swing_error = 0.004;       ///< of the body's place by cloth that does not swing [m]
+    double misfit = 0.0035;           ///< seen skin that is nearer to the model, rms, says that the model holds [m]
     double prior = 0.5;               ///< coupling to the model, and of a frame to the fused shape
     double gap = 0.002;               ///< cloth stays this far off the skin [m]
     double seldom = 0.1;              ///< up to this share of the frames skin that was seen is taken for a wrong label,

@@ -16,7 +16,8 @@ FRAMES = 4
 
 @pytest.fixture(scope="module")
 def scene():
-    """Four frames of a body with smooth offsets up to 8 mm, under a shirt 3 to 25 mm off it, poses known."""
+    """Four frames of a body with smooth offsets up to 8 mm, poses known, under a shirt 3 to 25 mm off it, which swings the more
+    the farther it hangs."""
     model = load_body_model()
     rng = np.random.default_rng(7)
     shape = rng.normal(0, 0.7, 16)
@@ -27,13 +28,14 @@ def scene():
     covered = np.zeros(len(rest), bool)
     covered[model.segments["torso"]] = True
     faces = model.f[covered[model.f].all(1)]
-    frames = []
+    frames, hang = [], np.random.default_rng(8).normal(0, 6, 3)
     for i in range(FRAMES):
         rotations = np.zeros((104, 3))
         for k, name in enumerate(model.joint_names):
             if name.startswith(("spine", "upperarm01", "lowerarm01", "neck01")):
                 rotations[k] = rng.uniform(-0.15, 0.15, 3)
-        slack = 0.003 + 0.022 * np.sin(rest @ rng.normal(0, 6, 3) + i) ** 2
+        swing = 0.6 + 0.4 * np.sin(rest @ rng.normal(0, 6, 3) + i)
+        slack = 0.003 + 0.022 * np.sin(rest @ hang) ** 2 * swing
         shirt = model.skin(body + slack[:, None] * N, J, rotations, np.zeros(3))
         tracked = model.skin(body, J, rotations, np.zeros(3))
         truth = tracked.copy()
@@ -55,11 +57,11 @@ def test_body_under_cloth_is_found_to_millimetres_from_a_wrong_shape(scene):
     solver = InnerSolver(scene.model, inflated, scene.J)
     fused = solver.fuse(arguments(scene))
     model_alone = scene.model.rest(inflated)[0]
-    assert error(fused.rest, scene.body, scene.covered) < 6e-3
+    assert error(fused.rest, scene.body, scene.covered) < 7e-3
     assert error(fused.rest, scene.body, scene.covered) < 0.5 * error(model_alone, scene.body, scene.covered)
     for f in scene.frames:
         result = solver.solve(fused.rest, *f[:5])
-        assert error(result.V, f[5], scene.covered) < 6e-3 and error(result.V, f[5], ~scene.covered) < 1e-3
+        assert error(result.V, f[5], scene.covered) < 7e-3 and error(result.V, f[5], ~scene.covered) < 1e-3
         assert result.depth_after < 2e-3
         assert np.array_equal(result.V[result.skin == 1], f[2][result.skin == 1])
         assert 1 <= result.factorisations <= result.iterations
@@ -225,3 +227,50 @@ def test_bad_input_is_refused_by_name(scene):
         InnerSolver(scene.model, scene.shape, scene.J[:2])
     with pytest.raises(TypeError, match="no option named 'lenght'"):
         InnerSolver(scene.model, lenght=1)
+
+
+@pytest.fixture(scope="module")
+def swinging(scene):
+    """Eight frames of a body 10 mm off every shape of the model, outwards and inwards; the shirt lies on its front and swings
+    behind, where it hangs three times as far off as its room varies."""
+    model, rng = scene.model, np.random.default_rng(3)
+    rest, _ = model.rest(scene.shape)
+    N = vertex_normals(rest, model.f)
+    body = rest + 0.014 * np.sin(rest @ rng.normal(0, 18, (3, 2)) + rng.uniform(0, 6, 2)).mean(1)[:, None] * N
+    behind = 1 / (1 + np.exp(-(rest[:, 1] - rest[scene.covered, 1].mean()) / 0.02))
+    frames = []
+    for slack in 0.002 + np.linspace(0.5, 1.5, 8)[:, None] * 0.03 * behind:
+        shirt = body + slack[:, None] * N
+        tracked = np.where(scene.covered[:, None], shirt, body)
+        frames.append(
+            (
+                np.zeros((104, 3)),
+                np.zeros(3),
+                tracked,
+                (~scene.covered).astype(float),
+                [(shirt, scene.frames[0][4][0][1])],
+            )
+        )
+    return SimpleNamespace(
+        body=body, frames=frames, front=scene.covered & (behind < 0.2), back=scene.covered & (behind > 0.8)
+    )
+
+
+def test_cloth_that_keeps_its_room_lies_on_a_body_that_the_model_misses_and_cloth_that_swings_hangs(scene, swinging):
+    told, untold = (
+        InnerSolver(scene.model, scene.shape, scene.J, **o).fuse(swinging.frames).rest for o in ({}, {"fit": 0})
+    )
+    for where, share in ((swinging.front, 0.5), (swinging.back, 0.8)):
+        assert error(told, swinging.body, where) < share * error(untold, swinging.body, where)
+
+
+def test_a_model_that_fits_the_seen_skin_is_trusted_under_cloth(scene):
+    """The skin is the model's; the shirt keeps its room of 15 mm and would draw the body out to it."""
+    rest, _ = scene.model.rest(scene.shape)
+    shirt = rest + 0.015 * vertex_normals(rest, scene.model.f)
+    tracked = np.where(scene.covered[:, None], shirt, rest)
+    visible, faces = (~scene.covered).astype(float), scene.frames[0][4][0][1]
+    frames = [(np.zeros((104, 3)), np.zeros(3), tracked, visible, [(shirt, faces)])] * 3
+    trusted = InnerSolver(scene.model, scene.shape, scene.J).fuse(frames).rest
+    drawn = InnerSolver(scene.model, scene.shape, scene.J, misfit=0, fit=1e12).fuse(frames).rest
+    assert error(trusted, rest, scene.covered) < 1e-3 < 2e-3 < error(drawn, rest, scene.covered)

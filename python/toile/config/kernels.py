@@ -79,8 +79,19 @@ class InnerSolverSettings(Settings):
     length: float = setting(0.08, "m", "features shorter than this are smoothed away where nothing is seen", gt=0)
     skin: float = setting(1e4, "1", "weight of observed skin", ge=0)
     out: float = setting(1e3, "1", "weight of a body that pokes out of the cloth", ge=0)
-    fit: float = setting(1.0, "1", "pull towards close cloth from inside", ge=0)
-    fit_scale: float = setting(0.008, "m", "Geman-McClure scale of that pull: cloth farther off hangs free", gt=0)
+    fit: float = setting(400.0, "1", "pull to where the cloth's swing tells the body to be", ge=0)
+    fit_scale: float = setting(0.02, "m", "Geman-McClure scale of that pull", gt=0)
+    swing: float = setting(
+        3.2, "1", "cloth is so many standard deviations of its room over the frames off the body", ge=0
+    )
+    still: float = setting(0.004, "m", "all cloth swings by so much at least: what shows less is scaled up", gt=0)
+    swing_error: float = setting(0.004, "m", "of the body's place by cloth that does not swing", gt=0)
+    misfit: float = setting(
+        0.0035,
+        "m",
+        "seen skin that is nearer to the model, root mean square, says that the model holds under cloth too",
+        ge=0,
+    )
     prior: float = setting(0.5, "1", "coupling to the model, and of a frame to the fused shape", ge=0)
     gap: float = setting(0.002, "m", "cloth stays this far off the skin", ge=0)
     taper: float = setting(0.02, "m", "skin counts fully only this far from the cloth, along the surface", ge=0)

@@ -17,24 +17,27 @@ class InnerSolver(Rebuilt):
     """Body under cloth for `body_model` (`toile.scene.BodyModel`); n vertices, K joints. `fuse` and `solve` minimise
 
         E(d) = length^4 |L d|^2_{M^-1} + sum_v m_v ( skin g_v |d_v - o_v|^2 + prior |d_v|^2
-                                                   + out [n.d_v - b_v]_+^2 + fit rho(b_v - n.d_v) )
+                                                   + out [n.d_v - b_v]_+^2 + f_v rho(t_v - n.d_v) )
 
     over displacements d: o is the tracked surface where it shows skin (g, falling to 0 within `taper` of the cloth),
-    b the room to the cloth along the normal less `gap`. shape (s,): coefficients from tracking, where the refit starts;
-    J (K,3): rest joints of the poses [m], by default those of `shape`.
+    b the tightest room to the cloth along the normal less `gap`; t = mean room - gap - swing s, with s the room's standard
+    deviation over the frames (a pull of the fusion alone), f = fit max(0, r^2 - misfit^2) / (swing_error + s)^2, r the
+    root mean square of seen skin off the model along the normals. shape (s,): coefficients from tracking, where the
+    refit starts; J (K,3): rest joints of the poses [m], by default those of `shape`.
 
     Kept: the rest shape, its areas and smoothness operator, and the symbolic analysis of the one pattern that all solves
     have. What is seen in a frame changes the values, so each solve makes its own numeric factors. Threads may share a
     solver and solve side by side.
 
     Options; an unknown name is a TypeError. Lengths [m]: length=0.08 (features shorter than this are smoothed away),
-    fit_scale=0.008 (Geman-McClure scale of rho), gap=0.002 (cloth stays this far off the skin), taper=0.02 (skin counts
-    fully only this far from the cloth, along the surface), reach=0.06 (cloth farther away says nothing),
+    fit_scale=0.02 (Geman-McClure scale of rho), still=0.004 (s is at least so large on average), swing_error=0.004,
+    misfit=0.0035, gap=0.002 (cloth stays this far off the skin), taper=0.02 (skin counts fully only this far from the
+    cloth, along the surface), reach=0.06 (cloth farther away says nothing),
     shape_sigma=0.01 (spread of the skin about the model's span), tolerance=2e-4 (stop when no vertex moves by more).
-    Weights: skin=1e4, out=1e3, fit=1, prior=0.5 as above; shape_observations=200 (independent observations that the
-    skin counts as when the shape is refitted). seldom=0.1, often=0.25 (shares of the frames: skin that no more than `seldom`
-    of them show is a wrong label; from `often` on it is skin; a smooth step between). tightness=0.1 (the bound of a hidden vertex is this quantile of its room
-    over the frames), rounds=3 (cloth is looked for anew), max_iterations=8 (reweightings a round).
+    Weights: skin=1e4, out=1e3, fit=400, swing=3.2, prior=0.5 as above; shape_observations=200 (independent observations
+    that the skin counts as when the shape is refitted). seldom=0.1, often=0.25 (shares of the frames: skin that no more
+    than `seldom` of them show is a wrong label; from `often` on it is skin; a smooth step between). tightness=0.1 (the
+    bound of a hidden vertex is this quantile of its room over the frames), rounds=3 (cloth is looked for anew), max_iterations=8 (reweightings a round).
 
     After Zhang et al. 2017 (arXiv 1703.04454), own form.
     """
