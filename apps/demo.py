@@ -23,13 +23,13 @@ from toile.pipeline.run import register
 ROOT = Path(__file__).parents[1]
 MINUTES = 1.0  # of training
 BOUNDS = {  # of each measure with scans, and of the frame from pictures alone
-    "joint_mm": (10, 25),
+    "joint_mm": (10, 15),
     "track_to_scan_mm": (1.5, 1.5),
     "surface_mm": (2, 5),
     "boundary_mm": (8, 8),
     "boundary_all_mm": (4, 5),
     "hidden_mm": (10, 15),
-    "visible_mm": (2, 10),
+    "visible_mm": (2, 8),
 }
 WITH_SCANS, FROM_PICTURES = ({name: both[k] for name, both in BOUNDS.items()} for k in (0, 1))
 LEAST = {"label_iou tshirt": 0.95}
