@@ -22,7 +22,7 @@ def test_colour_models_learn_printed_shirt_from_labels_of_which_a_fifth_is_wrong
     label, rgb = coloured_pixels(rng, 60_000)
     wrong = rng.random(len(label)) < 0.2
     given = np.where(wrong, rng.integers(0, 3, len(label)), label)
-    model = fit_colours(rgb, given, np.full((len(label), 3), 1 / 3), IDS, 0.2, 4)
+    model = fit_colours(rgb, given, IDS, 0.2, 4)
     fresh, picture = coloured_pixels(rng, 20_000)
     assert (model.evidence(picture).argmax(1) == fresh).mean() > 0.97
 
@@ -30,6 +30,21 @@ def test_colour_models_learn_printed_shirt_from_labels_of_which_a_fifth_is_wrong
 def test_evidence_is_finite_for_colours_never_seen():
     rng = np.random.default_rng(1)
     label, rgb = coloured_pixels(rng, 5000)
-    model = fit_colours(rgb, label, np.full((len(label), 3), 1 / 3), IDS, 0.1, 2)
+    model = fit_colours(rgb, label, IDS, 0.1, 2)
     cube = np.stack(np.meshgrid(*[[0, 1, 128, 254, 255]] * 3, indexing="ij"), -1).astype(np.uint8)
     assert np.isfinite(model.evidence(cube)).all()
+
+
+def test_a_small_label_keeps_its_colours_where_most_pixels_that_are_given_it_are_wrong():
+    """Hair is a fiftieth of the person, and patches of a third of all pixels carry any label: four in five hairs are none."""
+    rng = np.random.default_rng(2)
+    label, rgb = coloured_pixels(rng, 60_000)
+    few = (label != 1) | (rng.random(len(label)) < 0.06)
+    label, rgb = label[few], rgb[few]
+    wrong = rng.random(len(label)) < 0.3
+    given = np.where(wrong, rng.integers(0, 3, len(label)), label)
+    assert (label[given == 1] == 1).mean() < 0.3
+    model = fit_colours(rgb, given, IDS, 0.15, 4)
+    fresh, picture = coloured_pixels(rng, 20_000)
+    found = model.evidence(picture).argmax(1)
+    assert (found == fresh).mean() > 0.95 and (found[fresh == 1] == 1).mean() > 0.9

@@ -179,6 +179,9 @@ class SegmentSettings(Settings):
     unseen_weight: float = setting(2.0, "1", "the same where no picture shows the vertex", ge=0)
     unseen_floor: float = setting(0.02, "1", "probability that is added there", gt=0)
     min_region: float = setting(0.004, "m^2", "smaller islands of a label are dissolved", ge=0)
+    doubted_region: float = setting(
+        0.025, "m^2", "islands up to this are dissolved where their colours are rather those around them", ge=0
+    )
     seed: int = setting(0, "count", "of the drawn pixels", ge=0)
     evidence: EvidenceSettings = EvidenceSettings()
     opening: OpeningSettings = OpeningSettings()

@@ -68,7 +68,7 @@ def _fitted(cameras, samples, faces, ids, settings):
     """The SegmentModel of the labels that sampled frames [(Frame, Tracked)] have."""
     seen = _labelled_views(cameras, samples, faces)
     prior = _prior(_votes(seen, samples, faces, ids, settings), faces, settings)
-    return SegmentModel(ids, _fit_colours(seen, prior, faces, ids, settings), prior)
+    return SegmentModel(ids, _fit_colours(seen, ids, settings), prior)
 
 
 def _labelled_views(cameras, samples, faces):
@@ -148,7 +148,8 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None, vot
     place = _interpolate(places + voted, *_closest(surface, scan.vertices))
     cost, colour, observed = evidence.scan_costs()
     labels = _solve_labels(cost + place, scan, colour, settings)
-    labels = _dissolve_islands(labels, scan, settings.min_region)
+    likelihood = None if model.colours is None else model.colours.evidence((255 * colour + 0.5).astype(np.uint8))
+    labels = _dissolve_islands(labels, scan, settings, likelihood, observed)
 
     probability = np.zeros((len(scan.vertices), len(model.ids)), np.float32)
     probability[np.arange(len(scan.vertices)), labels] = 1
@@ -189,9 +190,9 @@ def _check_ids(scene, samples):
             )
 
 
-def _fit_colours(seen, prior, faces, ids, settings):
+def _fit_colours(seen, ids, settings):
     """Colour models from the pixels of the sampled frames; None where the capture has no pictures."""
-    rgb, given, place = [], [], []
+    rgb, given = [], []
     for frame, views in seen:
         for name, view in views.items():
             if name not in frame.images:
@@ -203,17 +204,14 @@ def _fit_colours(seen, prior, faces, ids, settings):
                 known &= frame.certainty[name] > 255 * settings.sure_share
             rgb.append(frame.images[name][known])
             given.append(column[known])
-            place.append(view.face[known])
     if not rgb:
         return None
-    rgb, given, place = np.concatenate(rgb), np.concatenate(given), np.concatenate(place)
+    rgb, given = np.concatenate(rgb), np.concatenate(given)
     if len(rgb) > settings.colour_pixels:
         pick = np.random.default_rng(settings.seed).choice(len(rgb), settings.colour_pixels, replace=False)
         pick.sort()
-        rgb, given, place = rgb[pick], given[pick], place[pick]
-    return fit_colours(
-        rgb, given, prior[faces].mean(1)[place], ids, settings.label_error_share, settings.colour_iterations
-    )
+        rgb, given = rgb[pick], given[pick]
+    return fit_colours(rgb, given, ids, settings.label_error_share, settings.colour_iterations)
 
 
 def _with_neighbours(values, F, rounds=1):
@@ -262,8 +260,9 @@ def _solve_labels(cost, mesh, colour, settings):
     )
 
 
-def _dissolve_islands(labels, mesh, least):
-    """Regions of one label smaller than `least` [m^2] take the label around them, if they touch one."""
+def _dissolve_islands(labels, mesh, settings, likelihood=None, seen=None):
+    """Regions of one label smaller than `min_region` [m^2] take the label around them, if they touch one. So do those up to
+    `doubted_region` whose colours, of log likelihoods (n,L) where they are `seen` (n,), are rather that label's."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -274,7 +273,9 @@ def _dissolve_islands(labels, mesh, least):
         same = labels[edges[:, 0]] == labels[edges[:, 1]]
         graph = coo_matrix((np.ones(same.sum()), edges[same].T), shape=(len(V),) * 2)
         _, part = connected_components(graph, directed=False)
-        small = np.bincount(part, area)[part] < least
+        areas = np.bincount(part, area)
+        least = settings.min_region if likelihood is None else max(settings.min_region, settings.doubted_region)
+        small = (areas < least)[part]
         across = edges[~same]
         across = np.concatenate([across, across[:, ::-1]])
         across = across[small[across[:, 0]] & ~small[across[:, 1]]]
@@ -282,8 +283,13 @@ def _dissolve_islands(labels, mesh, least):
             break
         votes = np.zeros((part.max() + 1, labels.max() + 1))
         np.add.at(votes, (part[across[:, 0]], labels[across[:, 1]]), 1)
+        around = votes.argmax(1)[part]
         change = small & (votes[part].sum(1) > 0)
-        labels[change] = votes[part[change]].argmax(1)
+        if likelihood is not None:
+            rows = np.arange(len(V))
+            own = np.where(seen, likelihood[rows, labels] - likelihood[rows, around], 0)
+            change &= ((areas < settings.min_region) | (np.bincount(part, area * own) < 0))[part]
+        labels[change] = around[change]
     return labels
 
 
@@ -354,4 +360,4 @@ def _tracked_labels(surface, probability, evidence, place, voted, settings):
     cost += voted
     smoothness = settings.tracked_smoothness * settings.smoothness
     labels = _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))
-    return np.where(voted.any(1), labels, _dissolve_islands(labels, surface, settings.min_region))
+    return np.where(voted.any(1), labels, _dissolve_islands(labels, surface, settings))

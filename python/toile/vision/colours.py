@@ -7,6 +7,7 @@ import numpy as np
 _BINS = (20, 40, 40)  # lightness, red against green, yellow against blue
 _BLUR = (1.2, 0.8, 0.8)  # bins
 _FLOOR = 0.02  # share of colours that follow no model
+_CLEAR = 0.25  # of the pixels, at least, have a colour that one label alone has: what differs there is wrong
 
 
 @dataclass(frozen=True)
@@ -33,23 +34,31 @@ def colour_bins(rgb):
     return (i * _BINS[1] + j) * _BINS[2] + k
 
 
-def fit_colours(rgb, given, prior, ids, error_share, iterations):
-    """Expectation maximisation for pixels whose given labels are sometimes wrong.
+def fit_colours(rgb, given, ids, error_share, iterations):
+    """Expectation maximisation for pixels whose given labels are sometimes wrong, whole patches of them and in all views.
 
-    rgb (p,3) uint8; given (p,) column of the pixel's label; prior (p,L) what the place on the surface says;
-    `error_share` the share of given labels that are. The histograms are the maximum likelihood of
-    prod_p sum_l prior[p,l] P(given | l) P(colour | l).
+    rgb (p,3) uint8; given (p,) column of the pixel's label; `error_share` the share of given labels that are wrong, at least. The
+    histograms and the labels' own shares are the maximum likelihood of
+    prod_p sum_l share[l] P(given[p] | l) P(colour[p] | l), P(given | l) being 1 - e for l itself and even over the others.
+    What the place on the surface says is left out: where a patch is wrong for good, it repeats the error. A label that few
+    pixels truly have is given to more of them by error: so the start counts of each colour only what errors do not explain.
     """
-    L = len(ids)
-    place = prior * np.where(np.arange(L) == given[:, None], 1 - error_share, error_share / max(L - 1, 1))
-    place /= np.maximum(place.sum(1, keepdims=True), 1e-12)
-    bins = colour_bins(rgb)
-    share = place
+    bins, own = colour_bins(rgb), np.eye(len(ids))[given]
+    of_colour = np.maximum(np.exp(_log_histograms(bins, own)) - _FLOOR, 0) * own.sum(0)
+    of_colour /= np.maximum(of_colour.sum(1, keepdims=True), 1e-12)
+    here = of_colour[bins]
+    wrong = max(error_share, float(np.quantile(1 - here.max(1), _CLEAR)))
+    others = np.where(here < here.max(1, keepdims=True), here, 0).mean(0) + 1e-6
+    posterior = np.maximum(here - wrong * others / others.sum(), 1e-6)
+    posterior /= posterior.sum(1, keepdims=True)
     for _ in range(iterations):
-        model = ColourModel(ids, _log_histograms(bins, share))
-        share = place * np.exp(model.log_density[bins])
-        share /= np.maximum(share.sum(1, keepdims=True), 1e-12)
-    return ColourModel(ids, _log_histograms(bins, share))
+        model = ColourModel(ids, _log_histograms(bins, posterior))
+        others = (own * (1 - posterior)).sum(0) + 1e-6
+        chance = wrong * others / others.sum()  # of each label to be given for another
+        place = posterior.mean(0) * np.where(own > 0, 1 - wrong, (own @ chance)[:, None])
+        posterior = place * np.exp(model.log_density[bins])
+        posterior /= np.maximum(posterior.sum(1, keepdims=True), 1e-12)
+    return ColourModel(ids, _log_histograms(bins, posterior))
 
 
 def _log_histograms(bins, share):
