@@ -1,5 +1,6 @@
 """`toile doctor` and `toile --version`."""
 
+import importlib.metadata
 import subprocess
 import sys
 
@@ -36,7 +37,14 @@ def test_the_machine_and_the_packages_are_named():
     assert versions["numpy"] and versions["zarr"]
 
 
-@pytest.mark.parametrize("program", [["-m", "toile", "--version"]])
-def test_the_version_is_said(program):
-    said = subprocess.run([sys.executable, *program], capture_output=True, text=True)
+def test_a_source_tree_that_is_not_installed_has_no_packages(monkeypatch):
+    def unknown(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "requires", unknown)
+    assert list(packages()) == []
+
+
+def test_the_version_is_said():
+    said = subprocess.run([sys.executable, "-m", "toile", "--version"], capture_output=True, text=True)
     assert (said.returncode, said.stdout.strip()) == (0, f"toile {__version__}")

@@ -20,7 +20,11 @@ GIB = 2**30
 
 def packages() -> Iterator[tuple[str, str, str]]:
     """(name, version or "", the extra that asks for it, "" for all) of what toile's metadata asks for."""
-    for line in importlib.metadata.requires("toile") or ():
+    try:
+        asked = importlib.metadata.requires("toile") or ()
+    except importlib.metadata.PackageNotFoundError:
+        return  # run from the source tree
+    for line in asked:
         name = re.match(r"[A-Za-z0-9._-]+", line)
         extra = re.search(r"extra == ['\"]([^'\"]+)", line)
         if name:
