@@ -88,6 +88,21 @@ def test_pictures_that_show_too_little_leave_a_frame_to_its_keypoints_or_fail_it
     assert not (tmp_path / "other" / "scans").exists()
 
 
+def test_where_no_sampled_frame_gives_a_scan_no_other_is_tried(capture, tmp_path, monkeypatch):
+    copy = Path(shutil.copytree(capture, tmp_path / "capture"))
+    shutil.copytree(copy / "frames" / "000000", copy / "frames" / "000002")
+    opened, status, tried = kept_in(tmp_path, open_capture(copy)), Status.of(tmp_path), []
+
+    def nothing(capture, number, settings):
+        tried.append(number)
+        raise UserError("no surface is found")
+
+    monkeypatch.setattr("toile.pipeline.scanning.made_of", nothing)
+    assert make_scans(opened, [0, 1], DRAFT, status) == {}
+    make_scan(opened, 2, DRAFT, status)
+    assert tried == [0] and "none is made" in status.warnings()[-1]
+
+
 @pytest.mark.slow(seconds=60)
 def test_registering_pictures_gives_the_bits_of_reconstructing_first(tmp_path):
     skipped = shutil.ignore_patterns("truth", "00000[2-5]", "scan.ply")

@@ -13,11 +13,13 @@ from pathlib import Path
 from ..config import Config
 from ..errors import UserError, first_line
 from ..io.capture import Capture
-from ..io.files import replace_file
+from ..io.files import replace_file, write_text
 from ..io.run_folder import scans_folder
 from ..io.status import Status
 from ..surface.poisson import check_poisson
 from .reconstruct import MADE, made_of
+
+NONE = "none"  # a file beside the frames' folders: sampled frames gave no scan
 
 
 def kept_in(run: Path | str, capture: Capture) -> Capture:
@@ -41,9 +43,9 @@ def make_scan(capture: Capture, number: int, config: Config, status: Status) -> 
     """Makes the scan of a frame that lacks one, where the settings ask for it and it is not there. A frame with keypoints
     goes on without, with a warning, where its pictures give none, or a depth to fewer pixels than `least_depth`.
     UserError: the same of a frame without keypoints."""
-    assert capture.made is not None
-    folder, start = capture.made / f"{number:06d}", time.perf_counter()
-    if not config.make_scans or folder.exists() or not lacks_scan(capture, number):
+    folder, start = _folder(capture, number), time.perf_counter()
+    asked = config.make_scans and not (folder.parent / NONE).exists()
+    if not asked or folder.exists() or not lacks_scan(capture, number):
         return
     try:
         check_poisson()
@@ -67,17 +69,31 @@ def make_scan(capture: Capture, number: int, config: Config, status: Status) -> 
 
 
 def make_scans(capture: Capture, numbers: Iterable[int], config: Config, status: Status) -> dict[int, str]:
-    """`make_scan` of each, one after the other; {number: why it failed}."""
-    failed = {}
-    for number in numbers:
+    """`make_scan` of sampled frames, one after the other; {number: why it failed}. Where all of those that lack a scan go
+    on with their keypoints alone, no other frame's is tried."""
+    failed: dict[int, str] = {}
+    tried = [number for number in numbers if config.make_scans and lacks_scan(capture, number)]
+    for number in tried:
         try:
             make_scan(capture, number, config, status)
         except Exception as error:
             failed[number] = first_line(error)
+    found = [number for number in tried if (_folder(capture, number) / MADE[0]).exists()]
+    if tried and not found and not failed:
+        write_text(_folder(capture, tried[0]).parent / NONE, "")
+        status.add(
+            stage="stereo", ok=False, warning=f"the pictures of {len(tried)} sampled frames gave no scan: none is made"
+        )
     return failed
 
 
 def forget(capture: Capture, numbers: Iterable[int]) -> None:
     """The scans of these frames are made again."""
     for number in numbers:
-        shutil.rmtree(Path(str(capture.made)) / f"{number:06d}", ignore_errors=True)
+        shutil.rmtree(_folder(capture, number), ignore_errors=True)
+
+
+def _folder(capture: Capture, number: int) -> Path:
+    """Where what is made of a frame is kept."""
+    assert capture.made is not None
+    return capture.made / f"{number:06d}"
