@@ -32,6 +32,18 @@ def test_the_template_is_wider_and_shorter_than_the_garment_and_clear_of_the_mea
     assert abs(length(P, mine, mean) / length(V, theirs, body) - SHORTER) < 0.02
 
 
+def test_a_sleeve_that_is_wide_about_a_thin_arm_has_the_same_ease_about_a_thick_one():
+    from tests.support.shapes import tube
+    from toile.studio.patterns import WIDER, wanted_girths
+    from toile.surface.loops import loop_length
+
+    (mean, T), (skin, S), (worn, F) = (tube(8, n, r, 0.3) for n, r in ((40, 0.05), (36, 0.02), (44, 0.04)))
+    loops, lengths = wanted_girths(mean, T, skin, S, worn, worn, F)
+    girth = [loop_length(V[: len(V) // 8]) for V in (mean, skin, worn)]
+    assert len(loops) == 2
+    np.testing.assert_allclose(lengths, WIDER * (girth[0] + girth[2] - girth[1]), rtol=1e-9)
+
+
 def test_no_length_of_the_template_is_the_true_cloths(cut, made):
     from toile.studio.surface import unique_edges
 

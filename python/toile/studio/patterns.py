@@ -76,15 +76,14 @@ def hem_of(draped, F, shorter):
 
 
 def wanted_girths(V, T, skin_V, skin_T, cloth_rest, draped, F):
-    """The open loops of the cut V, T on the mean body, and the length of each (l,) [m] at which it is WIDER than the true
-    garment's there, in relation to the bodies' girths (skin_V, skin_T: the true one's skin)."""
+    """The open loops of the cut V, T on the mean body, and the length of each (l,) [m]: WIDER than the girth there with the
+    ease of the true garment, which is longer than the true body's skin (skin_V, skin_T) by so much."""
     true = {tuple(skin): theirs for skin, theirs in pairs_of_loops(skin_V, skin_T, draped, F)}
     loops, lengths = [], []
     for mine, skin in pairs_of_loops(V, T, skin_V, skin_T):
         loops.append(mine)
-        lengths.append(
-            WIDER * loop_length(cloth_rest[true[tuple(skin)]]) / loop_length(skin_V[skin]) * loop_length(V[mine])
-        )
+        ease = loop_length(cloth_rest[true[tuple(skin)]]) - loop_length(skin_V[skin])
+        lengths.append(WIDER * (loop_length(V[mine]) + ease))
     return loops, np.array(lengths)
 
 
