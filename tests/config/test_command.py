@@ -34,8 +34,8 @@ def test_every_command_lists_all_its_settings(monkeypatch, capsys):
     tables = json.loads(capsys.readouterr().out)
     assert list(tables) == ["register", "reconstruct", "align", "train", "studio"]
     assert [row["name"] for row in tables["register"]] == [one.name for one in listed(Config())]
-    views = next(row for row in tables["register"] if row["name"] == "segment.views")
-    assert views["default"] == 0 and views["presets"] == {"draft": preset("draft").segment.views}
+    spacing = next(row for row in tables["register"] if row["name"] == "track.scan_spacing")
+    assert spacing["default"] == 0 and spacing["presets"] == {"draft": preset("draft").track.scan_spacing}
 
 
 def test_a_stage_is_listed_alone(monkeypatch, capsys):

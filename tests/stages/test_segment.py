@@ -87,8 +87,9 @@ def test_blurred_labels_about_the_surface_are_those_of_the_whole_picture(ball):
 
 
 def labelled(scene, cameras, model, frame, tracked, faces):
-    seen = evidence(frame, cameras, model, tracked, faces, SegmentSettings())
-    return segment(scene, seen, model, tracked, faces, SegmentSettings())
+    settings = SegmentSettings(refine_border=True)
+    seen = evidence(frame, cameras, model, tracked, faces, settings)
+    return segment(scene, seen, model, tracked, faces, settings)
 
 
 def test_border_is_found_within_two_millimetres_under_shifted_labels_and_blobs(ball):

@@ -14,17 +14,17 @@ QUALITIES = ("draft", "standard")
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "preparation_frames": 5,
+        "track.scan_spacing": 0.018,
+        "scan_spacing": 0.0,
         "track.surface_samples": 2000,
         "track.skeleton.surface_samples": 2000,
         "track.nricp.iterations": (0, 3, 0),
         "track.nricp.fine_iterations": 1,
         "track.nricp.fine_sweeps": 3,
-        "segment.views": 4,
-        "segment.refine_border": False,
-        "dress.trace_openings": False,
         "dress.fit_frames": 3,
-        "dress.nricp.iterations": (0, 4, 0),
-        "dress.nricp.fine_iterations": 2,
+        "dress.nricp.fine_iterations": 1,
+        "dress.traced_nricp.fine_iterations": 2,
+        "dress.traced_nricp.fine_sweeps": 5,
         "inner.tolerance": 1e-3,
         "inner.solver.tolerance": 1e-3,
     },
@@ -33,8 +33,8 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 def preset(quality: str) -> Config:
-    """The settings of a quality. Draft reads four pictures a frame, leaves openings where the labels put them, and fits
-    pose and surfaces in fewer steps to fewer points; scans that it makes are those of `toile reconstruct --quality draft`. UserError: no such quality."""
+    """The settings of a quality. Draft thins scans before everything, and fits pose and
+    surfaces in fewer steps to fewer points; scans that it makes are those of `toile reconstruct --quality draft`. UserError: no such quality."""
     if quality not in QUALITIES:
         finer = "; nothing measured is finer than standard, which --set changes" if quality == "fine" else ""
         raise UserError(f"--quality {quality}: expected one of {', '.join(QUALITIES)}{finer}")

@@ -44,6 +44,9 @@ class SearchSettings(Settings):
 class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
+    scan_spacing: float = setting(
+        0.0, "m", "all stages see scans thinned to vertices about this far apart; 0: as they are", ge=0, le=0.1
+    )
     surface_samples: int = setting(
         2500, "count", "vertices of the body that look for the scan when a frame's pose is fitted", ge=1
     )
@@ -138,7 +141,10 @@ class SegmentSettings(Settings):
 
     views: int = setting(0, "count", "pictures a frame that are read, spread about the person; 0: all", ge=0)
     refine_border: bool = setting(
-        True, "switch", "place a garment's border between scan vertices by the pictures' edges"
+        False,
+        "switch",
+        "place a garment's border between scan vertices by the pictures' edges, though they place its openings later; "
+        "without pictures what the scan's own labels say places it anyway",
     )
     label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
     completion_rounds: int = setting(
@@ -421,6 +427,13 @@ class Config(Settings):
     quality: str = setting("standard", "name", "draft or standard: the preset that the others start from")
     preparation_frames: int = setting(
         6, "count", "spread over the run, that make the person, the colours and the templates", ge=1
+    )
+    scan_spacing: float = setting(
+        0.014,
+        "m",
+        "labels and garments see scans thinned to vertices about this far apart; 0: as they are",
+        ge=0,
+        le=0.1,
     )
     template_from_scan: tuple[str, ...] = setting(
         (), "name", "garments whose template is cut from the tracked surface of those frames, by their labels"

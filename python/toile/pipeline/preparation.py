@@ -4,7 +4,7 @@ each garment's template."""
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person
 from ..stages import dress, inner, motion, prints, reconstruct, segment, track
 from ..surface.sampling import evenly
+from ..surface.thinning import thinned
 from ..vision.colours import ColourModel
 from ..vision.threads import parallel_map
 from .labelling import labelled
@@ -86,9 +87,10 @@ def prepare(capture, run, config, frames, progress=lambda *_: None) -> PreparedR
     person = kept(folder / "person.npz", Person, lambda: fitted()[0])
     prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
     if capture.scene.garments:
-        _prepare_garments(
-            prepared, lambda: [(frame, t) for (frame, _), t in zip(sampled(), fitted()[1])], Status.of(run)
-        )
+        tracked = lambda: [
+            (with_scan_of(frame, config.scan_spacing), t) for (frame, _), t in zip(sampled(), fitted()[1])
+        ]
+        _prepare_garments(prepared, tracked, Status.of(run))
     progress("prepare", 1, 1)
     return prepared
 
@@ -106,7 +108,7 @@ def _samples(capture, run, config, frames):
     def read(number):
         try:
             note_frame(run, capture, number)
-            frame = labelled(capture, capture.frame(number))
+            frame = frame_of(capture, config, number)
             points = points_of(capture, config, frame)
         except Exception as error:
             return first_line(error)
@@ -130,6 +132,16 @@ def _sampled(capture, frames, count):
     if not capture.scene.garments or capture.scene.segmenter or all(capture.labelled(number) for number in spread):
         return spread
     return sorted({*spread, *evenly([number for number in frames if capture.labelled(number)], count)})
+
+
+def frame_of(capture, config, number):
+    """A frame as the stages take it: its pictures labelled, its scan as dense as tracking asks."""
+    return with_scan_of(labelled(capture, capture.frame(number)), config.track.scan_spacing)
+
+
+def with_scan_of(frame, spacing):
+    """The frame with its scan thinned, see `thinned`; itself where it has none."""
+    return frame if frame.scan is None else replace(frame, scan=thinned(frame.scan, spacing))
 
 
 def points_of(capture, config, frame):

@@ -35,11 +35,11 @@ from ..scene import InnerShape, Segmented, Tracked
 from . import scanning
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
-from .labelling import labelled, scene_segmenter
+from .labelling import scene_segmenter
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
-from .preparation import kept, points_of, prepare, segmented
+from .preparation import frame_of, kept, points_of, prepare, segmented, with_scan_of
 from .printing import slide
 from .smoothing import load_layers, smooth
 from .template import check_templates
@@ -135,7 +135,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
 
     note_frame(prepared.folder.parent, capture, number)
     scanning.make_scan(capture, number, prepared.config, results.status)
-    frame = labelled(capture, capture.frame(number))
+    frame = frame_of(capture, prepared.config, number)
     points = timed("reconstruct", lambda: points_of(capture, prepared.config, frame))
     yield
     last = None if before is None else load_record(before / "track.npz", Tracked)
@@ -143,6 +143,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
     save_record(folder / "track.npz", tracked)
     yield
     if prepared.templates:
+        frame = with_scan_of(frame, prepared.config.scan_spacing)
         last = None if before is None else _load_segmented(before / "segment.npz")
         found = timed("segment", lambda: segmented(prepared, prepared.colours, frame, tracked, last))
         save_record(folder / "segment.npz", found[0])

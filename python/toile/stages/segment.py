@@ -154,7 +154,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None, vot
     probability = np.zeros((len(scan.vertices), len(model.ids)), np.float32)
     probability[np.arange(len(scan.vertices)), labels] = 1
     moved, openings = [], {}
-    for garment in scene.garments if settings.refine_border else ():
+    for garment in scene.garments if settings.refine_border or not evidence.views else ():
         column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
         distance, curves, shift = _refine_border(labels, column, evidence, settings)
         p = np.clip(0.5 + 0.5 * distance / settings.opening.ramp, 0, 1)
