@@ -122,3 +122,17 @@ def write_truth(path, attrs, fixed, count, blocks):
                 root.create_array(name, shape=(count, *shape), dtype=values.dtype, chunks=(1, *shape))
             root[name][start : start + len(values)] = values
         start += len(values)
+
+
+def random_frame(capture, rng):
+    """Of a frame of a capture's truth: the body's vertices (n,3), and of each garment its name, vertices (G,3), those of the first
+    frame, and faces."""
+    import zarr
+
+    truth = zarr.open_group(str(capture / "truth" / "truth.zarr"), mode="r")
+    row, garments = rng.integers(truth["frames"].shape[0]), []
+    for name in sorted(truth["garment"].keys()):
+        group = truth[f"garment/{name}"]
+        V = group["vertices"]
+        garments.append((name, V[row].astype(float), V[0].astype(float), group["faces"][:]))
+    return truth["body/vertices"][row].astype(float), garments
