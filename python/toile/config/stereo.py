@@ -44,10 +44,10 @@ class SurfaceSettings(Settings):
     """The scan: a screened Poisson surface of the points, cut where nothing supports it. A pixel is as large as it is at the
     points' middle depth."""
 
-    least_confidence: float = setting(0.7, "1", "a point that is less sure counts for nothing", ge=0, le=1)
+    least_confidence: float = setting(0.65, "1", "a point that is less sure counts for nothing", ge=0, le=1)
     cell: float = setting(1.5, "px", "of the Poisson octree", gt=0)
     largest_depth: int = setting(11, "count", "of that octree, at most", ge=4, le=14)
-    reach: float = setting(4.0, "px", "a vertex farther from every point is cut away", gt=0)
+    reach: float = setting(2.0, "px", "a vertex farther from every point is cut away", gt=0)
     neighbours: int = setting(4, "count", "nearest points whose confidence a vertex takes", ge=1)
     outside: int = setting(2, "count", "masks outside of which a vertex is cut away", ge=1)
     border: float = setting(2.0, "px", "so far beyond a mask's border still counts as inside", ge=0)
@@ -58,6 +58,7 @@ class StereoSettings(Settings):
     """From pictures to scans."""
 
     margin: int = setting(6, "px", "that a picture keeps about its mask", ge=0)
+    reduction: int = setting(1, "px", "side of the squares of a picture that become one pixel at first", ge=1, le=8)
     match: MatchSettings = MatchSettings()
     fuse: FuseSettings = FuseSettings()
     surface: SurfaceSettings = SurfaceSettings()
@@ -73,12 +74,8 @@ class ScanConfig(Settings):
 
 SCAN_PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
-        "stereo.match.sources": 2,
-        "stereo.match.best": 1,
-        "stereo.match.start_iterations": 4,
-        "stereo.match.coarse_iterations": 1,
-        "stereo.match.iterations": 1,
-        "stereo.match.refinements": 1,
+        "stereo.reduction": 2,
+        "stereo.match.coarsest": 200,
     },
     "standard": {},
     "fine": {

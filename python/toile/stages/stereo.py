@@ -11,7 +11,7 @@ from ..errors import UserError
 from ..kernels.stereo import HOLES
 from ..scene import Mesh
 from ..surface.poisson import keep_vertices, large_pieces, poisson
-from ..vision.ideal import ideal
+from ..vision.ideal import ideal, reduced
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def scan(images, masks, cameras, settings):
     ]
     if len(views) < 2:
         raise UserError(f"masks: {len(views)} pictures have one that is not empty; depth needs two")
-    seen, pictures, cut = zip(*views)
+    seen, pictures, cut = zip(*(reduced(*view, settings.reduction) for view in views))
     maps = kernels.StereoSolver(seen, **settings.match.model_dump()).solve(pictures, cut)
     fuse = settings.fuse.model_dump() | {"min_views": min(settings.fuse.min_views, len(views))}
     points = _sure(kernels.fuse_depths(seen, *maps[:3], **fuse), settings.surface.least_confidence)

@@ -23,6 +23,17 @@ def ideal(camera, image, mask, margin):
     return cut, image[top:bottom, left:right], mask[top:bottom, left:right]
 
 
+def reduced(camera, image, mask, times):
+    """An ideal camera whose pixels are `times` as large a side, its picture (h,w,3) uint8 of their means and its mask (h,w) bool
+    of those that at least half lie inside; what is left over at the right and the bottom is cut off."""
+    height, width = camera.height // times, camera.width // times
+    K = camera.K.copy()
+    K[:2] /= times
+    blocks = lambda values: values[: times * height, : times * width].reshape(height, times, width, times, -1)
+    image = np.rint(blocks(image).mean((1, 3))).astype(np.uint8)
+    return replace(camera, K=K, width=width, height=height), image, blocks(mask).mean((1, 3))[..., 0] >= 0.5
+
+
 def _span(inside, margin, size):
     """First and one past the last of the pixels, with a margin; at least 16 where the picture has them."""
     first, end = max(int(inside[0]) - margin, 0), min(int(inside[-1]) + 1 + margin, size)
