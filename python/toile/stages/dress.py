@@ -81,22 +81,34 @@ class _Skinning:
 
 
 def _personalise(model, person, template, samples, settings, over):
-    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed."""
+    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A scan that
+    lacks the fold under a sleeve shows its opening too short, never too long: a frame that shows an opening much shorter
+    than another does says nothing of the cloth about it."""
     registered = parallel_map_with(
         lambda: Dresser(model, person, template, settings, over),
         lambda dresser, sample: dresser.register(*sample),
         samples,
     )
-    total, weight, lengths = 0, 0, []
-    for (_, tracked, _, _), (dressed, matches) in zip(samples, registered):
-        lengths.append([_observed_length(m, settings.measured_share) for m in matches])
+    lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
+    cut_off = lengths < settings.whole_opening * np.fmax.reduce(lengths)
+    total, weight = 0, 0
+    for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, cut_off):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
-        w = (dressed.confidence == OBSERVED)[:, None]
+        about = _about(template, np.flatnonzero(loops), settings.free_reach)
+        w = ((dressed.confidence == OBSERVED) & ~about)[:, None]
         total, weight = total + w * (rest - template.rest), weight + w
     stay = settings.covered_weight if over else settings.unseen_weight
     shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
-    _report_fit(template, np.array(lengths), settings)
+    _report_fit(template, lengths, settings)
     return replace(template, rest=template.rest + shift)
+
+
+def _about(template, loops, reach):
+    """Which vertices (g,) lie within `reach` [m] of one of these loops at rest."""
+    from scipy.spatial import cKDTree
+
+    on = template.rest[np.concatenate([template.loops[i] for i in loops])] if len(loops) else np.zeros((0, 3))
+    return cKDTree(on).query(template.rest, distance_upper_bound=reach)[0] < reach
 
 
 def _filled(template, shift, weight, stiffness, stay):
