@@ -75,14 +75,14 @@ class ScanConfig(Settings):
 SCAN_PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "stereo.reduction": 2,
-        "stereo.match.coarsest": 200,
+        "stereo.match.start_iterations": 3,
+        "stereo.match.iterations": 1,
+        "stereo.match.refinements": 1,
     },
     "standard": {},
     "fine": {
-        "stereo.match.sources": 6,
-        "stereo.match.best": 3,
-        "stereo.match.iterations": 4,
-        "stereo.match.refinements": 4,
+        "stereo.match.coarsest": 800,
+        "stereo.match.start_iterations": 8,
     },
 }
 
