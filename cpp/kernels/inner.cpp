@@ -87,12 +87,12 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
                                               std::to_string(model_.joints()) + " joints");
     check_points("inner", "J", J_);
     const InnerOptions& o = options_;
-    for (double positive :
-         {o.length, o.skin, o.out, o.prior, o.fit_scale, o.still, o.swing_error, o.reach, o.shape_sigma,
-          o.shape_observations, o.tolerance})
-        require(positive > 0 && positive <= 1e50,
-                "inner: length, skin, out, prior, fit_scale, still, swing_error, reach, tolerance and the shape's terms "
-                "must be positive, up to 1e50");
+    for (double positive : {o.length, o.skin, o.out, o.prior, o.fit_scale, o.still, o.swing_error, o.reach,
+                            o.shape_sigma, o.shape_observations, o.tolerance})
+        require(
+            positive > 0 && positive <= 1e50,
+            "inner: length, skin, out, prior, fit_scale, still, swing_error, reach, tolerance and the shape's terms "
+            "must be positive, up to 1e50");
     for (double other : {o.fit, o.swing, o.misfit, o.gap, o.taper})
         require(other >= 0 && other <= 1e50,
                 "inner: fit, swing, misfit, gap and taper must not be negative, nor beyond 1e50");

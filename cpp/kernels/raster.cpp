@@ -114,8 +114,7 @@ void add_triangle(Corner a, Corner b, Corner c, Eigen::Index f, const Camera& ca
     if (area == 0) return;
     if (area < 0) std::swap(b, c);
     const auto pixel = [](int i) { return static_cast<std::int16_t>(i); };
-    out.push_back(
-        {{a, b, c}, pixel(left), pixel(right), pixel(top), pixel(bottom), static_cast<std::int32_t>(f)});
+    out.push_back({{a, b, c}, pixel(left), pixel(right), pixel(top), pixel(bottom), static_cast<std::int32_t>(f)});
 }
 
 /// Sutherland-Hodgman. Each cut runs from the kept end to the lost one, so the two faces of an edge get the same point.
