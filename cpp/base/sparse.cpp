@@ -5,6 +5,7 @@
 #include <suitesparse/cholmod.h>
 
 #include <algorithm>
+#include <atomic>
 #include <vector>
 
 #include "base/errors.h"
@@ -20,10 +21,19 @@ void use_one_blas_thread() {
 }
 
 /// CHOLMOD opens a team of four threads at every supernode, whatever the number of threads asked for; their waiting
-/// costs up to thirty times the factorisation. While this lives, the calling thread opens none.
+/// costs up to thirty times the factorisation. While this lives, the calling thread opens none. Older OpenMP runtimes
+/// (before gcc 12's, one of which comes with torch) hold the level for all threads at once: one that finds it lowered by
+/// another must not put that back for good, or no thread would ever get a team again.
 struct WithoutTeams {
+    inline static std::atomic<int> usual{0};
     int before = omp_get_max_active_levels();
-    WithoutTeams() { omp_set_max_active_levels(0); }
+    WithoutTeams() {
+        if (before > 0)
+            usual = before;
+        else
+            before = usual;
+        omp_set_max_active_levels(0);
+    }
     ~WithoutTeams() { omp_set_max_active_levels(before); }
 };
 
