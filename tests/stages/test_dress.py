@@ -94,25 +94,31 @@ def test_sleeve_of_wrong_size_is_refined_to_scan_and_openings(scene):
     assert result.diagnostics["unsupported_contact"] == 0
 
 
-def test_a_frame_that_shows_an_opening_cut_off_says_nothing_of_the_cloth_about_it(scene, monkeypatch):
-    """In two of three frames a web cuts the far end of the sleeve off: cloth and opening come out 30 % narrower there."""
+@pytest.mark.parametrize(
+    "ends, most",
+    [
+        ((0.7, 1.0, 0.7, 1.0), 0.004),  # a web cuts the far end of the sleeve off
+        ((1.0, 1.0, 1.0, 1.4), 0.015),  # a wrong label widens it in one frame, which must not silence the others
+    ],
+)
+def test_frames_that_show_an_opening_cut_off_say_nothing_of_the_cloth_about_it(scene, monkeypatch, ends, most):
+    """Cloth and opening of the far end come out narrower or wider by these shares than they are."""
     model, person, frame, _, segmented, _, _ = scene
     straight = Tracked(model.v_template, np.zeros((2, 3)), np.zeros(3), np.zeros((0, 3)), np.full(1, 2, np.uint8), {})
     V, T = sleeve(0.12)
     loops = kernels.boundary_loops(T)
     end = np.clip((V[:, 2] - 0.76) / 0.04, 0, 1)[:, None]
-    whole, cut_off = V * [1.1, 1.1, 1], V * [1.1, 1.1, 1] * (1 - end * [0.3, 0.3, 0])
-    results = []
-    for X in (cut_off, whole, cut_off):
+    whole, results = V * [1.1, 1.1, 1], []
+    for share in ends:
+        X = whole * (1 + end * [share - 1, share - 1, 0])
         matches = [LoopMatch(X[loop], np.ones(len(loop), bool), np.zeros(len(loop))) for loop in loops]
         results.append((Dressed(X, np.full(len(X), 2, np.uint8), {}), matches))
     monkeypatch.setattr(Dresser, "register", lambda self, *sample: results[sample[0].number])
-    samples = [(replace(frame, number=i), straight, segmented, dark(frame)) for i in range(3)]
+    samples = [(replace(frame, number=i), straight, segmented, dark(frame)) for i in range(len(ends))]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its size
         rest = prepare(model, person, SLEEVE, 2, Mesh(V, T), samples, DressSettings()).rest
-    off = np.linalg.norm((rest - whole)[:, :2], axis=1)
-    assert off.max() < 0.004
+    assert np.linalg.norm((rest - whole)[:, :2], axis=1).max() < most
 
 
 def test_a_button_stays_rigid_at_the_cloth_at_rest_and_in_frames(scene):

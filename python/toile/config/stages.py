@@ -143,8 +143,8 @@ class SegmentSettings(Settings):
     refine_border: bool = setting(
         False,
         "switch",
-        "place a garment's border between scan vertices by the pictures' edges, though they place its openings later; "
-        "without pictures what the scan's own labels say places it anyway",
+        "place a garment's border between scan vertices by the pictures' edges in every frame, though they place its "
+        "openings later; in the frames that make its template, and without pictures, that is done anyway",
     )
     label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
     completion_rounds: int = setting(
@@ -291,7 +291,11 @@ class DressSettings(Settings):
     contact_share: float = setting(0.05, "1", "of one hand's vertices that makes an unsupported contact", ge=0, le=1)
     size_tolerance: float = setting(0.15, "1", "loop lengths off by more than this share are reported", ge=0)
     whole_opening: float = setting(
-        0.85, "1", "an opening shorter than this share of its longest in a sampled frame was cut off there", ge=0, le=1
+        0.85,
+        "1",
+        "an opening shorter than this share of its second longest in the sampled frames was cut off there",
+        ge=0,
+        le=1,
     )
     measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
     placement: PlacementSettings = PlacementSettings()

@@ -167,7 +167,9 @@ def _prepare_garments(prepared, tracked, status):
         made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
         save_record(colours, made)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
-        evidenced = parallel_map(lambda sample: (*sample, *segmented(prepared, made, *sample, None)), wanted)
+        evidenced = parallel_map(
+            lambda sample: (*sample, *segmented(prepared, made, *sample, None, refine_border=True)), wanted
+        )
         for garment, path in zip(scene.garments, paths):
             save_record(path, _template(prepared, garment, evidenced, status))
     prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
@@ -206,9 +208,10 @@ def _over(scene, name):
     return [scene.labels[garment.label] for garment in scene.garments[names.index(name) + 1 :]]
 
 
-def segmented(prepared, colours, frame, tracked, previous):
-    """(Segmented, Evidence) of a frame."""
-    capture, settings, faces = prepared.capture, prepared.config.segment, prepared.model.f
+def segmented(prepared, colours, frame, tracked, previous, **changes):
+    """(Segmented, Evidence) of a frame, by the settings of the stage with these changes."""
+    capture, faces = prepared.capture, prepared.model.f
+    settings = prepared.config.segment.model_copy(update=changes)
     evidence = segment.evidence(frame, capture.cameras, colours, tracked, faces, settings)
     votes = [vote for vote in capture.votes if vote.frames is None or frame.number in vote.frames]
     return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous, votes), evidence

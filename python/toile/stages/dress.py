@@ -82,15 +82,16 @@ class _Skinning:
 
 def _personalise(model, person, template, samples, settings, over):
     """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A scan that
-    lacks the fold under a sleeve shows its opening too short, never too long: a frame that shows an opening much shorter
-    than another does says nothing of the cloth about it."""
+    lacks the fold under a sleeve shows its opening too short, hardly ever too long: a frame that shows an opening much
+    shorter than two others do says nothing of the cloth about it."""
     registered = parallel_map_with(
         lambda: Dresser(model, person, template, settings, over),
         lambda dresser, sample: dresser.register(*sample),
         samples,
     )
     lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
-    cut_off = lengths < settings.whole_opening * np.fmax.reduce(lengths)
+    whole = np.sort(np.nan_to_num(lengths), axis=0)[-2:].min(0)  # the second longest: one wrong label must not decide
+    cut_off = lengths < settings.whole_opening * whole
     total, weight = 0, 0
     for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, cut_off):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
