@@ -14,19 +14,15 @@ beside it, and from a description NAME.toml, which has the last word.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ...errors import UserError
-from ...io.bounded import read_json, read_toml
 from ...io.skeletons import SKELETONS, rows_of
-
-IMAGENET = ((123.675, 116.28, 103.53), (58.395, 57.12, 57.375))
-Triple = tuple[float, float, float]
+from ..networks import IMAGENET, Triple, check_picture_input, described, said_beside
 
 
 class _Described(BaseModel):
@@ -60,20 +56,11 @@ class Description:
 
 def describe(path: Path, inputs: Any, outputs: Any) -> Description:
     """The description of an ONNX file whose graph has these inputs and outputs. UserError names the file and the field."""
-    if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].shape[1] != 3:
-        raise UserError(f"{path}: its input is not one batch of pictures (N,3,H,W)")
+    check_picture_input(path, inputs)
     size = tuple(inputs[0].shape[2:])
     if not all(isinstance(side, int) and 0 < side <= 4096 for side in size):
         raise UserError(f"{path}: the size of its input is not fixed")
-    sidecar, said = path.with_suffix(".toml"), said_beside(path)
-    if os.path.lexists(sidecar):
-        said |= read_toml(sidecar)
-    try:
-        given = _Described(**said)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = sidecar if sidecar.exists() else path.parent
-        raise UserError(f"{where}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    given = described(path, _Described, said_beside(path))
     kind = given.kind or _kind(path, outputs)
     count = _count(path, kind, outputs)
     rows = _rows(path, given.names, count)
@@ -115,38 +102,3 @@ def _rows(path: Path, names: str | list[str] | None, count: int) -> dict[str, in
     if len(SKELETONS[names]) != count:
         raise UserError(f"{path}: gives {count} points, '{names}' has {len(SKELETONS[names])}: {beside}")
     return rows_of(names)
-
-
-def said_beside(path: Path) -> dict[str, Any]:
-    """What mmdeploy's pipeline.json or Hugging Face's preprocessor_config.json in the same folder say."""
-    mmdeploy, hugging = path.with_name("pipeline.json"), path.with_name("preprocessor_config.json")
-    try:
-        if mmdeploy.exists():
-            return of_mmdeploy(read_json(mmdeploy, dict))
-        if hugging.exists():
-            return of_hugging_face(read_json(hugging, dict))
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise UserError(
-            f"{mmdeploy if mmdeploy.exists() else hugging}: not as its exporter writes it: {error}"
-        ) from None
-    return {}
-
-
-def of_mmdeploy(pipeline: dict[str, Any]) -> dict[str, Any]:
-    tasks = pipeline["pipeline"]["tasks"]
-    transforms = {step["type"]: step for task in tasks for step in task.get("transforms", ())}
-    decoders = [task.get("component", "") + str(task.get("params", {}).get("type", "")) for task in tasks]
-    normal = transforms.get("Normalize", {})
-    said = {"mean": normal.get("mean"), "std": normal.get("std")}
-    said["channels"] = {True: "rgb", False: "bgr", None: None}[normal.get("to_rgb")]
-    said["padding"] = transforms.get("TopDownGetBboxCenterScale", {}).get("padding")
-    said["kind"] = "simcc" if any("SimCC" in name for name in decoders) else None
-    return {name: value for name, value in said.items() if value is not None}
-
-
-def of_hugging_face(config: dict[str, Any]) -> dict[str, Any]:
-    full = 1 / config.get("rescale_factor", 1 / 255)
-    said = {"padding": config.get("padding_factor"), "unbiased": config.get("do_affine_transform")}
-    for own, theirs in (("mean", "image_mean"), ("std", "image_std")):
-        said[own] = [full * value for value in config[theirs]] if theirs in config else None
-    return {name: value for name, value in said.items() if value is not None}

@@ -17,18 +17,17 @@ it, and from a description NAME.toml, which has the last word.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ...errors import UserError
 from ...io.bounded import read_json, read_toml
-from ..detectors.description import IMAGENET, Triple, said_beside
+from ..networks import IMAGENET, Triple, check_picture_input, described, said_beside
 from .classes import TABLES
 
 BACKGROUND = "background"
@@ -71,18 +70,9 @@ class Parts:
 def describe(path: Path, inputs: Any, outputs: Any, labels: Mapping[str, int]) -> Parts:
     """The description of an ONNX file whose graph has these inputs and outputs, for a scene's labels {name: id}. UserError
     names the file and the field."""
-    if len(inputs) != 1 or len(inputs[0].shape) != 4 or inputs[0].shape[1] != 3:
-        raise UserError(f"{path}: its input is not one batch of pictures (N,3,H,W)")
+    check_picture_input(path, inputs)
     sidecar = path.with_suffix(".toml")
-    said = _said(path)
-    if os.path.lexists(sidecar):
-        said |= read_toml(sidecar)
-    try:
-        given = _DescribedLabels(**said)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = sidecar if sidecar.exists() else path.parent
-        raise UserError(f"{where}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    given = described(path, _DescribedLabels, _said(path))
     output, kind, count = _output(path, given, outputs)
     classes = _classes(path, given.classes, count)
     ids = _ids(sidecar, classes, given.labels, labels)
