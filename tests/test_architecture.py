@@ -19,7 +19,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "vision": BASE | {"io", "surface"},
     "prints": BASE | {"surface", "vision"},
     "stages": BASE | {"config", "prints", "surface", "vision"},
-    "pipeline": BASE | {"config", "io", "measure", "prints", "stages", "surface", "vision"},
+    "pipeline": BASE | {"config", "console", "io", "measure", "prints", "stages", "surface", "vision"},
     "measure": BASE | {"io", "surface", "vision"},
     "align": BASE | {"config", "console", "io", "measure", "pipeline", "prints", "surface", "vision"},
     "avatar": {"config", "errors"},

@@ -189,8 +189,6 @@ def register(
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
     typer.echo(f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}")
-    for note in outcome.notes:
-        typer.echo(f"  {note}", err=True)
     for warning in outcome.warnings:
         typer.echo(f"  warning: {warning}", err=True)
     if outcome.unsupported_contact:
@@ -404,7 +402,7 @@ def main():
     from .io.command import body_model, export, import_capture
     from .kernels import InputError
     from .measure.command import doctor, inspect
-    from .pipeline.command import status
+    from .pipeline.command import status, tune
     from .studio.command import studio
     from .view.command import view
 
@@ -415,6 +413,7 @@ def main():
     app.command()(inspect)
     app.command()(doctor)
     app.command()(status)
+    app.command()(tune)
     app.command()(view)
     app.command("import")(import_capture)
     app.command()(export)

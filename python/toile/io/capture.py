@@ -91,6 +91,7 @@ class Capture:
     textures: dict[str, Path] = field(default_factory=dict)  # pictures of printed garments whose template names one
     votes: tuple[Vote, ...] = ()
     made: Path | None = None  # where a run keeps what it makes of frames, a folder a frame: scans of their pictures
+    left_out: tuple[str, ...] = ()  # cameras whose files are passed over
 
     def frame(self, number: int) -> Frame:
         """Reads one frame. UserError names the file and the field."""
@@ -101,7 +102,7 @@ class Capture:
             self._check_height(surface, scan)
             if scan.face_labels is not None:
                 self._check_ids(surface, scan.face_labels)
-        found = read_keypoints(keypoints, self.cameras) if os.path.lexists(keypoints) else None
+        found = read_keypoints(keypoints, self.cameras, self.left_out) if os.path.lexists(keypoints) else None
         space = self._own_or_made(folder, "keypoints3d.json")
         points = read_keypoints3d(space) if os.path.lexists(space) else None
         return replace(self.pictures(number), scan=scan, keypoints=found, points3d=points)
@@ -114,6 +115,11 @@ class Capture:
             self._check_ids(folder / "labels" / f"{name}.png", image)
         masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
         return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
+
+    def without(self, cameras: Sequence[str]) -> Capture:
+        """The capture as if it had no such cameras."""
+        kept = {name: camera for name, camera in self.cameras.items() if name not in cameras}
+        return replace(self, cameras=kept, left_out=(*self.left_out, *cameras))
 
     def folder(self, number: int) -> Path:
         """Where a frame's files lie."""
@@ -159,6 +165,8 @@ class Capture:
             raise UserError(f"{folder}: not a folder")
         paths: dict[str, Path] = {}
         for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg")):
+            if path.stem in self.left_out:
+                continue
             if path.stem not in self.cameras:
                 raise UserError(f"{path}: no camera '{path.stem}' in cameras.json")
             if path.stem in paths:

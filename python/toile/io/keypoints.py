@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,13 @@ from ..scene import Camera, Keypoints, Points3D
 from .bounded import read_json
 
 
-def read_keypoints(path: Path, cameras: dict[str, Camera]) -> Keypoints:
-    """2D keypoints of one frame, for the cameras that are known."""
+def read_keypoints(path: Path, cameras: dict[str, Camera], left_out: Sequence[str] = ()) -> Keypoints:
+    """2D keypoints of one frame, for the cameras that are known; those of cameras that are left out are passed over."""
     data = read_json(path, dict)
     try:
         names = tuple(str(n) for n in data["names"])
         points = {camera: np.array(rows, dtype=np.float64).reshape(-1, 3) for camera, rows in data["points"].items()}
+        points = {camera: rows for camera, rows in points.items() if camera not in left_out}
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
         raise UserError(f"{path}: expected {{names, points: {{camera: [[u, v, confidence], ...]}}}}: {error}") from None
     for camera, rows in points.items():

@@ -17,16 +17,15 @@ import shutil
 import time
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..config import Config, changed, configured
 from ..errors import UserError
-from ..io.capture import check_capture, open_capture
+from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import load_record, save_record
-from ..io.run import is_run, open_run
+from ..io.run import is_run
 from ..io.run_folder import write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
@@ -51,7 +50,7 @@ RETRIES = ("failed", "wrong")  # which frames of a run are given again
 
 
 def register(
-    capture: str | Path,
+    capture: str | Path | Capture,
     run: str | Path,
     config: Config | None = None,
     frames: Iterable[int] | None = None,
@@ -62,7 +61,8 @@ def register(
     verify: bool = False,
     **settings: Any,
 ) -> Outcome:
-    """Registers `frames` (numbers; all by default) of a capture into the folder `run` and returns an Outcome.
+    """Registers `frames` (numbers; all by default) of a capture, its folder or opened, into the folder `run` and returns an
+    Outcome.
 
     Settings are those that `toile settings` lists: `quality="draft"` names the preset that the others change, a stage's
     come as a dictionary, `dress={"contact": 0.01}`, or by dotted names, `**{"dress.contact": 0.01}`. With a `config` they
@@ -82,7 +82,7 @@ def register(
     config = configured(settings, KEYWORDS) if config is None else changed(config, settings, also=KEYWORDS)
     progress = progress or (lambda *_: None)
     check_shares(workers, shard)
-    capture = open_capture(capture)
+    capture = capture if isinstance(capture, Capture) else open_capture(capture)
     frames = tuple(capture.frames if frames is None else frames)
     capture = scanning.kept_in(run, capture)
     unknown = sorted(set(frames) - set(capture.frames))
@@ -102,13 +102,9 @@ def register(
         if retry:
             reopen(run, again, results)
             scanning.forget(capture, again)
-        damaged = open_run(run).damaged(frames) if is_run(run) else {}
-        if damaged:
-            reopen(run, tuple(damaged), results)
         last = partial(last_stages, run, frames, results, progress)
         run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
-        notes = tuple(f"frame {number}: made again: {reason}" for number, reason in damaged.items())
-        return replace(outcome_of(run, frames, results), notes=notes)
+        return outcome_of(run, frames, results)
     except Exception:
         if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)

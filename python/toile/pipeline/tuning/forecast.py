@@ -1,0 +1,60 @@
+"""What registering all frames would take, from a trial on few."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..blocks import blocks
+from .trial import FIRST_STAGES, Trial, alone
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Of `frames` frames on `workers` processes: `seconds` from start to end; `disk` [bytes] when it is done, `passing` more
+    while it runs; `memory` [bytes] of all processes together."""
+
+    quality: str
+    frames: int
+    workers: int
+    seconds: float
+    disk: int
+    passing: int
+    memory: int
+
+
+def in_one_process(trial: Trial, numbers: Sequence[int]) -> Forecast:
+    """On this machine, with its cores as threads of one process."""
+    first = trial.first.wall * _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
+    last = trial.last.wall * len(numbers) / len(trial.frames)
+    return _forecast(trial, numbers, 1, trial.prepare.wall + first + last)
+
+
+def on_workers(trial: Trial, numbers: Sequence[int], workers: int) -> Forecast:
+    """On workers of one core each, here or elsewhere: each takes whole blocks, what all need is made once before."""
+    share = _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
+    first, last = trial.first.cpu * share, trial.last.cpu * len(numbers) / len(trial.frames)
+    parts = [len(block) for block in blocks(numbers)]
+    most = max(sum(sorted(parts, reverse=True)[i::workers]) for i in range(min(workers, len(parts))))
+    return _forecast(trial, numbers, workers, trial.prepare.cpu + (first + last) * most / len(numbers))
+
+
+def _forecast(trial, numbers, workers, seconds):
+    count = len(numbers)
+    disk = trial.fixed + math.ceil(trial.kept * count)
+    return Forecast(
+        trial.quality, count, workers, seconds, disk, math.ceil(trial.work * count), trial.peak * max(workers, 1)
+    )
+
+
+def _frames_worth(trial, numbers):
+    """The time [s] that the stages of the first pass report for such frames: one that begins without another's state is
+    searched for, and takes longer."""
+    begun = alone(trial.frames)
+    spent = {n: sum(of.get(stage, 0.0) for stage in FIRST_STAGES) for n, of in trial.stages.items() if of}
+    begin = [seconds for n, seconds in spent.items() if n in begun]
+    follow = [seconds for n, seconds in spent.items() if n not in begun] or begin
+    count = len(alone(numbers))
+    mean = lambda values: sum(values) / max(len(values), 1)
+    return count * mean(begin) + (len(numbers) - count) * mean(follow)

@@ -1,0 +1,152 @@
+"""The page of a trial: what each quality shows and takes, and the same frames side by side."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...console import duration
+from ...errors import UserError
+from ...io.files import write_text
+from ...measure.page import document, figure, table
+from ...measure.report import render
+from .heldout import drawn_labels
+from .trial import PLACES, TOGETHER
+from .tune import Tried, Tuned
+
+BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
+OUTLINE = (255, 60, 40)
+SIDE = 420  # px, of a shown picture
+WORDS = (  # of what `evaluate` measures: (words, the way to it)
+    ("scan to body, mean [mm]", ("evidence", "scan_to_surface_mm", "mean")),
+    ("body to scan, mean [mm]", ("evidence", "surface_to_scan_mm", "mean")),
+    ("keypoints, median [px]", ("evidence", "keypoint_px", "median")),
+    ("silhouette and masks, overlap", ("evidence", "silhouette_iou")),
+    ("true joints [mm]", ("joint_mm",)),
+    ("true body under garments [mm]", ("inner", "hidden_mm")),
+)
+OF_GARMENT = (
+    ("found on the scan, share", "observed"),
+    ("true surface [mm]", "surface_mm"),
+    ("true openings [mm]", "boundary_all_mm"),
+)
+
+
+def write_page(tuned: Tuned, path: Path) -> Path:
+    """Writes the page of a trial."""
+    fits = "".join(_fit(tuned, name) for name in tuned.said)
+    told = "".join(f"<p class='why'>{html.escape(text)}</p>" for text in tuned.warnings)
+    shown = tuned.frames[:: max(len(tuned.frames) // PLACES, 1)][:PLACES]
+    body = (
+        f"<p class='soft'>{len(tuned.frames)} frames from {PLACES} places, {TOGETHER} at each.</p>{fits}{told}"
+        f"<h2>The whole job</h2>{table(('quality', 'processes', 'frames', 'time', 'disk', 'memory'), list(jobs(tuned)))}"
+        f"<h2>What it shows</h2>{table(('', *tuned.qualities), list(errors(tuned)))}"
+        f"<p class='soft'>Held-out cameras: {html.escape(', '.join(tuned.cameras) or 'none')}. Their pictures, labels and "
+        "masks were not shown to a second trial, whose layers are compared with them: what is wrong in a label image lowers the "
+        "overlap too.</p>"
+        f"<h2>Side by side</h2>{''.join(_frame(tuned, number) for number in shown)}"
+    )
+    write_text(path, document(f"{tuned.capture.scene.name}: trial before the job", body))
+    return path
+
+
+def jobs(tuned: Tuned) -> Iterator[tuple[str, ...]]:
+    """Rows of the table of forecasts."""
+    for quality, tried in tuned.qualities.items():
+        for i, job in enumerate(tried.forecasts):
+            where = "1, this machine's cores" if i == 0 else f"{job.workers}, one core each"
+            disk = f"{size(job.disk)} and {size(job.passing)} while it runs"
+            yield quality, where, str(job.frames), duration(job.seconds), disk, size(job.memory)
+
+
+def errors(tuned: Tuned) -> Iterator[tuple[Any, ...]]:
+    """Rows of the table of errors: words, and a value a quality."""
+    tried = list(tuned.qualities.values())
+    rows = [(words, [_at(one.errors, way) for one in tried]) for words, way in WORDS]
+    for name in tuned.said:
+        found = [one.errors.get("garment", {}).get(name, {}) for one in tried]
+        rows += [(f"{name}: {words}", [of.get(key) for of in found]) for words, key in OF_GARMENT]
+        rows.append((f"{name}: openings to those seen [mm]", [_openings(one, name) for one in tried]))
+    for name in dict.fromkeys(n for one in tried for n in one.heldout):
+        rows.append((f"{name}: overlap in held-out cameras", [one.heldout.get(name) for one in tried]))
+    verdicts = [one.errors["verdicts"] or {} for one in tried]
+    for name in dict.fromkeys(n for of in verdicts for n in of):
+        rows.append((f"frames judged {name}", [of.get(name) for of in verdicts]))
+    for words, values in rows:
+        if any(value is not None for value in values):
+            yield words, *values
+
+
+def size(count: float) -> str:
+    """Bytes as "3.2 GB"."""
+    for unit, factor in (("TB", 1e12), ("GB", 1e9)):
+        if count >= factor:
+            return f"{count / factor:.2g} {unit}"
+    return f"{count / 1e6:.0f} MB"
+
+
+def _at(values, way):
+    for key in way:
+        values = (values or {}).get(key)
+    return values
+
+
+def _openings(tried: Tried, name):
+    off = [fit.off_mm for fit in tried.loops.get(name, ()) if fit.off_mm is not None]
+    return float(np.mean(off)) if off else None
+
+
+def _fit(tuned, name):
+    """A garment's loops against its template's, with the template laid beside what was registered."""
+    finest = list(tuned.qualities.values())[-1]
+    rows = [(fit.name, fit.ratio, fit.seen, fit.off_mm) for fit in finest.loops[name]]
+    said = "".join(f"<p class='why'>{html.escape(text)}</p>" for text in tuned.said[name])
+    head = ("loop", "length over the template's", "share seen", "to the opening seen [mm]")
+    garment, mesh = finest.run.garments[name], tuned.capture.templates.get(name)
+    worn = [(finest.run.body.at(finest.run.ok[0]), finest.run.body.faces, BODY)]
+    worn.append((garment.at(finest.run.ok[0]), garment.faces, CLOTH[0]))
+    pictures = figure(render(worn, 0, tuned.capture.scene.up), "as it was registered")
+    if mesh is not None:
+        pictures = (
+            figure(render([(mesh.vertices, mesh.faces, CLOTH[0])], 0, tuned.capture.scene.up), "the template's file")
+            + pictures
+        )
+    fine = said or "<p>The template fits.</p>"
+    return f"<h2>Template of {html.escape(name)}</h2>{fine}{table(head, rows)}<div class='frame'><div class='row'>{pictures}</div></div>"
+
+
+def _frame(tuned, number):
+    pictures = []
+    for quality, tried in tuned.qualities.items():
+        run = tried.run
+        if number not in run.ok:
+            pictures.append(f"<figure><figcaption>{quality}: failed</figcaption></figure>")
+            continue
+        layers = [(run.body.at(number), run.body.faces, BODY, 0)]
+        layers += [(g.at(number), g.faces, CLOTH[i % len(CLOTH)], g.label) for i, g in enumerate(run.garments.values())]
+        pictures.append(figure(render([layer[:3] for layer in layers], 0, tuned.capture.scene.up), quality))
+        pictures += [figure(picture, f"{quality} over {camera}") for camera, picture in _over(tuned, number, layers)]
+    return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{''.join(pictures)}</div></section>"
+
+
+def _over(tuned, number, layers):
+    """(camera, the captured picture with the layers' outlines); a held-out camera where there is one."""
+    try:
+        images = tuned.capture.pictures(number).images
+    except UserError:
+        return
+    names = [name for name in (*tuned.cameras, *images) if name in images][:1]
+    for name in names:
+        drawn = drawn_labels(tuned.capture.cameras[name], [(V, F, label) for V, F, _, label in layers])
+        edge = np.zeros(drawn.shape, bool)
+        edge[1:] |= drawn[1:] != drawn[:-1]
+        edge[:, 1:] |= drawn[:, 1:] != drawn[:, :-1]
+        step = max(max(drawn.shape) // SIDE, 1)
+        picture = images[name].copy()
+        picture[edge] = OUTLINE
+        rows, columns = (slice(max(at.min() - 20, 0), at.max() + 20, step) for at in np.nonzero(drawn >= 0))
+        yield name, np.ascontiguousarray(picture[rows, columns])

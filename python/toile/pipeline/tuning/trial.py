@@ -1,0 +1,122 @@
+"""Few frames of a capture, registered in a process of their own, and what that took."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from multiprocessing import get_context
+from pathlib import Path
+
+from ... import kernels
+from ...config import Config
+from ...io.capture import Capture
+from ...io.run import open_run
+from ...surface.sampling import evenly
+from ..blocks import BLOCK
+from ..run import register
+
+PLACES, TOGETHER = 5, 3  # of the sequence, and frames at each: the later ones have one before them
+FIRST_STAGES = ("reconstruct", "track", "segment", "dress")  # of the first pass
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Wall clock and processor time [s]."""
+
+    wall: float
+    cpu: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What registering `frames` took: what is prepared for all, the first pass, the rest; `peak` memory, `work` beside the
+    run until it is whole, `kept` of the run for all time, each [bytes], the latter two a frame; `stages` [s] a frame."""
+
+    quality: str
+    run: Path
+    frames: tuple[int, ...]
+    prepare: Cost
+    first: Cost
+    last: Cost
+    peak: int
+    work: float
+    kept: float
+    fixed: int  # bytes of the run that do not grow with the frames
+    stages: dict[int, dict[str, float]]
+
+
+def sampled(numbers: Sequence[int]) -> tuple[int, ...]:
+    """Frames at PLACES places spread over the sequence, TOGETHER from each on; all of a short one."""
+    places = range(max(len(numbers) - TOGETHER + 1, 1))
+    return tuple(sorted({n for at in evenly(places, PLACES) for n in numbers[at : at + TOGETHER]}))
+
+
+def alone(numbers: Sequence[int]) -> set[int]:
+    """Those of the frames that begin without the state of one before them: another block's, or not the next number's."""
+    follow = {b for a, b in pairwise(numbers) if b - a == 1 and a // BLOCK == b // BLOCK}
+    return {number for number in numbers if number not in follow}
+
+
+def tried(capture: Capture, run: Path, config: Config, frames: Sequence[int]) -> Trial:
+    """Registers the frames into the folder `run` and returns the Trial. Errors are those of `register`."""
+    with ProcessPoolExecutor(1, get_context("spawn")) as alone_there:
+        return alone_there.submit(_registered, capture, run, config, tuple(frames), kernels.threads()).result()
+
+
+def _registered(capture, run, config, frames, threads):
+    """What `tried` does, in the process of its own."""
+    kernels.set_threads(threads)
+    marks, work = [("begin", _now())], [0]
+
+    def progress(stage, done, total, *_):
+        if marks[-1][0] not in ("begin", "prepare", stage) and not work[0]:
+            work[0] = _bytes(run / "work")
+        marks.append((stage, _now()))
+
+    register(capture, run, config, frames, progress)
+    end = _now()
+    prepared = [at for stage, at in marks if stage in ("begin", "prepare")][-1]
+    titles = list(dict.fromkeys(stage for stage, _ in marks if stage not in ("begin", "prepare")))
+    passed = [at for stage, at in marks if stage == titles[0]][-1] if titles else prepared
+    spans = [_between(*pair) for pair in ((marks[0][1], prepared), (prepared, passed), (passed, end))]
+    opened = open_run(run)
+    kept = _framed_bytes(opened)
+    rest = _bytes(run) - kept
+    stages = {number: {} for number in frames}
+    for line in opened.status.lines():
+        if line.get("ok") and line.get("frame") in stages and "seconds" in line:
+            stages[line["frame"]][line["stage"]] = line["seconds"]
+    count = len(frames)
+    return Trial(config.quality, run, frames, *spans, _peak(), work[0] / count, kept / count, rest, stages)
+
+
+def _now():
+    return time.perf_counter(), time.process_time()
+
+
+def _between(start, end):
+    return Cost(end[0] - start[0], end[1] - start[1])
+
+
+def _peak():
+    """Most memory [bytes] that this process has held."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return 1024 * int(line.split()[1])
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def _bytes(folder):
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def _framed_bytes(run):
+    """Bytes that grow with the frames: arrays of the store whose first axis they are, and files beside it."""
+    beside = sum(_bytes(run.path / name) for name in ("diagnostics", "inputs", "scans") if (run.path / name).exists())
+    return beside + run.framed_bytes()
