@@ -15,6 +15,7 @@ from .console import (
     WORKERS,
     Changes,
     ConfigFile,
+    Scheduler,
     frame_numbers,
     numbers_of,
     positive,
@@ -148,6 +149,7 @@ def register(
     workers: Annotated[
         int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers", min=1, max=WORKERS)
     ] = 1,
+    scheduler: Scheduler = None,
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
@@ -185,7 +187,9 @@ def register(
     if template_from_scan:
         settings = changed(settings, {"template_from_scan": list(template_from_scan)})
     with progress_bars() as progress:
-        outcome = run_pipeline(capture, run, settings, numbers, progress, workers, part, retry or False, verify)
+        outcome = run_pipeline(
+            capture, run, settings, numbers, progress, workers, part, retry or False, verify, scheduler
+        )
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
     typer.echo(f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}")

@@ -17,6 +17,12 @@ from .errors import UserError
 FRAMES = 1_000_000  # frame numbers have six digits
 WORKERS = 1024
 SEEDS = 2**32  # seeds are below
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", help="tcp://HOST:PORT or scheduler.json of a running dask scheduler: its workers do the work"
+    ),
+]
 EVERY = 30.0  # s between lines of progress where there is no terminal
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", help="settings: a TOML file, or the config.toml of a run to take them from")

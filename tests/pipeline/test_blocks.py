@@ -2,6 +2,9 @@
 
 import json
 import multiprocessing
+import os
+import signal
+import time
 from functools import partial
 
 import pytest
@@ -29,13 +32,29 @@ def make(start, number, previous, results):
     write_text(results.folder(number) / "made.json", json.dumps({"number": number, "before": before}))
 
 
+def make_or_die(start, number, previous, results):
+    """Frame 50 ends its worker, as often as `deaths`, once frame 51 is under way beside it where it may be."""
+    if number == 50 and len(list(start["graves"].iterdir())) < start["deaths"]:
+        (start["graves"] / f"{time.time_ns()}").touch()
+        time.sleep(0.1)
+        os.kill(os.getpid(), signal.SIGKILL)
+    make(start, number, previous, results)
+
+
 def job_in(folder, bad=(), reach=1):
     results = FrameFolders(folder / "frames", Status.of(folder), "make")
     return BlockJob(folder, results, prepare, ({"bad": list(bad)},), make, reach, "make")
 
 
+def dying_job_in(folder, deaths):
+    (folder / "graves").mkdir(parents=True)
+    start = {"bad": [], "graves": folder / "graves", "deaths": deaths}
+    results = FrameFolders(folder / "frames", Status.of(folder), "make")
+    return BlockJob(folder, results, prepare, (start,), make_or_die, 1, "make")
+
+
 def complete(job, prepared, pool):
-    write_text(job.folder / "whole.json", json.dumps(prepared))
+    write_text(job.folder / "whole.json", json.dumps(prepared["bad"]))
 
 
 def run(job, frames=FRAMES, **options):
@@ -95,6 +114,21 @@ def test_workers_make_the_same(tmp_path):
     assert bad[0].results.reason(49) == bad[1].results.reason(49) == "frames/000049: frame 49 is bad"
 
 
+def test_a_frame_whose_worker_was_killed_is_made_by_another_to_the_same_end(tmp_path):
+    job, told = dying_job_in(tmp_path / "killed", deaths=2), []
+    assert run(job, workers=2, progress=lambda *at: told.append(at)) == run(job_in(tmp_path / "undisturbed"))
+    assert [done for stage, done, _ in told if stage == "make"] == list(range(1, len(FRAMES) + 1))
+    assert (tmp_path / "killed" / "whole.json").exists() and len(list((tmp_path / "killed" / "graves").iterdir())) == 2
+
+
+def test_a_frame_that_costs_three_workers_fails_and_stops_no_other(tmp_path):
+    job = dying_job_in(tmp_path, deaths=99)
+    assert run(job, workers=2) == {47: None, 48: 47, 49: 48, 51: None, 53: None, 99: None, 100: None}
+    reason = "frames/000050: 3 worker processes were ended from outside over the same work, for want of memory perhaps"
+    assert job.results.reason(50) == reason and (tmp_path / "whole.json").exists()
+    assert len(list((tmp_path / "graves").iterdir())) == 3
+
+
 def test_the_cores_of_workers_without_a_block_go_to_threads(tmp_path):
     found, before = [], kernels.threads()
 
@@ -113,5 +147,5 @@ def test_frames_that_are_not_left_only_cut_the_blocks(tmp_path):
 
 @pytest.mark.parametrize("workers, shard", [(0, (1, 1)), (1, (0, 2)), (1, (3, 2))])
 def test_shares_that_are_none_are_refused(workers, shard):
-    with pytest.raises(UserError, match=f"workers {workers}, shard {shard[0]}/{shard[1]}"):
+    with pytest.raises(UserError, match=f"workers {workers}" if not workers else f"shard {shard[0]}/{shard[1]}"):
         check_shares(workers, shard)

@@ -10,9 +10,10 @@ from tests.support.bending_tube import VERTICES, posed, smoother
 from toile.config import preset
 from toile.io.files import save_record, write_text
 from toile.io.status import Status
-from toile.pipeline.blocks import FrameFolders, Workers, one_blas_thread
+from toile.pipeline.blocks import FrameFolders
 from toile.pipeline.outcome import reopen
 from toile.pipeline.smoothing import load_layers, smooth
+from toile.pipeline.workers import Workers, one_blas_thread
 from toile.scene import HIDDEN, OBSERVED
 from toile.stages.motion import Smoother, strength_of
 

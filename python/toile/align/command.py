@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..console import WORKERS, Changes, ConfigFile
+from ..console import WORKERS, Changes, ConfigFile, Scheduler
 
 
 def align(
@@ -16,6 +16,7 @@ def align(
     workers: Annotated[
         int, typer.Option(help="processes; each takes whole chunks of 50 frame numbers", min=1, max=WORKERS)
     ] = 1,
+    scheduler: Scheduler = None,
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")
     ] = "1/1",
@@ -30,7 +31,7 @@ def align(
 
     part, settings = shard_of(shard), from_options(lambda _: AlignSettings(), None, config, changes, "align")
     with progress_bars() as progress:
-        outcome = run_alignment(run, out, settings, workers, part, progress)
+        outcome = run_alignment(run, out, settings, workers, part, progress, scheduler)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     between = f", {len(outcome.between)} between them" if outcome.between else ""
     typer.echo(f"{out}: {len(outcome.matched)} frames aligned{between}, {len(outcome.failed)} failed{waiting}")

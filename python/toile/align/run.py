@@ -26,6 +26,7 @@ from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
 from ..pipeline.blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
 from ..pipeline.manifest import claim
+from ..pipeline.workers import everywhere
 from ..prints.colours import Places
 from ..prints.lengths import true_lengths
 from ..prints.matching import Matched, Matcher
@@ -59,20 +60,26 @@ def align(
     workers: int = 1,
     shard: tuple[int, int] = (1, 1),
     progress: Progress | None = None,
+    scheduler: str | None = None,
 ) -> Alignment:
     """Aligns the garments of a registered run into the run `out`; returns an Alignment. UserError: it cannot be done.
 
     The same call on what was killed goes on where it stood. `shard` (i, n) takes every n-th chunk from the i-th on;
-    whichever ends last writes the run. The bits depend on neither workers nor shards. `progress(stage, done, total)`."""
-    out, settings, progress = Path(out), settings or AlignSettings(), progress or (lambda *_: None)
-    check_shares(workers, shard)
-    run = open_run(run)
+    whichever ends last writes the run. The bits depend on neither workers nor shards. `progress(stage, done, total)`. `scheduler`: of
+    running dask workers, which do the work."""
+    out, settings, progress = (
+        everywhere(Path(out), scheduler),
+        settings or AlignSettings(),
+        progress or (lambda *_: None),
+    )
+    check_shares(workers, shard, scheduler)
+    run = open_run(everywhere(Path(run), scheduler))
     _check(run, out)
     _begin(run, out, settings)
     results = FrameFolders(out / "slides", Status.of(out), "align")
     job = BlockJob(out, results, prepare, (run, out, settings), match, NEAR, "match")
     last = partial(write, run, out, results, progress)
-    run_job(job, run.pictured, partial(is_run, out), last, workers, shard, progress=progress)
+    run_job(job, run.pictured, partial(is_run, out), last, workers, shard, progress=progress, scheduler=scheduler)
     with locked(out):
         if is_run(out) and not (out / "alignment.json").exists():
             matched = [number for number in run.pictured if results.whole(number)]

@@ -8,23 +8,15 @@ from __future__ import annotations
 
 import errno
 import json
-import math
-import os
-import signal
-import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from .. import kernels
 from ..errors import UserError, first_line
@@ -33,10 +25,10 @@ from ..io.files import write_text
 from ..io.status import Status
 from ..kernels import InputError, SolveError
 from .overlap import overlapped
+from .workers import LIVES, Workers, check_workers, kernel_threads, killed, one_blas_thread
 
 Progress = Callable[[str, int, int], None]  # (stage, done, total)
 BLOCK = 50
-SHARES = 4  # a worker, where the work is not in blocks
 EXPECTED = (UserError, InputError, SolveError, OSError, MemoryError, np.linalg.LinAlgError)  # of bad frames
 DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE}  # no frame's own fault
 
@@ -106,6 +98,19 @@ class BlockJob:
     title: str
 
 
+@dataclass(frozen=True)
+class Block:
+    """Frame numbers in order, of which those in `wanted` are to be made; `alone`: one at a time."""
+
+    numbers: tuple[int, ...]
+    wanted: frozenset[int]
+    alone: bool = False
+
+    def left(self, results: FrameFolders) -> list[int]:
+        """Those that are still to be made."""
+        return [number for number in self.numbers if number in self.wanted and not results.done(number)]
+
+
 def run_job(
     job: BlockJob,
     frames: Sequence[int],
@@ -115,41 +120,43 @@ def run_job(
     shard: tuple[int, int] = (1, 1),
     left: Callable[[], Sequence[int]] | None = None,
     progress: Progress = lambda stage, done, total: None,
+    scheduler: str | None = None,
 ) -> None:
     """Makes the blocks of this shard, and then, if every frame is done by whichever process, `complete(prepared, workers)`.
 
     `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
-    the blocks. `prepare` is given `progress(stage, done, total)` in this process."""
+    the blocks. `prepare` is given `progress(stage, done, total)` in this process. `workers`, `scheduler`: see `Workers`."""
     own = blocks(frames)[shard[0] - 1 :: shard[1]]
     busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
     with (
         one_blas_thread(),
-        _threads(max(kernels.threads(), workers)),
-        Workers(busy, job.prepare, *job.arguments) as pool,
+        kernel_threads(max(kernels.threads(), workers)),
+        Workers(busy, job.prepare, *job.arguments, scheduler=scheduler) as pool,
     ):
         with locked(job.folder):
             if whole():
                 return
             prepared, wanted = pool.prepared(progress), set(left() if left else frames)
-        for i, _ in enumerate(pool.each(partial(_make_block, job.make, job.reach, job.results, wanted), own)):
+        items = [Block(numbers, frozenset(wanted.intersection(numbers))) for numbers in own]
+        make, lost = partial(_make_block, job.make, job.reach, job.results), partial(_after_death, job.results)
+        for i, _ in enumerate(pool.each(make, items, lost)):
             progress(job.title, i + 1, sum(map(len, own)))
         with locked(job.folder):
             if not whole() and all(job.results.done(number) for number in (left() if left else frames)):
                 complete(prepared, pool)
 
 
-def check_shares(workers: int, shard: tuple[int, int]) -> None:
-    """UserError: not at least one worker, or no i-th of n shards."""
-    if workers < 1 or not 1 <= shard[0] <= shard[1]:
-        asked = f"workers {workers}, shard {shard[0]}/{shard[1]}"
-        raise UserError(f"{asked}: expected at least one worker and 1 <= i <= n")
+def check_shares(workers: int, shard: tuple[int, int], scheduler: str | None = None) -> None:
+    """UserError: not at least one worker, no i-th of n shards, or workers and a scheduler."""
+    check_workers(workers, scheduler)
+    if not 1 <= shard[0] <= shard[1]:
+        raise UserError(f"shard {shard[0]}/{shard[1]}: expected 1 <= i <= n")
 
 
-def _make_block(make, reach, results, wanted, prepared, numbers):
+def _make_block(make, reach, results, prepared, block):
     """One block's frames, in their order and several under way at once; yields each number when it is behind."""
-    place = {number: i for i, number in enumerate(numbers)}
-    whole = [number for number in numbers if results.whole(number)]
-    left = [number for number in numbers if number in wanted and not results.done(number)]
+    place = {number: i for i, number in enumerate(block.numbers)}
+    whole, left = [number for number in block.numbers if results.whole(number)], block.left(results)
 
     def begin(number, before):
         earlier = [n for n in whole if place[n] < place[number]] + ([] if before is None else [before])
@@ -157,13 +164,22 @@ def _make_block(make, reach, results, wanted, prepared, numbers):
         near = last is not None and 0 < number - last <= reach
         yield from make(prepared, number, last if near else None, results) or ()
 
-    yield from (number for number in numbers if number not in left)
-    for number, error in overlapped(begin, left):
+    yield from (number for number in block.numbers if number not in left)
+    for number, error in overlapped(begin, left, threads=1 if block.alone else None):
         if error is None:
             write_text(results.folder(number) / "whole", "")
         else:
             results.fail(number, error)
         yield number
+
+
+def _after_death(results, block, deaths):
+    """The block as it is tried again. First its frames are made alone, so that it shows which one ends its worker; that one
+    fails when it has cost LIVES of them."""
+    left = block.left(results)
+    if block.alone and deaths >= LIVES and left:
+        results.fail(left[0], UserError(killed(deaths)))
+    return replace(block, alone=True)
 
 
 @contextmanager
@@ -175,97 +191,3 @@ def locked(folder: Path) -> Iterator[None]:
     with open(folder / ".lock", "w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
-
-
-def one_blas_thread() -> threadpool_limits:
-    """Holds numpy's and scipy's BLAS to one thread from now on, or as a context: another number sums in another order, to
-    other bits. What is large runs in the kernels, so that this costs no time."""
-    import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
-
-    return threadpool_limits(1, "blas")
-
-
-@contextmanager
-def _threads(count):
-    """Lets kernels called from this thread use `count` threads."""
-    before = kernels.threads()
-    kernels.set_threads(count)
-    try:
-        yield
-    finally:
-        kernels.set_threads(before)
-
-
-class Workers:
-    """This process, or `count` others, each with what `prepare(*arguments)` gives there.
-
-    The processes are spawned when first needed, not forked: OpenMP's threads do not survive a fork. They end when their
-    parent does.
-    """
-
-    def __init__(self, count: int, prepare: Callable, *arguments):
-        self.count, self.prepare, self.arguments = count, prepare, arguments
-        self._pool, self._prepared = None, []
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, kind, *_) -> None:
-        if self._pool is not None:
-            for process in list((self._pool._processes or {}).values()) if kind is not None else ():
-                process.terminate()  # not waited for: what they were about is made again
-            self._pool.shutdown(cancel_futures=True)
-
-    def prepared(self, *progress):
-        """What this process has prepared, made once; `prepare` is given the progress as its last argument."""
-        if not self._prepared:
-            self._prepared.append(self.prepare(*self.arguments, *progress))
-        return self._prepared[0]
-
-    def shares(self, items: Sequence) -> list[tuple]:
-        """The items in shares for `each`: one for this process, several a worker, so that all end at about one time."""
-        most = len(items) if self.count == 1 else math.ceil(len(items) / (SHARES * self.count))
-        return [tuple(items[i : i + most]) for i in range(0, len(items), max(most, 1))]
-
-    def each(self, function: Callable, items: Sequence) -> Iterator:
-        """Yields what the generator `function(prepared, item)` yields, item by item as they are done."""
-        if self.count == 1 or len(items) < 2:
-            for item in items:
-                yield from function(self.prepared(), item)
-            return
-        if self._pool is None:
-            start = max(kernels.threads() // self.count, 1), self.prepare, self.arguments
-            self._pool = ProcessPoolExecutor(self.count, get_context("spawn"), _begin, start)
-        blocked = signal.pthread_sigmask(
-            signal.SIG_BLOCK, {signal.SIGINT}
-        )  # inherited: Ctrl-C is this process's matter
-        try:
-            futures = [self._pool.submit(_call, function, item) for item in items]
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        try:
-            for future in as_completed(futures):
-                yield from future.result()
-        except BrokenProcessPool:
-            raise UserError(
-                "a worker process was ended from outside, for want of memory perhaps; go on with fewer"
-            ) from None
-
-
-_own = []  # what this worker process has prepared
-
-
-def _begin(threads, prepare, arguments):
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    kernels.set_threads(threads)
-    one_blas_thread()
-    _own.append(prepare(*arguments))
-
-
-def _call(function, item):
-    return list(function(_own[0], item))
-
-
-def _end_with_parent():
-    parent_process().join()
-    os._exit(1)

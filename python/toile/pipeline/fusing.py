@@ -11,7 +11,7 @@ from pathlib import Path
 from ..io.files import load_record, save_record
 from ..scene import InnerShape
 from ..stages.inner import Gathered
-from .blocks import Workers
+from .workers import Workers
 
 
 def fuse(blocks: Sequence[Sequence[int]], load: Callable, folder: Path, prepared, pool: Workers) -> InnerShape:

@@ -12,8 +12,9 @@ from ..io.files import load_record, save_record, write_text
 from ..prints.matching import Matched
 from ..prints.reference import NEAR, Reference, anchors_and_samples
 from ..prints.smoothing import over_time
-from .blocks import FrameFolders, Progress, Workers, blocks
+from .blocks import FrameFolders, Progress, blocks
 from .overlap import overlapped
+from .workers import Workers
 
 
 def slide(load: Callable, numbers: Sequence[int], slid: FrameFolders, prepared, pool: Workers, progress: Progress):

@@ -43,9 +43,10 @@ from .preparation import frame_of, kept, points_of, prepare, segmented, with_sca
 from .printing import slide
 from .smoothing import load_layers, smooth
 from .template import check_templates
+from .workers import everywhere
 
 # of `register`, besides its settings
-KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify")
+KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify", "scheduler")
 RETRIES = ("failed", "wrong")  # which frames of a run are given again
 
 
@@ -59,6 +60,7 @@ def register(
     shard: tuple[int, int] = (1, 1),
     retry: bool | str = False,
     verify: bool = False,
+    scheduler: str | None = None,
     **settings: Any,
 ) -> Outcome:
     """Registers `frames` (numbers; all by default) of a capture, its folder or opened, into the folder `run` and returns an
@@ -69,7 +71,7 @@ def register(
     change that one.
 
     `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
-    stood. `workers` processes share the work. `shard` (i, n) takes every n-th block from the i-th on, on its own or
+    stood. `workers` processes share the work, or those of a running dask `scheduler` (tcp://HOST:PORT). `shard` (i, n) takes every n-th block from the i-th on, on its own or
     beside other shards of the run; whichever ends last finishes the run. `retry` "failed" (or True) gives failed
     frames again, whose files may have been mended, "wrong" those that are judged wrong too, with no temporal state of the
     frames that stand; nothing else is touched. Input files that have
@@ -81,8 +83,9 @@ def register(
         raise UserError(f"quality {settings['quality']}: a config is given too")
     config = configured(settings, KEYWORDS) if config is None else changed(config, settings, also=KEYWORDS)
     progress = progress or (lambda *_: None)
-    check_shares(workers, shard)
-    capture = capture if isinstance(capture, Capture) else open_capture(capture)
+    check_shares(workers, shard, scheduler)
+    run = everywhere(Path(run), scheduler)
+    capture = capture if isinstance(capture, Capture) else open_capture(everywhere(Path(capture), scheduler))
     frames = tuple(capture.frames if frames is None else frames)
     capture = scanning.kept_in(run, capture)
     unknown = sorted(set(frames) - set(capture.frames))
@@ -92,7 +95,7 @@ def register(
     check_capture(capture, frames)
     if capture.scene.segmenter and capture.scene.garments:
         scene_segmenter(capture)
-    run, fresh = Path(run), not Path(run).exists()
+    fresh = not run.exists()
     results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
     title = "track, segment, dress" if capture.scene.garments else "track"
     job = BlockJob(run, results, prepare, (capture, run, config, frames), first_stages, 1, title)
@@ -103,7 +106,8 @@ def register(
             reopen(run, again, results)
             scanning.forget(capture, again)
         last = partial(last_stages, run, frames, results, progress)
-        run_job(job, frames, partial(is_whole, run), last, workers, shard, partial(frames_left, run, frames), progress)
+        left = partial(frames_left, run, frames)
+        run_job(job, frames, partial(is_whole, run), last, workers, shard, left, progress, scheduler)
         return outcome_of(run, frames, results)
     except Exception:
         if fresh and not ((run / "work").exists() or is_run(run)):

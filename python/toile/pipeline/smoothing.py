@@ -13,7 +13,8 @@ from pathlib import Path
 from ..io.files import load_record, save_record, write_text
 from ..scene import Dressed, Tracked
 from ..stages.motion import Strengths, strength_of
-from .blocks import BLOCK, FrameFolders, Workers, blocks
+from .blocks import BLOCK, FrameFolders, blocks
+from .workers import Workers
 
 
 def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepared, pool: Workers) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..config import changed, from_options
-from ..console import SEEDS, WORKERS, Changes, ConfigFile
+from ..console import SEEDS, WORKERS, Changes, ConfigFile, Scheduler
 
 RENAMED = {
     "samples": "pixel_paths",
@@ -51,6 +51,7 @@ def studio(
     workers: Annotated[
         int, typer.Option(help="processes that share the frames; 0: as many as processors", min=0, max=WORKERS)
     ] = 0,
+    scheduler: Scheduler = None,
     config: ConfigFile = None,
     changes: Changes = None,
 ):
@@ -72,7 +73,7 @@ def studio(
     own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
     options = changed(from_options(lambda _: StudioOptions(), None, config, changes), own)
     with progress_bars() as progress:
-        report = make_capture(out, options, progress, workers or threads())
+        report = make_capture(out, options, progress, 1 if scheduler else workers or threads(), scheduler)
     for reason in report.rejected:
         typer.echo(f"discarded {reason}")
     typer.echo(f"{report.path}: {len(options.pictured)} frames, {options.cameras} cameras, seed {report.seed}, "

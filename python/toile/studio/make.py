@@ -15,7 +15,8 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
-from ..pipeline.blocks import Workers, locked
+from ..pipeline.blocks import locked
+from ..pipeline.workers import Workers, check_workers, everywhere
 from . import truth as checks
 from .cameras import cameras_json
 from .frames import CaptureMaker, write_json
@@ -41,18 +42,19 @@ class StudioReport:
     figures: dict = field(default_factory=dict)
 
 
-def make_capture(out, options: StudioOptions, progress=None, workers=1) -> StudioReport:
+def make_capture(out, options: StudioOptions, progress=None, workers=1, scheduler=None) -> StudioReport:
     """Writes the capture `out`, which must not exist; the same call goes on with one that was cut short.
 
-    `progress(step, done, total)` is called as it goes; `workers` processes share the frames. A seed whose truth breaks
+    `progress(step, done, total)` is called as it goes; `workers` processes share the frames, or those of a
+    running dask `scheduler`. A seed whose truth breaks
     a bound is discarded, reported, and replaced by one derived from it. The same options give the same bits, however
     many workers and interruptions. UserError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS
     seeds were discarded.
     """
-    out, part = Path(out), Path(f"{out}.part")
+    out = everywhere(Path(out), scheduler)
+    part = out.with_name(f"{out.name}.part")
     progress = progress or (lambda step, done, total: None)
-    if workers < 1:
-        raise UserError(f"studio: workers is {workers}, must be at least 1")
+    check_workers(workers, scheduler)
     refuse_existing(out)
     work = part / "work"
     if part.exists() and not work.is_dir() and not (part / "studio.json").exists():
@@ -61,7 +63,7 @@ def make_capture(out, options: StudioOptions, progress=None, workers=1) -> Studi
         refuse_existing(out)  # another process may have ended it meanwhile
         fresh = begin(part, options)
         try:
-            report = fill(part, options, progress, workers)
+            report = fill(part, options, progress, workers, scheduler)
         except UserError:
             if fresh:
                 shutil.rmtree(part)
@@ -96,7 +98,7 @@ def begin(part, options):
     return False
 
 
-def fill(part, options, progress, workers):
+def fill(part, options, progress, workers, scheduler):
     """Makes whatever a begun capture lacks."""
     if (part / "studio.json").exists():
         made = json.loads((part / "studio.json").read_text())
@@ -104,7 +106,7 @@ def fill(part, options, progress, workers):
     report, folder = accepted_sequence(part / "work", options, progress)
     stage = CaptureMaker(part, folder, options, report.seed)
     write_scene(part, stage)
-    take_frames(stage, folder, progress, workers)
+    take_frames(stage, folder, progress, workers, scheduler)
     templates = write_templates(part, stage)
     report.figures, report.per_frame = stage.sequence.measures()
     shares = [json.loads(stage.share_file(k).read_text()) for k in options.pictured]
@@ -143,12 +145,14 @@ def write_scene(part, stage):
     write_json(part / "cameras.json", cameras_json(stage.rig))
 
 
-def take_frames(stage, folder, progress, workers):
+def take_frames(stage, folder, progress, workers, scheduler):
     """All pictured frames that are missing, spread over the workers."""
     numbers = stage.options.pictured
-    with Workers(workers, CaptureMaker, stage.part, folder, stage.options, stage.seed) as pool:
+    with Workers(workers, CaptureMaker, stage.part, folder, stage.options, stage.seed, scheduler=scheduler) as pool:
         here = (k for number in numbers for k in stage.capture(number))
-        for done, _ in enumerate(here if workers == 1 else pool.each(CaptureMaker.capture, numbers)):
+        for done, _ in enumerate(
+            here if workers == 1 and scheduler is None else pool.each(CaptureMaker.capture, numbers)
+        ):
             progress("frames", done + 1, len(numbers))
 
 

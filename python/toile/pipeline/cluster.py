@@ -1,0 +1,201 @@
+"""Workers of dask.distributed: processes that are started here, or those of a scheduler that runs elsewhere.
+
+dask decides which worker takes which task and starts lost ones again. Each worker prepares what its tasks need once, when
+the first one comes; what tasks yield comes back as events of the scheduler, while they go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import queue
+import signal
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import cloudpickle
+import dask
+from distributed import Client, LocalCluster, get_worker
+from distributed.client import FutureCancelledError
+from distributed.diagnostics.plugin import WorkerPlugin
+from distributed.scheduler import KilledWorker
+
+from .. import __version__, kernels
+from ..errors import UserError, first_line
+from .workers import LIVES, one_blas_thread
+
+BEGUN = -1
+SMALL = 1024  # bytes of a value that is sent while its task goes on
+UNSEEN = 10  # workers lost before a task was heard of
+WAIT = 30.0  # s for a scheduler to answer
+LOCAL = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.nanny.pre-spawn-environ": {},  # dask would tell libraries to use one thread
+    "distributed.scheduler.worker-saturation": 1.0,  # what waits for a worker is not lost with it
+}
+
+
+class Cluster:
+    """`count` processes of this machine, or the workers of `scheduler`; each has what `prepare(*arguments)` gives there."""
+
+    def __init__(self, count: int, scheduler: str | None, prepare: Callable, arguments: Sequence):
+        self.own = None if scheduler else local_cluster(count)
+        self.client = connected(self.own or scheduler)
+        self.name, self.rounds = f"toile-{self.client.id}", 0
+        threads = max(kernels.threads() // count, 1) if self.own else None
+        job = Job(self.name, cloudpickle.dumps((prepare, arguments)), threads, __version__)
+        self.heard: queue.SimpleQueue = queue.SimpleQueue()
+        self.client.subscribe_topic(self.name, lambda event: self.heard.put(("event", *event[1])))
+        self.client.register_plugin(job, name=self.name)
+
+    @property
+    def size(self) -> int:
+        """Tasks that run at once."""
+        return max(sum(self.client.nthreads().values()), 1)
+
+    def each(self, function: Callable, items: Sequence, lost: Callable[[Any, int], Any]) -> Iterator:
+        """See `Workers.each`."""
+        self.rounds += 1
+        under_way, current = {}, list(items)
+        yielded, begun, unseen = Counter(), Counter(), Counter()
+
+        def submit(i):
+            call = cloudpickle.dumps((function, current[i]))
+            future = self.client.submit(run_task, self.name, self.rounds, i, call, pure=False, priority=-i)
+            under_way[i] = future
+            future.add_done_callback(lambda _, of=self.rounds: self.heard.put(("ended", of, i)))
+
+        def again(i):
+            unseen[i] += 1
+            deaths = LIVES if unseen[i] >= UNSEEN else begun[i]
+            current[i] = lost(current[i], deaths)
+            if deaths >= LIVES:
+                begun[i] = unseen[i] = 0
+            submit(i)
+
+        try:
+            for i in range(len(current)):
+                submit(i)
+            while under_way:
+                what, of, i, *told = self.heard.get()
+                if of != self.rounds or i not in under_way:
+                    continue  # of what was stopped
+                if what == "ended":
+                    values = self._values(under_way.pop(i))
+                    if values is None:
+                        again(i)
+                    else:
+                        yield from values[yielded[i] :]
+                elif told[0] == BEGUN:
+                    begun[i] += 1
+                elif told[0] == yielded[i]:
+                    yielded[i] += 1
+                    yield pickle.loads(told[1])
+        finally:
+            self.client.cancel(list(under_way.values()))
+
+    def _values(self, future):
+        """What a task has yielded; None where its worker was lost."""
+        try:
+            return future.result()
+        except KilledWorker:
+            return None
+        except FutureCancelledError:
+            raise UserError("the scheduler of the workers was lost; the same command goes on") from None
+
+    def close(self, at_once: bool = False) -> None:
+        """Ends the workers that were started here, in the midst of what they are about if `at_once`; others are left as they
+        were, and stop after the frame in hand."""
+        if self.own is None:
+            self.client.unregister_worker_plugin(self.name)
+        elif at_once:
+            for nanny in self.own.workers.values():
+                nanny.close_gracefully()  # dask would start another
+                if nanny.pid:
+                    os.kill(nanny.pid, signal.SIGKILL)
+        self.client.close()
+        if self.own is not None:
+            self.own.close()
+
+
+def local_cluster(count: int) -> LocalCluster:
+    """Processes of one task each, which only this process can talk to."""
+    with dask.config.set(LOCAL), without_ctrl_c():
+        return LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            memory_limit=0,  # dask would end workers that others may not need to be ended
+            dashboard_address=None,
+            security=True,  # other users of this machine are none of the family
+            scheduler_kwargs={"allowed_failures": 0},
+            silence_logs=logging.CRITICAL + 1,
+        )
+
+
+def connected(to: LocalCluster | str) -> Client:
+    """A client of the cluster, or of the scheduler at an address or of a scheduler file. UserError: there is none."""
+    file = isinstance(to, str) and to.endswith(".json")
+    if file and not os.path.exists(to):  # dask would wait for it
+        raise UserError(f"scheduler {to}: there is no such file")
+    try:
+        return Client(**{"scheduler_file" if file else "address": to}, set_as_default=False, timeout=WAIT)
+    except (OSError, ValueError) as error:
+        raise UserError(f"scheduler {to}: cannot be reached: {first_line(error)}") from None
+
+
+@contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """Threads and processes that begin here do not hear Ctrl-C: it is this process's matter."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+class Job(WorkerPlugin):
+    """On every worker: what the tasks of one job need, prepared once a thread, when its first task comes. `threads`: of
+    the kernels of each task; None: what the worker offers."""
+
+    def __init__(self, name: str, recipe: bytes, threads: int | None, version: str):
+        self.name, self.recipe, self.threads, self.version = name, recipe, threads, version
+
+    def setup(self, worker: Any) -> None:
+        self.stopped, self.here = False, threading.local()
+        self.threads = self.threads or max(kernels.threads() // worker.state.nthreads, 1)
+
+    def teardown(self, worker: Any) -> None:
+        self.stopped, self.here = True, threading.local()
+
+    def prepared(self) -> Any:
+        """What `prepare(*arguments)` gives here; kernels called from this thread have their threads."""
+        if not hasattr(self.here, "prepared"):
+            if self.version != __version__:
+                raise UserError(f"a worker has toile {__version__}, expected {self.version} as here")
+            one_blas_thread()
+            prepare, arguments = pickle.loads(self.recipe)
+            kernels.set_threads(self.threads)
+            self.here.prepared = prepare(*arguments)
+        kernels.set_threads(self.threads)
+        return self.here.prepared
+
+
+def run_task(name: str, of: int, i: int, call: bytes) -> list:
+    """On a worker: what the generator yields, which is also told as it comes."""
+    worker = get_worker()
+    job: Job = worker.plugins[name]
+    worker.log_event(name, (of, i, BEGUN, b""))
+    function, item = pickle.loads(call)
+    values = []
+    for value in function(job.prepared(), item):
+        packed = pickle.dumps(value)
+        if len(packed) <= SMALL:
+            worker.log_event(name, (of, i, len(values), packed))
+        values.append(value)
+        if job.stopped:
+            break
+    return values

@@ -1,0 +1,117 @@
+"""Who makes the items of a job: this process, processes of this machine, or those of a dask scheduler that runs elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from threadpoolctl import threadpool_limits
+
+from .. import kernels
+from ..errors import UserError
+
+if TYPE_CHECKING:
+    from .cluster import Cluster
+
+SHARES = 4  # a worker, where the work is not in blocks
+LIVES = 3  # workers that an item may cost
+
+
+def one_blas_thread() -> threadpool_limits:
+    """Holds numpy's and scipy's BLAS to one thread from now on, or as a context: another number sums in another order, to
+    other bits. What is large runs in the kernels, so that this costs no time."""
+    import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
+
+    return threadpool_limits(1, "blas")
+
+
+@contextmanager
+def kernel_threads(count: int) -> Iterator[None]:
+    """Lets kernels called from this thread use `count` threads."""
+    before = kernels.threads()
+    kernels.set_threads(count)
+    try:
+        yield
+    finally:
+        kernels.set_threads(before)
+
+
+def check_workers(workers: int, scheduler: str | None) -> None:
+    """UserError: not at least one worker, or workers of this machine and a scheduler's too."""
+    if workers < 1:
+        raise UserError(f"workers {workers}: expected at least one")
+    if scheduler is not None and workers > 1:
+        raise UserError(f"workers {workers}: scheduler {scheduler} is given too, which has workers of its own")
+
+
+def everywhere(path: Path, scheduler: str | None) -> Path:
+    """The path as other machines know it, where a scheduler's workers are to find it: absolute."""
+    return path if scheduler is None else path.absolute()
+
+
+def give_up(item: Any, deaths: int) -> Any:
+    """`lost` of `Workers.each` by default: the same item again, until it has cost LIVES workers. Then UserError."""
+    if deaths < LIVES:
+        return item
+    raise UserError(f"{killed(deaths)}; go on with fewer workers")
+
+
+def killed(deaths: int) -> str:
+    """What is said where items cost their workers."""
+    return f"{deaths} worker processes were ended from outside over the same work, for want of memory perhaps"
+
+
+class Workers:
+    """This process, `count` others on this machine, or the workers of `scheduler` (tcp://HOST:PORT, or the .json file that
+    `dask scheduler --scheduler-file` writes). Each has what `prepare(*arguments)` gives there.
+
+    Processes start when first needed. They are spawned, not forked: OpenMP's threads do not survive a fork. They end when
+    their parent does. Where one is lost, another takes its place and makes what it was about again.
+    """
+
+    def __init__(self, count: int, prepare: Callable, *arguments: Any, scheduler: str | None = None):
+        self.count, self.scheduler = count, scheduler
+        self.prepare, self.arguments = prepare, arguments
+        self._prepared: list[Any] = []
+        self._opened: Cluster | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, kind: Any, *_: Any) -> None:
+        if self._opened is not None:
+            self._opened.close(at_once=kind is not None)
+
+    def prepared(self, *progress: Callable) -> Any:
+        """What this process has prepared, made once; `prepare` is given the progress as its last argument."""
+        if not self._prepared:
+            self._prepared.append(self.prepare(*self.arguments, *progress))
+        return self._prepared[0]
+
+    def shares(self, items: Sequence) -> list[tuple]:
+        """The items in shares for `each`: one for this process, several a worker, so that all end at about one time."""
+        count = self._cluster().size if self.scheduler else self.count
+        most = len(items) if self.scheduler is None and count == 1 else math.ceil(len(items) / (SHARES * count))
+        return [tuple(items[i : i + most]) for i in range(0, len(items), max(most, 1))]
+
+    def each(self, function: Callable, items: Sequence, lost: Callable[[Any, int], Any] = give_up) -> Iterator:
+        """Yields what the generator `function(prepared, item)` yields, as soon as it does, of several items at once.
+
+        What a lost worker was about is made again, and of what it had yielded nothing is yielded twice: the generator yields
+        as often as before. `lost(item, deaths)` gives the item that is tried then, or raises; it is called with the number
+        of workers that the item has cost so far, counted anew after LIVES."""
+        if self.scheduler is None and (self.count == 1 or len(items) < 2):
+            for item in items:
+                yield from function(self.prepared(), item)
+        else:
+            yield from self._cluster().each(function, items, lost)
+
+    def _cluster(self):
+        if self._opened is None:
+            from .cluster import Cluster  # half a second
+
+            self._opened = Cluster(self.count, self.scheduler, self.prepare, self.arguments)
+        return self._opened
