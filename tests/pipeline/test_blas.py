@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from tests.support.blas import most_blas_threads
 from toile.align.settings import AlignSettings
 from toile.pipeline.run import register
-from toile.pipeline.workers import one_blas_thread
+from toile.pipeline.threads import one_blas_thread
 from toile.prints.smoothing import over_time
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"

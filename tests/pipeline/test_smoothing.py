@@ -13,7 +13,8 @@ from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
 from toile.pipeline.outcome import reopen
 from toile.pipeline.smoothing import load_layers, smooth
-from toile.pipeline.workers import Workers, one_blas_thread
+from toile.pipeline.threads import one_blas_thread
+from toile.pipeline.workers import Workers
 from toile.scene import HIDDEN, OBSERVED
 from toile.stages.motion import Smoother, strength_of
 

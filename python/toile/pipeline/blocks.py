@@ -25,7 +25,8 @@ from ..io.files import write_text
 from ..io.status import Status
 from ..kernels import InputError, SolveError
 from .overlap import overlapped
-from .workers import LIVES, Workers, check_workers, kernel_threads, killed, one_blas_thread
+from .threads import kernel_threads, one_blas_thread
+from .workers import LIVES, Workers, check_workers, killed
 
 Progress = Callable[[str, int, int], None]  # (stage, done, total)
 BLOCK = 50

@@ -26,7 +26,7 @@ from distributed.scheduler import KilledWorker
 
 from .. import __version__, kernels
 from ..errors import UserError, first_line
-from .workers import LIVES, one_blas_thread
+from .threads import one_blas_thread
 
 BEGUN = -1
 SMALL = 1024  # bytes of a value that is sent while its task goes on
@@ -57,8 +57,8 @@ class Cluster:
         """Tasks that run at once."""
         return max(sum(self.client.nthreads().values()), 1)
 
-    def each(self, function: Callable, items: Sequence, lost: Callable[[Any, int], Any]) -> Iterator:
-        """See `Workers.each`."""
+    def each(self, function: Callable, items: Sequence, lost: Callable[[Any, int], Any], lives: int) -> Iterator:
+        """See `Workers.each`; deaths are counted anew after `lives`."""
         self.rounds += 1
         under_way, current = {}, list(items)
         yielded, begun, unseen = Counter(), Counter(), Counter()
@@ -71,9 +71,9 @@ class Cluster:
 
         def again(i):
             unseen[i] += 1
-            deaths = LIVES if unseen[i] >= UNSEEN else begun[i]
+            deaths = lives if unseen[i] >= UNSEEN else begun[i]
             current[i] = lost(current[i], deaths)
-            if deaths >= LIVES:
+            if deaths >= lives:
                 begun[i] = unseen[i] = 0
             submit(i)
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from threadpoolctl import threadpool_limits
-
-from .. import kernels
 from ..errors import UserError
 
 if TYPE_CHECKING:
@@ -18,25 +14,6 @@ if TYPE_CHECKING:
 
 SHARES = 4  # a worker, where the work is not in blocks
 LIVES = 3  # workers that an item may cost
-
-
-def one_blas_thread() -> threadpool_limits:
-    """Holds numpy's and scipy's BLAS to one thread from now on, or as a context: another number sums in another order, to
-    other bits. What is large runs in the kernels, so that this costs no time."""
-    import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
-
-    return threadpool_limits(1, "blas")
-
-
-@contextmanager
-def kernel_threads(count: int) -> Iterator[None]:
-    """Lets kernels called from this thread use `count` threads."""
-    before = kernels.threads()
-    kernels.set_threads(count)
-    try:
-        yield
-    finally:
-        kernels.set_threads(before)
 
 
 def check_workers(workers: int, scheduler: str | None) -> None:
@@ -107,7 +84,7 @@ class Workers:
             for item in items:
                 yield from function(self.prepared(), item)
         else:
-            yield from self._cluster().each(function, items, lost)
+            yield from self._cluster().each(function, items, lost, LIVES)
 
     def _cluster(self):
         if self._opened is None:
