@@ -193,6 +193,8 @@ def register(
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
     typer.echo(f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}")
+    for note in outcome.notes:
+        typer.echo(f"  {note}", err=True)
     for warning in outcome.warnings:
         typer.echo(f"  warning: {warning}", err=True)
     if outcome.unsupported_contact:

@@ -20,7 +20,7 @@ from ..scene import BodyModel
 from .bounded import check_file
 from .camera import first_error
 from .capture import Capture, open_capture
-from .layout import DIAGNOSTICS, OK, STORE, VERDICT, VERSION, Attributes, StoredGarment, layout_of
+from .layout import DIAGNOSTICS, OK, STORE, VERDICT, VERSION, Attributes, Stored, StoredGarment, layout_of
 from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics, scans_folder
 from .status import Status
 
@@ -187,6 +187,31 @@ class Run:
         except Exception as error:  # codecs raise as they like
             where = key if row is None else f"{key}: frame {self.frames[row]}"
             raise UserError(f"{self.path / STORE}: {where}: cannot be read: {first_line(error)}") from None
+
+    def damaged(self, frames: Iterable[int]) -> dict[int, str]:
+        """{frame: what is wrong} of those of the registered frames of which an array is missing or is not what was written."""
+        found = {}
+        keys = [key for key, stored in self._arrays() if stored.per_frame and key in self.group]
+        for row in self.rows(frames).tolist():
+            try:
+                for key in keys:
+                    self._check_chunk(key, row)
+            except UserError as error:
+                found[int(self.frames[row])] = str(error)
+        return found
+
+    def _arrays(self) -> Iterable[tuple[str, Stored]]:
+        layout = layout_of([garment.name for garment in self.scene.garments], "face" in self.group)
+        return ((key, stored) for key, (stored, _) in layout.items())
+
+    def _check_chunk(self, key: str, row: int) -> None:
+        """UserError: a row cannot be read, or it was never written: of integers a missing chunk reads as zeros."""
+        self.checked(key, self.read(key, row)[None], [row])
+        array = self.array(key)
+        if key != VERDICT and array.dtype.kind != "f" and array.shards is None:  # older stores left good verdicts out
+            chunk = array.metadata.encode_chunk_key((row, *(0,) * (array.ndim - 1)))
+            if not (self.path / STORE / key / chunk).exists():
+                raise UserError(f"{self.path / STORE}: {key}: frame {self.frames[row]}: its chunk is missing")
 
     def checked(self, key: str, values: np.ndarray, rows: Sequence[int] | slice = slice(None)) -> np.ndarray:
         """The values (r, ...) of rows, unless one of a registered frame is NaN throughout: its chunk was lost."""

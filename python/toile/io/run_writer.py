@@ -56,6 +56,7 @@ class RunWriter:
     ) -> RunWriter:
         """Makes RUN/registered.zarr over `frames`, all pending; `templates` inner to outer."""
         import zarr
+        from zarr.codecs import ZstdCodec
 
         names = [t.name for t in templates]
         values = _fixed_values(frames, model, person, templates)
@@ -80,7 +81,7 @@ class RunWriter:
                 chunks=(1, *(max(size, 1) for size in shape[1:])),
                 dtype=stored.dtype,
                 fill_value=np.nan if np.dtype(stored.dtype).kind == "f" else 0,
-                config={"write_empty_chunks": True},
+                compressors=[ZstdCodec(checksum=True)],  # a chunk that is cut or changed cannot be read
             )
         os.replace(part, run / STORE)
         return RunWriter.of(run)
@@ -116,23 +117,27 @@ class RunWriter:
             for name, vertices in layer.garments.items():
                 values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
         for key, value in values.items():
-            self.group[key][self._row[frame]] = value
+            self._put(key, frame, value)
         self._judge(frame, verdict)
-        self.group["done"][self._row[frame]] = OK
+        self._put("done", frame, OK)
 
     def fail(self, frame: int) -> None:
         """Records a frame as failed."""
         self._judge(frame, WRONG)
-        self.group["done"][self._row[frame]] = FAILED
+        self._put("done", frame, FAILED)
 
     def _judge(self, frame: int, verdict: int) -> None:
         if VERDICT in self.group:  # not in a store of an older version that is gone on with
-            self.group[VERDICT][self._row[frame]] = verdict
+            self._put(VERDICT, frame, verdict)
+
+    def _put(self, key: str, frame: int, value: Any) -> None:
+        """A frame's chunk, also where all of it is the fill value: one that is not there is damage."""
+        self.group[key].with_config({"write_empty_chunks": True})[self._row[frame]] = value
 
     def write_garment(self, frame: int, name: str, vertices: np.ndarray, confidence: np.ndarray) -> None:
         """Another surface (g,3) [m] and confidence (g,) uint8 of a garment in a frame that is ok."""
-        self.group[f"garment/{name}/vertices"][self._row[frame]] = vertices
-        self.group[f"confidence/{name}"][self._row[frame]] = confidence
+        self._put(f"garment/{name}/vertices", frame, vertices)
+        self._put(f"confidence/{name}", frame, confidence)
 
     def write_diagnostics(self, table: dict[int, dict[str, dict[str, float]]]) -> None:
         """`diagnostics/STAGE/NAME (T,)` from {frame: {stage: {name: number}}}, NaN where a frame has none; once all frames
@@ -148,11 +153,11 @@ class RunWriter:
 
     def reopen(self, frames: Iterable[int]) -> None:
         """These frames become pending, and the store is no longer whole."""
-        rows = [self._row[frame] for frame in frames]
-        if rows and DIAGNOSTICS in self.group:
+        frames = list(frames)
+        if frames and DIAGNOSTICS in self.group:
             self.group[DIAGNOSTICS].attrs["whole"] = False
-        for row in rows:
-            self.group["done"][row] = PENDING
+        for frame in frames:
+            self._put("done", frame, PENDING)
 
     @property
     def whole(self) -> bool:

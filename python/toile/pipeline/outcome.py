@@ -19,7 +19,7 @@ from .blocks import FrameFolders, locked
 class Outcome:
     """How a run ended: frames registered; frames failed with their reasons; registered frames in which hands touch cloth
     in a way that the layers cannot represent; what the garments' preparation warned of; frames that wait for other shards;
-    those of the registered frames that are judged doubtful and wrong, with their reasons.
+    those of the registered frames that are judged doubtful and wrong, with their reasons; what was made again and why.
     """
 
     ok: tuple[int, ...]
@@ -29,6 +29,7 @@ class Outcome:
     pending: tuple[int, ...] = ()
     doubtful: dict[int, str] = field(default_factory=dict)
     wrong: dict[int, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def is_whole(run: Path) -> bool:

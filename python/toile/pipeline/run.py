@@ -17,6 +17,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from ..config import Config, changed, configured
 from ..errors import UserError
 from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import load_record, save_record
-from ..io.run import is_run
+from ..io.run import is_run, open_run
 from ..io.run_folder import write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
@@ -105,10 +106,14 @@ def register(
         if retry:
             reopen(run, again, results)
             scanning.forget(capture, again)
+        damaged = open_run(run).damaged(frames) if is_run(run) else {}
+        if damaged:
+            reopen(run, tuple(damaged), results)
         last = partial(last_stages, run, frames, results, progress)
         left = partial(frames_left, run, frames)
         run_job(job, frames, partial(is_whole, run), last, workers, shard, left, progress, scheduler)
-        return outcome_of(run, frames, results)
+        notes = tuple(f"frame {number}: made again: {reason}" for number, reason in damaged.items())
+        return replace(outcome_of(run, frames, results), notes=notes)
     except Exception:
         if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
