@@ -75,6 +75,12 @@ def scene(capture, old, new):
 # Cameras and pictures -------------------------------------------------------------------------------------------------
 
 
+def alone(capture):
+    """Its first frame alone."""
+    for folder in frames(capture)[1:]:
+        shutil.rmtree(folder)
+
+
 def only(count):
     return lambda capture: cameras(capture, lambda all_: all_[:: max(len(all_) // count, 1)][:count])
 
@@ -113,6 +119,13 @@ def pictures_of(size):
         keypoints(capture, lambda points, _: {n: p * [scale, scale, 1] for n, p in points.items()})
 
     return change
+
+
+def four_of_4096(capture):
+    """Four pictures of 4096 x 4096 pixels of the first frame."""
+    alone(capture)
+    only(4)(capture)
+    pictures_of(4096)(capture)
 
 
 def cropped(capture):

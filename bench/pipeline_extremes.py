@@ -71,7 +71,7 @@ ROWS = {
     "3 cameras": solved(make.only(3)),
     "60 cameras": solved(make.sixty),
     "pictures of 64 px": said("a pixel is .* wide", make.pictures_of(64)),
-    "pictures of 4096 px, 4 cameras": solved(lambda c: (make.only(4)(c), make.pictures_of(4096)(c)), (0,)),
+    "pictures of 4096 px, 4 cameras": solved(make.four_of_4096, (0,)),
     "scans of 500 faces": said(f"{POSE}.*scan|scan.*triangles", make.decimated(500)),
     "scans of 2,000,000 faces and more": solved(make.two_million, (0,)),
     "50 % holes": solved(make.holes),

@@ -380,6 +380,9 @@ class GarmentTemplate:
     skin: Anything  # (g,K) rows sum to 1
     loops: tuple[Anything, ...]  # open loops as vertex cycles
     loop_names: tuple[str, ...]  # see surface.loop_names
+    opening_lengths: Anything | None = (
+        None  # (l,) [m] as the sampled frames show the loops' openings, NaN where none does
+    )
 
 
 @dataclass(frozen=True)

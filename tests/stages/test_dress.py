@@ -9,14 +9,16 @@ import pytest
 from tests.support.rig import ring_of_cameras
 from tests.support.shapes import box, tube
 from toile import kernels
-from toile.config import DressSettings, SegmentSettings
+from toile.config import DressSettings, SegmentSettings, VerdictSettings
 from toile.errors import UserError
 from toile.io.body import load_body_model
+from toile.io.layout import DOUBTFUL, GOOD
+from toile.measure.verdicts import _openings, verdict
 from toile.scene import BodyModel, Dressed, Frame, Garment, Mesh, Person, Segmented, Tracked
 from toile.stages.dress import Dresser, crumpling, prepare
 from toile.stages.template import cut, make_template
 from toile.surface.curves import Curve
-from toile.surface.loops import LoopMatch
+from toile.surface.loops import LoopMatch, loop_length
 from toile.vision.evidence import Evidence, depth_views
 from toile.vision.visibility import DepthView
 
@@ -119,6 +121,33 @@ def test_frames_that_show_an_opening_cut_off_say_nothing_of_the_cloth_about_it(s
         warnings.simplefilter("ignore")  # of its size
         rest = prepare(model, person, SLEEVE, 2, Mesh(V, T), samples, DressSettings()).rest
     assert np.linalg.norm((rest - whole)[:, :2], axis=1).max() < most
+
+
+def test_a_loop_that_departs_from_its_opening_s_length_in_the_sampled_frames_is_no_good(scene):
+    """The far end of the sleeve is 1.8 times as wide as the frame showed it that made the template, as where a web joins it to
+    what lies beside it; scan and openings agree with it all the same."""
+    model, person, frame, tracked, segmented, target, F = scene
+    sample = (frame, tracked, segmented, dark(frame))
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.110, 0.215, 0.79)), [sample], DressSettings())
+    lengths = [loop_length(curve.points) for curve in segmented.openings[2]]
+    assert np.sort(template.opening_lengths) == pytest.approx(np.sort(lengths), rel=0.02)
+
+    def judged(widened):
+        loops = kernels.boundary_loops(F)
+        far = max(loops, key=lambda loop: target[loop, 2].mean())
+        middle = target[far].mean(0)
+        near = np.clip(1 - np.linalg.norm(target[:, None] - target[far], axis=2).min(1) / 0.15, 0, 1)[:, None]
+        wide = target + (widened - 1) * near * (target - middle)
+        shown = replace(segmented, openings={2: tuple(Curve(wide[loop], True) for loop in loops)})
+        spoilt = replace(frame, scan=Mesh(wide, F))
+        made = Dresser(model, person, template, DressSettings()).dress(spoilt, tracked, shown, dark(spoilt))
+        measures = _openings(template, made.diagnostics)
+        assert measures["sleeve.loop_mm"] < VerdictSettings().loop_mm[0]
+        return verdict({"scan_to_surface_mm": 1.0} | measures, VerdictSettings())
+
+    assert judged(1.0)[0] == judged(1.2)[0] == GOOD
+    level, reasons = judged(1.8)
+    assert level == DOUBTFUL and "as long as the sampled frames show" in reasons[0]
 
 
 def test_a_button_stays_rigid_at_the_cloth_at_rest_and_in_frames(scene):

@@ -82,6 +82,8 @@ def test_a_hem_about_two_legs_is_left_and_one_far_above_their_rims_refused(model
     legs = worn(model, low=dress.vertices[:, 2].min() + 0.02)
     assert len(kernels.boundary_loops(legs.faces)) == 5  # neck, arms, two legs
     assert np.array_equal(placed(model, dress, legs)[0].vertices, dress.vertices)
+    higher = Mesh(V - np.outer(0.11 * down, [0, 0, 1]), shirt.faces)
+    assert np.array_equal(placed(model, higher, legs)[0].vertices, higher.vertices)
     with pytest.raises(UserError, match="another kind of garment"):
         placed(model, shirt, legs)
 

@@ -242,6 +242,12 @@ class PlacementSettings(Settings):
     same_size: float = setting(1.2, "1", "factor within which a template is of the person's size", gt=1)
     rim_near: float = setting(0.09, "m", "a rim nearer than this to the capture's is left to the frames", gt=0)
     rim_reach: float = setting(0.25, "m", "a rim farther than this from the capture's is of another cut", gt=0)
+    limbs_reach: float = setting(
+        0.18,
+        "m",
+        "a hem about two limbs, nearer than this to the rims that the capture shows about each, is theirs",
+        gt=0,
+    )
     loop: LoopSettings = LoopSettings(reach=0.3)
 
 
@@ -415,6 +421,11 @@ class VerdictSettings(Settings):
         (10.0, 30.0), "mm", "a garment and the labelled scan, mean distance from the side that is nearer"
     )
     loop_mm: tuple[float, float] = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
+    loop_length: tuple[float, float] = setting(
+        (1.5, 2.0),
+        "1",
+        "length of a loop against its opening's in the frames of the preparation, or the other way round",
+    )
     unclaimed_opening_mm: tuple[float, float] = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
     edge_stretch: tuple[float, float] = setting(
         (0.35, 0.6), "1", "|log of the stretch| of a garment's edges, what 95 % stay below"

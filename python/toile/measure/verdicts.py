@@ -128,6 +128,7 @@ def _limits(s):
         "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
         "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
+        "loop_length": (*s.loop_length, "{} times as long as the sampled frames show the opening, or as short"),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
         "edge_stretch": (
             *s.edge_stretch,
@@ -143,13 +144,19 @@ CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 
 def _openings(template, diagnostics):
-    """What dressing said of a garment's loops: the share seen, the largest distance, openings that belong to none."""
+    """What dressing said of a garment's loops: the share seen, the largest distance, openings that belong to none, and of
+    each how its length departs from its opening's."""
     seen = [diagnostics[f"loop_observed.{name}"] for name in template.loop_names]
     off = [diagnostics[f"loop_mm.{name}"] for name in template.loop_names]  # -1 where none was seen
     return {
         f"{template.name}.loop_observed": float(np.mean(seen)),
         f"{template.name}.loop_mm": max([0.0, *off]),
         **{f"{template.name}.{name}": diagnostics[name] for name in CRUMPLED if name in diagnostics},
+        **{
+            f"{template.name}.{name}.loop_length": max(diagnostics[key], 1 / diagnostics[key])
+            for name in template.loop_names
+            if (key := f"loop_length.{name}") in diagnostics
+        },
     }
 
 

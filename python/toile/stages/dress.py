@@ -47,7 +47,7 @@ def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     cloth = replace(cloth, rest=move_with_body(cloth.rest, model.v_template, under, settings.fit_reach))
     if samples:
         cloth = _personalise(model, person, cloth, samples, settings, over)
-    return replace(whole, rest=attachments.follow(V, cloth.rest))
+    return replace(whole, rest=attachments.follow(V, cloth.rest), opening_lengths=cloth.opening_lengths)
 
 
 def _surface_under(model, person, samples, over):
@@ -92,6 +92,7 @@ def _personalise(model, person, template, samples, settings, over):
     lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
     whole = np.sort(np.nan_to_num(lengths), axis=0)[-2:].min(0)  # the second longest: one wrong label must not decide
     cut_off = lengths < settings.whole_opening * whole
+    shown = _medians(lengths)
     total, weight = 0, 0
     for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, cut_off):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
@@ -100,8 +101,8 @@ def _personalise(model, person, template, samples, settings, over):
         total, weight = total + w * (rest - template.rest), weight + w
     stay = settings.covered_weight if over else settings.unseen_weight
     shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
-    _report_fit(template, lengths, settings)
-    return replace(template, rest=template.rest + shift)
+    _report_fit(template, shown, settings)
+    return replace(template, rest=template.rest + shift, opening_lengths=shown)
 
 
 def _about(template, loops, reach):
@@ -126,19 +127,24 @@ def _observed_length(match: LoopMatch, least):
     return loop_length(match.target) if match.observed.mean() > least else np.nan
 
 
-def _report_fit(template, lengths, settings):
+def _medians(lengths):
+    """Of each column of lengths (s,l); NaN where it has none."""
+    seen = [column[np.isfinite(column)] for column in lengths.T]
+    return np.array([np.median(column) if len(column) else np.nan for column in seen])
+
+
+def _report_fit(template, shown, settings):
     for i, name in enumerate(template.loop_names):
         own = loop_length(template.rest[template.loops[i]])
-        seen = lengths[np.isfinite(lengths[:, i]), i]
-        if len(seen) == 0:
+        if np.isnan(shown[i]):
             warnings.warn(
                 f"garment {template.name}: no sampled frame shows loop {name}: it is missing, tucked in or covered; "
                 "its border is extrapolated",
                 stacklevel=4,
             )
-        elif abs(np.median(seen) / own - 1) > settings.size_tolerance:
+        elif abs(shown[i] / own - 1) > settings.size_tolerance:
             warnings.warn(
-                f"garment {template.name}: loop {name} is {np.median(seen) / own:.2f} times as long in the capture as "
+                f"garment {template.name}: loop {name} is {shown[i] / own:.2f} times as long in the capture as "
                 "in the template: is it of another size?",
                 stacklevel=4,
             )
@@ -269,6 +275,10 @@ class Dresser:
             out[f"loop_observed.{name}"] = float(match.observed.mean())
             gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
             out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
+        if t.opening_lengths is not None:
+            for name, loop, shown in zip(t.loop_names, t.loops, t.opening_lengths):
+                if shown > 0:
+                    out[f"loop_length.{name}"] = float(loop_length(vertices[loop]) / shown)
         out["hand_contact"] = float(max(self._touching(vertices, tracked), default=0.0))
         out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out

@@ -175,7 +175,7 @@ def _rims_drawn(model, garment, V, F, region, s):
     seen = name_loops(model, region.vertices, kernels.boundary_loops(region.faces))
     pairs = _paired(V[cloth], names, loops, seen, rims, s)
     at_rest = {name: V[cloth][loop] for name, loop in zip(names, loops)}
-    _check_openings(garment, at_rest, seen, rims, pairs, s.rim_reach / 2)
+    _check_openings(garment, at_rest, seen, rims, pairs, s.limbs_reach)
     _check_apart(garment, at_rest, rims, pairs, s.rim_near)
     targets, gaps = [], {}  # [m]
     for name, loop in zip(names, loops):
