@@ -453,6 +453,9 @@ class Config(Settings):
         ge=0,
         le=0.1,
     )
+    picture_side: int = setting(
+        2048, "px", "labels and garments see pictures thinned until no side is longer", ge=64, le=65536
+    )
     template_from_scan: tuple[str, ...] = setting(
         (), "name", "garments whose template is cut from the tracked surface of those frames, by their labels"
     )

@@ -23,6 +23,7 @@ from ..stages import dress, inner, motion, prints, reconstruct, segment, track
 from ..surface.sampling import evenly
 from ..surface.thinning import thinned
 from ..vision.colours import ColourModel
+from ..vision.thin_pictures import thin_cameras, thin_pictures
 from ..vision.threads import parallel_map
 from .labelling import labelled
 from .manifest import note_frame
@@ -87,9 +88,7 @@ def prepare(capture, run, config, frames, progress=lambda *_: None) -> PreparedR
     person = kept(folder / "person.npz", Person, lambda: fitted()[0])
     prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
     if capture.scene.garments:
-        tracked = lambda: [
-            (with_scan_of(frame, config.scan_spacing), t) for (frame, _), t in zip(sampled(), fitted()[1])
-        ]
+        tracked = lambda: [(as_labels_see(frame, config), t) for (frame, _), t in zip(sampled(), fitted()[1])]
         _prepare_garments(prepared, tracked, Status.of(run))
     progress("prepare", 1, 1)
     return prepared
@@ -144,6 +143,11 @@ def with_scan_of(frame, spacing):
     return frame if frame.scan is None else replace(frame, scan=thinned(frame.scan, spacing))
 
 
+def as_labels_see(frame, config):
+    """The frame as labels and garments see it: its scan and its pictures thinned."""
+    return thin_pictures(with_scan_of(frame, config.scan_spacing), config.picture_side)
+
+
 def points_of(capture, config, frame):
     """Keypoints of a frame in space, those that it brings or else triangulated; None where it has none, or none that two
     cameras agree on."""
@@ -161,10 +165,11 @@ def _prepare_garments(prepared, tracked, status):
     colours = prepared.folder / "colours.npz"
     if not all(path.exists() for path in (colours, *paths)):
         samples = tracked()
-        coarse = segment.coarse_pictures(prepared.capture.cameras, samples, config.segment)
+        cameras = thin_cameras(prepared.capture.cameras, config.picture_side)
+        coarse = segment.coarse_pictures(cameras, samples, config.segment)
         for warning in (*prepared.capture.warnings, *coarse, *segment.unlabelled_pictures(samples)):
             status.add(stage="dress", ok=False, warning=warning)
-        made = segment.prepare(scene, prepared.capture.cameras, samples, model.f, config.segment)
+        made = segment.prepare(scene, cameras, samples, model.f, config.segment)
         save_record(colours, made)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
         evidenced = parallel_map(
@@ -209,9 +214,10 @@ def _over(scene, name):
 
 
 def segmented(prepared, colours, frame, tracked, previous, **changes):
-    """(Segmented, Evidence) of a frame, by the settings of the stage with these changes."""
+    """(Segmented, Evidence) of a frame `as_labels_see` it, by the settings of the stage with these changes."""
     capture, faces = prepared.capture, prepared.model.f
     settings = prepared.config.segment.model_copy(update=changes)
-    evidence = segment.evidence(frame, capture.cameras, colours, tracked, faces, settings)
+    cameras = thin_cameras(capture.cameras, prepared.config.picture_side)
+    evidence = segment.evidence(frame, cameras, colours, tracked, faces, settings)
     votes = [vote for vote in capture.votes if vote.frames is None or frame.number in vote.frames]
     return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous, votes), evidence

@@ -40,7 +40,7 @@ from .labelling import scene_segmenter
 from .manifest import begin_run, note_frame
 from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
 from .overlap import overlapped
-from .preparation import frame_of, kept, points_of, prepare, segmented, with_scan_of
+from .preparation import as_labels_see, frame_of, kept, points_of, prepare, segmented
 from .printing import slide
 from .smoothing import load_layers, smooth
 from .template import check_templates
@@ -152,16 +152,18 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
     tracked = timed("track", lambda: prepared.tracker.track(frame, points, last))
     save_record(folder / "track.npz", tracked)
     yield
+    shown, labels = frame, None
     if prepared.templates:
-        frame = with_scan_of(frame, prepared.config.scan_spacing)
+        shown = as_labels_see(frame, prepared.config)
         last = None if before is None else _load_segmented(before / "segment.npz")
-        found = timed("segment", lambda: segmented(prepared, prepared.colours, frame, tracked, last))
+        found = timed("segment", lambda: segmented(prepared, prepared.colours, shown, tracked, last))
         save_record(folder / "segment.npz", found[0])
         yield
         for template, dresser in zip(prepared.templates, prepared.dressers):
-            dressed = timed("dress", lambda: dresser.dress(frame, tracked, *found))
+            dressed = timed("dress", lambda: dresser.dress(shown, tracked, *found))
             save_record(folder / f"dress.{template.name}.npz", dressed)
-    save_record(folder / "seen.npz", glimpse(frame, found[0].scan_faces if prepared.templates else None))
+        labels = found[0].scan_faces
+    save_record(folder / "seen.npz", glimpse(replace(shown, masks=frame.masks), labels))
     for stage, value in seconds.items():
         results.status.add(frame=number, stage=stage, seconds=value, ok=True)
 
