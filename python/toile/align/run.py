@@ -13,6 +13,7 @@ import shutil
 import time
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -199,14 +200,14 @@ def _matched(results, number, name):
 
 def write(run, out, results, progress, prepared, pool) -> None:
     """A copy of the run's store in which the garments have slid, with its diagnostics; written whole."""
-    frames = run.ok
+    frames, written = run.ok, count(1)
 
     def slide(writer: RunWriter):
         for wanted in blocks(frames):
             slides = {name: _slides(prepared, results, name, wanted) for name in run.garments}
             for k, number in enumerate(wanted):
                 _write_frame(prepared, writer, number, {n: d[k] for n, d in slides.items() if d is not None})
-                progress("write", frames.index(number) + 1, len(frames))
+                progress("write", next(written), len(frames))
 
     for number in run.frames.tolist():
         stages = read_diagnostics(run.path, number)

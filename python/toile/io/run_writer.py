@@ -88,7 +88,8 @@ class RunWriter:
 
     def pending(self, frames: Iterable[int]) -> tuple[int, ...]:
         """Those of the frames that are neither ok nor failed."""
-        return tuple(number for number in frames if int(self.group["done"][self._row[number]]) == PENDING)
+        done = self.group["done"][:]  # at once: a row costs a millisecond
+        return tuple(number for number in frames if done[self._row[number]] == PENDING)
 
     def write(
         self,

@@ -67,7 +67,7 @@ def reopen(run: Path, frames: Sequence[int], results: FrameFolders) -> None:
 def outcome_of(run: Path, frames: Sequence[int], results: FrameFolders) -> Outcome:
     """What became of each frame so far."""
     with locked(run):
-        failed, contact, pending = {}, [], frames_left(run, frames)
+        failed, contact, pending = {}, [], set(frames_left(run, frames))
         judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
         for number in frames:
             diagnostics = {} if number in pending else read_diagnostics(run, number)
@@ -79,10 +79,10 @@ def outcome_of(run: Path, frames: Sequence[int], results: FrameFolders) -> Outco
                 contact.append(number)
             if diagnostics.get("verdict") in judged:
                 judged[diagnostics["verdict"]][number] = "; ".join(diagnostics.get("reasons", ()))
-        pending = tuple(number for number in pending if number not in failed)
         ok = tuple(number for number in frames if number not in failed and number not in pending)
+        waiting = tuple(number for number in frames if number in pending and number not in failed)
         told = tuple(contact), tuple(results.status.warnings())
-        return Outcome(ok, failed, *told, pending, judged[DOUBTFUL], judged[WRONG])
+        return Outcome(ok, failed, *told, waiting, judged[DOUBTFUL], judged[WRONG])
 
 
 def numbers_of(diagnostics: dict) -> dict[str, dict]:

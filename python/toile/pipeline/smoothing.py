@@ -5,6 +5,7 @@ seam, and who smooths which block, or again, changes no bit."""
 from __future__ import annotations
 
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
@@ -28,7 +29,7 @@ def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepa
         total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
         save_record(kept, strength_of(total, settings.max_strength))
     left = [own for own in blocks(numbers) if not all(map(smoothed.whole, own))]
-    around = [(own, [n for n in numbers if _beside(n, own[0] // BLOCK, settings.margin)]) for own in left]
+    around = [(own, _around(numbers, own[0] // BLOCK, settings.margin)) for own in left]
     for _ in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
         pass
 
@@ -43,9 +44,11 @@ def load_layers(folder: Path, templates, slid: Path | None = None) -> tuple[Trac
     return load_record(folder / "track.npz", Tracked), dict(zip((t.name for t in templates), dressed.values()))
 
 
-def _beside(number, block, margin):
-    """Is it a frame of the block, or of its margins?"""
-    return block * BLOCK - margin <= number < (block + 1) * BLOCK + margin
+def _around(numbers, block, margin):
+    """Those of the numbers, in order, that lie in the block or in its margins."""
+    ends = block * BLOCK - margin, (block + 1) * BLOCK + margin
+    first, last = (bisect_left(numbers, end) for end in ends)
+    return numbers[first:last]
 
 
 def _consecutive(numbers):
