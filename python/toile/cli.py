@@ -115,6 +115,10 @@ def reconstruct(
     quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    workers: Annotated[
+        int, typer.Option(help="processes that share the frames; 1: all threads for one frame", min=1, max=WORKERS)
+    ] = 1,
+    scheduler: Scheduler = None,
     config: ConfigFile = None,
     changes: Changes = None,
 ):
@@ -128,7 +132,7 @@ def reconstruct(
     numbers = frame_numbers(frames, opened.frames, step)
     settings = from_options(scan_preset, quality, config, changes)
     with progress_bars() as progress:
-        done = run_stereo(opened, out, settings, numbers, progress)
+        done = run_stereo(opened, out, settings, numbers, progress, workers, scheduler)
     kept = f", {len(done.kept)} were there" if done.kept else ""
     typer.echo(f"{out}: scans of {len(done.made)} frames{kept}, {len(done.failed)} failed")
     for line in done.said:

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import zarr
 
@@ -94,6 +95,22 @@ def test_killed_workers_leave_a_run_that_goes_on_with_the_same_bits(capture, und
     assert not (tmp_path / "run" / "registered.zarr").exists()
     assert pipeline.register(capture, tmp_path / "run", CONFIG, FRAMES).ok == FRAMES
     assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
+
+
+@pytest.mark.slow(seconds=60)
+def test_a_worker_killed_on_the_way_changes_no_bit_and_ends_no_run(capture, undisturbed, tmp_path):
+    """Kill -9 of a worker as soon as it has made a frame, of another in the last pass."""
+    run, killed = tmp_path / "run", []
+
+    def kill_one(stage, done, total):
+        if (stage, done) in (("track", 1), ("store", 1)):
+            workers = [p for p in psutil.Process().children(recursive=True) if "spawn_main" in " ".join(p.cmdline())]
+            workers[done - 1].kill()
+            killed.append(stage)
+
+    assert pipeline.register(capture, run, CONFIG, FRAMES, kill_one, workers=2).ok == FRAMES
+    assert killed == ["track", "store"]
+    assert_same_bits(arrays(undisturbed), arrays(run))
 
 
 def test_ctrl_c_ends_the_workers_too_and_says_how_to_go_on(capture, tmp_path):

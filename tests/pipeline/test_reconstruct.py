@@ -121,3 +121,11 @@ def test_the_command_says_what_it_made_and_ends_with_two_where_a_frame_failed(ca
     )
     assert done.returncode == 2, done.stderr
     assert "scans of 1 frames, 1 failed" in done.stdout and "frame 1:" in done.stderr
+
+
+def test_two_workers_make_the_same_files(capture, made, tmp_path):
+    out, result = made
+    assert reconstruct(open_capture(capture), tmp_path / "o", scan_preset("standard"), [0, 1], workers=2) == result
+    for name in ("scan.ply", "keypoints3d.json"):
+        once, twice = (folder / "frames" / "000000" / name for folder in (out, tmp_path / "o"))
+        assert once.read_bytes() == twice.read_bytes()

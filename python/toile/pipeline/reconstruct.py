@@ -15,6 +15,7 @@ from ..io.mesh import write_mesh
 from ..scene import Mesh, Points3D
 from ..stages.reconstruct import triangulate
 from ..stages.stereo import scan
+from .workers import Workers, check_workers, everywhere
 
 MADE = "scan.ply", "keypoints3d.json"
 
@@ -47,29 +48,36 @@ class Reconstructed:
     said: tuple[str, ...]
 
 
-def reconstruct(capture, out, settings, frames, progress=None):
+def reconstruct(capture, out, settings, frames, progress=None, workers=1, scheduler=None):
     """Writes a capture `out` that has all of `capture` and, in these frames, scan.ply (a confidence a vertex) and
     keypoints3d.json. `settings` ScanConfig. Pictures are linked, or copied where links do not do. A frame is written whole or
-    not at all; frames that are there are left alone, so a stopped call goes on. A frame that fails stops no other.
+    not at all; frames that are there are left alone, so a stopped call goes on. A frame that fails stops no other. `workers`
+    processes share the frames, or those of a running dask `scheduler`; without either one frame has all threads.
     UserError: `out` is the capture, or holds something else."""
-    out = Path(out)
+    check_workers(workers, scheduler)
+    out = everywhere(Path(out), scheduler)
+    capture = replace(capture, root=everywhere(capture.root, scheduler))
     if out.resolve() == capture.root.resolve():
         raise UserError(f"{out}: is the capture itself; scans are written into another folder")
     _begin(capture.root, out)
-    kept, failed, said = [], {}, []
-    for done, number in enumerate(frames, 1):
-        folder = out / "frames" / f"{number:06d}"
-        if folder.exists():
-            kept.append(number)
-            continue
-        try:
-            said.append(f"frame {number}: {_frame(capture, number, folder, settings)}")
-        except UserError as error:
-            failed[number] = first_line(error)
-        if progress is not None:
-            progress("reconstruct", done, len(frames))
-    made = [number for number in frames if number not in failed and number not in kept]
-    return Reconstructed(tuple(made), tuple(kept), failed, tuple(said))
+    there = {number for number in frames if _folder(out, number).exists()}
+    left, made, failed = [number for number in frames if number not in there], {}, {}
+    with Workers(min(workers, max(len(left), 1)), _prepared, capture, out, settings, scheduler=scheduler) as pool:
+        for done, (number, said, why) in enumerate(pool.each(_frame, left), len(there) + 1):
+            (made if why is None else failed)[number] = said if why is None else why
+            if progress is not None:
+                progress("reconstruct", done, len(frames))
+    said = tuple(f"frame {number}: {made[number]}" for number in frames if number in made)
+    failed = {number: failed[number] for number in frames if number in failed}
+    return Reconstructed(tuple(n for n in frames if n in made), tuple(n for n in frames if n in there), failed, said)
+
+
+def _prepared(capture, out, settings):
+    return capture, out, settings
+
+
+def _folder(out, number):
+    return out / "frames" / f"{number:06d}"
 
 
 def _begin(root, out):
@@ -106,17 +114,21 @@ def made_of(capture, number, settings):
     return Made(mesh, points, found.depth, _told(found))
 
 
-def _frame(capture, number, folder, settings):
-    """Writes one frame; -> what its pictures gave, in words."""
-    made = made_of(capture, number, settings)
+def _frame(prepared, number):
+    """Writes one frame; yields (its number, what its pictures gave, in words, None), or why it failed as the last."""
+    capture, out, settings = prepared
+    try:
+        made = made_of(capture, number, settings)
 
-    def write(part):
-        ignored = shutil.ignore_patterns(*MADE)
-        shutil.copytree(capture.folder(number), part, copy_function=_linked, ignore=ignored)
-        made.write(part)
+        def write(part):
+            ignored = shutil.ignore_patterns(*MADE)
+            shutil.copytree(capture.folder(number), part, copy_function=_linked, ignore=ignored)
+            made.write(part)
 
-    replace_file(folder, write)
-    return made.said
+        replace_file(_folder(out, number), write)
+        yield number, made.said, None
+    except UserError as error:
+        yield number, "", first_line(error)
 
 
 def _told(found):

@@ -1,0 +1,132 @@
+"""What workers cost beside the work: `python -m bench.cluster overhead | load | store RUN`. Stages are replaced by sleeps.
+
+overhead  one job by this process, and by 1, 2 and 4 workers of this machine: seconds until the first frame is told, a frame,
+          and to end
+load      a scheduler with many workers, threads of this process, and as many frames as a long take has
+store     files and bytes of a finished run, a frame and for --frames
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import resource
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+
+from toile.io.status import Status
+from toile.pipeline.blocks import BLOCK, BlockJob, FrameFolders, run_job
+
+
+def prepare(seconds, progress=None):
+    return seconds
+
+
+def sleep(seconds, number, previous, results):
+    results.folder(number).mkdir(parents=True, exist_ok=True)
+    time.sleep(seconds)
+
+
+def asleep(frames, seconds, **options):
+    """{what: seconds} of a job of these frames that sleeps."""
+    told, done = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        results = FrameFolders(Path(folder) / "frames", Status.of(folder), "sleep")
+        job = BlockJob(Path(folder), results, prepare, (seconds,), sleep, 1, "sleep")
+        start, used = time.perf_counter(), cpu()
+        run_job(
+            job,
+            range(frames),
+            lambda: False,
+            lambda *_: done.append(time.perf_counter()),
+            progress=lambda *_: told.append(time.perf_counter()),
+            **options,
+        )
+        end, used = time.perf_counter(), cpu() - used
+    assert len(told) == frames and done
+    return {
+        "first_s": told[0] - start - seconds,
+        "work_s": told[-1] - told[0],
+        "close_s": end - done[0],
+        "cpu_s": used,
+    }
+
+
+def overhead(frames, seconds):
+    """A job by no workers of its own, and by 1, 2 and 4."""
+    table = {}
+    for workers in (1, 2, 4):
+        found = asleep(frames, seconds, workers=workers)
+        found["overhead_ms_a_frame"] = 1e3 * (found["work_s"] * workers / (frames - 1) - seconds)
+        table[workers] = found
+    return table
+
+
+def load(frames, workers, seconds):
+    """One scheduler, its workers and the client in this process."""
+    import logging
+
+    from distributed import LocalCluster
+
+    options = dict(threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None, memory_limit=0)
+    start = time.perf_counter()
+    with LocalCluster(n_workers=workers, silence_logs=logging.ERROR, **options) as cluster:
+        started = time.perf_counter() - start
+        found = asleep(frames, seconds, scheduler=cluster.scheduler_address)
+    blocks = -(-frames // BLOCK)
+    ideal = seconds * BLOCK * -(-blocks // workers)
+    return found | {
+        "start_workers_s": started,
+        "ideal_s": ideal,
+        "cpu_ms_a_frame": 1e3 * found["cpu_s"] / frames,
+        "frames_a_second": frames / found["work_s"],
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def store(run, frames):
+    """Files and bytes of a run: what grows with the frames, and what does not."""
+    from toile.io.run import open_run
+
+    count, kinds = len(open_run(run).frames), defaultdict(list)
+    for path in Path(run).rglob("*"):
+        if path.is_file():
+            kinds[re.sub(r"[0-9]+", "#", str(path.relative_to(run)))].append(path.stat().st_size)
+    growing = {kind: sizes for kind, sizes in kinds.items() if len(sizes) >= count and not kind.startswith("prepared")}
+    files, size = sum(map(len, growing.values())) / count, sum(map(sum, growing.values())) / count
+    return {
+        "frames": count,
+        "files_a_frame": files,
+        "megabytes_a_frame": size / 1e6,
+        f"files_of_{frames}": round(files * frames),
+        f"gigabytes_of_{frames}": size * frames / 1e9,
+        "prepared_megabytes": sum(sum(sizes) for kind, sizes in kinds.items() if kind.startswith("prepared")) / 1e6,
+    }
+
+
+def cpu():
+    return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["overhead", "load", "store"])
+    parser.add_argument("run", nargs="?")
+    parser.add_argument("--frames", type=int, default=400)
+    parser.add_argument("--workers", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=0.05, help="that a frame sleeps")
+    asked = parser.parse_args()
+    if asked.what == "overhead":
+        found = overhead(asked.frames, asked.seconds)
+    elif asked.what == "load":
+        found = load(asked.frames, asked.workers, asked.seconds)
+    else:
+        found = store(asked.run, asked.frames)
+    print(json.dumps(found, indent=1, default=float))
+
+
+if __name__ == "__main__":
+    main()
