@@ -41,6 +41,21 @@ class SearchSettings(Settings):
     upright: float = setting(0.5, "rad", "a scan whose long axis leans more than this may be of one who lies", ge=0)
 
 
+class StartsSettings(Settings):
+    """Other starts of a frame's pose than the pose of the frame before, see stages/starts.py."""
+
+    doubtful: float = setting(
+        1.1, "1", "times the usual distance from the scan: where a pose lies farther, other starts are tried", ge=1
+    )
+    follow_rounds: int = setting(3, "count", "fits in which the last surface follows the scan, at most", ge=1)
+    follow_nearer: float = setting(
+        0.95, "1", "times the distance before: where a fit comes no nearer than this, the last is kept", gt=0, le=1
+    )
+    least_match: float = setting(
+        0.1, "1", "weight of a vertex' match, below which the pose is told that it was not seen", ge=0, le=1
+    )
+
+
 class TrackSettings(Settings):
     """Pose and surface of the single layer."""
 
@@ -77,6 +92,7 @@ class TrackSettings(Settings):
         "frames whose offsets of keypoints from the model's count half; more: keypoints are the model's",
         ge=0,
     )
+    starts: StartsSettings = StartsSettings()
     search: SearchSettings = SearchSettings()
     skeleton: SkeletonSettings = SkeletonSettings()
 

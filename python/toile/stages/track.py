@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,6 +14,7 @@ from ..surface.keypoints import learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
 from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
 from ..vision.threads import parallel_map, parallel_map_with
+from .starts import Starts
 
 
 def prepare(model, frames, settings):
@@ -160,6 +162,15 @@ def _half_turn(axis):
     return Rotation.from_rotvec(np.pi * np.roll(axis, 1))
 
 
+class _Attempt(NamedTuple):
+    """A pose that was fitted, and how far it lies from the scan, see TwoSided."""
+
+    fit: Any  # SkeletonResult
+    surface: np.ndarray | None  # (n,3) that gave the start
+    distance: float
+    astray: float
+
+
 class Tracker:
     """Tracks frames of one person; the template's part of the solvers is made once."""
 
@@ -171,16 +182,18 @@ class Tracker:
         )
         self.surface, self.search = _Surface(model, person.rest, settings), PoseSearch(model, settings, person)
         self.poser = _Poser(model, person, settings) if settings.pose_vertices else None
+        self.starts = Starts(model, person, settings.starts, self.search.solver, self.poser)
 
     def track(self, frame, points, previous=None):
         """One frame; `previous` (Tracked) starts the pose and gives the temporal term. Where nothing gives a start, and where
         the frame was lost from it, the pose is searched."""
         person, model = self.person, self.model
-        fit, measures = self._fit(frame, points, previous)
+        fit, V, measures = self._fit(frame, points, previous)
         _refuse_unmatched([frame.number], [fit])
         previous = None if measures.get("searched") else previous  # a pose of its own
-        rest, pose = person.rest if previous is None else self._start(previous), (fit.rotations, fit.translation)
-        V = model.skin(rest, person.J, *pose)
+        if V is None:
+            rest = person.rest if previous is None else self._start(previous)
+            V = model.skin(rest, person.J, fit.rotations, fit.translation)
         surface = _unseen(V) if frame.scan is None else self.surface.fit(frame.scan, V)
         return self.tracked(frame, points, fit, surface, previous, measures)
 
@@ -211,34 +224,45 @@ class Tracker:
         return person.rest + share * off
 
     def _fit(self, frame, points, previous):
-        """The pose of a frame and what was found of it. Where nothing gives a start, and where the fit from its start has
-        lost the scan, the pose is searched; the fit that lies closer to the scan from both sides is taken."""
-        evidence, scan, fit, measures = _evidence(frame, points), frame.scan, None, (0.0, 0.0)
+        """The pose of a frame, the surface (n,3) that it was fitted to first, or None, and what was found of it. Of the
+        poses from the frame before, and, where that lies farther from the scan than is usual, from other starts, the
+        nearest to the scan from both sides; where nothing gives a start, or all have lost the scan, the pose is searched."""
+        evidence, scan, s = _evidence(frame, points), frame.scan, self.settings
+        measure = None if scan is None else TwoSided(scan, self.search.looks)
+
+        def attempt(surface=None, **start):
+            fit = self.skeleton.solve(**evidence, **start)
+            known = measure is not None and fit.stop != "unmatched"
+            return _Attempt(fit, surface, *(measure(fit.V) if known else (np.inf, 1.0)))
+
+        best, usual, others = None, np.inf, iter(())
         if previous is not None:
             before = (previous.rotations, previous.translation, self.person.shape)
-            fit = self.skeleton.solve(**evidence, start=before, previous=[before])
+            best = attempt(start=before, previous=[before])
+            usual = previous.diagnostics.get("usual_mm", np.inf) / 1e3
         elif points is not None:
-            fit = self.skeleton.solve(**evidence, start=self._cold_start(points))
-        elif scan is None or not self.settings.headings:
-            fit = self.skeleton.solve(**evidence)
+            best = attempt(start=self._cold_start(points))
+        elif scan is None or not s.headings:
+            best = attempt()
         if scan is None:
-            return fit, {}
-        if fit is not None:
-            measures = self.search.measure(scan, fit)
-        gone = fit is None or fit.stop == "unmatched" or self._lost(measures, previous)
-        start = self.search.pose(scan)[0] if gone else None
-        if start is not None:
-            again = self.skeleton.solve(**evidence, start=start)
-            found = self.search.measure(scan, again)
-            if fit is None or fit.stop == "unmatched" or found[0] < measures[0]:
-                fit, measures = again, found
-        return fit, {"pose_mm": 1e3 * measures[0], "astray": measures[1], "searched": float(start is not None)}
-
-    def _lost(self, measures, previous):
-        """Does the fit leave out a part of the scan and lie where no scan is, or lie much farther from it than before?"""
-        s, (distance, astray) = self.settings.search, measures
-        before = np.inf if previous is None else previous.diagnostics.get("pose_mm", np.inf) / 1e3
-        return astray > s.astray or distance > s.farther * before
+            return best.fit, None, {}
+        if previous is not None and np.isfinite(usual):
+            others = self.starts.of(scan, previous, points, measure)
+        while best is not None and best.distance > s.starts.doubtful * usual:
+            other = next(others, None)
+            if other is None:
+                break
+            best = min(best, attempt(other[1], start=other[0]), key=lambda one: one.distance)
+        searched = False
+        if best is None or best.astray > s.search.astray or best.distance > s.search.farther * usual:
+            start = self.search.pose(scan)[0]
+            found = None if start is None else attempt(start=start)
+            searched = found is not None and (best is None or s.search.as_close * found.distance < best.distance)
+            best = found if searched else best
+        pose = 1e3 * best.distance
+        usual = (1e3 * usual + pose) / 2 if np.isfinite(usual) and not searched else pose
+        found = {"pose_mm": pose, "usual_mm": usual, "astray": best.astray, "searched": float(searched)}
+        return best.fit, best.surface, found
 
     def _cold_start(self, points):
         """Keypoints alone, with the person's shape, give the first pose."""
