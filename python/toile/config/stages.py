@@ -42,7 +42,7 @@ class SearchSettings(Settings):
 
 
 class StartsSettings(Settings):
-    """Other starts of a frame's pose than the pose of the frame before, see stages/starts.py."""
+    """Other starts of a frame's pose than the pose of the frame before, see surface/starts.py."""
 
     doubtful: float = setting(
         1.1, "1", "times the usual distance from the scan: where a pose lies farther, other starts are tried", ge=1

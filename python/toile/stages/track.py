@@ -12,9 +12,9 @@ from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
 from ..surface.keypoints import learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
+from ..surface.starts import Starts
 from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
 from ..vision.threads import parallel_map, parallel_map_with
-from .starts import Starts
 
 
 def prepare(model, frames, settings):
