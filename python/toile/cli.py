@@ -2,32 +2,48 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shlex
 import sys
+import traceback
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.completion import completion_init
 
+from . import speech
+from .align.command import align
+from .avatar.command import animate, edit, train
+from .config.command import settings
 from .console import (
-    SEEDS,
+    COMPLETE,
     WORKERS,
     Changes,
     ConfigFile,
     Scheduler,
+    completion,
     frame_numbers,
     numbers_of,
     positive,
     progress_bars,
     shard_of,
+    spoken,
     table,
 )
 from .errors import UserError, first_line
+from .io.command import body_model, export, import_capture
+from .kernels import InputError
+from .measure.command import doctor, inspect
+from .pipeline.command import check_frames, go_on, status, tune
+from .scene import frame_ranges
+from .studio.command import studio
+from .view.command import view
 
 app = typer.Typer(  # without markup: it would take the units in brackets for styles
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     help=__doc__,
@@ -46,16 +62,20 @@ def say_version(asked: bool):
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def begin(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", help="say the version and end", is_eager=True, callback=say_version)
     ] = False,
 ):
-    pass
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(1)
 
 
 @app.command()
+@spoken
 def plan(capture: Path):
     """Print the stages that a capture asks for, each with the line that asks, and those left out with why."""
     from .io.capture import open_capture
@@ -64,15 +84,22 @@ def plan(capture: Path):
 
     opened = open_capture(capture)
     for warning in opened.warnings:
-        typer.echo(f"warning: {warning}", err=True)
-    typer.echo(f"{opened.scene.name}: {len(opened.frames)} frames, {len(opened.cameras)} cameras")
+        speech.warn(warning)
+    cameras = len(opened.cameras)
+    speech.result(
+        f"{opened.scene.name}: {len(opened.frames)} frames, {cameras} cameras", frames=opened.frames, cameras=cameras
+    )
     for step in make_plan(opened):
-        typer.echo(f"  {'run ' if step.runs else 'skip'}  {step.stage:<12} {step.why}")
+        words = f"  {'run ' if step.runs else 'skip'}  {step.stage:<12} {step.why}"
+        speech.result(words, stage=step.stage, runs=step.runs, why=step.why)
     count = len(blocks(opened.frames))
-    typer.echo(f"  {count} temporal block{'s' * (count > 1)}: more workers or shards than that have nothing to track")
+    words = f"  {count} temporal block{'s' * (count > 1)}: more workers or shards than that have nothing to track"
+    speech.result(words, blocks=count)
+    speech.next_step("register", capture, "run")
 
 
 @app.command()
+@spoken
 def detect(
     capture: Path,
     detector: Annotated[
@@ -103,12 +130,14 @@ def detect(
     with progress_bars() as progress:
         found = find(opened, detector_of(opened, detector, model), numbers, again, progress)
     kept = f", {len(found.kept)} had theirs (--again makes them anew)" if found.kept else ""
-    typer.echo(f"{capture}: keypoints in {len(found.written)} frames{kept}")
+    speech.result(f"{capture}: keypoints in {len(found.written)} frames{kept}", written=found.written, kept=found.kept)
     for warning in found.warnings:
-        typer.echo(f"  warning: {warning}", err=True)
+        speech.warn(warning)
+    speech.next_step("inspect", capture)
 
 
 @app.command()
+@spoken
 def reconstruct(
     capture: Path,
     out: Annotated[Path, typer.Argument(help="a new capture: all of CAPTURE, and scans; goes on with what is there")],
@@ -134,15 +163,18 @@ def reconstruct(
     with progress_bars() as progress:
         done = run_stereo(opened, out, settings, numbers, progress, workers, scheduler)
     kept = f", {len(done.kept)} were there" if done.kept else ""
-    typer.echo(f"{out}: scans of {len(done.made)} frames{kept}, {len(done.failed)} failed")
+    words = f"{out}: scans of {len(done.made)} frames{kept}, {len(done.failed)} failed"
+    speech.result(words, made=done.made, kept=done.kept, failed=done.failed)
     for line in done.said:
-        typer.echo(f"  {line}")
+        speech.result(f"  {line}")
     for number, reason in done.failed.items():
-        typer.echo(f"  frame {number}: {reason}", err=True)
+        speech.frame_note(number, "failed", reason)
+    speech.next_step("register", out, "run")
     raise typer.Exit(2 if done.failed else 0)
 
 
 @app.command()
+@spoken
 def register(
     capture: Path,
     run: Path,
@@ -163,6 +195,9 @@ def register(
     verify: Annotated[
         bool, typer.Option("--verify", help="compare the contents of every input that a run has read")
     ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="only read every file of those frames, name the bad ones, and make nothing")
+    ] = False,
     template_from_scan: Annotated[
         list[str] | None, typer.Option(help="a garment whose template is cut from the capture itself, by its label")
     ] = None,
@@ -181,13 +216,15 @@ def register(
     part, budget = shard_of(shard), positive("--budget", budget)
     opened = open_capture(capture)
     numbers = frame_numbers(frames, opened.frames, step)
+    if check:
+        return check_frames(opened, numbers, run)
     if budget is not None:
         quality = quality_within(budget, quality, opened, numbers)
     settings = from_options(preset, quality, config, changes)
     bare = sum(lacks_scan(opened, number) for number in numbers) if settings.make_scans else 0
     if bare:
         made = "made of their pictures (--set make_scans=false goes without)"
-        typer.echo(f"{bare} of {len(numbers)} frames bring no scan: it is {made}", err=True)
+        speech.note(f"{bare} of {len(numbers)} frames bring no scan: it is {made}")
     if template_from_scan:
         settings = changed(settings, {"template_from_scan": list(template_from_scan)})
     with progress_bars() as progress:
@@ -196,21 +233,24 @@ def register(
         )
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
-    typer.echo(f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}")
+    words = f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}"
+    of_verdict = {"doubtful": outcome.doubtful, "wrong": outcome.wrong, "failed": outcome.failed}
+    speech.result(words, registered=outcome.ok, pending=outcome.pending, **of_verdict)
     for note in outcome.notes:
-        typer.echo(f"  {note}", err=True)
+        speech.note(f"  {note}")
     for warning in outcome.warnings:
-        typer.echo(f"  warning: {warning}", err=True)
+        speech.warn(warning)
     if outcome.unsupported_contact:
-        numbers = ", ".join(map(str, outcome.unsupported_contact))
-        typer.echo(f"  unsupported contact, hands touch the cloth: frames {numbers}", err=True)
-    for kind, frames_of in {"doubtful": outcome.doubtful, "wrong": outcome.wrong, "failed": outcome.failed}.items():
-        for number, reason in frames_of.items():
-            typer.echo(f"  frame {number}: {'' if kind == 'failed' else f'{kind}: '}{reason}", err=True)
+        speech.warn(f"unsupported contact, hands touch the cloth: frames {frame_ranges(outcome.unsupported_contact)}")
+    for verdict, reasons in of_verdict.items():
+        for number, reason in reasons.items():
+            speech.frame_note(number, verdict, reason)
+    go_on(run, outcome)
     raise typer.Exit(2 if outcome.failed or outcome.wrong else 0)
 
 
 @app.command()
+@spoken
 def evaluate(
     path: Annotated[Path, typer.Argument(help="a run or an avatar")],
     frames: Annotated[
@@ -225,7 +265,7 @@ def evaluate(
     """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
     result = measure(path, frames, run, driven)
     for warning in result.get("warnings", ()):
-        typer.echo(f"  warning: {warning}", err=True)
+        speech.warn(warning)
     if as_json:
         typer.echo(json.dumps(result, allow_nan=False))
         return
@@ -234,9 +274,11 @@ def evaluate(
     for frame in result["per_frame"]:
         if frame.get("reasons"):
             typer.echo(f"frame {frame['frame']}: {frame['verdict']}: {'; '.join(frame['reasons'])}")
+    speech.next_step("report", path)
 
 
 @app.command()
+@spoken
 def report(
     path: Annotated[Path, typer.Argument(help="a run or an avatar")],
     out: Annotated[Path | None, typer.Option(help="default: report.html in that folder")] = None,
@@ -254,76 +296,17 @@ def report(
 
         with progress_bars() as progress:
             options = dict(frames=numbers_of(frames), run=run, progress=progress, driven=driven)
-            typer.echo(str(write_avatar_report(path, out, **options)))
-        return
+            speech.result(str(write_avatar_report(path, out, **options)))
+        return speech.next_step("view", path)
     from .measure.report import write_report
 
     no_avatar(path, frames, run, driven)
-    typer.echo(str(write_report(path, out)))
+    speech.result(str(write_report(path, out)))
+    speech.next_step("view", path)
 
 
 @app.command()
-def animate(
-    avatar: Annotated[Path, typer.Argument(help="made by toile train --temporal, or its baseline/")],
-    motion: Annotated[Path, typer.Argument(help="a run, a .bvh file, or an .npz of rotations, translation and fps")],
-    out: Annotated[Path, typer.Argument(help="a new folder: pictures/, meshes/, animation.mp4")],
-    frames: Annotated[str | None, typer.Option(help="numbers of the motion's frames: 1-50,60")] = None,
-    camera: Annotated[
-        str | None, typer.Option(help="one of the avatar's, orbit, or a cameras.json taken in turn")
-    ] = None,
-    height: Annotated[
-        int | None, typer.Option(help="of the pictures [px]; default the camera's", min=16, max=8192)
-    ] = None,
-    meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
-    seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
-):
-    """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
-    from .avatar.drive.animate import animate as run_animation
-
-    with progress_bars() as progress:
-        done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, seed, progress)
-    for warning in done.warnings:
-        typer.echo(f"  warning: {warning}", err=True)
-    typer.echo(f"{out}: {done.frames} frames, {done.intersections_before} intersecting pairs before untangling")
-    typer.echo(f"intersections_left: {done.intersections_left}")
-
-
-@app.command()
-def edit(
-    avatar: Annotated[Path, typer.Argument(help="made by toile train, or by toile edit before")],
-    out: Annotated[Path, typer.Argument(help="a new folder: an avatar with its garment changed")],
-    garment: Annotated[str, typer.Option(help="whose texture is changed")],
-    scale: Annotated[str | None, typer.Option(help="R,G,B: factors of its colours")] = None,
-    checker: Annotated[int | None, typer.Option(help="a checkerboard of so many squares along the UV square")] = None,
-    image: Annotated[
-        Path | None, typer.Option(help="a picture over the UV square, or laid --at a place; alpha composes")
-    ] = None,
-    text: Annotated[str | None, typer.Option(help="a text laid on the front, or --at a place")] = None,
-    at: Annotated[str | None, typer.Option(help="U,V: middle of the picture or text, v up; default the front")] = None,
-    size: Annotated[float | None, typer.Option(help="its width, a share of the UV square's side; default 0.2")] = None,
-    sheet: Annotated[
-        bool, typer.Option(help="edit.png and edit.json: layered and baseline in frames of the run")
-    ] = True,
-    frames: Annotated[
-        str | None, typer.Option(help="of the sheet: 1-50,60; default a spread of all with pictures")
-    ] = None,
-    run: Annotated[Path | None, typer.Option(help="the avatar's run, if that was moved")] = None,
-):
-    """Change a garment's texture, the body's untouched; its baseline gets the same where the garment lay in the first frame."""
-    from .avatar.edit.editing import Change
-    from .avatar.edit.editing import edit as run_edit
-
-    change = Change(garment, scale, checker, image, text, at, size)
-    with progress_bars() as progress:
-        done = run_edit(avatar, out, change, numbers_of(frames), run, sheet, progress)
-    typer.echo(f"{out}: {garment}: {done.words}{', and its baseline' if done.baseline else ''}")
-    for name in ("layered", "baseline") if done.measured else ():
-        found = done.measured[name]
-        if found and found["border_mm"] is not None:
-            typer.echo(f"{name}: border {found['border_mm']:.1f} mm off, area {100 * found['area_share']:.1f} % off")
-
-
-@app.command()
+@spoken
 def template(
     run: Path,
     out: Annotated[Path, typer.Argument(help="the template, an .obj in the body model's rest pose")],
@@ -333,7 +316,7 @@ def template(
     """Make a garment template from a run's tracked surface and labels."""
     from .pipeline.template import write_template
 
-    typer.echo(write_template(run, out, name, label))
+    speech.result(write_template(run, out, name, label))
 
 
 def write_label_images(capture, network, numbers, again):
@@ -344,8 +327,9 @@ def write_label_images(capture, network, numbers, again):
     with progress_bars() as progress:
         done = write_labels(capture, segmenter, numbers, again, progress)
     kept = f", {done.kept} were there (--again makes them anew)" if done.kept else ""
-    typer.echo(f"{capture.root}: {done.written} label images{kept}")
-    typer.echo(f"  of the person's pixels {100 * done.unsure:.1f} % are unsure")
+    speech.result(f"{capture.root}: {done.written} label images{kept}", written=done.written, kept=done.kept)
+    speech.result(f"  of the person's pixels {100 * done.unsure:.1f} % are unsure", unsure=done.unsure)
+    speech.next_step("inspect", capture.root)
 
 
 def detector_of(capture, command, model):
@@ -375,7 +359,7 @@ def quality_within(budget, quality, capture, numbers):
         raise UserError(f"--budget {budget}: --quality {quality} is given too")
     quality, seconds, errors = choose(capture, numbers, budget)
     expect = ", ".join(f"{name.removesuffix('_mm')} {value:.1f} mm" for name, value in errors.items())
-    typer.echo(f"--budget {budget}: quality {quality}, about {seconds:.2f} s a frame; errors to expect: {expect}")
+    speech.result(f"--budget {budget}: quality {quality}, about {seconds:.2f} s a frame; errors to expect: {expect}")
     return quality
 
 
@@ -404,54 +388,48 @@ def no_avatar(path, frames, run, driven):
             raise UserError(f"{option}: {path} is no avatar, it has no avatar.json")
 
 
+NAMES = {import_capture: "import", body_model: "body-model"}
+for command in (align, train, animate, edit, studio, inspect, tune, status, view, import_capture, export, body_model):
+    app.command(NAMES.get(command))(spoken(command))
+for command in (settings, doctor, completion):  # they log nothing
+    app.command()(command)
+
+
 def main():
     """Entry point with the exit codes of this page."""
-    from .align.command import align
-    from .avatar.command import train
-    from .config.command import settings
-    from .io.command import body_model, export, import_capture
-    from .kernels import InputError
-    from .measure.command import doctor, inspect
-    from .pipeline.command import status, tune
-    from .studio.command import studio
-    from .view.command import view
-
-    app.command()(align)
-    app.command()(train)
-    app.command()(studio)
-    app.command()(settings)
-    app.command()(inspect)
-    app.command()(doctor)
-    app.command()(status)
-    app.command()(tune)
-    app.command()(view)
-    app.command("import")(import_capture)
-    app.command()(export)
-    app.command("body-model")(body_model)
+    speech.speak()
+    if COMPLETE in os.environ:
+        completion_init()
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="toile", complete_var=COMPLETE)
         if code == STOPPED:  # typer's answer to Ctrl-C
             raise KeyboardInterrupt
     except (UserError, InputError) as error:
         code = told(str(error), 1)
     except (typer.Abort, KeyboardInterrupt):
-        again = len(sys.argv) > 1 and sys.argv[1] in RESUMED
-        code = told(f"stopped; go on with: toile {shlex.join(sys.argv[1:])}" if again else "stopped", STOPPED)
+        code = told(f"stopped; go on with: {resumed()}" if resumed() else "stopped", STOPPED)
     except (OSError, MemoryError) as error:  # a full disk, a folder that may not be written
-        code = told(first_line(error), 1)
+        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT) and resumed()
+        code = told(first_line(error) + (f"; once there is space, go on with: {resumed()}" if full else ""), 1)
     except Exception as error:
         if hasattr(error, "exit_code") and hasattr(error, "format_message"):  # of the command line's own parser
-            code = told(error.format_message(), 1)
+            command = getattr(error.ctx, "command_path", "toile")
+            code = told(f"{error.format_message().rstrip('.')} (see {command} -h)", 1)
         else:
-            import traceback
-
             traceback.print_exc()
-            code = told(f"internal error: {type(error).__name__}: {error}", 3)
+            message = f"internal error: {type(error).__name__}: {error}"
+            code = told(f"{message}; please report it, with what `toile doctor` says", 3)
     sys.exit(code or 0)
+
+
+def resumed():
+    """This command line, where the same again goes on with what was stopped; "" elsewhere."""
+    return f"toile {shlex.join(sys.argv[1:])}" if sys.argv[1:] and sys.argv[1] in RESUMED else ""
 
 
 def told(message, code):
     """The exit code, once the message stands on one line of stderr."""
-    line = " ".join(message.split())
-    print(f"toile: {line[:LINE]}", file=sys.stderr)
+    if speech.manner.verbose and code == 1:
+        traceback.print_exc()
+    speech.error(" ".join(message.split())[:LINE], code)
     return code

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import re
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from . import speech
 from .errors import UserError
 
 FRAMES = 1_000_000  # frame numbers have six digits
@@ -24,6 +26,7 @@ Scheduler = Annotated[
     ),
 ]
 EVERY = 30.0  # s between lines of progress where there is no terminal
+EVERY_JSON = 1.0  # s between a stage's lines for machines
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", help="settings: a TOML file, or the config.toml of a run to take them from")
 ]
@@ -33,6 +36,44 @@ Changes = Annotated[
         "--set", metavar="NAME=VALUE", help="one setting, above --config; repeatable. `toile settings` lists them"
     ),
 ]
+
+SHELLS = ("bash", "zsh", "fish")
+COMPLETE = "_TOILE_COMPLETE"  # the variable by which a shell asks what could stand there
+MANNERS = {
+    "quiet": typer.Option("--quiet", help="results, warnings and errors alone: no progress, no hints"),
+    "verbose": typer.Option("--verbose", help="a line a step in place of bars; where an error stems from"),
+    "json": typer.Option("--json", help="for machines: progress and results on stdout, one JSON object a line"),
+}
+
+
+def spoken(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The command with --quiet, --verbose and --json, where it has none such of its own."""
+    own = inspect.signature(command, eval_str=True)
+    added = [name for name in MANNERS if name not in own.parameters and f"as_{name}" not in own.parameters]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    options = [
+        inspect.Parameter(name, kind, default=False, annotation=Annotated[bool, MANNERS[name]]) for name in added
+    ]
+
+    @wraps(command)
+    def run(**given: Any) -> Any:
+        speech.speak(**{name: given.pop(name) for name in added})
+        return command(**given)
+
+    run.__signature__ = own.replace(parameters=[*own.parameters.values(), *options])  # type: ignore[attr-defined]
+    run.__annotations__ = {name: one.annotation for name, one in run.__signature__.parameters.items()}  # type: ignore[attr-defined]
+    return run
+
+
+def completion(
+    shell: Annotated[str, typer.Argument(help="bash, zsh or fish")],
+) -> None:
+    """Print a shell's completion of commands and options: eval "$(toile completion bash)"; fish: toile completion fish | source."""
+    from typer.completion import get_completion_script
+
+    if shell not in SHELLS:
+        raise UserError(f"toile completion {shown(shell)}: expected {' or '.join(SHELLS)}")
+    typer.echo(get_completion_script(prog_name="toile", complete_var=COMPLETE, shell=shell))
 
 
 def numbers_of(text: str | None) -> tuple[int, ...] | None:
@@ -106,12 +147,14 @@ def table(values: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 @contextmanager
 def progress_bars(quiet: bool = False) -> Iterator[Any]:
     """-> progress(stage, done, total, note=""), one bar a stage, on stderr; `progress.print` writes a line above them. Where
-    stderr is no terminal, a line a stage at its begin and end and every EVERY seconds between."""
+    stderr is no terminal, a line a stage at its begin and end and every EVERY seconds between; with --verbose each step."""
     from rich.console import Console
 
+    manner = speech.manner
+    quiet = quiet or manner.quiet
     console = Console(stderr=True, quiet=quiet)
-    if not console.is_terminal:
-        yield ProgressLines(quiet)
+    if manner.json or manner.verbose or not console.is_terminal:
+        yield ProgressLines(quiet, 0.0 if manner.verbose else EVERY_JSON if manner.json else EVERY)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -143,14 +186,17 @@ class ProgressLines:
         if stage in self.said and done < total and now - self.said[stage] < self.every:
             return
         self.said[stage] = now
-        left = (now - start) * (total - done) / (done - before) if done > before else 0.0
-        rest = f", about {duration(left)} left" if left and done < total else ""
-        self.print(f"{stage}: {done} of {total}{rest}{f' {note}' if note else ''}")
+        left = (now - start) * (total - done) / (done - before) if done > before else None
+        if speech.manner.json and not self.quiet:
+            speech.event("progress", stage=stage, done=done, total=total, seconds_left=left, note=note)
+        else:
+            rest = f", about {duration(left)} left" if left else ""
+            self.print(f"{stage}: {done} of {total}{rest}{f' {note}' if note else ''}")
 
     def print(self, line: str) -> None:
         """A line on stderr, at once."""
         if not self.quiet:
-            print(line, file=sys.stderr, flush=True)
+            speech.note(line)
 
 
 def duration(seconds: float) -> str:

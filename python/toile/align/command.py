@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .. import speech
 from ..console import WORKERS, Changes, ConfigFile, Scheduler
 
 
@@ -34,7 +35,11 @@ def align(
         outcome = run_alignment(run, out, settings, workers, part, progress, scheduler)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     between = f", {len(outcome.between)} between them" if outcome.between else ""
-    typer.echo(f"{out}: {len(outcome.matched)} frames aligned{between}, {len(outcome.failed)} failed{waiting}")
+    words = f"{out}: {len(outcome.matched)} frames aligned{between}, {len(outcome.failed)} failed{waiting}"
+    speech.result(
+        words, aligned=outcome.matched, between=outcome.between, pending=outcome.pending, failed=outcome.failed
+    )
     for number, reason in outcome.failed.items():
-        typer.echo(f"  frame {number}: {reason}", err=True)
+        speech.frame_note(number, "failed", reason)
+    speech.next_step("status" if outcome.pending else "report", out)
     raise typer.Exit(2 if outcome.failed else 0)

@@ -1,4 +1,4 @@
-"""The command `toile train`."""
+"""The commands `toile train`, `toile animate` and `toile edit`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated, get_args
 
 import typer
 
+from .. import speech
 from ..console import SEEDS, Changes, ConfigFile
 from ..errors import UserError
 
@@ -60,8 +61,76 @@ def train(
         if drive:
             steps = measured.pop("steps")
             errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
-            typer.echo(f"temporal model ({drive.model}): {steps} steps, {errors}, of the codes' variance")
-        typer.echo(f"{avatar}: trained")
+            words = f"temporal model ({drive.model}): {steps} steps, {errors}, of the codes' variance"
+            speech.result(words, steps=steps, **measured)
+        speech.result(f"{avatar}: trained", avatar=avatar)
+        speech.next_step("evaluate", avatar)
+
+
+def animate(
+    avatar: Annotated[Path, typer.Argument(help="made by toile train --temporal, or its baseline/")],
+    motion: Annotated[Path, typer.Argument(help="a run, a .bvh file, or an .npz of rotations, translation and fps")],
+    out: Annotated[Path, typer.Argument(help="a new folder: pictures/, meshes/, animation.mp4")],
+    frames: Annotated[str | None, typer.Option(help="numbers of the motion's frames: 1-50,60")] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="one of the avatar's, orbit, or a cameras.json taken in turn")
+    ] = None,
+    height: Annotated[
+        int | None, typer.Option(help="of the pictures [px]; default the camera's", min=16, max=8192)
+    ] = None,
+    meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
+    seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
+):
+    """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
+    from ..console import numbers_of, progress_bars
+    from .drive.animate import animate as run_animation
+
+    with progress_bars() as progress:
+        done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, seed, progress)
+    for warning in done.warnings:
+        speech.warn(warning)
+    before, left = done.intersections_before, done.intersections_left
+    speech.result(f"{out}: {done.frames} frames, {before} intersecting pairs before untangling")
+    speech.result(f"intersections_left: {left}", intersections_before=before, intersections_left=left)
+    speech.next_step("view", out)
+
+
+def edit(
+    avatar: Annotated[Path, typer.Argument(help="made by toile train, or by toile edit before")],
+    out: Annotated[Path, typer.Argument(help="a new folder: an avatar with its garment changed")],
+    garment: Annotated[str, typer.Option(help="whose texture is changed")],
+    scale: Annotated[str | None, typer.Option(help="R,G,B: factors of its colours")] = None,
+    checker: Annotated[int | None, typer.Option(help="a checkerboard of so many squares along the UV square")] = None,
+    image: Annotated[
+        Path | None, typer.Option(help="a picture over the UV square, or laid --at a place; alpha composes")
+    ] = None,
+    text: Annotated[str | None, typer.Option(help="a text laid on the front, or --at a place")] = None,
+    at: Annotated[str | None, typer.Option(help="U,V: middle of the picture or text, v up; default the front")] = None,
+    size: Annotated[float | None, typer.Option(help="its width, a share of the UV square's side; default 0.2")] = None,
+    sheet: Annotated[
+        bool, typer.Option(help="edit.png and edit.json: layered and baseline in frames of the run")
+    ] = True,
+    frames: Annotated[
+        str | None, typer.Option(help="of the sheet: 1-50,60; default a spread of all with pictures")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="the avatar's run, if that was moved")] = None,
+):
+    """Change a garment's texture, the body's untouched; its baseline gets the same where the garment lay in the first frame."""
+    from ..console import numbers_of, progress_bars
+    from .edit.editing import Change
+    from .edit.editing import edit as run_edit
+
+    change = Change(garment, scale, checker, image, text, at, size)
+    with progress_bars() as progress:
+        done = run_edit(avatar, out, change, numbers_of(frames), run, sheet, progress)
+    speech.result(f"{out}: {garment}: {done.words}{', and its baseline' if done.baseline else ''}")
+    for name in ("layered", "baseline") if done.measured else ():
+        found = done.measured[name]
+        if found and found["border_mm"] is not None:
+            border, area = found["border_mm"], found["area_share"]
+            words = f"{name}: border {border:.1f} mm off, area {100 * area:.1f} % off"
+            speech.result(words, avatar=name, border_mm=border, area_share=area)
+    speech.next_step("view", out)
 
 
 def temporal_options(model, window, seed):

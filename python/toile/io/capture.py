@@ -30,6 +30,7 @@ RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS,
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 VOTES = "votes.json"
+MODES = {"labels": "L", "masks": "L", "images": "RGB"}  # of a frame's pictures, as Pillow names them
 BESIDE_NETWORKS = ("pipeline.json", "config.json", "preprocessor_config.json")
 CHECKED = 3  # frames that are read before a run begins
 
@@ -95,26 +96,49 @@ class Capture:
 
     def frame(self, number: int) -> Frame:
         """Reads one frame. UserError names the file and the field."""
-        folder = self.folder(number)
-        scan, keypoints, surface = None, folder / "keypoints.json", self._own_or_made(folder, "scan.ply")
-        if os.path.lexists(surface):
-            scan = _scaled(read_mesh(surface), METRES[self.scene.units])
-            self._check_height(surface, scan)
-            if scan.face_labels is not None:
-                self._check_ids(surface, scan.face_labels)
-        found = read_keypoints(keypoints, self.cameras, self.left_out) if os.path.lexists(keypoints) else None
-        space = self._own_or_made(folder, "keypoints3d.json")
-        points = read_keypoints3d(space) if os.path.lexists(space) else None
-        return replace(self.pictures(number), scan=scan, keypoints=found, points3d=points)
+        scan, keypoints, points3d = self.scan(number), self.keypoints(number), self.points3d(number)
+        return replace(self.pictures(number), scan=scan, keypoints=keypoints, points3d=points3d)
+
+    def scan(self, number: int) -> Mesh | None:
+        """The scan of a frame, None where it has none."""
+        path = self._own_or_made(self.folder(number), "scan.ply")
+        if not os.path.lexists(path):
+            return None
+        scan = _scaled(read_mesh(path), METRES[self.scene.units])
+        self._check_height(path, scan)
+        if scan.face_labels is not None:
+            self._check_ids(path, scan.face_labels)
+        return scan
+
+    def keypoints(self, number: int) -> Any:
+        """The keypoints of a frame's pictures, None where it has none."""
+        path = self.folder(number) / "keypoints.json"
+        return read_keypoints(path, self.cameras, self.left_out) if os.path.lexists(path) else None
+
+    def points3d(self, number: int) -> Any:
+        """The keypoints of a frame in space, None where it has none."""
+        path = self._own_or_made(self.folder(number), "keypoints3d.json")
+        return read_keypoints3d(path) if os.path.lexists(path) else None
 
     def pictures(self, number: int) -> Any:
         """Reads images, masks and labels of one frame, and nothing else of it."""
-        folder = self.folder(number)
-        labels = self._images(folder / "labels", "L")
-        for name, image in labels.items():
-            self._check_ids(folder / "labels" / f"{name}.png", image)
-        masks = {name: mask > 127 for name, mask in self._images(folder / "masks", "L").items()}
-        return Frame(number, None, None, self._images(folder / "images", "RGB"), masks, labels)
+        read = {
+            kind: {name: self.picture(kind, name, path) for name, path in self.picture_files(number, kind).items()}
+            for kind in MODES
+        }
+        masks = {name: mask > 127 for name, mask in read["masks"].items()}
+        return Frame(number, None, None, read["images"], masks, read["labels"])
+
+    def picture_files(self, number: int, kind: str) -> dict[str, Path]:
+        """{camera: path} of a frame's images, masks or labels, for the cameras that have them, in their order."""
+        return self._files(self.folder(number) / kind)
+
+    def picture(self, kind: str, camera: str, path: Path) -> Anything:
+        """One of a camera's images (h,w,3), masks or labels (h,w), uint8."""
+        image = read_image(path, self.cameras[camera].size, MODES[kind])
+        if kind == "labels":
+            self._check_ids(path, image)
+        return image
 
     def without(self, cameras: Sequence[str]) -> Capture:
         """The capture as if it had no such cameras."""
@@ -174,9 +198,6 @@ class Capture:
             paths[path.stem] = path
         return {name: paths[name] for name in self.cameras if name in paths}
 
-    def _images(self, folder: Path, mode: str) -> dict[str, Anything]:
-        return {name: read_image(path, self.cameras[name].size, mode) for name, path in self._files(folder).items()}
-
     def _check_ids(self, path: Path, labels: Anything) -> None:
         strange = np.ones(256, bool)
         strange[[0, *self.scene.labels.values()]] = False
@@ -196,6 +217,10 @@ def open_capture(path: Path | str) -> Capture:
     """Opens and validates a capture folder. UserError: one line that names the file and the field."""
     root = Path(path)
     file = root / "scene.toml"
+    if not root.is_dir():
+        raise UserError(f"{root}: no such folder; a capture is a folder with scene.toml, cameras.json and frames/")
+    if not os.path.lexists(file):
+        raise UserError(f"{file}: the file is missing: the folder is no capture; `toile import` makes one")
     try:
         table = _SceneFile(**read_toml(file))
     except ValidationError as error:

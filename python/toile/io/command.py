@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from .. import speech
+
 KINDS_HELP = (
     "opencv, colmap, metashape, qualisys, pose2sim, lists: a calibration with pictures about it; "
     "4d-dress, goliath, actorshq, mvhumannet, dna-rendering: a data set"
@@ -62,10 +64,11 @@ def import_capture(
     found = chosen(found, frame_numbers(frames, sorted(found.frames), step))
     found = found if fps is None else replace(found, fps=fps)
     written = write_capture(found, out, f"{kind} {source}", copy)
-    typer.echo(f"{out}: {len(written.frames)} frames, {len(written.cameras)} cameras, up {written.up}")
+    frames, cameras = len(written.frames), len(written.cameras)
+    speech.result(f"{out}: {frames} frames, {cameras} cameras, up {written.up}", frames=frames, cameras=cameras)
     for note in written.notes:
-        typer.echo(f"  {note}")
-    typer.echo(f"see what is wrong with it: toile inspect {out}")
+        speech.result(f"  {note}")
+    speech.next_step("inspect", out)
 
 
 def export(
@@ -104,9 +107,9 @@ def export(
     with progress_bars() as progress:
         notes = write_clip(clip, out, kind, motion, progress)
     names = "the skeleton" if kind == "bvh" else ", ".join(layer.name for layer in clip.layers)
-    typer.echo(f"{out}: {len(clip.frames)} frames of {names}")
+    speech.result(f"{out}: {len(clip.frames)} frames of {names}", frames=clip.frames)
     for note in notes:
-        typer.echo(f"  {note}")
+        speech.result(f"  {note}")
 
 
 def offsets_of(given):
@@ -132,4 +135,4 @@ def body_model(
     """Make a body model file of SMPL, SMPL-H, SMPL-X or a rigged glTF. Nothing in a pickle is run."""
     from .foreign_body import write_body_model
 
-    typer.echo(f"{out}: {write_body_model(file, out, shapes)}")
+    speech.result(f"{out}: {write_body_model(file, out, shapes)}")

@@ -317,7 +317,8 @@ def open_run(path: Path | str) -> Run:
 
     path = Path(path)
     if not is_run(path):
-        raise UserError(f"{path}: no {STORE}; is it a run of `toile register`?")
+        there = f"no {STORE}; is it a run of `toile register`?" if path.is_dir() else "no such folder"
+        raise UserError(f"{path}: {there}")
     store = path / STORE
     check_file(store / "zarr.json")
     try:

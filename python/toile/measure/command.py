@@ -7,23 +7,30 @@ from typing import Annotated
 
 import typer
 
+from .. import speech
+
 
 def inspect(
     capture: Path,
     out: Annotated[Path, typer.Option(help="the page")] = Path("inspection.html"),
 ):
     """Say what is wrong with a capture, a line a problem and a page of pictures; exit code 1 where registering is wasted."""
+    from ..errors import UserError
     from ..io.files import output_file
     from .inspection import inspect as look
     from .inspection.page import write_inspection
 
+    if not capture.is_dir():
+        raise UserError(f"{capture}: no such folder")
     page, found = output_file(out), look(capture)
     for finding in found.findings:
-        typer.echo(f"{'stops' if finding.serious else 'look '}  {finding.text}")
+        speech.result(f"{'stops' if finding.serious else 'look '}  {finding.text}", serious=finding.serious)
     if not found.findings:
-        typer.echo("nothing was found to be wrong")
+        speech.result("nothing was found to be wrong")
     write_inspection(found, page, capture.resolve().name)
-    typer.echo(f"{page}")
+    speech.result(f"{page}", page=page)
+    if not found.wasted:
+        speech.next_step("register", capture, "run")
     raise typer.Exit(1 if found.wasted else 0)
 
 

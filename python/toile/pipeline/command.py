@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import os
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from .. import speech
 from ..console import Changes, ConfigFile, duration, frame_numbers, progress_bars
+from ..io.capture import Capture
+from ..io.faults import faults
 from ..io.run_folder import config_file, read_config
 from ..scene import frame_ranges
+from .outcome import Outcome
 from .standing import Standing, standing
 
 QUIET = 120.0  # s without a line after which it is said that nothing happens
@@ -62,6 +67,34 @@ def words(run: Path | str, found: Standing, most: int = 20) -> list[str]:
     return lines + [f"  {line}" for line in next_steps(run, found)]
 
 
+def check_frames(capture: Capture, numbers: Sequence[int], run: Path) -> None:
+    """What `toile register --check` does; exit code 1 where a file is bad."""
+    bad: dict[int, list[str]] = {}
+    with progress_bars() as progress:
+        for done, (number, found) in enumerate(faults(capture, numbers), 1):
+            progress("read", done, len(numbers))
+            if found:
+                bad[number] = found
+    for number, found in bad.items():
+        for words in found:
+            speech.frame_note(number, "bad", words)
+    count = sum(map(len, bad.values()))
+    words = f"{count} bad files in {len(bad)} of {len(numbers)} frames" if bad else f"all {len(numbers)} frames read"
+    speech.result(f"{capture.root}: {words}", checked=numbers, bad=bad)
+    if bad:
+        raise typer.Exit(1)
+    speech.next_step("register", capture.root, run)
+
+
+def go_on(run: Path, outcome: Outcome) -> None:
+    """Names the command that follows a registration."""
+    if outcome.pending:
+        return speech.next_step("status", run)
+    for line in next_steps(run, standing(run)) if outcome.failed or outcome.wrong else ():
+        speech.note(f"next: {line}")
+    speech.next_step("report", run)
+
+
 def next_steps(run: Path | str, found: Standing) -> list[str]:
     """Commands that go on with the run."""
     if "align" in read_config(run):
@@ -106,11 +139,11 @@ def tune(
         tuned = run_trial(opened, out, numbers, tuple(settings), counts, settings.__getitem__, heldout, progress)
     for name, said in tuned.said.items():
         for text in said or ["the template fits"]:
-            typer.echo(f"{name}: {text}")
+            speech.result(f"{name}: {text}", quality=name)
     for row in jobs(tuned):
-        typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, (10, 24, 8, 9, 32, 9))).rstrip())
+        speech.result("  ".join(f"{cell:<{width}}" for cell, width in zip(row, (10, 24, 8, 9, 32, 9))).rstrip())
     for words, *values in errors(tuned):
-        typer.echo(f"  {words:<44} " + "  ".join(f"{'-' if v is None else f'{v:.3g}':>8}" for v in values))
+        speech.result(f"  {words:<44} " + "  ".join(f"{'-' if v is None else f'{v:.3g}':>8}" for v in values))
     told = {
         name: {"jobs": [asdict(job) for job in one.forecasts], "errors": one.errors, "heldout": one.heldout}
         for name, one in tuned.qualities.items()
@@ -118,5 +151,5 @@ def tune(
     write_text(
         out / "tune.json", json.dumps({"frames": tuned.frames, "template": tuned.said, "qualities": told}, indent=1)
     )
-    typer.echo(f"{write_page(tuned, out / 'tune.html')}")
-    typer.echo(f"next: toile register {shlex.quote(str(capture))} RUN --quality {tuple(tuned.qualities)[-1]}")
+    speech.result(f"{write_page(tuned, out / 'tune.html')}", qualities=told)
+    speech.next_step("register", capture, "run", "--quality", tuple(tuned.qualities)[-1])

@@ -48,7 +48,8 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
     """How a run of `toile register` or `toile align` stands at the time `now` [s since 1970]."""
     run = Path(run)
     if not config_file(run).exists():
-        raise UserError(f"{config_file(run)}: missing: the folder holds no run")
+        missing = "the file is missing: the folder holds no run of `toile register` or `toile align`"
+        raise UserError(f"{config_file(run)}: {missing}" if run.is_dir() else f"{run}: no such folder")
     config, status = read_config(run), Status.of(run)
     aligned = "align" in config
     frames = config.get("frames")

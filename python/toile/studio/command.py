@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .. import speech
 from ..config import changed, from_options
 from ..console import SEEDS, WORKERS, Changes, ConfigFile, Scheduler
 
@@ -75,9 +76,13 @@ def studio(
     with progress_bars() as progress:
         report = make_capture(out, options, progress, 1 if scheduler else workers or threads(), scheduler)
     for reason in report.rejected:
-        typer.echo(f"discarded {reason}")
-    typer.echo(f"{report.path}: {len(options.pictured)} frames, {options.cameras} cameras, seed {report.seed}, "
-               f"{len(report.rejected)} seeds discarded")  # fmt: skip
+        speech.result(f"discarded {reason}")
+    frames, discarded = len(options.pictured), len(report.rejected)
+    words = (
+        f"{report.path}: {frames} frames, {options.cameras} cameras, seed {report.seed}, {discarded} seeds discarded"
+    )
+    speech.result(words, frames=frames, cameras=options.cameras, seed=report.seed)
+    speech.next_step("register", out, "run")
 
 
 def is_given(context: typer.Context, name: str) -> bool:

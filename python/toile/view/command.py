@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from .. import speech
+
 
 def view(
     path: Annotated[Path, typer.Argument(help="a run, a capture, an avatar, or a folder that toile animate made")],
@@ -25,7 +27,7 @@ def view(
 
     server = serve([Shown(p, posable(p, motion)) for p in (path, beside) if p is not None], port)
     address = f"http://127.0.0.1:{server.server_address[1]}/"
-    typer.echo(f"{address}  (only from this machine; Ctrl-C ends it)")
+    speech.result(f"{address}  (only from this machine; Ctrl-C ends it)", address=address)
     if browser:
         webbrowser.open(address)
     try:

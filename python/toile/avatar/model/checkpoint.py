@@ -166,7 +166,8 @@ def read_facts(folder):
     """AVATAR/avatar.json of a trained avatar: settings, scene, run, frames, held-out frames, steps, architecture."""
     path = Path(folder) / "avatar.json"
     if not path.exists():
-        raise UserError(f"{path}: the file is missing: the folder holds no avatar")
+        missing = "the file is missing: the folder holds no avatar of `toile train`"
+        raise UserError(f"{path}: {missing}" if path.parent.is_dir() else f"{path.parent}: no such folder")
     facts = read_json(path, dict)
     if facts.get("steps") is None:
         raise UserError(f"{path}: the training has not finished: the same `toile train` goes on with it")
