@@ -122,7 +122,7 @@ def test_a_folder_that_holds_something_is_not_touched(tmp_path):
 def test_the_command_tries_a_quality_and_leaves_a_page_and_its_figures(tmp_path, capsys):
     out = tmp_path / "trial"
     tune_command(SAMPLE, out, quality=["draft"], workers=[4])
-    said = capsys.readouterr().out
+    said, beside = capsys.readouterr()
     told = json.loads((out / "tune.json").read_text())
     assert told["frames"] == [0, 1, 2, 3, 4, 5] and told["template"] == {"tshirt": []}
     here, four = told["qualities"]["draft"]["jobs"]
@@ -130,4 +130,4 @@ def test_the_command_tries_a_quality_and_leaves_a_page_and_its_figures(tmp_path,
     assert told["qualities"]["draft"]["heldout"]["silhouette"] > 0.95
     page = (out / "tune.html").read_text()
     assert "The template fits" in page and page.count("<img") >= 10
-    assert "tshirt: the template fits" in said and said.splitlines()[-1].startswith("next: toile register ")
+    assert "tshirt: the template fits" in said and beside.splitlines()[-1].startswith("next: toile register ")
