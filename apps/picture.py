@@ -8,7 +8,7 @@ from PIL import Image
 
 from toile.io.capture import open_capture
 from toile.io.run import open_run
-from toile.measure.report import BODY, CLOTH, render
+from toile.measure.rendering import BODY, CLOTH, render
 
 ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)

@@ -301,7 +301,9 @@ def report(
     from .measure.report import write_report
 
     no_avatar(path, frames, run, driven)
-    speech.result(str(write_report(path, out)))
+    with progress_bars() as progress:
+        written = write_report(path, out, progress=progress)
+    speech.result(str(written))
     speech.next_step("view", path)
 
 

@@ -1,225 +1,151 @@
-"""One self-contained HTML page about a run: what was registered, how well, where it is worst and why."""
+"""`toile report RUN`: one self-contained page for triage, and its table as CSV and JSON beside it."""
 
 from __future__ import annotations
 
+import csv
 import html
+import io
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from .. import kernels
 from ..errors import UserError
 from ..io.files import output_file, write_text
 from ..io.run import open_run
-from .evaluate import evaluate
-from .page import HEAT, cards, document, figure, flatten, heat, plot, short_number, table
+from .page import HEAT, STYLE, cards, flatten
+from .triage import facts
+from .triage.measured import STATES, measured
+from .triage.pictures import HEAT_MM, OUTLINES, as_text, pictures
 
-WORST = 40  # frames shown with pictures
-SIZE = (360, 220)  # (height, width) of a picture [px]
-BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
-HEAT_MM = 10.0  # distance to the scan at the upper end of the colours
-UNSEEN = (176, 174, 170)  # over holes of the scan
-GRAVE = {"good": 0.0, "doubtful": 1e6, "wrong": 2e6}  # of a verdict, when frames are ranked
+WORST = 20  # frames shown with pictures
+PAGE = Path(__file__).parent / "triage" / "page"
+MAKE = """const $ = id => document.getElementById(id);
+const make = (tag, fields = {}, ...inside) => { const e = Object.assign(document.createElement(tag), fields); e.append(...inside); return e; };
+const data = JSON.parse($('data').textContent);
+"""
 
 
-def write_report(run: Path | str, out: Path | str | None = None, more: str = "") -> Path:
-    """Writes the page of a run (default RUN/report.html) and returns its path. UserError where there is no run.
+def write_report(run: Path | str, out: Path | str | None = None, more: str = "", progress=None) -> Path:
+    """Writes the page of a run (default RUN/report.html), its table beside it as .csv and .json, and returns the page's path.
 
-    `more`: HTML that stands before the frames, such as the section of an avatar made from the run.
+    `more`: HTML that stands after the frames, such as the section of an avatar made from the run. `progress(stage, done,
+    total)`. UserError where there is no run, or the page's name is the table's.
     """
     opened = open_run(run)
     path = output_file(out or opened.path / "report.html")
-    write_text(path, _Page(opened, evaluate(opened)).html(more))
+    beside = {suffix: path.with_suffix(suffix) for suffix in (".csv", ".json")}
+    if path in beside.values():
+        raise UserError(f"{path}: the page's table is written there: name the page .html")
+    rows, result = measured(opened, progress)
+    columns = facts.values_of(rows, opened.config.get("settings", {}))
+    reasons = facts.reasons_of(rows, columns)
+    order = facts.ranking(rows, columns, reasons)
+    worst = facts.shown(order, rows, reasons, WORST)
+    made = []
+    for k, i in enumerate(worst):
+        made.append((i, pictures(opened, rows[i].frame)))
+        if progress is not None:
+            progress("pictures", k + 1, len(worst))
+    table = facts.as_table(rows, columns, reasons)
+    write_text(beside[".json"], json.dumps(table | {"all": result.get("all", {})}, allow_nan=False))
+    write_text(beside[".csv"], as_csv(rows, columns, reasons))
+    write_text(path, page(opened, rows, columns, reasons, order, made, result, more))
     return path
 
 
-class _Page:
-    def __init__(self, run, result):
-        self.run, self.result = run, result
-        self.flat = {f["frame"]: flatten({k: v for k, v in f.items() if k != "frame"}) for f in result["per_frame"]}
-        self.judged = {
-            f["frame"]: (f["verdict"], "; ".join(f["reasons"])) for f in result["per_frame"] if "verdict" in f
-        }
+def as_csv(rows, columns, reasons) -> str:
+    """A line a frame; the head's words are the page's."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    units = [f" [{c.column.unit}]" if c.column.unit else "" for c in columns]
+    titles = [f"{c.column.group}: {c.column.words}{unit}" for c, unit in zip(columns, units)]
+    writer.writerow(["frame", "verdict", "reasons", *titles])
+    for i, row in enumerate(rows):
+        values = [facts.json_number(c.values[i]) for c in columns]
+        texts = [_inert(text) for text in (STATES[row.state], "; ".join(reasons[i]))]
+        writer.writerow([row.frame, *texts, *("" if value is None else f"{value:g}" for value in values)])
+    return out.getvalue()
 
-    def html(self, more):
-        ok, failed = self.result["all"].get("frames_ok", 0), self.result["all"].get("frames_failed", 0)
-        title = f"{self.run.scene.name}: {ok} frames registered" + (f", {failed} failed" if failed else "")
-        ranked = self._ranked()
-        shown = "".join(self._frame(number, why) for number, why in ranked[:WORST])
-        layers = ", ".join(["body", *self.run.garments])
-        settings = html.escape(json.dumps(self.run.config, indent=1))
-        return document(
-            title,
-            f"<p class='soft'>Layers: {html.escape(layers)}. Lengths in mm.</p>"
-            f"{self._warnings()}{self._verdicts()}{cards(flatten(self.result['all']))}<h2>Errors over time</h2><div class='plots'>{self._plots()}</div>{more}"
-            f"<h2>Frames, worst first</h2>{_scale()}{shown}<h2>Settings and versions</h2><pre>{settings}</pre>",
-        )
 
-    def _warnings(self):
-        told = [*self.run.status.warnings(), *self.result["warnings"]]
-        return "".join(f"<p class='why'>{html.escape(w)}</p>" for w in told)
+def _inert(text):
+    """A text that a spreadsheet does not take for a formula."""
+    return f"'{text}" if text[:1] in "=+-@\t\r" and text else text
 
-    def _verdicts(self):
-        """How many frames are good, doubtful and wrong, and why those that are not good are not."""
-        if not self.judged:
-            return ""
-        rows = [(str(n), verdict, why) for n, (verdict, why) in sorted(self.judged.items()) if why]
-        counts = ", ".join(f"{count} {name}" for name, count in self.result["all"]["verdicts"].items())
-        return f"<h2>Verdicts: {counts}</h2>{table(('frame', 'verdict', 'why'), rows) if rows else ''}"
 
-    def _plots(self):
-        names = list(dict.fromkeys(name for values in self.flat.values() for name in values))
-        plots = []
-        for name in names:
-            points = [(n, v[name]) for n, v in sorted(self.flat.items()) if v.get(name) is not None]
-            if points:
-                plots.append(plot(name, points))
-        return "".join(plots)
-
-    def _ranked(self):
-        """[(frame, why)]: failed ones first, then those judged wrong and doubtful, then by the measure that is farthest
-        above its median over the run."""
-        ranked = []
-        medians = {}
-        for name in {n for values in self.flat.values() for n in values}:
-            values = [v[name] for v in self.flat.values() if v.get(name) is not None]
-            medians[name] = float(np.median(values)) if values else 0.0
-        for number in self.run.frames.tolist():
-            if number not in self.flat:
-                ranked.append(
-                    (np.inf, number, f"failed: {self.run.diagnostics.at(number).get('reason', 'not finished')}")
-                )
-                continue
-            score, why = max(
-                (
-                    (_excess(n, v, medians[n]), _words(n, v, medians[n]))
-                    for n, v in self.flat[number].items()
-                    if v is not None
-                ),
-                default=(0.0, "no measure"),
-            )
-            contact = _contact(self.run.diagnostics.at(number))
-            verdict, reasons = self.judged.get(number, ("good", ""))
-            why = "; ".join(text for text in (f"{verdict}: {reasons}" if reasons else "", contact, why) if text)
-            ranked.append((score + (100 if contact else 0) + GRAVE[verdict], number, why))
-        ranked.sort(key=lambda item: (-item[0], item[1]))
-        return [(number, why) for _, number, why in ranked]
-
-    def _frame(self, number, why):
-        pictures = "" if number not in self.flat else self._pictures(number)
-        return (
-            f"<section class='frame'><h3>frame {number} <span class='why'>{html.escape(why)}</span></h3>"
-            f"<div class='row'>{pictures}</div></section>"
-        )
-
-    def _pictures(self, number):
-        run, up = self.run, self.run.scene.up
-        track = (run.track.at(number), run.track.faces, BODY)
-        figures = [("tracked, front", [track], 0), ("tracked, back", [track], np.pi)]
-        if run.garments:
-            layers = [(run.inner.at(number), run.inner.faces, BODY)]
-            inner = [("inner, front", list(layers), 0)]
-            for i, garment in enumerate(run.garments.values()):
-                layers.append((garment.at(number), garment.faces, CLOTH[i % len(CLOTH)]))
-            figures += inner + [("layers, front", layers, 0), ("layers, back", layers, np.pi)]
-        figures += self._heat(number)
-        return "".join(figure(render(parts, angle, up), caption) for caption, parts, angle in figures)
-
-    def _heat(self, number):
-        """The tracked surface and the garments coloured by their distance to the frame's scan; nothing without one."""
-        try:
-            scan = self.run.capture.frame(number).scan
-        except UserError:
-            return []
-        if scan is None:
-            return []
-        index = kernels.SurfaceIndex(scan.vertices, scan.faces)
-
-        border = kernels.border_vertices(scan.faces, len(scan.vertices))
-
-        def coloured(surface):
-            V, F = surface.at(number), surface.faces
-            face, _, bary, distance = index.closest(V)
-            beyond = (border[scan.faces[face]] | (bary < 1e-6)).all(1)  # the nearest point lies on the scan's border
-            colour = heat(distance[F].mean(1) * 1e3 / HEAT_MM)
-            colour[beyond[F].any(1)] = UNSEEN
-            return V, F, colour
-
-        surfaces = {"tracked": [coloured(self.run.track)]}
-        if self.run.garments:
-            surfaces["garments"] = [coloured(garment) for garment in self.run.garments.values()]
-        return [
-            (f"{name} to scan, {side}", parts, angle)
-            for name, parts in surfaces.items()
-            for side, angle in (("front", 0), ("back", np.pi))
+def page(run, rows, columns, reasons, order, made, result, more) -> str:
+    """The HTML; all that comes from files is escaped, or data that the script puts into text alone."""
+    shown, blocks = [], []
+    for i, found in made:
+        names = [(caption, f"p{rows[i].frame}-{k}") for k, (caption, _) in enumerate(found)]
+        shown.append({"row": i, "shown": names})
+        blocks += [
+            f"<script type='text/plain' id='{id}'>{as_text(data)}</script>" for (_, id), (_, data) in zip(names, found)
         ]
+    data = {
+        "path": str(run.path), "states": STATES, "frames": [row.frame for row in rows], "state": [row.state for row in rows],
+        "reasons": reasons, "order": order, "columns": [_column(c) for c in columns],
+        "troubles": facts.troubles(rows, reasons), "pictures": shown,
+        "command": facts.command(run, [row.frame for row in rows]),
+    }  # fmt: skip
+    layers = ", ".join(["body", *run.garments])
+    found = {
+        "title": html.escape(_title(run, rows)),
+        "about": html.escape(f"{run.path}. Layers: {layers}. A row a frame, worst first; colours mark only what is truly out."),
+        "style": STYLE + (PAGE / "triage.css").read_text(encoding="utf-8"),
+        "warnings": _warnings([*run.status.warnings(), *result.get("warnings", [])]),
+        "legend": _legend(run),
+        "more": _means(result) + more + _settings(run),
+        "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "script": MAKE + "".join((PAGE / name).read_text(encoding="utf-8") for name in ("table.js", "triage.js")),
+        "pictures": "\n".join(blocks),
+    }  # fmt: skip
+    return re.sub(r"@(\w+)@", lambda m: found[m[1]], (PAGE / "triage.html").read_text(encoding="utf-8"))
 
 
-def _scale():
-    """The colours of the pictures named "to scan"."""
-    stops = ", ".join(f"rgb{c}" for c in HEAT)
+def _title(run, rows) -> str:
+    counts = [sum(row.state == state for row in rows) for state in range(len(STATES))]
+    told = [f"{count:,} {name}" for count, name in zip(counts[::-1], STATES[::-1]) if count and name != "good"]
+    good = f"{counts[0]:,} of {len(rows):,} frames good"
+    return f"{run.scene.name}: {', '.join([good, *told])}"
+
+
+def _column(c: facts.Values) -> dict[str, Any]:
+    return {
+        "words": c.column.words, "unit": c.column.unit, "group": c.column.group, "meaning": c.column.meaning, "bad": c.column.bad,
+        "own": c.column.bounds is not None, "middle": c.middle, "edge": c.edge, "limits": c.limits, "values": [facts.json_number(v) for v in c.values],
+        "level": "".join(map(str, np.asarray(c.level).tolist())),
+    }  # fmt: skip
+
+
+def _warnings(told) -> str:
+    if not told:
+        return ""
+    items = "".join(f"<li>{html.escape(warning)}</li>" for warning in told)
+    many = f"{len(told)} warnings of the whole run" if len(told) > 1 else "A warning of the whole run"
+    return f"<details class='warnings'{' open' if len(told) <= 4 else ''}><summary>{many}</summary><ul>{items}</ul></details>"
+
+
+def _legend(run) -> str:
+    """The colours of the pictures."""
+    stops = ", ".join(f"rgb{colour}" for colour in HEAT)
+    lines = "".join(
+        f"<span class='swatch' style='background: rgb{OUTLINES[k % len(OUTLINES)]}'></span>{html.escape(name)}"
+        for k, name in enumerate(["body", *run.garments])
+    )
     return (
-        f"<p class='soft'>Distance to scan: 0<span class='scale' style='background: linear-gradient(to right, {stops})'></span>"
-        f"{HEAT_MM:g} mm and more; grey over holes of the scan.</p>"
+        f"<p class='soft'>Scans are coloured by their distance to what was registered: 0<span class='scale' style='background: "
+        f"linear-gradient(to right, {stops})'></span>{HEAT_MM:g} mm and more. Outlines over captured pictures:{lines}.</p>"
     )
 
 
-def render(parts, angle, up="z", size=SIZE):
-    """Shaded layers [(V, F, colour)] from the front (0) or elsewhere about the up axis [rad]: a picture (H,W,3) uint8."""
-    V = np.concatenate([p[0] for p in parts])
-    offset = np.cumsum([0, *(len(p[0]) for p in parts)])
-    F = np.concatenate([p[1] + o for p, o in zip(parts, offset)]).astype(np.int32)
-    colour = np.concatenate([np.broadcast_to(p[2], (len(p[1]), 3)) for p in parts])
-    camera = _view(V, angle, up)
-    height, width = size[0] * 2, size[1] * 2
-    span = max(np.ptp(camera[:, 1]) / height, np.ptp(camera[:, 0]) / width) * 1.08
-    distance = 6.0
-    camera = camera + [0, 0, distance]
-    focal = distance / span
-    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    hit = kernels.raster(camera, F, K, (height, width)).face
-    normals = kernels.vertex_normals(camera, F)[F].mean(1)
-    light = np.clip(0.35 + 0.65 * np.abs(normals @ np.array([0.35, -0.45, -0.82])), 0, 1)
-    shaded = np.concatenate([colour * light[:, None], [[244, 243, 240]]])
-    return shaded[hit].reshape(size[0], 2, size[1], 2, 3).mean((1, 3)).round().astype(np.uint8)
+def _means(result) -> str:
+    """The means of `evaluate`, where there is a truth."""
+    return f"<h2>Against the truth, over all frames</h2>{cards(flatten(result['all']))}" if result else ""
 
 
-def _view(V, angle, up):
-    """Vertices in a camera that looks at the person's front: x right, y down, z forward, centred."""
-    axes = {
-        "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-        "y": ((-1, 0, 0), (0, -1, 0), (0, 0, -1)),
-        "x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
-    }
-    P = (V - (V.min(0) + V.max(0)) / 2) @ np.array(axes[up], dtype=np.float64).T
-    c, s = np.cos(angle), np.sin(angle)
-    return P @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-
-
-def _excess(name, value, median):
-    """How far a measure is on its bad side, relative to its median; IoU and what was observed are bad when low."""
-    if _good_when_high(name):
-        return (median - value) * 10
-    if name == "intersections_left":
-        return 50.0 if value else 0.0
-    return (value - median) / max(abs(median), 1e-9)
-
-
-def _good_when_high(name):
-    return "iou" in name or "observed" in name
-
-
-def _words(name, value, median):
-    if name == "intersections_left" and value:
-        return f"{int(value)} triangle pairs of garments with the body or one another still intersect"
-    worse = "below" if _good_when_high(name) else "above"
-    return f"{name.replace('_', ' ')} is {short_number(value)}, {worse} the run's median of {short_number(median)}"
-
-
-def _contact(diagnostics):
-    """In words, when a stage reports contact that the method cannot represent."""
-    for stage, values in diagnostics.items():
-        if isinstance(values, dict) and values.get("unsupported_contact"):
-            return f"{stage}: hands touch the cloth, which the method cannot represent"
-    return ""
+def _settings(run) -> str:
+    settings = html.escape(json.dumps(run.config, indent=1))
+    return f"<h2>Settings and versions</h2><details><summary>as the run was asked for</summary><pre>{settings}</pre></details>"

@@ -41,7 +41,7 @@ def judge(
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics)
-        measures[f"{template.name}.edge_stretch"] = _stretch(V, template.rest, template.faces)
+        measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)
     if worn:
         measures["pairs_left"] = float(pairs_left)
     return measures, *verdict(measures, settings)
@@ -160,7 +160,7 @@ def _openings(template, diagnostics):
     }
 
 
-def _stretch(V, rest, F):
+def stretch(V, rest, F):
     """What 95 % of the faces' edges stay below: |log(length / length at rest)|."""
     length = [np.linalg.norm(X[F[::STEP, 0]] - X[F[::STEP, 1]], axis=1) for X in (V, rest)]
     return float(np.percentile(np.abs(np.log(np.maximum(length[0], 1e-9) / np.maximum(length[1], 1e-9))), 95))
@@ -175,8 +175,8 @@ def _words(value):
 
 
 def _spread(name, unit, values, middle):
-    p80, p95 = np.percentile(values, [80, 95])
-    return {f"{name}_{unit}": float(middle(values)), f"{name}_p80_{unit}": float(p80), f"{name}_p95_{unit}": float(p95)}
+    out = {f"{name}_{unit}": float(middle(values))}
+    return out | {f"{name}_p{p}_{unit}": float(np.percentile(values, p)) for p in (50, 80, 95)}
 
 
 def _to_points(seen, label, layer):

@@ -1,0 +1,84 @@
+"""What the reasons of verdicts and failures come down to, and what to do about each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+AGAIN = "give them again, which looks for the pose without the neighbours'"
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """A kind of trouble: reasons that `pattern` is found in, a title, and what to do."""
+
+    title: str
+    pattern: str
+    do: str
+
+
+TROUBLES = (
+    Trouble("scan and surface lie apart", r"scan and surface lie .* apart",
+            f"Is the scan whole, and nothing but the person? If it is, {AGAIN}."),
+    Trouble("the pose misses part of the scan", r"is not where the posed body is",
+            f"A limb or all of the skeleton stands elsewhere: {AGAIN}, or add keypoints."),
+    Trouble("the pose stands beside the scan", r"the posed body lies",
+            f"The skeleton is off and its surface was bent to the scan: {AGAIN}, or add keypoints."),
+    Trouble("the surface was bent far", r"the posed body was bent",
+            f"The skeleton missed something, often a limb: {AGAIN}, or add keypoints."),
+    Trouble("keypoints disagree", r"keypoints are more than",
+            "Look for left and right exchanged, and at the cameras: toile inspect CAPTURE says whether one has moved."),
+    Trouble("silhouettes disagree", r"silhouette and masks overlap",
+            "Look at the masks of these frames: parts missing, or another person in them. Else the pose is off."),
+    Trouble("little of the body is seen", r"of the surface was found on the scan",
+            "The scan has holes and no picture shows the rest: are cameras missing in these frames?"),
+    Trouble("little of the garment is seen", r"of the garment was found on the labelled scan",
+            "Look at the label images: is the garment marked in several views of these frames?"),
+    Trouble("the garment lies off its scan", r"garment and labelled scan lie",
+            "Look at the labels, which may bleed onto skin or other cloth, and at the template's size."),
+    Trouble("an opening lies elsewhere", r"an opening lies",
+            "Look at the labels around that opening. In all frames at once: the template's loops or its size are wrong."),
+    Trouble("openings that belong to none", r"of seen openings belong to no loop",
+            "The labels have holes or islands, or the garment is folded, tucked in or open where the template is not."),
+    Trouble("edges of the garment are strained", r"of the garment's edges are as long as",
+            "In all frames: the template has another size. In some: the garment was caught on something, look at the labels."),
+    Trouble("the garment is stretched", r"of the garment is stretched",
+            "In all frames: the template is too small. In some: a label elsewhere pulls it there."),
+    Trouble("the garment is turned over", r"of the garment is turned over",
+            "It is crumpled: look at the labels and the pose of the first frame where it begins, and give these again."),
+    Trouble("triangles go through one another", r"pairs of triangles go through",
+            "A hand or a fold is caught between layers. The frame is usable where it looks right."),
+    Trouble("the body's surface is torn", r"^body: (folded|stretch)",
+            f"Folds and stretch that no cloth has; verdicts do not ask for them. Look at the first frame of the stretch; {AGAIN}."),
+    Trouble("there is no scan", r"no scan shows where the surface lies",
+            "Nothing shows where the surface lies: bring a scan, or enough cameras to make one."),
+)  # fmt: skip
+FAILURE = "Mend the file that is named, if one is, and give the failed frames again."
+CONTACT = Trouble("hands touch the cloth", r"hands touch", "The method cannot represent it: leave these frames out, or mend them by hand.")  # fmt: skip
+OUT = Trouble(
+    "good, but odd: unlike the rest of the run", r"", "Look at the worst of them; if they look right, they are."
+)
+
+
+def trouble_of(reason: str) -> Trouble | None:
+    """The kind that a verdict's reason belongs to."""
+    return next((trouble for trouble in TROUBLES if re.search(trouble.pattern, reason)), None)
+
+
+def title_of(reason: str) -> str:
+    """A short name of the kind of a reason: the known kind's, else the reason with its numbers left out."""
+    known = trouble_of(reason)
+    return known.title if known else re.sub(r"\d+(\.\d+)?", "\u2026", reason)[:100]
+
+
+def of_garment(reason: str) -> str:
+    """The garment that a reason begins with, "" without one."""
+    found = re.match(r"([\w-]+): ", reason)
+    return found.group(1) if found and trouble_of(reason) else ""
+
+
+def advice_of(reasons: Sequence[str]) -> str:
+    """What to do about the first of the reasons."""
+    known = trouble_of(reasons[0]) if reasons else None
+    return known.do if known else ""
