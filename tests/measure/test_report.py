@@ -50,7 +50,7 @@ def test_what_the_run_holds_is_read_and_what_is_made_is_made_once(long, monkeypa
     write_diagnostics(long.run, number, before | {"given": {"again": 1.0}})
     changed, _ = measured.measured(long.opened)
     assert asked == [number - 1, number, number + 1]
-    assert changed[number].values["between/folded"] == 0.5
+    assert changed[number].values["between:folded"] == 0.5
     write_diagnostics(long.run, number, before)
     (long.run / "measured.json").write_text(json.dumps(kept))
     assert path.exists()

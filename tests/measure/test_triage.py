@@ -28,45 +28,45 @@ def level_of(key, values, states=GOOD, limits=None):
 
 def test_a_difference_that_means_nothing_is_not_out_however_narrow_the_run_is():
     values = [0.223] * 19 + [0.228]
-    assert not level_of("evidence/scan_to_surface_p50_mm", values).any()
-    assert level_of("evidence/scan_to_surface_p50_mm", [0.223] * 19 + [5.0]).tolist() == [FINE] * 19 + [OUT]
+    assert not level_of("evidence:scan_to_surface_p50_mm", values).any()
+    assert level_of("evidence:scan_to_surface_p50_mm", [0.223] * 19 + [5.0]).tolist() == [FINE] * 19 + [OUT]
 
 
 def test_a_wide_run_has_no_outlier_within_its_own_spread():
     values = np.random.default_rng(0).gamma(4, 5, 2000)
-    found = level_of("evidence/surface_to_scan_p95_mm", values, np.zeros(2000, int))
+    found = level_of("evidence:surface_to_scan_p95_mm", values, np.zeros(2000, int))
     assert (
         found.mean() < 0.002
-        and level_of("evidence/surface_to_scan_p95_mm", [*values, 500], np.zeros(2001, int))[-1] == OUT
+        and level_of("evidence:surface_to_scan_p95_mm", [*values, 500], np.zeros(2001, int))[-1] == OUT
     )
 
 
 def test_only_the_bad_side_is_out():
-    assert level_of("evidence/observed", [80.0] * 19 + [20.0])[-1] == OUT
-    assert level_of("evidence/observed", [20.0] * 19 + [80.0])[-1] == FINE
-    assert level_of("evidence/pose_mm", [40.0] * 19 + [1.0])[-1] == FINE
+    assert level_of("evidence:observed", [80.0] * 19 + [20.0])[-1] == OUT
+    assert level_of("evidence:observed", [20.0] * 19 + [80.0])[-1] == FINE
+    assert level_of("evidence:pose_mm", [40.0] * 19 + [1.0])[-1] == FINE
 
 
 def test_where_most_frames_are_bad_the_limits_still_say_so_but_not_more_than_the_verdict():
     values, limits = [50.0] * 20, (20.0, 40.0)
-    key = "dress tshirt/loop_mm.hem"
+    key = "dress tshirt:loop_mm.hem"
     assert level_of(key, values, np.full(20, 2), limits).tolist() == [GRAVE] * 20
     assert level_of(key, values, np.full(20, 1), limits).tolist() == [OUT] * 20
     assert level_of(key, values, GOOD, limits).tolist() == [FINE] * 20
-    assert level_of("between/folded", [5.0] * 20, GOOD, column("between/folded").bounds).tolist() == [GRAVE] * 20
+    assert level_of("between:folded", [5.0] * 20, GOOD, column("between:folded").bounds).tolist() == [GRAVE] * 20
 
 
 def test_values_that_are_not_known_are_never_out():
-    found = level_of("evidence/pose_mm", [5.0] * 18 + [np.nan, 100.0])
+    found = level_of("evidence:pose_mm", [5.0] * 18 + [np.nan, 100.0])
     assert found.tolist() == [FINE] * 19 + [OUT]
 
 
 def test_columns_are_words_and_a_mean_stands_in_for_the_median_of_older_runs():
-    old = [c.words for c in columns_of(["evidence/scan_to_surface_mm", "track/searched", "evidence/observed"])]
+    old = [c.words for c in columns_of(["evidence:scan_to_surface_mm", "track:searched", "evidence:observed"])]
     assert old == ["scan to body, mean", "body found on the scan"]
-    both = columns_of(["evidence/scan_to_surface_mm", "evidence/scan_to_surface_p50_mm"])
+    both = columns_of(["evidence:scan_to_surface_mm", "evidence:scan_to_surface_p50_mm"])
     assert [c.words for c in both] == ["scan to body, median"]
-    openings = columns_of(["dress tshirt/loop_mm.sleeve_left", "dress tshirt/loop_observed.sleeve_left"])
+    openings = columns_of(["dress tshirt:loop_mm.sleeve_left", "dress tshirt:loop_observed.sleeve_left"])
     assert [(c.words, c.unit) for c in openings] == [
         ("tshirt sleeve left: off", "mm"),
         ("tshirt sleeve left: seen", "%"),
@@ -162,16 +162,16 @@ def test_every_reason_of_a_verdict_has_an_advice_of_its_own():
 
 def rows(count=40):
     """Frames of which 7 and 8 are wrong, 20 failed, 30 jumps."""
-    found = [Row(n, 0, (), {"evidence/pose_mm": 5.0, "between/jump_p95_mm": 3.0}) for n in range(count)]
+    found = [Row(n, 0, (), {"evidence:pose_mm": 5.0, "between:jump_p95_mm": 3.0}) for n in range(count)]
     for n in (7, 8):
         found[n] = Row(
             n,
             2,
             ("scan and surface lie 45 mm apart, from whichever side (at most 12 is good)",),
-            {"evidence/pose_mm": 90.0 + n},
+            {"evidence:pose_mm": 90.0 + n},
         )
     found[20] = Row(20, 3, ("frames/000020/scan.ply: truncated",), {})
-    found[30] = Row(30, 0, (), {"evidence/pose_mm": 5.0, "between/jump_p95_mm": 70.0})
+    found[30] = Row(30, 0, (), {"evidence:pose_mm": 5.0, "between:jump_p95_mm": 70.0})
     return found
 
 
@@ -183,7 +183,7 @@ def test_failed_frames_come_first_then_wrong_ones_then_those_unlike_the_run_then
     assert reasons[30] == ["body: jump, 95\u00a0%: 70 mm, the run's median is 3 mm"] and reasons[31] == []
     titles = [(t["title"], t["rows"]) for t in facts.troubles(made, reasons)]
     assert titles[0][1] == [20] and titles[1] == ("scan and surface lie apart", [7, 8]) and titles[2][1] == [30]
-    pose = next(c for c in columns if c.column.key == "evidence/pose_mm")
+    pose = next(c for c in columns if c.column.key == "evidence:pose_mm")
     assert pose.level[[7, 8, 30]].tolist() == [GRAVE, GRAVE, FINE]
 
 

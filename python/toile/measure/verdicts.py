@@ -176,7 +176,8 @@ def _words(value):
 
 def _spread(name, unit, values, middle):
     out = {f"{name}_{unit}": float(middle(values))}
-    return out | {f"{name}_p{p}_{unit}": float(np.percentile(values, p)) for p in (50, 80, 95)}
+    ranks = (80, 95) if middle is np.median else (50, 80, 95)
+    return out | {f"{name}_p{rank}_{unit}": float(np.percentile(values, rank)) for rank in ranks}
 
 
 def _to_points(seen, label, layer):

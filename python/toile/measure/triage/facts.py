@@ -64,8 +64,8 @@ def reasons_of(rows: list[Row], columns: list[Values]) -> list[list[str]]:
     for i, row in enumerate(rows):
         said = list(row.reasons)
         if row.state < FAILED_STATE:
-            touched = [key for key, value in row.values.items() if key.endswith("/unsupported_contact") and value]
-            said += [f"{key.split('/')[0].removeprefix('dress ')}: hands touch the cloth" for key in touched]
+            touched = [key for key, value in row.values.items() if key.endswith(":unsupported_contact") and value]
+            said += [f"{key.split(':')[0].removeprefix('dress ')}: hands touch the cloth" for key in touched]
             said += _beyond(i, columns) + _unlike(i, columns)
         found.append(said)
     return found

@@ -25,7 +25,7 @@ FROM_RUN = ("evidence", "segment", "verdict")  # of `evaluate`: what is no error
 
 @dataclass(frozen=True)
 class Row:
-    """One frame: its state, an index of STATES, the reasons of its verdict or failure, {STAGE/NAME: value} of its measures."""
+    """One frame: its state, an index of STATES, the reasons of its verdict or failure, {STAGE:NAME: value} of its measures."""
 
     frame: int
     state: int
@@ -48,9 +48,9 @@ def measured(run, progress=None) -> tuple[list[Row], dict[str, Any]]:
     rows = []
     for row, number in enumerate(numbers):
         values = _flat(told[number]) | seconds.get(number, {})
-        values |= {f"between/{name}": value for name, value in made.get(str(number), {}).get("values", {}).items()}
+        values |= {f"between:{name}": value for name, value in made.get(str(number), {}).get("values", {}).items()}
         wanted = {name: value for name, value in errors.get(number, {}).items() if value is not None}
-        values |= {f"truth/{name}": value for name, value in wanted.items() if not name.startswith(FROM_RUN)}
+        values |= {f"truth:{name}": value for name, value in wanted.items() if not name.startswith(FROM_RUN)}
         rows.append(Row(number, *_state(run, row, told[number]), values))
     return rows, result
 
@@ -67,22 +67,22 @@ def _state(run, row, stages):
 
 
 def _flat(stages):
-    """{STAGE/NAME: number}; -1 of an opening's distance says that none was seen."""
+    """{STAGE:NAME: number}; -1 of an opening's distance says that none was seen."""
     flat = {}
     for stage, values in stages.items():
         for name, value in values.items() if isinstance(values, dict) else ():
             if isinstance(value, (int, float)) and not (name.startswith("loop_mm") and value < 0):
-                flat[f"{stage}/{name}"] = float(value)
+                flat[f"{stage}:{name}"] = float(value)
     return flat
 
 
 def _seconds(run):
-    """{frame: {seconds/STAGE: s}}, the last of each stage, and their sum."""
+    """{frame: {seconds:STAGE: s}}, the last of each stage, and their sum."""
     found: dict[int, dict[str, float]] = {}
     for line in run.status.lines():
         if line.get("ok") and isinstance(line.get("frame"), int) and isinstance(line.get("seconds"), (int, float)):
-            found.setdefault(line["frame"], {})[f"seconds/{line['stage']}"] = float(line["seconds"])
-    return {frame: values | {"seconds/all": sum(values.values())} for frame, values in found.items()}
+            found.setdefault(line["frame"], {})[f"seconds:{line['stage']}"] = float(line["seconds"])
+    return {frame: values | {"seconds:all": sum(values.values())} for frame, values in found.items()}
 
 
 # what is made and kept ------------------------------------------------------------------------------------------------

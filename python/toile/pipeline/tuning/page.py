@@ -13,7 +13,7 @@ from ...console import duration
 from ...errors import UserError
 from ...io.files import write_text
 from ...measure.page import document, figure, table
-from ...measure.report import render
+from ...measure.rendering import render
 from .heldout import drawn_labels
 from .trial import PLACES, TOGETHER
 from .tune import Tried, Tuned
