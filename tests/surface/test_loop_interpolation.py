@@ -32,12 +32,12 @@ def test_the_folded_band_solves_the_closed_loop(k, bending):
     at = 0.1 * np.stack([np.cos(angle), np.sin(angle), rng.normal(0, 0.1, k)], 1)
     wanted, known = rng.normal(0, 0.01, (k, 3)), rng.random(k) < 0.7
     known[0] = True
-    solve = LoopInterpolation(k, SETTINGS)
+    solve = LoopInterpolation([k], SETTINGS)
     for _ in range(2):  # nothing is left of the first call
         assert np.abs(solve(wanted, known, at, bending) - dense(wanted, known, at, bending)).max() < 1e-11
 
 
 def test_a_loop_moves_as_a_whole_where_all_of_it_is_asked_to():
     at = np.random.default_rng(0).normal(size=(30, 3))
-    moved = LoopInterpolation(30, SETTINGS)(np.full((30, 3), 0.01), np.ones(30, bool), at, 30.0)
+    moved = LoopInterpolation([30], SETTINGS)(np.full((30, 3), 0.01), np.ones(30, bool), at, 30.0)
     assert np.abs(moved - 0.01).max() < 1e-6

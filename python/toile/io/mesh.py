@@ -50,14 +50,23 @@ def check_mesh(path: Path, mesh: Mesh) -> Mesh:
 
 
 def _read_by_trimesh(path: Path) -> Mesh:
-    import trimesh
-
-    loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
-    vertices = np.array(loaded.vertices, dtype=np.float64)
-    faces = np.array(loaded.faces, dtype=np.int32).reshape(-1, 3)
-    elements = (loaded.metadata or {}).get("_ply_raw", {})
+    vertices, faces, elements = _arrays_of(path)
+    vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32).reshape(-1, 3)
     labels = _ply_labels(path, elements, len(vertices), faces)
     return Mesh(vertices, faces, face_labels=labels, confidence=_ply_confidence(path, elements, len(vertices)))
+
+
+def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
+    """Vertices, faces and, of a PLY, the raw elements of a file. trimesh's mesh object would hash them all."""
+    import trimesh
+
+    if path.suffix.lower() == ".ply":
+        with open(path, "rb") as file:
+            found = trimesh.exchange.ply.load_ply(file, fix_texture=False, skip_materials=True)
+        if "faces" in found and np.ndim(found["faces"]) == 2 and np.shape(found["faces"])[1] == 3:
+            return found["vertices"], found["faces"], found["metadata"]["_ply_raw"]
+    loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    return loaded.vertices, loaded.faces, (loaded.metadata or {}).get("_ply_raw", {})
 
 
 def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:

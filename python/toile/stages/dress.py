@@ -227,7 +227,8 @@ class Dresser:
         off = cloth.index.closest(vertices)[3] > s.observed_distance
         for loop in self.template.loops:
             if 1 - off[loop].mean() > s.loop.min_observed:
-                free |= off & (cKDTree(vertices[loop]).query(vertices)[0] < s.free_reach)
+                near = cKDTree(vertices[loop]).query(vertices[off], distance_upper_bound=s.free_reach)[0]
+                free[off] |= np.isfinite(near)
         return free
 
     def _to_openings(self, vertices, matches):
@@ -255,11 +256,11 @@ class Dresser:
 
         s = self.settings
         _, _, _, distance = cloth.index.closest(vertices)
-        confidence = np.full(len(vertices), HIDDEN, np.uint8)
         seen = distance < s.observed_distance
-        if seen.any():
-            confidence[cKDTree(vertices[seen]).query(vertices)[0] < s.interpolated_distance] = INTERPOLATED
-        confidence[seen] = OBSERVED
+        confidence = np.where(seen, OBSERVED, HIDDEN).astype(np.uint8)
+        if seen.any() and not seen.all():
+            off = cKDTree(vertices[seen]).query(vertices[~seen], distance_upper_bound=s.interpolated_distance)[0]
+            confidence[~seen] = np.where(np.isfinite(off), INTERPOLATED, HIDDEN)
         return confidence, distance
 
     def _diagnostics(self, vertices, matches, unclaimed, tracked, confidence, distance, start):

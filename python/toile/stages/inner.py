@@ -27,7 +27,8 @@ class Fusion:
     gathered at `guess`, and the blocks are added in their order. Blocks may be gathered by other processes."""
 
     def __init__(self, model, person, templates, settings):
-        self.model, self.templates, self.settings, self.J = model, templates, settings, person.J
+        self.model, self.settings, self.J = model, settings, person.J
+        self.worn = _Worn(templates)
         self.skin = Mesh(model.rest(person.shape)[0], model.skin_faces)
         self.solver = kernels.InnerSolver(model, person.shape, person.J, **settings.solver.model_dump())
         self.fusion = self.solver.fusion()
@@ -43,13 +44,9 @@ class Fusion:
 
     def gather(self, guess, frames):
         """The Gathered of an iterable of frames (Tracked, Segmented, {name: Dressed}), taken one at a time."""
-        templates = self.templates
+        worn = self.worn
         sums = self.solver.gather(
-            (
-                (t.rotations, t.translation, t.vertices, _visible(t, s, templates), _meshes(templates, d))
-                for t, s, d in frames
-            ),
-            guess,
+            ((t.rotations, t.translation, t.vertices, worn.visible(s), worn.meshes(d)) for t, s, d in frames), guess
         )
         return Gathered(sums.position, sums.weight, sums.skin, sums.room, sums.frames)
 
@@ -89,7 +86,7 @@ class InnerLayer:
     """Solves frames against one fused shape; the solvers' factors are kept between frames."""
 
     def __init__(self, model, person, inner_shape, templates, settings):
-        self.model, self.shape, self.templates = model, inner_shape, templates
+        self.model, self.shape, self.worn = model, inner_shape, _Worn(templates)
         options = settings.solver.model_dump() | {"tolerance": settings.tolerance}
         self.solver = kernels.InnerSolver(model, person.shape, person.J, **options)
         garments = [(t.name, t.faces, len(t.rest)) for t in templates]
@@ -107,16 +104,13 @@ class InnerLayer:
 
     def body(self, tracked, segmented, dressed):
         """The vertices (n,3) of the inner body of one frame."""
-        visible = _visible(tracked, segmented, self.templates)
-        meshes = _meshes(self.templates, dressed)
-        fit = self.solver.solve(
-            self.shape.rest, tracked.rotations, tracked.translation, tracked.vertices, visible, meshes
-        )
+        pose, visible = (tracked.rotations, tracked.translation), self.worn.visible(segmented)
+        fit = self.solver.solve(self.shape.rest, *pose, tracked.vertices, visible, self.worn.meshes(dressed))
         return np.asarray(fit.V)
 
     def layered(self, V, tracked, segmented, dressed):
         """The Inner of one frame from its inner body (n,3): every garment out of it and of the garments under it."""
-        visible = _visible(tracked, segmented, self.templates)
+        visible = self.worn.visible(segmented)
         hidden = {name: d.confidence < OBSERVED for name, d in dressed.items()}
         layers = self.layering.solve(
             V, self.layering.move_inside({name: d.vertices for name, d in dressed.items()}, hidden)
@@ -128,13 +122,17 @@ class InnerLayer:
         return Inner(V, confidence, layers.vertices, left, diagnostics | {"intersections_left": float(left)})
 
 
-def _visible(tracked, segmented, templates):
-    """1 where the tracked surface is the inner layer, 0 on cloth."""
-    cloth = np.isin(segmented.vertices, [t.label for t in templates])
-    return np.where(cloth, 0.0, 1.0)
+class _Worn:
+    """The garments of a run, of whose cloth the body is made."""
 
+    def __init__(self, templates):
+        self.labels = [t.label for t in templates]
+        self.cloth = [(t.name, Attachments(t.faces, len(t.rest))) for t in templates]
 
-def _meshes(templates, dressed):
-    """(vertices, faces) of each garment's cloth."""
-    cloth = [Attachments(t.faces, len(t.rest)) for t in templates]
-    return [(dressed[t.name].vertices[a.cloth], a.faces) for t, a in zip(templates, cloth)]
+    def visible(self, segmented):
+        """(n,) 1 where the tracked surface is the inner layer, 0 on cloth."""
+        return np.where(np.isin(segmented.vertices, self.labels), 0.0, 1.0)
+
+    def meshes(self, dressed):
+        """(vertices, faces) of each garment's cloth."""
+        return [(dressed[name].vertices[a.cloth], a.faces) for name, a in self.cloth]

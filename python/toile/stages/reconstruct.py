@@ -163,7 +163,7 @@ class _Rig:
         distorted, D = distort(xy, self.distortion, derivative=True)
         uv = np.einsum("cij,ckj->cki", self.K[:, :2, :2], distorted) + self.K[:, None, :2, 2]
         P = (self.R[:, None, :2, :] - xy[..., None] * self.R[:, None, 2:, :]) / z[..., None, None]  # d xy / d X
-        return uv, np.einsum("cij,ckjl,cklm->ckim", self.K[:, :2, :2], D, P, optimize=True)
+        return uv, self.K[:, None, :2, :2] @ D @ P
 
     def rays(self, uv):
         """Unit world directions (C,k,3) through pixels (C,k,2): the distortion is inverted by fixed-point steps."""
@@ -214,8 +214,9 @@ def _gauss_newton_step(rig, X, uv, inlier, gate):
     at, J = rig.project_with_jacobian(X)
     r = np.where(inlier[..., None], at - uv, 0.0)
     w = np.where(inlier, (1 + (r**2).sum(-1) / gate**2) ** -2, 0.0)
-    H = np.einsum("ckij,ck,ckil->kjl", J, w, J, optimize=True)
-    g = np.einsum("ckij,ck,cki->kj", J, w, r, optimize=True)
+    rows = np.moveaxis(J, 1, 0).reshape(len(X), -1, 3)  # (k,2C,3)
+    weighted = (rows * np.repeat(w.T, 2, axis=1)[..., None]).swapaxes(1, 2)
+    H, g = weighted @ rows, (weighted @ np.moveaxis(r, 1, 0).reshape(len(X), -1, 1))[..., 0]
     damping = 1e-9 * np.trace(H, axis1=1, axis2=2) + 1e-12
     X = X - np.linalg.solve(H + damping[:, None, None] * np.eye(3), g[..., None])[..., 0]
     return X, H, rig.project(X) - uv

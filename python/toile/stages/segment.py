@@ -165,7 +165,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None, vot
         probability[:, column] = p
         moved.append(shift)
         openings[scene.labels[garment.label]] = curves
-    vertex_labels = _tracked_labels(surface, probability, evidence, places, voted, settings)
+    vertex_labels = _tracked_labels(surface, probability, colour, evidence, places, voted, settings)
     face_labels = model.ids[probability[scan.faces].sum(1).argmax(1)]
     shifts = np.concatenate(moved) if moved else np.zeros(0)
     diagnostics = {
@@ -347,16 +347,18 @@ def _strip(curve, scan):
     return left, surface
 
 
-def _tracked_labels(surface, probability, evidence, place, voted, settings):
+def _tracked_labels(surface, probability, colour, evidence, place, voted, settings):
     """Columns (n,) per tracked vertex: those of the scan's faces that pictures show, where one is near or where no picture
-    shows the vertex; the pictures' elsewhere; those of votes; and the neighbours'."""
+    shows the vertex; the pictures' elsewhere; those of votes; and the neighbours'. `probability` (p,L) and `colour` (p,3)
+    are the scan's."""
     face, _, bary, distance = evidence.shown.index.closest(surface.vertices)
-    p = _interpolate(probability, evidence.shown.faces[face], bary)
-    cost, colour, seen = evidence.costs(surface.vertices, surface.normals)
-    cost += place
-    near = distance < settings.depth_tolerance
-    cost[~seen] = -settings.unseen_weight * np.log(p[~seen] + settings.unseen_floor)
-    cost[near] = -settings.near_weight * np.log(p[near] + settings.near_floor)
+    corners = evidence.shown.faces[face]
+    p, colour = _interpolate(probability, corners, bary), _interpolate(colour, corners, bary)
+    cost = -settings.near_weight * np.log(p + settings.near_floor)
+    off = np.flatnonzero(distance >= settings.depth_tolerance)
+    told, colour[off], seen = evidence.costs(surface.vertices[off], surface.normals[off])
+    unseen = -settings.unseen_weight * np.log(p[off] + settings.unseen_floor)
+    cost[off] = np.where(seen[:, None], told + place[off], unseen)
     cost += voted
     smoothness = settings.tracked_smoothness * settings.smoothness
     labels = _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))

@@ -24,7 +24,7 @@ class TwoSided:
         FAR; and the smaller of the two sides' shares beyond FAR. What is only missing from one of the two is not astray."""
         from scipy.spatial import cKDTree
 
-        of_scan = cKDTree(V[self.looks]).query(self.points)[0]
+        of_scan = cKDTree(V[self.looks], balanced_tree=False, compact_nodes=False).query(self.points)[0]
         of_surface = self.scan.index.closest(V[self.looks[:: max(len(self.looks) // SURFACE_POINTS, 1)]])[3]
         sides = of_scan, of_surface
         near = float(np.mean([np.minimum(side, 2 * FAR).mean() for side in sides]))

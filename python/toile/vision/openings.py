@@ -58,7 +58,7 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
     wanted = opening.points[nearest] - at
     wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
     observed, bending = seen[nearest], settings.bending / 10**settings.bending_decades
-    move = LoopInterpolation(len(at), settings)(wanted, observed, at, bending, settings.stay_weight)
+    move = LoopInterpolation([len(at)], settings)(wanted, observed, at, bending, settings.stay_weight)
     return LoopMatch(at + move, observed, np.where(observed, np.linalg.norm(wanted - move, axis=1), np.nan))
 
 
