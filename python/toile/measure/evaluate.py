@@ -17,7 +17,15 @@ from .evidence import evidence, nothing
 from .motion import Followed, MotionError, Slip
 from .truth import mean_measures, millimetres, open_truth
 
-INNER = ("hidden_mm", "visible_mm", "hidden_model_mm", "hidden_share", "jitter_mm", "acceleration")
+INNER = (
+    "hidden_mm",
+    "visible_mm",
+    "observed_p90_mm",
+    "hidden_model_mm",
+    "hidden_share",
+    "jitter_mm",
+    "acceleration",
+)
 
 
 def evaluate(run: Run | Path | str) -> dict:
@@ -32,6 +40,8 @@ def evaluate(run: Run | Path | str) -> dict:
     true ones, seen or not. label_iou: by area over the outside of the tracked surface, against the label of
     the nearest point of the true outer surface (garments, and the body that no garment covers).
     garment: over all vertices of the template, seen or not. observed, share of them that lie on the labelled scan;
+    observed_p90_mm, what 90 % of those stay within of the true surface (inner's: of the true body); folds, pairs of its own
+    faces that go through one another, true_folds, those of the true garment;
     boundary_mm, each loop's vertices to the true border that is its own; boundary_all_mm, the same over the vertices of all
     loops together; boundary_missed_mm, the other way, the true border's vertices to the loop; loop_observed, share of a loop's vertices that lie on the scan and whose opening was seen; surface_mm,
     vertices to the true garment's surface, surface_missed_mm, its vertices to this surface; correspondence_mm, vertices to their true places through the truth's map;
@@ -116,12 +126,16 @@ class _Evaluation:
         for name, garment in run.garments.items():
             seen = garment.confidence.at(number) == OBSERVED
             shares = {loop: float(seen[at].mean()) for loop, at in garment.loops.items()}
-            out["garment"][name] |= {"observed": float(seen.mean()), "loop_observed": shares}
+            folds = len(kernels.self_intersections(cloth[name], garment.faces))
+            out["garment"][name] |= {"observed": float(seen.mean()), "loop_observed": shares, "folds": folds}
         if not true:
             return out
         for name in self.known:
             garment, told = run.garments[name], (self.mapped[name], self.borders[name])
-            measures, error = self.truth.garment_errors(name, garment.loops, cloth[name], garment.faces, number, *told)
+            seen = garment.confidence.at(number) == OBSERVED
+            measures, error = self.truth.garment_errors(
+                name, garment.loops, cloth[name], garment.faces, number, *told, seen
+            )
             out["garment"][name] |= measures
             if error is not None:
                 motions[name].add(number, cloth[name], cloth[name] - error)
@@ -132,7 +146,8 @@ class _Evaluation:
         model = self.model.skin(*self.rest, *run.pose.at(number))
         alone = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]
         share = float((hidden & self.outside).sum() / self.outside.sum())
-        out["inner"] |= self.truth.body_errors(inner, hidden, self.outside, number)
+        seen = run.inner.confidence.at(number) == OBSERVED
+        out["inner"] |= self.truth.body_errors(inner, hidden, self.outside, number, seen)
         out["inner"] |= {"hidden_model_mm": alone, "hidden_share": share}
         body = self.truth.body(number)
         self.followed = self.followed or Followed(inner, ~hidden & self.outside, *body)
@@ -143,6 +158,9 @@ class _Evaluation:
         """The measures of one frame, none of them known."""
         garment = (
             "observed",
+            "observed_p90_mm",
+            "folds",
+            "true_folds",
             "loop_observed",
             "boundary_mm",
             "boundary_all_mm",

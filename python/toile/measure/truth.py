@@ -93,8 +93,9 @@ class Truth:
         posed = replace(model, J=np.array([at[joint] for joint in model.joint_names]))
         return name_loops(posed, V, kernels.boundary_loops(F))
 
-    def garment_errors(self, name, loops, V, faces, number, mapped=True, borders=()):
-        """Measures of a garment's surface V (g,3), `faces`, and its vertices' error vectors (g,3). loops {name: vertex indices}.
+    def garment_errors(self, name, loops, V, faces, number, mapped=True, borders=(), seen=None):
+        """Measures of a garment's surface V (g,3), `faces`, and its vertices' error vectors (g,3). loops {name: vertex
+        indices}; `seen` (g,): where it was observed.
 
         boundary_mm: each loop's vertices to the true border that is its own; boundary_all_mm: those of all loops;
         boundary_missed_mm: that border's vertices to the loop; surface_mm: to the true surface; surface_missed_mm: the true
@@ -113,22 +114,27 @@ class Truth:
             if own is None:
                 own = min(curves, key=lambda curve: distance_to_polyline(place[at], curve).mean())
             boundary[loop], missed[loop] = distance_to_polyline(V[at], own), distance_to_polyline(own, V[at])
+        distance = kernels.SurfaceIndex(T, F).closest(V)[3]
         measures = {
+            "observed_p90_mm": None if seen is None else ninety(distance[seen]),
+            "true_folds": len(kernels.self_intersections(T, F)),
             "boundary_mm": {loop: millimetres(distances) for loop, distances in boundary.items()},
             "boundary_all_mm": millimetres(np.concatenate([*boundary.values(), []])),
             "boundary_missed_mm": {loop: millimetres(distances) for loop, distances in missed.items()},
-            "surface_mm": millimetres(kernels.SurfaceIndex(T, F).closest(V)[3]),
+            "surface_mm": millimetres(distance),
             "surface_missed_mm": millimetres(kernels.SurfaceIndex(V, faces).closest(T[np.unique(F)])[3]),
             "correspondence_mm": millimetres(np.linalg.norm(V - place, axis=1)) if mapped else None,
         }
         return measures, V - place if mapped else None
 
-    def body_errors(self, V, hidden, outside, number):
-        """Distances of body vertices (n,3) to the true body, where `hidden` (n,) and where not; `outside` (n,) alone count."""
+    def body_errors(self, V, hidden, outside, number, seen=None):
+        """Distances of body vertices (n,3) to the true body, where `hidden` (n,) and where not, and where `seen` (n,);
+        `outside` (n,) alone count."""
         distance = kernels.SurfaceIndex(*self.body(number)).closest(V)[3]
         return {
             "hidden_mm": millimetres(distance[hidden & outside]),
             "visible_mm": millimetres(distance[~hidden & outside]),
+            **({} if seen is None else {"observed_p90_mm": ninety(distance[seen & outside])}),
         }
 
 
@@ -165,6 +171,11 @@ def _edge_share(V, edges):
 def millimetres(distances):
     """Their mean [mm], None of none."""
     return float(np.mean(distances) * 1e3) if len(distances) else None
+
+
+def ninety(distances):
+    """What 90 % of them stay within [mm], None of none."""
+    return float(np.percentile(distances, 90) * 1e3) if len(distances) else None
 
 
 def second_difference(positions, step=1):
