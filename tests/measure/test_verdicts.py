@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.shapes import sphere
+from toile import kernels
 from toile.config import VerdictSettings
 from toile.io.files import load_record, save_record
 from toile.io.layout import DOUBTFUL, GOOD, WRONG
@@ -39,7 +40,7 @@ def test_two_spheres_about_one_point_lie_the_difference_of_their_radii_apart_fro
         assert found[f"{name}_p50_mm"] == pytest.approx(10, abs=0.4)
         assert found[f"{name}_p95_mm"] == pytest.approx(10, abs=0.8)
     sides = {f"{side}_{part}mm" for side in ("scan_to_surface", "surface_to_scan") for part in ("", "p50_", "p80_", "p95_")}
-    assert found["observed"] == 1 and set(found) == {"observed", "two_sided_mm", *sides}
+    assert found["observed"] == 1 and set(found) == {"observed", "two_sided_mm", "apart", *sides}
     assert found["two_sided_mm"] == min(found["scan_to_surface_mm"], found["surface_to_scan_mm"])
 
 
@@ -55,9 +56,23 @@ def test_what_the_surface_lacks_shows_from_the_scan_and_what_the_scan_lacks_from
     V, F = ball()
     half = F[(V[F][:, :, 2] > 0).all(1)]
     scan_only = agreement(glimpse(frame(V, F)), {}, None, None, layer(V, half))
-    assert scan_only["scan_to_surface_p95_mm"] > 300 and scan_only["observed"] == 1
+    assert scan_only["scan_to_surface_p95_mm"] > 300 and scan_only["observed"] == 1 and scan_only["apart"] == 0
     surface_only = agreement(glimpse(frame(V, half)), {}, None, None, layer(V, F))
     assert surface_only["surface_to_scan_p95_mm"] > 300 and surface_only["scan_to_surface_p95_mm"] < 1
+    assert surface_only["apart"] == 0
+
+
+def test_a_limb_that_is_bent_elsewhere_is_told_by_the_share_of_it_on_either_side():
+    """Two balls, one with its right cap drawn out, the other its top; against every vertex of both."""
+    V, F = ball()
+    scan, bent = V.copy(), V.copy()
+    scan[V[:, 0] > 0.45, 0] += 0.4
+    bent[V[:, 2] > 0.4, 2] += 0.4
+    found = agreement(glimpse(frame(scan, F)), {}, None, None, layer(bent, F))
+    of_surface = kernels.SurfaceIndex(scan, F).closest(bent)[3] > 0.02
+    assert 0.2 < of_surface.mean() < 0.25  # the scan's share, whose faces are drawn out, is larger
+    assert found["apart"] == pytest.approx(of_surface.mean(), abs=0.02)
+    assert verdict(FINE | {"apart": found["apart"]}, SETTINGS)[0] != GOOD
 
 
 def test_the_thinned_evidence_is_that_of_the_whole_scan(sample_run):
@@ -102,7 +117,7 @@ def test_a_frame_gets_no_better_as_a_measure_gets_worse(name):
 
 
 def test_a_scan_of_holes_and_clutter_is_answered_by_keypoints_and_silhouettes_together():
-    scan = FINE | {"two_sided_mm": 100.0, "astray": 0.3}
+    scan = FINE | {"two_sided_mm": 100.0, "apart": 0.3, "astray": 0.3}
     both = {"keypoint_mm": 10.0, "silhouette_iou": 0.97}
     assert verdict(scan | both, SETTINGS)[0] == GOOD
     for missing in both:

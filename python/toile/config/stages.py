@@ -416,6 +416,9 @@ class VerdictSettings(Settings):
     two_sided_mm: tuple[float, float] = setting(
         (12.0, 30.0), "mm", "the tracked surface and the scan, mean distance from the side that is nearer"
     )
+    apart: tuple[float, float] = setting(
+        (0.02, 0.1), "1", "share of the scan and of the tracked surface, both, that lie 2 cm from one another"
+    )
     astray: tuple[float, float] = setting(
         (0.05, 0.15), "1", "share of the scan and of the posed body, both, that lie 5 cm from one another"
     )

@@ -13,6 +13,7 @@ from .evidence import keypoint_errors, overlap
 
 VERTICES = 2000  # of a surface, that look for the scan
 OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm")  # how the posed body lies before it is bent to the scan
+APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 STEP = 4  # every so many faces are asked for their stretch
 
 
@@ -56,14 +57,17 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. Of a garment NAME:
     NAME.garment_observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95. What only
     one of two lacks, the scan by a hole or the body by clutter, is no fault: two_sided_mm and NAME.garment_mm are the
-    smaller of the two means.
+    smaller of the two means. apart: for the same reason the smaller of the shares of scan and surface that lie more than
+    APART from one another, as on both sides of a limb that was bent to another part of the scan.
     """
     out = {"observed": float((body.confidence[body.looks] == OBSERVED).mean())}
     if len(seen.points):
         skin = kernels.SurfaceIndex(body.vertices, body.faces)
-        out |= _spread("scan_to_surface", "mm", 1e3 * skin.closest(seen.points)[3], np.mean)
-        out |= _spread("surface_to_scan", "mm", 1e3 * _to_points(seen, None, body), np.mean)
+        sides = 1e3 * skin.closest(seen.points)[3], 1e3 * _to_points(seen, None, body)
+        for name, side in zip(("scan_to_surface", "surface_to_scan"), sides):
+            out |= _spread(name, "mm", side, np.mean)
         out["two_sided_mm"] = min(out["scan_to_surface_mm"], out["surface_to_scan_mm"])
+        out["apart"] = float(min((side > APART).mean() for side in sides))
     if seen.keypoints.size:
         views = dict(zip(seen.keypoint_views, seen.keypoints))
         pixels, millimetres = keypoint_errors(seen.keypoint_names, views, cameras, model, body.vertices, joints)
@@ -110,7 +114,7 @@ def _said_by_others(key, measures, settings):
         "keypoint_mm" in measures and measures["keypoint_mm"] <= settings.keypoint_mm[0],
         measures.get("silhouette_iou", 0.0) >= settings.silhouette_iou[0],
     ]
-    if key in ("two_sided_mm", "astray"):
+    if key in ("two_sided_mm", "apart", "astray"):
         return all(agree)
     return key == "observed" and ("keypoint_mm" in measures or "silhouette_iou" in measures)
 
@@ -119,6 +123,7 @@ def _limits(s):
     """{measure: (doubtful from, wrong from, words)}."""
     return {
         "two_sided_mm": (*s.two_sided_mm, "scan and surface lie {} mm apart, from whichever side"),
+        "apart": (*s.apart, "{} of the surface is not where the scan is, and the other way round"),
         "astray": (*s.astray, "{} of the scan is not where the posed body is, and the other way round"),
         "pose_mm": (*s.pose_mm, "the posed body lies {} mm from the scan on average"),
         "moved_mm": (*s.moved_mm, "the posed body was bent by {} mm to meet the scan"),
