@@ -21,6 +21,8 @@ class Trouble:
 TROUBLES = (
     Trouble("scan and surface lie apart", r"scan and surface lie .* apart",
             f"Is the scan whole, and nothing but the person? If it is, {AGAIN}."),
+    Trouble("a limb lies elsewhere", r"of the surface is not where the scan is",
+            f"A limb was bent to another part of the scan. Look at the first frame where it is; {AGAIN}, or add keypoints."),
     Trouble("the pose misses part of the scan", r"is not where the posed body is",
             f"A limb or all of the skeleton stands elsewhere: {AGAIN}, or add keypoints."),
     Trouble("the pose stands beside the scan", r"the posed body lies",
