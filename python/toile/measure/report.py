@@ -17,6 +17,7 @@ from ..io.files import output_file, write_text
 from ..io.run import open_run
 from .page import HEAT, STYLE, cards, flatten
 from .triage import facts
+from .triage.columns import columns_of
 from .triage.measured import STATES, measured
 from .triage.pictures import HEAT_MM, OUTLINES, as_text, pictures
 
@@ -142,8 +143,12 @@ def _legend(run) -> str:
 
 
 def _means(result) -> str:
-    """The means of `evaluate`, where there is a truth."""
-    return f"<h2>Against the truth, over all frames</h2>{cards(flatten(result['all']))}" if result else ""
+    """The means of `evaluate` in words, where there is a truth."""
+    if not result:
+        return ""
+    found = {f"truth:{name}": value for name, value in flatten(result["all"]).items() if value is not None}
+    shown = {f"{c.words}{f' [{c.unit}]' if c.unit else ''}": c.factor * found[c.key] for c in columns_of(found)}
+    return f"<h2>Against the truth, mean of all frames</h2>{cards(shown)}"
 
 
 def _settings(run) -> str:

@@ -66,7 +66,7 @@ def test_both_garments_are_registered_and_measured(chain):
     assert max(boundary["ankle_left"], boundary["ankle_right"]) < 15  # a pixel is 9 mm
     assert boundary["waist"] < 60  # hidden
     page = write_report(chain[1]).read_text()
-    assert "body, trousers, tshirt" in page and "trousers boundary" in page
+    assert "body, trousers, tshirt" in page and "trousers waist to true border" in page
 
 
 def test_both_garments_are_trained_and_measured(chain):

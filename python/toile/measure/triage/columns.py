@@ -109,11 +109,16 @@ KINDS = (  # in the order of the page
     _Kind(r"truth:face_mm", "face", "mm", TRUTH, 3, "facial keypoints of the tracked surface to the true ones"),
     _Kind(r"truth:inner hidden_mm", "body under garments", "mm", TRUTH, 4, "the hidden body to the true body"),
     _Kind(r"truth:inner visible_mm", "body elsewhere", "mm", TRUTH, 2, "the visible body to the true body"),
+    _Kind(r"truth:inner jitter_mm", "body: jitter", "mm", TRUTH, 1, "mean second difference over time of the visible body's errors"),
     _Kind(rf"truth:label_iou {N}", "label {n}", "share", TRUTH, 5, "intersection over union with the true label, by area", LOW),
-    _Kind(rf"truth:garment {G} surface_mm", "{g}: surface", "mm", TRUTH, 2, "the garment to the true surface"),
-    _Kind(rf"truth:garment {G} correspondence_mm", "{g}: places", "mm", TRUTH, 5, "the garment's vertices to their true places"),
-    _Kind(rf"truth:garment {G} boundary_all_mm", "{g}: all openings", "mm", TRUTH, 3, "the garment's openings to the true borders"),
-    _Kind(rf"truth:garment {G} boundary_mm {N}", "{g} {n}", "mm", TRUTH, 5, "the opening to its true border"),
+    _Kind(rf"truth:garment {G} surface_mm", "{g} to true surface", "mm", TRUTH, 2, "the garment's vertices to the true garment"),
+    _Kind(rf"truth:garment {G} surface_missed_mm", "true {g} to surface", "mm", TRUTH, 2, "the true garment's vertices to the garment"),
+    _Kind(rf"truth:garment {G} correspondence_mm", "{g}: vertices off", "mm", TRUTH, 5, "the garment's vertices to their true places"),
+    _Kind(rf"truth:garment {G} slip_mm", "{g}: slip", "mm", TRUTH, 5, "the errors of the vertices' places without what all frames share"),
+    _Kind(rf"truth:garment {G} jitter_mm", "{g}: jitter", "mm", TRUTH, 1, "mean second difference over time of the errors of the vertices' places"),
+    _Kind(rf"truth:garment {G} boundary_all_mm", "{g}: all openings", "mm", TRUTH, 3, "the vertices of all openings to the true borders"),
+    _Kind(rf"truth:garment {G} boundary_mm {N}", "{g} {n} to true border", "mm", TRUTH, 5, "the opening's vertices to its true border"),
+    _Kind(rf"truth:garment {G} boundary_missed_mm {N}", "true {g} {n} to opening", "mm", TRUTH, 5, "the true border's vertices to the opening"),
 )  # fmt: skip
 INSTEAD = {"_p50_mm": "_mm"}  # a mean is shown where an older run has no median
 

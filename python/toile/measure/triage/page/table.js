@@ -55,7 +55,7 @@ function refresh() {
 
 function drawHead() {
   const columns = visible(), all = [frameColumn, ...columns];
-  const key = columns.map(c => c.group + c.words).join() + (sorted ? sorted.column.words + sorted.down : '');
+  const key = columns.map(c => c.group + c.words).join() + (sorted ? sorted.column.words + sorted.down : '') + scroll.clientWidth;
   if (head.dataset.key !== key) {
     head.dataset.key = key;
     const title = (column, extra) => {
@@ -73,7 +73,7 @@ function drawHead() {
       input.addEventListener('input', () => { filters.set(column, input.value); scroll.scrollTop = 0; refresh(); });
       return input;
     };
-    const widths = [34, 70, 240, ...columns.map(() => 78)];
+    const room = scroll.clientWidth - 34 - 70 - 78 * columns.length, widths = [34, 70, Math.max(240, room), ...columns.map(() => 78)];
     table.querySelector('colgroup')?.remove();
     table.prepend(make('colgroup', {}, ...widths.map(w => { const c = make('col'); c.style.width = `${w}px`; return c; })));
     table.style.width = `${widths.reduce((a, b) => a + b)}px`;

@@ -93,7 +93,7 @@ $('line').addEventListener('click', event => {
   if (!view.includes(near)) { filters.clear(); states = only = null; head.dataset.key = ''; refresh(); }
   go(near, true);
 });
-addEventListener('resize', () => { drawLine(); drawRows(); });
+addEventListener('resize', () => { drawLine(); drawHead(); drawRows(); });
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => drawLine());
 
 // the frame in hand ---------------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ for (const {row, shown} of data.pictures) {
   const name = make('button', {}, 'in the table');
   name.addEventListener('click', () => { filters.clear(); states = only = null; head.dataset.key = ''; refresh(); go(row, true); $('frames').scrollIntoView(); });
   $('worst').append(make('div', {className: `bad ${classOf(row)}`}, make('h3', {}, `Frame ${data.frames[row]}: `, markOf(row), ' ', name),
-    make('p', {}, why(row) || 'nothing is wrong with it'), make('div', {className: 'pictures'}, ...shown.map(picture))));
+    make('p', {}, why(row) || 'nothing is out of line'), make('div', {className: 'pictures'}, ...shown.map(picture))));
 }
 
 drawPicked();
