@@ -154,6 +154,9 @@ def test_every_reason_of_a_verdict_has_an_advice_of_its_own():
         for reason in [*reasons, "no scan shows where the surface lies"]
     ]
     assert None not in found and len({trouble.title for trouble in found}) == len(found)
+    assert (
+        of_garment("tshirt.hem: 1.4 times as long as the sampled frames show the opening, or as short") == "tshirt hem"
+    )
     assert of_garment("tshirt: an opening lies 28 mm from the one that was seen") == "tshirt"
     assert title_of("frames/000003/scan.ply: truncated at 4012 bytes") == title_of(
         "frames/000017/scan.ply: truncated at 99 bytes"

@@ -41,6 +41,8 @@ TROUBLES = (
             "Look at the labels, which may bleed onto skin or other cloth, and at the template's size."),
     Trouble("an opening lies elsewhere", r"an opening lies",
             "Look at the labels around that opening. In all frames at once: the template's loops or its size are wrong."),
+    Trouble("an opening has another length", r"the sampled frames show the opening",
+            "The sleeve or hem was caught, tucked or taken for another: look at the labels around it."),
     Trouble("openings that belong to none", r"of seen openings belong to no loop",
             "The labels have holes or islands, or the garment is folded, tucked in or open where the template is not."),
     Trouble("edges of the garment are strained", r"of the garment's edges are as long as",
@@ -75,9 +77,9 @@ def title_of(reason: str) -> str:
 
 
 def of_garment(reason: str) -> str:
-    """The garment that a reason begins with, "" without one."""
-    found = re.match(r"([\w-]+): ", reason)
-    return found.group(1) if found and trouble_of(reason) else ""
+    """The garment that a reason begins with, and its opening if it names one; "" without."""
+    found = re.match(r"([\w.-]+): ", reason)
+    return found.group(1).replace(".", " ") if found and trouble_of(reason) else ""
 
 
 def advice_of(reasons: Sequence[str]) -> str:

@@ -87,7 +87,7 @@ def _captured(run, number, layers):
             picture = read_image(path, capture.cameras[name].size, "RGB")
         except (UserError, OSError, StopIteration):
             continue
-        yield f"captured by {name}", _outlined(picture, capture.cameras[name], layers)
+        yield name, _outlined(picture, capture.cameras[name], layers)
 
 
 def _telling(cameras, names, V):
