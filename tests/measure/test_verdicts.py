@@ -39,7 +39,9 @@ def test_two_spheres_about_one_point_lie_the_difference_of_their_radii_apart_fro
         assert found[f"{name}_mm"] == pytest.approx(10, abs=0.4)
         assert found[f"{name}_p50_mm"] == pytest.approx(10, abs=0.4)
         assert found[f"{name}_p95_mm"] == pytest.approx(10, abs=0.8)
-    sides = {f"{side}_{part}mm" for side in ("scan_to_surface", "surface_to_scan") for part in ("", "p50_", "p80_", "p95_")}
+    sides = {
+        f"{side}_{part}mm" for side in ("scan_to_surface", "surface_to_scan") for part in ("", "p50_", "p80_", "p95_")
+    }
     assert found["observed"] == 1 and set(found) == {"observed", "two_sided_mm", "apart", *sides}
     assert found["two_sided_mm"] == min(found["scan_to_surface_mm"], found["surface_to_scan_mm"])
 
