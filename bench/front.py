@@ -1,8 +1,7 @@
 """Seconds a frame and errors of `toile register` at each quality.   python -m bench.front [CAPTURE OUT] [--frames N]
 
-Without arguments on the bundled capture, to python/toile/assets/front.json, which `toile register --budget` reads; else on
-N frames of a capture that has truth, to the file OUT. Two threads; the calibration that compares machines is timed between
-the runs."""
+Without arguments on the bundled capture, to docs/measurements/front.json, which `make tradeoff` draws; else on N frames of a
+capture that has truth, to the file OUT. Two threads."""
 
 import argparse
 import json
@@ -16,13 +15,12 @@ from toile.config import QUALITIES, preset
 from toile.io.capture import open_capture
 from toile.measure.evaluate import evaluate
 from toile.pipeline import run as pipeline
-from toile.pipeline.budget import calibration, workload
 
 from .summary import mark_front
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "data_samples" / "tshirt-talk"
-FRONT = ROOT / "python" / "toile" / "assets" / "front.json"
+FRONT = ROOT / "docs" / "measurements" / "front.json"
 PANELS = {  # of the picture: the errors, and what they are called there
     "surface_mm": "garment's surface", "boundary_mm": "openings", "hidden_mm": "body under garments",
     "correspondence_mm": "correspondence",
@@ -66,18 +64,16 @@ def main():
         parse.error("a capture of your own needs a file of its own")
     kernels.set_threads(2)
     capture = open_capture(a.capture)
-    frames, table, times = capture.frames[: a.frames], {}, [calibration()]
+    frames, table = capture.frames[: a.frames], {}
     with tempfile.TemporaryDirectory() as folder:
         for quality in QUALITIES:
             run = Path(folder) / quality
             pipeline.register(a.capture, run, preset(quality), frames)
             measured = evaluate(run)["all"]
             table[quality] = {"seconds": measured["seconds"], "errors": errors(measured)}
-            times.append(calibration())
-    table["reference"] = {"calibration": float(np.median(times)), **workload(capture, frames)}
     text = json.dumps(table, indent=1)
     a.out.write_text(text + "\n", encoding="utf-8")
-    print(text, times)
+    print(text)
 
 
 if __name__ == "__main__":

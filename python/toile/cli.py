@@ -218,15 +218,17 @@ def register(
     numbers = frame_numbers(frames, opened.frames, step)
     if check:
         return check_frames(opened, numbers, run)
+    own = {"template_from_scan": list(template_from_scan)} if template_from_scan else {}
+    settings_of = lambda name: changed(from_options(preset, name, config, changes), own)
     if budget is not None:
-        quality = quality_within(budget, quality, opened, numbers)
-    settings = from_options(preset, quality, config, changes)
+        if quality is not None:
+            raise UserError(f"--budget {budget:g}: --quality {quality} is given too")
+        quality = quality_within(budget, opened, run, numbers, settings_of)
+    settings = settings_of(quality)
     bare = sum(lacks_scan(opened, number) for number in numbers) if settings.make_scans else 0
     if bare:
         made = "made of their pictures (--set make_scans=false goes without)"
         speech.note(f"{bare} of {len(numbers)} frames bring no scan: it is {made}")
-    if template_from_scan:
-        settings = changed(settings, {"template_from_scan": list(template_from_scan)})
     with progress_bars() as progress:
         outcome = run_pipeline(
             capture, run, settings, numbers, progress, workers, part, retry or False, verify, scheduler
@@ -353,15 +355,17 @@ def detector_of(capture, command, model):
     return its_own(python)
 
 
-def quality_within(budget, quality, capture, numbers):
-    """The quality that --budget chooses, said with the time and the errors to expect."""
+def quality_within(budget, capture, run, numbers, settings):
+    """The quality that --budget chooses, said with the time and the errors to expect; that of a run which goes on."""
+    from .io.run_folder import config_file, read_config
     from .pipeline.budget import choose
 
-    if quality is not None:
-        raise UserError(f"--budget {budget}: --quality {quality} is given too")
-    quality, seconds, errors = choose(capture, numbers, budget)
+    if config_file(run).exists():
+        return read_config(run).get("settings", {}).get("quality")
+    with progress_bars() as progress:
+        quality, seconds, errors = choose(capture, numbers, budget, settings, progress)
     expect = ", ".join(f"{name.removesuffix('_mm')} {value:.1f} mm" for name, value in errors.items())
-    speech.result(f"--budget {budget}: quality {quality}, about {seconds:.2f} s a frame; errors to expect: {expect}")
+    speech.result(f"--budget {budget}: quality {quality}, about {seconds:.2f} s a frame; on frames tried: {expect}")
     return quality
 
 

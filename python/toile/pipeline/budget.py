@@ -1,67 +1,54 @@
-"""Which quality fits a time per frame, from measured runs: `--budget` of the command line."""
+"""Which quality keeps to a time a frame, `--budget` of the command line: tried on few frames of the capture itself, on this
+machine as it is."""
 
-import json
-import time
-from importlib import resources
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from .. import kernels
-from ..config import QUALITIES
+from ..config import QUALITIES, Config, preset
 from ..errors import UserError
+from ..io.capture import Capture
+from ..io.run import open_run
+from ..measure.evaluate import evaluate
+from .blocks import Progress
+from .tuning.fit import loop_fits
+from .tuning.forecast import seconds_a_frame
+from .tuning.trial import sampled, tried
 
-# shares of a stage's time on the bundled capture that grow with pixels and with scan faces, the rest with neither:
-# from captures of 1.0 and 2.1 M pixels, 19k and 60k faces
-_SHARES = {"track": (0, 0.05), "segment": (0.4, 0.05), "dress": (0, 0.05)}
-
-
-def front():
-    """{quality: {"seconds": {stage: s a frame}, "errors": {...} [mm]}, "reference": {...}}: the bundled capture
-    registered at each quality, as `python -m bench.front` measured it, with the calibration's time in the same run."""
-    return json.loads(resources.files("toile.assets").joinpath("front.json").read_text(encoding="utf-8"))
-
-
-def calibration():
-    """Median time [s] of one small fit, the yardstick between machines."""
-    from ..io.body import load_body_model
-
-    body = load_body_model("anny")
-    solver = kernels.NricpSolver(body.v_template, body.f, "draft")
-    times = []
-    for k in range(5):
-        start = time.perf_counter()
-        solver.solve(body.v_template * (1 + 0.005 * (k + 1)), body.f)
-        times.append(time.perf_counter() - start)
-    return float(np.median(times))
+PLACES = 2  # of the sequence, that are tried
 
 
-def workload(capture, numbers):
-    """What the time of a frame grows with: pictures' pixels and scan faces, of the first frame."""
-    frame = capture.frame(numbers[0])
-    faces = 0 if frame.scan is None else len(frame.scan.faces)
-    labelled = frame.images if capture.scene.segmenter else frame.labels
-    return {"pixels": int(sum(image.shape[0] * image.shape[1] for image in labelled.values())), "faces": faces}
+def choose(
+    capture: Capture,
+    numbers: Sequence[int],
+    seconds: float,
+    config: Callable[[str], Config] = preset,
+    progress: Progress = lambda stage, done, total: None,
+) -> tuple[str, float, dict[str, float]]:
+    """The finest quality that is expected to keep to `seconds` a frame, what all need not counted, that time, and the errors
+    {name_mm: mean} that the trial left. `config(quality)` gives the settings.
+
+    UserError: even draft would take longer, or the capture cannot be registered."""
+    frames = sampled(numbers, PLACES)
+    with tempfile.TemporaryDirectory(prefix="toile-budget-") as folder:
+        for quality in reversed(QUALITIES):
+            progress(f"try {quality}", 0, 1)
+            trial = tried(capture, Path(folder) / quality, config(quality), frames)
+            progress(f"try {quality}", 1, 1)
+            expected = seconds_a_frame(trial, numbers)
+            if expected <= seconds:
+                return quality, expected, _errors(Path(folder) / quality)
+    raise UserError(f"--budget {seconds:g}: draft would take about {expected:.2f} s a frame on this machine")
 
 
-def expected(measured, reference, work, speed):
-    """Seconds a frame on this machine for this capture."""
-    pixels, faces = (work[k] / reference[k] if work[k] else 1.0 for k in ("pixels", "faces"))
-
-    def scaled(stage, seconds):
-        with_pixels, with_faces = _SHARES.get(stage, (0, 0))
-        return seconds * (1 + with_pixels * (pixels - 1) + with_faces * (faces - 1))
-
-    return speed * sum(scaled(stage, seconds) for stage, seconds in measured["seconds"].items())
-
-
-def choose(capture, numbers, seconds):
-    """The finest quality whose expected time a frame fits `seconds`, that time, and the errors to expect.
-
-    Raises UserError where even draft would take longer."""
-    table, work = front(), workload(capture, numbers)
-    speed = calibration() / table["reference"]["calibration"]
-    times = {q: expected(table[q], table["reference"], work, speed) for q in QUALITIES}
-    fitting = [q for q in QUALITIES if times[q] <= seconds]
-    if not fitting:
-        raise UserError(f"--budget {seconds}: draft would take about {times['draft']:.2f} s a frame on this machine")
-    return fitting[-1], times[fitting[-1]], table[fitting[-1]]["errors"]
+def _errors(path):
+    """What tells qualities apart without truth: the body to the scan, and openings to those that were seen."""
+    run = open_run(path)
+    found = {"body to scan_mm": evaluate(run)["all"]["evidence"]["surface_to_scan_mm"]["mean"]}
+    off = [fit.off_mm for name in run.garments for fit in loop_fits(run, name) if fit.off_mm is not None]
+    found["openings_mm"] = float(np.mean(off)) if off else None
+    return {name: value for name, value in found.items() if value is not None}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .curves import Curve, resample, tangents
+from .curves import resample, tangents
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,15 @@ class Forecast:
     memory: int
 
 
+def seconds_a_frame(trial: Trial, numbers: Sequence[int]) -> float:
+    """On this machine, with its cores as threads of one process; what is prepared for all is not counted."""
+    first = trial.first.wall * _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
+    return first / len(numbers) + trial.last.wall / len(trial.frames)
+
+
 def in_one_process(trial: Trial, numbers: Sequence[int]) -> Forecast:
     """On this machine, with its cores as threads of one process."""
-    first = trial.first.wall * _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
-    last = trial.last.wall * len(numbers) / len(trial.frames)
-    return _forecast(trial, numbers, 1, trial.prepare.wall + first + last)
+    return _forecast(trial, numbers, 1, trial.prepare.wall + len(numbers) * seconds_a_frame(trial, numbers))
 
 
 def on_workers(trial: Trial, numbers: Sequence[int], workers: int) -> Forecast:

@@ -50,10 +50,10 @@ class Trial:
     stages: dict[int, dict[str, float]]
 
 
-def sampled(numbers: Sequence[int]) -> tuple[int, ...]:
-    """Frames at PLACES places spread over the sequence, TOGETHER from each on; all of a short one."""
-    places = range(max(len(numbers) - TOGETHER + 1, 1))
-    return tuple(sorted({n for at in evenly(places, PLACES) for n in numbers[at : at + TOGETHER]}))
+def sampled(numbers: Sequence[int], places: int = PLACES) -> tuple[int, ...]:
+    """Frames at so many places spread over the sequence, TOGETHER from each on; all of a short one."""
+    starts = evenly(range(max(len(numbers) - TOGETHER + 1, 1)), places)
+    return tuple(sorted({n for at in starts for n in numbers[at : at + TOGETHER]}))
 
 
 def alone(numbers: Sequence[int]) -> set[int]:
