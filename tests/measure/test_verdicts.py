@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tests.support.rig import ring_of_cameras
 from tests.support.shapes import sphere
 from toile import kernels
 from toile.config import VerdictSettings
@@ -15,6 +16,7 @@ from toile.measure.evaluate import evaluate
 from toile.measure.glimpse import Glimpse, glimpse
 from toile.measure.verdicts import JudgedLayer, agreement, verdict
 from toile.scene import Frame, Keypoints, Mesh
+from toile.vision.visibility import DepthView
 
 SETTINGS = VerdictSettings()
 FINE = {"observed": 0.9, "scan_to_surface_mm": 1.0, "two_sided_mm": 1.0}
@@ -42,7 +44,7 @@ def test_two_spheres_about_one_point_lie_the_difference_of_their_radii_apart_fro
     sides = {
         f"{side}_{part}mm" for side in ("scan_to_surface", "surface_to_scan") for part in ("", "p50_", "p80_", "p95_")
     }
-    assert found["observed"] == 1 and set(found) == {"observed", "two_sided_mm", "apart", *sides}
+    assert found["observed"] == 1 and set(found) == {"observed", "two_sided_mm", "apart", "scan_edge_mm", *sides}
     assert found["two_sided_mm"] == min(found["scan_to_surface_mm"], found["surface_to_scan_mm"])
 
 
@@ -159,3 +161,27 @@ def test_every_registered_frame_has_a_verdict_and_its_measures(sample_run):
         assert found["evidence"]["tshirt.garment_observed"] > 0.5
     counts = evaluate(run)["all"]["verdicts"]
     assert sum(counts.values()) == 4 and counts["wrong"] == 0
+
+
+def test_a_scan_of_few_triangles_is_said():
+    """An octahedron of radius 0.1 m: all its edges are sqrt(2) 0.1 m long."""
+    V = 0.1 * np.concatenate([np.eye(3), -np.eye(3)])
+    F = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32)
+    found = agreement(glimpse(frame(V, F)), {}, None, None, layer(V, F))
+    assert found["scan_edge_mm"] == pytest.approx(141.42, abs=0.01)
+    level, reasons = verdict(found, SETTINGS)
+    assert level == DOUBTFUL and "the scan's triangles are 141 mm wide" in reasons[0]
+    V, F = ball()
+    assert verdict(agreement(glimpse(frame(V, F)), {}, None, None, layer(V, F)), SETTINGS) == (GOOD, [])
+
+
+def test_a_silhouette_is_that_of_body_and_garments_together():
+    """A body that lacks what a garment covers, as the skirt between two legs."""
+    V, F = ball()
+    cameras = ring_of_cameras(3)
+    masks = {name: DepthView(camera, V, F).face >= 0 for name, camera in cameras.items()}
+    seen = glimpse(Frame(0, Mesh(V, F), masks=masks))
+    low = (V[F][:, :, 2] < 0.1).all(1)
+    legs, skirt = layer(V, F[~low]), dataclasses.replace(layer(V, F[low]), name="skirt")
+    shown = lambda *garments: agreement(seen, cameras, None, None, legs, garments)["silhouette_iou"]
+    assert shown() < 0.9 and shown(skirt) > 0.95

@@ -416,6 +416,7 @@ class VerdictSettings(Settings):
     two_sided_mm: tuple[float, float] = setting(
         (12.0, 30.0), "mm", "the tracked surface and the scan, mean distance from the side that is nearer"
     )
+    scan_edge_mm: tuple[float, float] = setting((50.0, 200.0), "mm", "median length of the edges of the frame's scan")
     apart: tuple[float, float] = setting(
         (0.02, 0.1), "1", "share of the scan and of the tracked surface, both, that lie 2 cm from one another"
     )
@@ -441,7 +442,7 @@ class VerdictSettings(Settings):
     )
     loop_mm: tuple[float, float] = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
     loop_length: tuple[float, float] = setting(
-        (1.5, 2.0),
+        (1.5, 3.0),
         "1",
         "length of a loop against its opening's in the frames of the preparation, or the other way round",
     )

@@ -23,6 +23,7 @@ class Glimpse:
     normals: Anything  # (p,3)
     labels: Anything  # (p,) uint8
     spacing: float  # square root of the area that a point stands for [m]
+    side: float  # median length of the scan's edges [m]
     keypoint_names: tuple[str, ...]
     keypoint_views: tuple[str, ...]
     keypoints: Anything  # (C,k,3) u, v [px], confidence
@@ -35,6 +36,7 @@ class Glimpse:
 def glimpse(frame, scan_labels=None) -> Glimpse:
     """The Glimpse of a frame; `scan_labels` (m,) label ids of its scan's faces."""
     points, normals, labels, spacing = _scan_points(frame.scan, scan_labels)
+    side = 0.0 if frame.scan is None else _median_edge(frame.scan)
     found = frame.keypoints
     views = () if found is None else tuple(name for name, at in found.points.items() if len(at))
     keypoints = np.stack([found.points[name] for name in views]) if views else np.zeros((0, 0, 3))
@@ -49,6 +51,7 @@ def glimpse(frame, scan_labels=None) -> Glimpse:
         normals,
         labels,
         spacing,
+        side,
         names,
         views,
         keypoints,
@@ -57,6 +60,11 @@ def glimpse(frame, scan_labels=None) -> Glimpse:
         sizes,
         pixels,
     )
+
+
+def _median_edge(scan):
+    """Over the first edges of the faces [m]."""
+    return float(np.median(np.linalg.norm(scan.vertices[scan.faces[:, 0]] - scan.vertices[scan.faces[:, 1]], axis=1)))
 
 
 def _scan_points(scan, labels):

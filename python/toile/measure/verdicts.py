@@ -66,6 +66,7 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
         sides = 1e3 * skin.closest(seen.points)[3], 1e3 * _to_points(seen, None, body)
         for name, side in zip(("scan_to_surface", "surface_to_scan"), sides):
             out |= _spread(name, "mm", side, np.mean)
+        out["scan_edge_mm"] = 1e3 * seen.side
         out["two_sided_mm"] = min(out["scan_to_surface_mm"], out["surface_to_scan_mm"])
         out["apart"] = float(min((side > APART).mean() for side in sides))
     if seen.keypoints.size:
@@ -74,7 +75,7 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
         if len(pixels):
             out |= _spread("keypoint", "px", pixels, np.median) | _spread("keypoint", "mm", millimetres, np.median)
     if len(seen.mask_views):
-        out["silhouette_iou"] = float(np.mean(list(_silhouettes(seen, cameras, body))))
+        out["silhouette_iou"] = float(np.mean(list(_silhouettes(seen, cameras, (body, *garments)))))
     for layer in garments:
         out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
         own = seen.points[seen.labels == layer.label]
@@ -122,6 +123,7 @@ def _said_by_others(key, measures, settings):
 def _limits(s):
     """{measure: (doubtful from, wrong from, words)}."""
     return {
+        "scan_edge_mm": (*s.scan_edge_mm, "the scan's triangles are {} mm wide: surface and openings are as uncertain"),
         "two_sided_mm": (*s.two_sided_mm, "scan and surface lie {} mm apart, from whichever side"),
         "apart": (*s.apart, "{} of the surface is not where the scan is, and the other way round"),
         "astray": (*s.astray, "{} of the scan is not where the posed body is, and the other way round"),
@@ -200,14 +202,17 @@ def _to_points(seen, label, layer):
     return np.hypot(across, np.maximum(along - seen.spacing, 0))
 
 
-def _silhouettes(seen, cameras, body):
-    """Intersection over union of each kept mask and the surface's silhouette."""
+def _silhouettes(seen, cameras, layers):
+    """Intersection over union of each kept mask and the silhouette of all layers."""
+    V = np.concatenate([layer.vertices for layer in layers])
+    first = np.cumsum([0, *(len(layer.vertices) for layer in layers)])
+    F = np.concatenate([layer.faces + n for layer, n in zip(layers, first)]).astype(np.int32)
     masks = np.split(seen.masks, np.cumsum(seen.mask_sizes.prod(1))[:-1])
     for name, step, size, mask in zip(seen.mask_views, seen.mask_steps, seen.mask_sizes, masks):
         camera = cameras[name]
-        p = camera.to_camera(body.vertices)
+        p = camera.to_camera(V)
         z = np.maximum(p[:, 2:], 1e-3)
         moved = np.concatenate([camera.distort(p[:, :2] / z) * z, p[:, 2:]], axis=1)
         K = camera.K / [[step], [step], [1]]
-        covered = kernels.raster(moved, body.faces, K, tuple(int(side) for side in size)).face >= 0
+        covered = kernels.raster(moved, F, K, tuple(int(side) for side in size)).face >= 0
         yield overlap(covered, mask.reshape(size))
