@@ -19,7 +19,7 @@ def test_a_pixel_kept_shows_the_same_point(camera, f):
     points = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 3))
     at, depth = camera.project(points)
     again, same = thin.project(points)
-    np.testing.assert_allclose(again, (at - f // 2) / f, atol=1e-9)
+    np.testing.assert_allclose(again - 0.5, (at - 0.5 - f // 2) / f, atol=1e-9)  # pixel i has its centre at i + 0.5
     np.testing.assert_array_equal(depth, same)
     v, u = np.mgrid[: camera.height, : camera.width]
     ramp = np.stack([u % 256, v % 256, u * 0 + 7], 2).astype(np.uint8)

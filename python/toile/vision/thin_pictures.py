@@ -14,13 +14,15 @@ from .threads import parallel_map
 
 
 def thin_camera(camera: Camera, most: int) -> Camera:
-    """The Camera of the pixels that `thin_pictures` keeps: every f-th from f // 2 on, u' = (u - f // 2) / f."""
+    """The Camera of the pixels that `thin_pictures` keeps: every f-th from f // 2 on. Pixel i has its centre at
+    i + 0.5, so that u' = (u - f // 2 - 0.5) / f + 0.5."""
     f = _step(camera.size, most)
     if f == 1:
         return camera
     K = camera.K.copy()
-    K[:2, 2] -= f // 2
+    K[:2, 2] -= f // 2 + 0.5
     K[:2] /= f
+    K[:2, 2] += 0.5
     height, width = (len(range(f // 2, side, f)) for side in camera.size)
     return replace(camera, width=width, height=height, K=K)
 
