@@ -69,10 +69,12 @@ def load(frames, workers, seconds):
     """One scheduler, its workers and the client in this process."""
     import logging
 
+    import dask
     from distributed import LocalCluster
 
     options = dict(threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None, memory_limit=0)
     start = time.perf_counter()
+    dask.config.set({"distributed.comm.timeouts.tcp": "300s"})
     with LocalCluster(n_workers=workers, silence_logs=logging.ERROR, **options) as cluster:
         started = time.perf_counter() - start
         found = asleep(frames, seconds, scheduler=cluster.scheduler_address)

@@ -11,6 +11,7 @@ import pytest
 import zarr
 
 import toile
+from tests.support.stored import cut, flip, lose
 from toile.errors import UserError
 from toile.io.layout import DOUBTFUL, GOOD, LAYOUT, layout_of
 from toile.io.run import FrameArray, open_run
@@ -86,12 +87,6 @@ def run(tmp_path):
         writer.write(number, *frame_of(number), verdict=DOUBTFUL if number == 7 else GOOD)
     writer.fail(4)
     return folder
-
-
-def damage(run, key, *chunk):
-    """Cuts the chunk of an array in half."""
-    path = (run / "registered.zarr" / key / "c").joinpath(*map(str, chunk))
-    path.write_bytes(path.read_bytes()[:-4])
 
 
 def test_every_array_comes_back_as_it_was_written(run):
@@ -175,29 +170,105 @@ def test_a_store_without_a_version_is_of_the_first_and_another_is_refused(run):
 
 
 @pytest.mark.parametrize(
-    "key, chunk, read, said",
+    "harm, key, read, said",
     [
-        ("track/vertices", (2, 0, 0), lambda r: r.track.at(7), "track/vertices: frame 7: cannot be read"),
-        ("pose/rotations", (0, 0, 0), lambda r: r.pose.rotations[:], "pose/rotations: frame 3: cannot be read"),
-        ("done", (1,), lambda r: r.ok, "done: frame 4: cannot be read"),
-        ("garment/vest/skin", (0, 0), lambda r: r.garments["vest"].skin, "garment/vest/skin: cannot be read"),
+        (flip, "track/vertices", lambda r: r.track.at(7), "track/vertices: frame 7: cannot be read"),
+        (flip, "track/vertices", lambda r: r.track.vertices[:], "track/vertices: frame 7: cannot be read"),
+        (cut, "pose/rotations", lambda r: r.pose.rotations[:], "pose/rotations: frame 3: cannot be read"),
+        (cut, "done", lambda r: r.ok, "done: frame 3: cannot be read"),
+        (cut, "garment/vest/skin", lambda r: r.garments["vest"].skin, "garment/vest/skin: cannot be read"),
     ],
-    ids=["one frame", "all frames", "done", "fixed"],
+    ids=["one frame", "one of all", "all frames", "done", "fixed"],
 )
-def test_a_cut_chunk_is_named_by_array_and_frame(run, key, chunk, read, said):
-    damage(run, key, *chunk)
+def test_a_changed_frame_and_a_cut_file_are_named_by_array_and_frame(run, harm, key, read, said):
+    harm(run, key, 2)
     with pytest.raises(UserError, match=f"run/registered.zarr: {said}") as caught:
         read(open_run(run))
     assert "\n" not in str(caught.value)
 
 
-def test_a_lost_chunk_of_a_registered_frame_is_no_frame_of_nan(run):
-    (run / "registered.zarr" / "inner" / "vertices" / "c" / "2" / "0" / "0").unlink()
+def test_a_flipped_frame_harms_no_other_of_its_file(run):
+    flip(run, "inner/vertices", 2)
+    assert np.isfinite(open_run(run).inner.at(3)).all() and list(open_run(run).damaged(FRAMES)) == [7]
+
+
+def test_a_lost_file_of_registered_frames_is_no_frame_of_nan(run):
+    lose(run, "inner/vertices", 2)
     opened = open_run(run)
-    for read in (lambda: opened.inner.at(7), lambda: opened.inner.vertices[:], lambda: opened.inner.vertices[[0, 2]]):
+    for read in (lambda: opened.inner.at(7), lambda: opened.inner.vertices[[1, 2]], lambda: opened.inner.vertices[2:]):
         with pytest.raises(UserError, match="inner/vertices: frame 7: its chunk is missing$"):
             read()
-    assert np.isfinite(opened.inner.at(3)).all() and np.isnan(opened.inner.at(4)).all()
+    assert np.isnan(opened.inner.at(4)).all() and list(opened.damaged(FRAMES)) == [3, 7]
+
+
+@pytest.mark.parametrize("harm", [flip, cut, lose])
+@pytest.mark.parametrize("key", ["inner/vertices", "labels"])
+def test_damaged_frames_are_written_again_and_the_others_stay(run, key, harm):
+    before = {name: array[...] for name, array in arrays_of(run)}
+    harm(run, key, 2)
+    lost = tuple(open_run(run).damaged(FRAMES))
+    writer = RunWriter.of(run)
+    writer.reopen(lost)
+    assert writer.pending(FRAMES) == lost == ((7,) if harm is flip else (3, 7))
+    with writer.together():
+        for number in lost:
+            writer.write(number, *frame_of(number), verdict=DOUBTFUL if number == 7 else GOOD)
+    after = {name: array[...] for name, array in arrays_of(run)}
+    if harm is flip:
+        assert all(np.array_equal(before[n], after[n], equal_nan=before[n].dtype.kind == "f") for n in before)
+    assert not open_run(run).damaged(FRAMES)
+
+
+def arrays_of(run):
+    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
+    return [(name, item) for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)]
+
+
+def test_frames_that_share_files_are_grouped_and_written_together_to_the_same_bytes(run, tmp_path):
+    writer = RunWriter.of(run)
+    assert writer.groups((3, 7)) == [(3, 7)]
+    files = {p: p.read_bytes() for p in (run / "registered.zarr").rglob("*") if p.is_file()}
+    with writer.together():
+        for number in (7, 3):
+            writer.write(number, *frame_of(number), verdict=DOUBTFUL if number == 7 else GOOD)
+    arrays = {name: array[...] for name, array in arrays_of(run)}
+    for path, data in files.items():
+        path.write_bytes(data)
+    for name, array in arrays_of(run):
+        assert np.array_equal(array[...], arrays[name], equal_nan=array.dtype.kind == "f"), name
+
+
+def test_many_frames_lie_in_few_files(tmp_path):
+    """What 120 frames of a run take: three files an array, not 120."""
+    (tmp_path / "run").mkdir()
+    person = Person(np.array([0.5]), tetrahedron().v_template, tetrahedron().J)
+    writer = RunWriter.create(tmp_path / "run", range(120), SCENE, tetrahedron(), person, [vest()])
+    assert [len(group) for group in writer.groups(range(120))] == [50, 50, 20]
+    for group in writer.groups(range(120)):
+        with writer.together():
+            for number in group:
+                writer.write(number, *frame_of(number))
+    for key, (stored, _) in layout_of(["vest"], True).items():
+        found = [p for p in (tmp_path / "run" / "registered.zarr" / key / "c").rglob("*") if p.is_file()]
+        assert len(found) == (3 if stored.per_frame else 1), key
+    for number in (0, 49, 50, 119):
+        assert np.array_equal(open_run(tmp_path / "run").track.at(number), frame_of(number)[0].vertices)
+
+
+def test_a_store_of_a_file_a_frame_is_gone_on_with(run):
+    """As older versions made them."""
+    group = zarr.open_group(str(run / "registered.zarr"), mode="r+")
+    for key, (stored, _) in layout_of(["vest"], True).items():
+        if stored.per_frame:
+            values = group[key][...]
+            group.create_array(key, data=values, chunks=(1, *values.shape[1:]), overwrite=True)
+    writer = RunWriter.of(run)
+    assert writer.groups((3, 7)) == [(3,), (7,)]
+    writer.reopen((7,))
+    with writer.together():
+        writer.write(7, *frame_of(9))
+    assert np.array_equal(open_run(run).track.at(7), frame_of(9)[0].vertices)
+    assert np.array_equal(open_run(run).track.at(3), frame_of(3)[0].vertices)
 
 
 def test_a_missing_array_is_named(run):

@@ -205,9 +205,10 @@ def write(run, out, results, progress, prepared, pool) -> None:
     def slide(writer: RunWriter):
         for wanted in blocks(frames):
             slides = {name: _slides(prepared, results, name, wanted) for name in run.garments}
-            for k, number in enumerate(wanted):
-                _write_frame(prepared, writer, number, {n: d[k] for n, d in slides.items() if d is not None})
-                progress("write", next(written), len(frames))
+            with writer.together():
+                for k, number in enumerate(wanted):
+                    _write_frame(prepared, writer, number, {n: d[k] for n, d in slides.items() if d is not None})
+                    progress("write", next(written), len(frames))
 
     for number in run.frames.tolist():
         stages = read_diagnostics(run.path, number)

@@ -19,8 +19,8 @@ VERDICTS = ("good", "doubtful", "wrong")
 @dataclass(frozen=True)
 class Stored:
     """One array. Axes: T frames, n and m vertices and faces of the body model, K joints, S shape coefficients, q facial
-    keypoints, and of a garment g vertices, f faces, t texture vertices. `per_frame`: a chunk holds one frame, and empty
-    chunks are written too; otherwise one chunk holds everything."""
+    keypoints, and of a garment g vertices, f faces, t texture vertices. `per_frame`: a chunk holds one frame, a file several
+    of them, and empty chunks are written too; otherwise one chunk holds everything."""
 
     axes: str
     dtype: str

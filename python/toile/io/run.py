@@ -208,9 +208,8 @@ class Run:
         """UserError: a row cannot be read, or it was never written: of integers a missing chunk reads as zeros."""
         self.checked(key, self.read(key, row)[None], [row])
         array = self.array(key)
-        if key != VERDICT and array.dtype.kind != "f" and array.shards is None:  # older stores left good verdicts out
-            chunk = array.metadata.encode_chunk_key((row, *(0,) * (array.ndim - 1)))
-            if not (self.path / STORE / key / chunk).exists():
+        if key != VERDICT and array.dtype.kind != "f":  # older stores left good verdicts out
+            if not file_of(self.path / STORE, key, array, row).exists():
                 raise UserError(f"{self.path / STORE}: {key}: frame {self.frames[row]}: its chunk is missing")
 
     def checked(self, key: str, values: np.ndarray, rows: Sequence[int] | slice = slice(None)) -> np.ndarray:
@@ -331,6 +330,12 @@ def open_run(path: Path | str) -> Run:
     if attributes.version not in (1, VERSION):
         raise UserError(f"{store}: version {attributes.version} of the layout, expected {VERSION} or 1")
     return Run(path, group, attributes)
+
+
+def file_of(store: Path, key: str, array: Any, row: int) -> Path:
+    """The file of an array that a row lies in."""
+    rows = (array.shards or array.chunks)[0]
+    return store / key / array.metadata.encode_chunk_key((row // rows, *(0,) * (array.ndim - 1)))
 
 
 def is_run(path: Path | str) -> bool:

@@ -1,11 +1,16 @@
 """Fills RUN/registered.zarr, laid out as `layout` says. A killed process leaves a store that another one goes on with:
-the store appears whole under its name, and of a frame the arrays are written first, `done` last."""
+the store appears whole under its name, and of a frame the arrays are written first, `done` last.
+
+A file holds a group of frames, a zarr shard, and is replaced as a whole: `groups` says which frames share one, and those
+are written by one process, best in one go, see `together`."""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +33,21 @@ from .layout import (
     StoredScene,
     layout_of,
 )
-from .run import Run
+from .run import Run, file_of
+
+GROUP = 50  # frames of a file
+FILE = 2**26  # bytes of a file before compression, where a frame has no more
 
 
 class RunWriter:
-    """The store of the run in a folder, opened for writing. Processes may write at once, each frames of its own."""
+    """The store of the run in a folder, opened for writing. Processes may write at once, each groups of its own."""
 
     def __init__(self, store: Path):
         import zarr
 
-        self.group = zarr.open_group(str(store), mode="r+")
+        self.store, self.group = store, zarr.open_group(str(store), mode="r+")
         self._row = {int(number): row for row, number in enumerate(self.group["frames"][:])}
+        self._kept: dict[str, dict[int, Any]] | None = None
 
     @staticmethod
     def of(run: Path) -> RunWriter:
@@ -68,17 +77,22 @@ class RunWriter:
         group = zarr.open_group(str(part), mode="w", zarr_format=3)
         group.attrs.update(_attributes(scene, model, templates).model_dump())
         vertices = {t.name: len(t.rest) for t in templates}
-        for key, (stored, garment) in layout_of(names, scene.face_keypoints).items():
+        layout = layout_of(names, scene.face_keypoints)
+        largest = 8 * 3 * max(sizes["n"], *vertices.values(), 1)  # bytes of a frame's largest array
+        rows = min(max(FILE // largest, 1), GROUP)
+        for key, (stored, garment) in layout.items():
             if not stored.per_frame:
                 data = np.ascontiguousarray(values[key], stored.dtype)
                 group.create_array(key, data=data, chunks=tuple(max(size, 1) for size in data.shape))
                 continue
             axes = sizes | ({"g": vertices[garment]} if garment else {})
             shape = tuple(int(axes.get(axis, axis)) for axis in stored.axes.split())
+            frame = tuple(max(size, 1) for size in shape[1:])
             group.create_array(
                 key,
                 shape=shape,
-                chunks=(1, *(max(size, 1) for size in shape[1:])),
+                chunks=(1, *frame),
+                shards=(rows, *frame),
                 dtype=stored.dtype,
                 fill_value=np.nan if np.dtype(stored.dtype).kind == "f" else 0,
                 compressors=[ZstdCodec(checksum=True)],  # a chunk that is cut or changed cannot be read
@@ -90,6 +104,25 @@ class RunWriter:
         """Those of the frames that are neither ok nor failed."""
         done = self.group["done"][:]  # at once: a row costs a millisecond
         return tuple(number for number in frames if done[self._row[number]] == PENDING)
+
+    def groups(self, frames: Iterable[int]) -> list[tuple[int, ...]]:
+        """The frames, those together that lie in the same files."""
+        found: dict[int, list[int]] = {}
+        for frame in frames:
+            found.setdefault(self._row[frame] // _rows(self.group["done"]), []).append(frame)
+        return [tuple(group) for group in found.values()]
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """What is written inside is kept until the end, however that comes, and then each file is written once."""
+        self._kept = {}
+        try:
+            yield
+        finally:
+            kept, self._kept = self._kept, None
+            for key in sorted(kept, key=lambda key: key == "done"):  # `done` is the last
+                for rows in _runs(sorted(kept[key])):
+                    self._array(key)[rows[0] : rows[-1] + 1] = np.stack([kept[key][row] for row in rows])
 
     def write(
         self,
@@ -132,8 +165,14 @@ class RunWriter:
             self._put(VERDICT, frame, verdict)
 
     def _put(self, key: str, frame: int, value: Any) -> None:
-        """A frame's chunk, also where all of it is the fill value: one that is not there is damage."""
-        self.group[key].with_config({"write_empty_chunks": True})[self._row[frame]] = value
+        if self._kept is None:
+            self._array(key)[self._row[frame]] = value
+        else:
+            self._kept.setdefault(key, {})[self._row[frame]] = value
+
+    def _array(self, key: str) -> Any:
+        """The array, which keeps chunks of nothing but the fill value too: one that is not there is damage."""
+        return self.group[key].with_config({"write_empty_chunks": True})
 
     def write_garment(self, frame: int, name: str, vertices: np.ndarray, confidence: np.ndarray) -> None:
         """Another surface (g,3) [m] and confidence (g,) uint8 of a garment in a frame that is ok."""
@@ -157,8 +196,20 @@ class RunWriter:
         frames = list(frames)
         if frames and DIAGNOSTICS in self.group:
             self.group[DIAGNOSTICS].attrs["whole"] = False
-        for frame in frames:
-            self._put("done", frame, PENDING)
+        with self.together():
+            for frame in frames:
+                self._put("done", frame, PENDING)
+        self._drop_unreadable({self._row[frame] for frame in frames})
+
+    def _drop_unreadable(self, pending: set[int]) -> None:
+        """Removes files of these frames of which no frame can be read: zarr writes to none whose index it cannot read."""
+        for key, array in self.group.members(max_depth=None):
+            if getattr(array, "shards", None) is None or key == "done":
+                continue
+            for group in {row // _rows(array) for row in pending}:
+                rows = range(group * _rows(array), min((group + 1) * _rows(array), array.shape[0]))
+                if not any(_readable(array, row) for row in rows):
+                    file_of(self.store, key, array, rows[0]).unlink(missing_ok=True)
 
     @property
     def whole(self) -> bool:
@@ -177,6 +228,25 @@ def copy_store(run: Run, folder: Path, change: Callable[[RunWriter], None]) -> N
     for left in folder.glob(f".{STORE}.*.part"):
         shutil.rmtree(left)
     replace_file(folder / STORE, write)
+
+
+def _rows(array: Any) -> int:
+    """Frames of one file."""
+    return int((array.shards or array.chunks)[0])
+
+
+def _readable(array: Any, row: int) -> bool:
+    try:
+        array[row]
+    except Exception:  # codecs raise as they like
+        return False
+    return True
+
+
+def _runs(rows: Sequence[int]) -> list[list[int]]:
+    """The rows, in order, cut where one does not follow the other."""
+    cuts = [0, *(i + 1 for i, (a, b) in enumerate(pairwise(rows)) if b != a + 1), len(rows)]
+    return [list(rows[a:b]) for a, b in pairwise(cuts)]
 
 
 def _fixed_values(

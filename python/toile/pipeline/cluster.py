@@ -32,7 +32,8 @@ BEGUN = -1
 SMALL = 1024  # bytes of a value that is sent while its task goes on
 UNSEEN = 10  # workers lost before a task was heard of
 WAIT = 30.0  # s for a scheduler to answer
-LOCAL = {
+PATIENT = {"distributed.comm.timeouts.tcp": "300s"}  # a machine with too much to do is not a dead one
+LOCAL = PATIENT | {
     "distributed.worker.profile.enabled": False,
     "distributed.nanny.pre-spawn-environ": {},  # dask would tell libraries to use one thread
     "distributed.scheduler.worker-saturation": 1.0,  # what waits for a worker is not lost with it
@@ -142,7 +143,8 @@ def connected(to: LocalCluster | str) -> Client:
     if file and not os.path.exists(to):  # dask would wait for it
         raise UserError(f"scheduler {to}: there is no such file")
     try:
-        return Client(**{"scheduler_file" if file else "address": to}, set_as_default=False, timeout=WAIT)
+        with dask.config.set(PATIENT):
+            return Client(**{"scheduler_file" if file else "address": to}, set_as_default=False, timeout=WAIT)
     except (OSError, ValueError) as error:
         raise UserError(f"scheduler {to}: cannot be reached: {first_line(error)}") from None
 

@@ -188,7 +188,7 @@ def last_stages(run, frames, results, progress, prepared, pool) -> None:
     if not is_run(run):
         RunWriter.create(run, frames, scene, prepared.model, prepared.person, prepared.templates)
     left = frames_left(run, frames)
-    for i, _ in enumerate(pool.each(partial(_finish, run, results), pool.shares(left))):
+    for i, _ in enumerate(pool.each(partial(_finish, run, results), RunWriter.of(run).groups(left))):
         progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
     RunWriter.of(run).write_diagnostics(diagnostics_of(run, frames, results.status))
     shutil.rmtree(run / "work", ignore_errors=True)
@@ -239,20 +239,21 @@ def _load_results(results, prepared, number):
 
 
 def _finish(run, results, prepared, numbers):
-    """Solves the inner layer of these frames and writes them to the store, a chunk a frame; yields each number."""
+    """Solves the inner layer of these frames and writes them to the store, each file once; yields each number."""
     writer, made = RunWriter.of(run), {}
-    for number, error in overlapped(lambda number, _: _last_stage(prepared, number, results, made), numbers):
-        if error is not None:
-            results.fail(number, error)
-        if number in made:
-            found, (measures, level, reasons) = made.pop(number)
-            words = {"evidence": measures, "verdict": level, "reasons": reasons}
-            write_diagnostics(run, number, _measured(*found) | words)
-            writer.write(number, *found, verdict=level)
-        else:
-            write_diagnostics(run, number, {"reason": results.reason(number)})
-            writer.fail(number)
-        yield number
+    with writer.together():
+        for number, error in overlapped(lambda number, _: _last_stage(prepared, number, results, made), numbers):
+            if error is not None:
+                results.fail(number, error)
+            if number in made:
+                found, (measures, level, reasons) = made.pop(number)
+                words = {"evidence": measures, "verdict": level, "reasons": reasons}
+                write_diagnostics(run, number, _measured(*found) | words)
+                writer.write(number, *found, verdict=level)
+            else:
+                write_diagnostics(run, number, {"reason": results.reason(number)})
+                writer.fail(number)
+            yield number
 
 
 def _last_stage(prepared, number, results, made) -> Iterator[None]:
