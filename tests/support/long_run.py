@@ -1,13 +1,14 @@
 """A run of as many frames as wanted out of a short one: its frames again and again, by links, with evidence of their own."""
 
 import json
+import math
 import os
 import shutil
 
 import numpy as np
 import zarr
 
-from toile.io.run import open_run
+from toile.io.run import file_of, open_run
 from toile.io.run_folder import write_diagnostics
 from toile.io.status import Status
 
@@ -59,20 +60,24 @@ def _capture(opened, capture, count):
 
 
 def _store(opened, store, state):
-    """The arrays of `opened`, their chunks of a frame again and again."""
-    source, count, rows = opened.path / "registered.zarr", len(state), opened.rows().tolist()
-    shutil.copytree(source, store, ignore=shutil.ignore_patterns("diagnostics"))
-    for path in store.rglob("zarr.json"):
-        facts = json.loads(path.read_text())
-        if facts["node_type"] == "group" or path.parent.name in ("frames", "done", "verdict"):
-            continue
-        if facts["shape"][0] != len(opened.frames) or facts["chunk_grid"]["configuration"]["chunk_shape"][0] != 1:
-            continue
-        path.write_text(json.dumps(facts | {"shape": [count, *facts["shape"][1:]]}))
-        for row in range(len(opened.frames), count):
-            chunk = path.parent / "c" / str(rows[row % len(rows)])
-            shutil.copytree(chunk, chunk.with_name(str(row)), copy_function=os.link)
+    """The arrays of `opened`, their frames again and again, the same files by links."""
+    count, rows = len(state), opened.rows().tolist()
+    shutil.copytree(opened.path / "registered.zarr", store, ignore=shutil.ignore_patterns("diagnostics"))
     group = zarr.open_group(str(store), mode="r+")
+    for key, array in list(opened.group.members(max_depth=None)):
+        if getattr(array, "shards", None) is None or key in ("done", "verdict"):
+            continue
+        files = math.lcm(array.shards[0], len(rows)) // array.shards[0]  # after which they come again
+        first = np.arange(min(files * array.shards[0], count)) % len(rows)
+        shape, kept = (count, *array.shape[1:]), {"chunks": array.chunks, "shards": array.shards, "dtype": array.dtype}
+        made = group.create_array(
+            key, shape=shape, fill_value=array.fill_value, compressors=array.compressors, overwrite=True, **kept
+        )
+        made[: len(first)] = array[...][np.array(rows)[first]]
+        for row in range(files * array.shards[0], count, array.shards[0]):
+            path = file_of(store, key, made, row)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.link(file_of(store, key, made, row % (files * array.shards[0])), path)
     for key, values in {
         "frames": np.arange(count),
         "done": np.where(state == 3, 2, 1),
