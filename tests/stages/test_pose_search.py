@@ -84,6 +84,23 @@ def test_a_pose_that_is_lost_is_found_again_by_the_surface_before_without_a_sear
     assert off < 5 and not searched
 
 
+@pytest.mark.parametrize("others", [True, False])
+def test_an_arm_and_a_leg_that_go_half_a_metre_in_a_frame_are_followed_by_other_starts_alone(known, others):
+    """Without other starts and the search, closest points leave them behind."""
+    model, frame, person, there = known
+    rotations = there.rotations.copy()
+    rotations[model.joint("upperarm01.L")] += [0.5, -0.9, 0]
+    rotations[model.joint("upperleg01.R")] += [-1.0, 0, 0]
+    V = model.skin(person.rest, person.J, rotations, there.translation)
+    assert np.linalg.norm(V - there.vertices, axis=1).max() > 0.5
+    doubtful = {} if others else {"track.starts.doubtful": 1e9}
+    settings = changed(preset("draft"), {"quality": "draft", "track.headings": 0, **doubtful}).track
+    moved = replace(frame, scan=replace(frame.scan, vertices=V, faces=model.skin_faces), keypoints=None)
+    found = Tracker(model, person, settings).track(moved, None, there)
+    off = 1e3 * np.linalg.norm(found.vertices - V, axis=1)[~model.inside]
+    assert (off.mean() < 6 and np.percentile(off, 99) < 40) if others else off.mean() > 30
+
+
 def test_a_frame_that_its_start_explains_is_not_searched(known, monkeypatch):
     model, frame, person, there = known
     monkeypatch.setattr(PoseSearch, "pose", lambda *_: pytest.fail("searched"))
