@@ -19,7 +19,7 @@ from toile.scene import Mesh
 APP = Path(__file__).parents[2] / "apps" / "crane.py"
 
 
-MEAN_MM, MEDIAN_MM = 35.5, 11.3  # over 28 frames, as the README says
+MEAN_MM, MEDIAN_MM = 12, 7  # over 29 frames, asked; 9.8 and 4.3 as the README says
 
 
 def crane_capture(folder, shared_data, frames):
@@ -56,15 +56,15 @@ def test_a_clothed_man_keeps_his_correspondences_over_four_frames(shared_data, t
 
 @pytest.mark.slow(seconds=400)
 def test_a_clothed_man_keeps_his_correspondences_over_the_whole_performance(shared_data, tmp_path):
-    """The figures of the README, at `standard` on all frames: a leg is lost for some of them. Those that are worst are not
-    called good."""
+    """At `standard` on all frames: hands and a leg go 20 to 30 cm in a frame, and are not lost."""
     crane, truth = crane_capture(tmp_path / "capture", shared_data, None)
     outcome = register(tmp_path / "capture", tmp_path / "run", preset("standard"))
-    assert outcome.ok == tuple(range(1, len(truth))) and not outcome.failed
+    assert outcome.ok == tuple(range(1, len(truth))) and not outcome.failed and not outcome.wrong
     found = crane.compare(tmp_path / "run", truth)
-    assert found["correspondence_mm"] < 1.02 * MEAN_MM and found["median_mm"] < 1.02 * MEDIAN_MM
+    assert found["correspondence_mm"] < MEAN_MM and found["median_mm"] < MEDIAN_MM
+    assert max(found["per_frame_mm"].values()) < 2 * MEAN_MM
     verdicts = open_run(tmp_path / "run").verdict
-    assert all(verdicts[n - 1] != GOOD for n, error in found["per_frame_mm"].items() if error > 100)
+    assert np.mean([verdicts[n - 1] == GOOD for n, error in found["per_frame_mm"].items() if error < 10]) > 0.8
 
 
 @pytest.mark.slow(seconds=60)

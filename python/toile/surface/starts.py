@@ -4,6 +4,7 @@ closest points are looked for, and its pose then stays behind, or goes to anothe
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 
@@ -20,8 +21,12 @@ class Starts:
     """
 
     def __init__(self, model, person, settings, quick, poser):
-        self.person, self.settings, self.quick, self.poser = person, settings, quick, poser
-        self.follower = kernels.NricpSolver(person.rest, model.f, rebase=True, fine_iterations=0)
+        self.model, self.person, self.settings, self.quick, self.poser = model, person, settings, quick, poser
+
+    @cached_property
+    def follower(self):
+        """Made when it is first asked for: few sequences need it."""
+        return kernels.NricpSolver(self.person.rest, self.model.f, rebase=True, fine_iterations=0)
 
     def of(self, scan, previous, points, measure) -> Iterator[tuple]:
         """(pose, surface) for a scan after the Tracked `previous`: rotations, translation and shape, and the vertices (n,3)
