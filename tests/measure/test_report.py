@@ -165,6 +165,16 @@ def test_pictures_are_decoded_when_they_come_into_sight_and_texts_stay_texts(lon
     assert browser.errors == []
 
 
+def test_a_run_of_which_every_frame_failed_has_a_page(long, browser, tmp_path):
+    rows = [Row(n, 3, (f"frames/{n:06d}/scan.ply: truncated",), {}) for n in range(3)]
+    page = tmp_path / "page.html"
+    page.write_text(report.page(long.opened, rows, [], facts.reasons_of(rows, []), [0, 1, 2], [(0, [])], {}, ""))
+    browser.errors.clear()
+    browser.open(page.as_uri(), "globalThis.triage")
+    assert browser.run("triage.view().length") == 3 and browser.errors == []
+    assert "3 failed" in browser.run("document.getElementById('troubles').textContent")
+
+
 @pytest.fixture(scope="module")
 def five_thousand(long, tmp_path_factory):
     """The page of 5,000 frames with all columns of the long run and 20 times six pictures of 30 kB."""

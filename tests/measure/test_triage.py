@@ -56,6 +56,14 @@ def test_where_most_frames_are_bad_the_limits_still_say_so_but_not_more_than_the
     assert level_of("between:folded", [5.0] * 20, GOOD, column("between:folded").bounds).tolist() == [GRAVE] * 20
 
 
+def test_where_no_value_can_be_out_nothing_is_said_to_be():
+    low = column("evidence:observed")
+    assert (
+        middle_and_edge(np.array([5.0] * 20), low) == (5.0, None)
+        and middle_and_edge(np.array([80.0] * 20), low)[1] == 70
+    )
+
+
 def test_values_that_are_not_known_are_never_out():
     found = level_of("evidence:pose_mm", [5.0] * 18 + [np.nan, 100.0])
     assert found.tolist() == [FINE] * 19 + [OUT]
@@ -123,7 +131,7 @@ def test_cloth_that_turns_over_a_still_body_for_a_frame_swims():
 def test_a_frame_without_both_neighbours_has_no_jump():
     between = Between(fake_run(lambda n: (np.zeros(3), np.eye(3))))
     assert "jump_p95_mm" not in between.measures(3) and "labels_alike" in between.measures(3)
-    assert set(between.measures(9)) == {"folded", "stretched"}
+    assert set(between.measures(9)) == {"folded", "stretched", "shirt.folds"}
 
 
 def test_labels_alike_is_that_of_the_worst_label_and_small_ones_are_left_out():

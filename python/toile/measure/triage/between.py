@@ -63,6 +63,8 @@ class Between:
         faces = self.run.body_model.skin_faces
         out = {"folded": folded(now.track, faces), "stretched": float(np.exp(stretch(now.track, self.rest, faces)))}
         beside = [self.shape(n) for n in (number - 1, number + 1) if n in self.ok]
+        for name, V in now.garments.items():
+            out[f"{name}.folds"] = float(len(kernels.self_intersections(V, self.run.garments[name].faces)))
         if now.labels is not None and beside:
             alike = labels_alike(now.labels[self.outside], [other.labels[self.outside] for other in beside])
             out |= {} if alike is None else {"labels_alike": alike}

@@ -87,6 +87,7 @@ KINDS = (  # in the order of the page
     _Kind(rf"evidence:{G}\.flipped_share", "{g}: turned over", "share", CLOTH, 1, "share of the garment's triangles", HIGH, "flipped_share"),
     _Kind(rf"evidence:{G}\.stretch_p95", "{g}: stretch, 95 %", "times", CLOTH, 0.15, "largest stretch of a triangle against rest: 95 % have less", HIGH, "stretch_p95"),
     _Kind(rf"dress {G}:hand_contact", "{g}: touched by a hand", "share", CLOTH, 3, "share of a hand that lies at the garment: pulled cloth cannot be represented"),
+    _Kind(rf"between:{G}\.folds", "{g}: through itself", "", CLOTH, 200, "pairs of the garment's own triangles that go through one another"),
     _Kind(r"between:folded", "body: folded", "share", CLOTH, 0.5, "share of the tracked skin's triangles that are turned against their neighbours", HIGH, "", (1.5, 4)),
     _Kind(r"between:stretched", "body: stretch, 95 %", "times", CLOTH, 0.1, "edges of the tracked skin against rest, longer or shorter: 95 % have less", HIGH, "", (2, 3)),
     _Kind(r"between:labels_alike", "labels as in the neighbours", "share", TIME, 5, "intersection over union of each label with the frames before and after, the worst label", LOW),

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import UserError
 from ...io.layout import DOUBTFUL, WRONG
-from ...io.run_folder import config_file
+from ...io.run_folder import capture_folder, config_file
 from ...scene import frame_ranges
 from .advice import CONTACT, FAILURE, OUT, advice_of, of_garment, title_of, trouble_of
 from .columns import Column, columns_of
@@ -157,7 +158,11 @@ def command(run, frames) -> str:
     """The command that gives frames of a run again, up to the option that names them; "" where there is none."""
     if "align" in run.config or "capture" not in run.config:
         return ""
-    again = ["toile", "register", str(run.config["capture"]), str(run.path), "--config", str(config_file(run.path))]
+    try:
+        capture = str(capture_folder(run.path))
+    except UserError:
+        capture = str(run.config["capture"])  # as it was named
+    again = ["toile", "register", capture, str(run.path), "--config", str(config_file(run.path))]
     return shlex.join([*again, "--frames", frame_ranges(frames, between=",")])
 
 

@@ -73,6 +73,8 @@ def _flat(stages):
         for name, value in values.items() if isinstance(values, dict) else ():
             if isinstance(value, (int, float)) and not (name.startswith("loop_mm") and value < 0):
                 flat[f"{stage}:{name}"] = float(value)
+    if "evidence:scan_to_surface_mm" not in flat:
+        flat.pop("evidence:observed", None)  # nothing can be found on a scan that is not there
     return flat
 
 

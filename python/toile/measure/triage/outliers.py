@@ -14,7 +14,7 @@ FINE, OUT, GRAVE = 0, 1, 2
 def middle_and_edge(values, column) -> tuple[float | None, float | None]:
     """The median of values (T,) in the column's unit, NaN where unknown, and where "out" begins on its bad side: SPREADS
     robust standard deviations of that side away (1.4826 times the median distance to the median; Hampel 1974), and at
-    least the column's floor. None where there are too few."""
+    least the column's floor. None where there are too few, or where no value can be out: none is below 0."""
     known = values[np.isfinite(values)]
     if not len(known):
         return None, None
@@ -25,7 +25,8 @@ def middle_and_edge(values, column) -> tuple[float | None, float | None]:
     away = side * (known - middle)
     beyond = away[away > 0]
     spread = 1.4826 * float(np.median(beyond)) if len(beyond) > len(known) // 4 else 0.0
-    return middle, middle + side * max(SPREADS * spread, column.floor)
+    edge = middle + side * max(SPREADS * spread, column.floor)
+    return middle, edge if edge > 0 else None
 
 
 def levels(values, states, column, edge, limits):

@@ -1,10 +1,11 @@
 // The table: all rows in `view`, of which only those within sight are elements.
-const HEIGHT = 28, BEYOND = 8;  // px of a row; rows drawn above and below those in sight
+const HEIGHT = 28, WIDE = 85, BEYOND = 8;  // px of a row and of a column; rows drawn above and below those in sight
 const scroll = $('scroll'), table = $('table'), head = table.tHead, body = table.tBodies[0];
 const filters = new Map();  // column, or 'why': the text
 let view = [], sorted = null, states = null, only = null, anchor = null;
 const here = {row: null}, picked = new Set();
-const groups = [...new Set(data.columns.map(c => c.group))], hiddenGroups = new Set(['Seconds', 'Pose and pictures'].filter(g => groups.length > 3 && groups.includes(g)));
+const groups = [...new Set(data.columns.map(c => c.group))], anyOut = group => data.columns.some(c => c.group === group && /[12]/.test(c.level));
+const hiddenGroups = new Set(['Seconds', ...anyOut('Pose and pictures') ? [] : ['Pose and pictures']].filter(g => groups.length > 3 && groups.includes(g)));
 const visible = () => data.columns.filter(c => !hiddenGroups.has(c.group));
 
 const text = value => value === null ? '\u2013' : Math.abs(value) >= 100 ? value.toFixed(0) : Math.abs(value) >= 10 ? value.toFixed(1) : value.toFixed(Number.isInteger(value) ? 0 : 2);
@@ -49,6 +50,7 @@ function refresh() {
   table.setAttribute('aria-rowcount', view.length);
   drawHead();
   drawRows();
+  drawRows();  // the first made the table as high as it is
   drawChips();
   drawLine();
 }
@@ -73,7 +75,7 @@ function drawHead() {
       input.addEventListener('input', () => { filters.set(column, input.value); scroll.scrollTop = 0; refresh(); });
       return input;
     };
-    const room = scroll.clientWidth - 34 - 70 - 78 * columns.length, widths = [34, 70, Math.max(240, room), ...columns.map(() => 78)];
+    const room = scroll.clientWidth - 34 - 70 - WIDE * columns.length, widths = [34, 70, Math.max(240, room), ...columns.map(() => WIDE)];
     table.querySelector('colgroup')?.remove();
     table.prepend(make('colgroup', {}, ...widths.map(w => { const c = make('col'); c.style.width = `${w}px`; return c; })));
     table.style.width = `${widths.reduce((a, b) => a + b)}px`;

@@ -47,6 +47,7 @@ data.columns.forEach((c, k) => $('measure').append(make('option', {value: k}, `$
 $('measure').value = Math.max(data.columns.findIndex(c => c.level.includes('2')), data.columns.findIndex(c => c.level.includes('1')), 0);
 $('measure').addEventListener('change', () => drawLine());
 const low = Math.min(...data.frames.slice(0, 1), data.frames.at(-1)), span = Math.max(data.frames.at(-1) - low, 1);
+const stride = data.frames.reduce((least, f, i) => i ? Math.min(least, f - data.frames[i - 1]) : least, Infinity);  // between neighbours
 
 function drawLine() {
   const canvas = $('line'), scale = devicePixelRatio || 1, w = canvas.clientWidth * scale, h = canvas.clientHeight * scale;
@@ -77,7 +78,7 @@ function drawLine() {
     pen.setLineDash([]);
     pen.strokeStyle = colour('ink');
     pen.beginPath();
-    c.values.forEach((v, i) => { if (v !== null) (i && c.values[i - 1] !== null && data.frames[i] === data.frames[i - 1] + 1 ? pen.lineTo(x(i), y(v)) : (pen.moveTo(x(i) - scale, y(v)), pen.lineTo(x(i), y(v)))); });
+    c.values.forEach((v, i) => { if (v !== null) (i && c.values[i - 1] !== null && data.frames[i] - data.frames[i - 1] <= stride ? pen.lineTo(x(i), y(v)) : (pen.moveTo(x(i) - scale, y(v)), pen.lineTo(x(i), y(v)))); });
     pen.stroke();
     c.values.forEach((v, i) => { if (v !== null && c.level[i] !== '0') { pen.fillStyle = colour(c.level[i] === '2' ? 'wrong' : 'doubtful'); pen.fillRect(x(i) - 2 * scale, y(v) - 2 * scale, 4 * scale, 4 * scale); } });
     pen.fillStyle = colour('soft');
