@@ -33,7 +33,7 @@ set_target_properties(toile_core PROPERTIES EXPORT_NAME core)
 target_compile_features(toile_core PUBLIC cxx_std_20)
 # Eigen's arrays pass between the library and its users, so both need one alignment and one instruction set.
 target_compile_definitions(toile_core PUBLIC EIGEN_MAX_ALIGN_BYTES=32)
-target_compile_options(toile_core INTERFACE $<INSTALL_INTERFACE:-march=x86-64-v3$<SEMICOLON>-ffp-contract=off>)
+target_compile_options(toile_core INTERFACE $<INSTALL_INTERFACE:-march=${TOILE_PROCESSOR}$<SEMICOLON>-ffp-contract=off>)
 
 foreach(header IN LISTS TOILE_HEADERS)
   cmake_path(GET header PARENT_PATH room)

@@ -1,6 +1,5 @@
 // Eight floats at once, in registers of AVX2 or in what an older processor has.
 #pragma once
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #ifdef __AVX2__
@@ -43,14 +42,19 @@ inline Floats as_floats(Words below_2_31) { return as_floats((Ints)below_2_31); 
 
 /// Into 0 to `most`; not a number becomes 0.
 inline Floats clamped(Floats x, float most) {
+#ifdef __AVX2__
+    return _mm256_min_ps(_mm256_max_ps(x, all(0)), all(most));
+#else
     x = x > 0.0F ? x : all(0);
     return x < most ? x : all(most);
+#endif
 }
 
 /// Eight samples' sum in a fixed order.
 inline float sum(Floats x) {
-    const std::array<float, 4> half{x[0] + x[4], x[1] + x[5], x[2] + x[6], x[3] + x[7]};
-    return (half[0] + half[2]) + (half[1] + half[3]);
+    const Floats half = x + __builtin_shufflevector(x, x, 4, 5, 6, 7, 0, 1, 2, 3);
+    const Floats pair = half + __builtin_shufflevector(half, half, 2, 3, 0, 1, 6, 7, 4, 5);
+    return pair[0] + pair[1];
 }
 
 }  // namespace toile::stereo

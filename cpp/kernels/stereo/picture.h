@@ -1,9 +1,9 @@
 // One level of a picture's pyramid, packed for reading eight places at a time.
 #pragma once
-#include <immintrin.h>
-
 #include <cstdint>
 #include <vector>
+
+#include "kernels/stereo/lanes.h"
 
 namespace toile::stereo {
 
@@ -22,30 +22,19 @@ public:
     std::size_t index(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
 
     struct Slopes {
-        __m256 value, dx, dy;
+        Floats value, dx, dy;
     };
     /// Bilinear values and derivatives at eight places, pixel (0,0) at (0,0); the border's values go on beyond it.
-    Slopes read(__m256 x, __m256 y) const {
-        const __m256 zero = _mm256_setzero_ps();
-        x = _mm256_min_ps(_mm256_max_ps(x, zero), _mm256_set1_ps(static_cast<float>(width) - 1.001F));
-        y = _mm256_min_ps(_mm256_max_ps(y, zero), _mm256_set1_ps(static_cast<float>(height) - 1.001F));
-        const __m256i j = _mm256_cvttps_epi32(x), i = _mm256_cvttps_epi32(y);
-        const __m256 fx = _mm256_sub_ps(x, _mm256_cvtepi32_ps(j)), fy = _mm256_sub_ps(y, _mm256_cvtepi32_ps(i));
-        const __m256i at = _mm256_add_epi32(_mm256_mullo_epi32(i, _mm256_set1_epi32(width)), j);
-        const int* words = reinterpret_cast<const int*>(words_.data());
-        const __m256i upper = _mm256_i32gather_epi32(words, at, 4);
-        const __m256i lower = _mm256_i32gather_epi32(words + width, at, 4);
-        const __m256i low = _mm256_set1_epi32(0xffff);
-        const __m256 a = _mm256_cvtepi32_ps(_mm256_and_si256(upper, low));
-        const __m256 b = _mm256_cvtepi32_ps(_mm256_srli_epi32(upper, 16));
-        const __m256 c = _mm256_cvtepi32_ps(_mm256_and_si256(lower, low));
-        const __m256 d = _mm256_cvtepi32_ps(_mm256_srli_epi32(lower, 16));
-        const __m256 top = _mm256_fmadd_ps(fx, _mm256_sub_ps(b, a), a);
-        const __m256 bottom = _mm256_fmadd_ps(fx, _mm256_sub_ps(d, c), c);
-        const __m256 scale = _mm256_set1_ps(STEP), dy = _mm256_sub_ps(bottom, top);
-        const __m256 left = _mm256_sub_ps(b, a);
-        const __m256 dx = _mm256_fmadd_ps(fy, _mm256_sub_ps(_mm256_sub_ps(d, c), left), left);
-        return {_mm256_mul_ps(scale, _mm256_fmadd_ps(fy, dy, top)), _mm256_mul_ps(scale, dx), _mm256_mul_ps(scale, dy)};
+    Slopes read(Floats x, Floats y) const {
+        x = clamped(x, static_cast<float>(width) - 1.001F);
+        y = clamped(y, static_cast<float>(height) - 1.001F);
+        const Ints j = truncated(x), i = truncated(y), at = i * width + j;
+        const Floats fx = x - as_floats(j), fy = y - as_floats(i);
+        const Words upper = gather(words_.data(), at), lower = gather(words_.data() + width, at);
+        const Floats a = as_floats(upper & 0xffff), b = as_floats(upper >> 16);
+        const Floats c = as_floats(lower & 0xffff), d = as_floats(lower >> 16);
+        const Floats top = fma(fx, b - a, a), bottom = fma(fx, d - c, c), dy = bottom - top;
+        return {STEP * fma(fy, dy, top), STEP * fma(fy, (d - c) - (b - a), b - a), STEP * dy};
     }
 
 private:

@@ -7,17 +7,16 @@ namespace toile::stereo {
 namespace {
 
 struct Places {
-    __m256 u, v, z;
+    Floats u, v, z;
 };
 
-Places places(const Warp& warp, const Pair& pair, __m256 dx, __m256 dy, __m256 bend) {
+Places places(const Warp& warp, const Pair& pair, Floats dx, Floats dy, Floats bend) {
     const auto at = [&](int k) {
-        const __m256 plane = _mm256_fmadd_ps(
-            _mm256_set1_ps(warp.hy[k]), dy, _mm256_fmadd_ps(_mm256_set1_ps(warp.hx[k]), dx, _mm256_set1_ps(warp.q[k])));
-        return _mm256_fmadd_ps(_mm256_set1_ps(pair.b[k]), bend, plane);
+        const Floats plane = fma(all(warp.hy[k]), dy, fma(all(warp.hx[k]), dx, all(warp.q[k])));
+        return fma(all(pair.b[k]), bend, plane);
     };
-    const __m256 z = at(2);
-    return {_mm256_div_ps(at(0), z), _mm256_div_ps(at(1), z), z};
+    const Floats z = at(2);
+    return {at(0) / z, at(1) / z, z};
 }
 
 float pivot(const Picture& picture, const Warp& warp) {
@@ -27,42 +26,30 @@ float pivot(const Picture& picture, const Warp& warp) {
 }  // namespace
 
 Window::Window(const Picture& picture, const Grid& grid, int x, int y, float colour, const Bend& surface) {
-    alignas(32) std::array<float, 8 * LANES> px, py, masked;
-    for (std::size_t k = 0; k < LANES; ++k) {
-        _mm256_store_ps(px.data() + 8 * k, grid.x[k]);
-        _mm256_store_ps(py.data() + 8 * k, grid.y[k]);
-    }
     const auto cx = static_cast<float>(x), cy = static_cast<float>(y), centre = picture.at(x, y);
-    for (std::size_t n = 0; n < px.size(); ++n) {
-        px[n] += cx;
-        py[n] += cy;
-        masked[n] =
-            picture.person(static_cast<int>(std::floor(px[n] + 0.5F)), static_cast<int>(std::floor(py[n] + 0.5F)));
-    }
-    __m256 total = _mm256_setzero_ps(), first = total, second = total;
-    __m256 value[LANES];
-    const __m256 one = _mm256_set1_ps(1), scale = _mm256_set1_ps(1 / colour), middle = _mm256_set1_ps(centre);
+    Floats total{}, first{}, second{}, value[LANES];
     for (std::size_t k = 0; k < LANES; ++k) {
-        value[k] = _mm256_sub_ps(
-            picture.read(_mm256_load_ps(px.data() + 8 * k), _mm256_load_ps(py.data() + 8 * k)).value, middle);
-        const __m256 apart = _mm256_mul_ps(value[k], scale);
-        weight[k] = _mm256_div_ps(_mm256_load_ps(masked.data() + 8 * k), _mm256_fmadd_ps(apart, apart, one));
-        total = _mm256_add_ps(total, weight[k]);
-        first = _mm256_fmadd_ps(weight[k], value[k], first);
+        const Floats px = grid.x[k] + cx, py = grid.y[k] + cy;
+        Floats masked;
+        for (std::size_t n = 0; n < 8; ++n)
+            masked[n] =
+                picture.person(static_cast<int>(std::floor(px[n] + 0.5F)), static_cast<int>(std::floor(py[n] + 0.5F)));
+        value[k] = picture.read(px, py).value - centre;
+        const Floats apart = value[k] * (1 / colour);
+        weight[k] = masked / fma(apart, apart, all(1));
+        total += weight[k];
+        first = fma(weight[k], value[k], first);
     }
-    const float all = std::max(sum(total), 1e-6F), shift = sum(first) / all;
-    const __m256 inverse = _mm256_set1_ps(1 / all), shifted = _mm256_set1_ps(shift);
+    const float weights = std::max(sum(total), 1e-6F), shift = sum(first) / weights;
     for (std::size_t k = 0; k < LANES; ++k) {
-        const __m256 apart = _mm256_sub_ps(value[k], shifted);
-        weight[k] = _mm256_mul_ps(weight[k], inverse);
-        deviation[k] = _mm256_mul_ps(weight[k], apart);
-        second = _mm256_fmadd_ps(deviation[k], apart, second);
+        const Floats apart = value[k] - shift;
+        weight[k] *= 1 / weights;
+        deviation[k] = weight[k] * apart;
+        second = fma(deviation[k], apart, second);
     }
-    const __m256 xx = _mm256_set1_ps(0.5F * surface.xx), xy = _mm256_set1_ps(surface.xy);
-    const __m256 yy = _mm256_set1_ps(0.5F * surface.yy);
     for (std::size_t k = 0; k < LANES; ++k) {
-        const __m256 along = _mm256_fmadd_ps(xx, grid.x[k], _mm256_mul_ps(xy, grid.y[k]));
-        bend[k] = _mm256_fmadd_ps(along, grid.x[k], _mm256_mul_ps(yy, _mm256_mul_ps(grid.y[k], grid.y[k])));
+        const Floats along = fma(all(0.5F * surface.xx), grid.x[k], surface.xy * grid.y[k]);
+        bend[k] = fma(along, grid.x[k], 0.5F * surface.yy * (grid.y[k] * grid.y[k]));
     }
     mean = centre + shift;
     variance = sum(second);
@@ -71,15 +58,14 @@ Window::Window(const Picture& picture, const Grid& grid, int x, int y, float col
 float correlation(const Window& window, const Grid& grid, const Warp& warp, const Pair& pair, const Picture& picture,
                   float noise2) {
     if (!warp.sound(picture, grid.radius)) return -1;
-    const __m256 middle = _mm256_set1_ps(pivot(picture, warp));
-    __m256 s1 = _mm256_setzero_ps(), s2 = s1, cross = s1;
+    const float middle = pivot(picture, warp);
+    Floats s1{}, s2{}, cross{};
     for (std::size_t k = 0; k < LANES; ++k) {
         const Places at = places(warp, pair, grid.x[k], grid.y[k], window.bend[k]);
-        const __m256 s = _mm256_sub_ps(picture.read(at.u, at.v).value, middle);
-        const __m256 ws = _mm256_mul_ps(window.weight[k], s);
-        s1 = _mm256_add_ps(s1, ws);
-        s2 = _mm256_fmadd_ps(ws, s, s2);
-        cross = _mm256_fmadd_ps(window.deviation[k], s, cross);
+        const Floats s = picture.read(at.u, at.v).value - middle, ws = window.weight[k] * s;
+        s1 += ws;
+        s2 = fma(ws, s, s2);
+        cross = fma(window.deviation[k], s, cross);
     }
     const float mean = sum(s1), variance = std::max(sum(s2) - mean * mean, 0.0F);
     return sum(cross) / std::sqrt((window.variance + noise2) * (variance + noise2));
@@ -87,28 +73,25 @@ float correlation(const Window& window, const Grid& grid, const Warp& warp, cons
 
 void add_normal_equations(const Window& window, const Grid& grid, const Warp& warp, const Pair& pair,
                           const Picture& picture, float noise2, std::array<double, 6>& H, std::array<double, 3>& g) {
-    const __m256 zero = _mm256_setzero_ps(), middle = _mm256_set1_ps(pivot(picture, warp));
-    __m256 J1[3]{zero, zero, zero}, Jr[3]{zero, zero, zero}, Js[3]{zero, zero, zero};
-    __m256 JJ[6]{zero, zero, zero, zero, zero, zero};
-    __m256 s1 = zero, s2 = zero, cross = zero;
+    const float middle = pivot(picture, warp);
+    Floats J1[3]{}, Jr[3]{}, Js[3]{}, JJ[6]{};
+    Floats s1{}, s2{}, cross{};
     for (std::size_t k = 0; k < LANES; ++k) {
         const Places at = places(warp, pair, grid.x[k], grid.y[k], window.bend[k]);
         const auto read = picture.read(at.u, at.v);
-        const __m256 s = _mm256_sub_ps(read.value, middle), w = window.weight[k], ws = _mm256_mul_ps(w, s);
-        s1 = _mm256_add_ps(s1, ws);
-        s2 = _mm256_fmadd_ps(ws, s, s2);
-        cross = _mm256_fmadd_ps(window.deviation[k], s, cross);
-        const __m256 b2 = _mm256_set1_ps(pair.b[2]);
-        const __m256 du = _mm256_fnmadd_ps(at.u, b2, _mm256_set1_ps(pair.b[0]));
-        const __m256 dv = _mm256_fnmadd_ps(at.v, b2, _mm256_set1_ps(pair.b[1]));
-        const __m256 slope = _mm256_div_ps(_mm256_fmadd_ps(read.dx, du, _mm256_mul_ps(read.dy, dv)), at.z);
-        const __m256 J[3]{slope, _mm256_mul_ps(slope, grid.x[k]), _mm256_mul_ps(slope, grid.y[k])};
+        const Floats s = read.value - middle, w = window.weight[k], ws = w * s;
+        s1 += ws;
+        s2 = fma(ws, s, s2);
+        cross = fma(window.deviation[k], s, cross);
+        const Floats du = fma(at.u, all(-pair.b[2]), all(pair.b[0])), dv = fma(at.v, all(-pair.b[2]), all(pair.b[1]));
+        const Floats slope = fma(read.dx, du, read.dy * dv) / at.z;
+        const Floats J[3]{slope, slope * grid.x[k], slope * grid.y[k]};
         for (std::size_t a = 0, n = 0; a < 3; ++a) {
-            const __m256 wJ = _mm256_mul_ps(w, J[a]);
-            J1[a] = _mm256_add_ps(J1[a], wJ);
-            Jr[a] = _mm256_fmadd_ps(window.deviation[k], J[a], Jr[a]);
-            Js[a] = _mm256_fmadd_ps(wJ, s, Js[a]);
-            for (std::size_t b = a; b < 3; ++b, ++n) JJ[n] = _mm256_fmadd_ps(wJ, J[b], JJ[n]);
+            const Floats wJ = w * J[a];
+            J1[a] += wJ;
+            Jr[a] = fma(window.deviation[k], J[a], Jr[a]);
+            Js[a] = fma(wJ, s, Js[a]);
+            for (std::size_t b = a; b < 3; ++b, ++n) JJ[n] = fma(wJ, J[b], JJ[n]);
         }
     }
     const double mean = sum(s1), variance = std::max(sum(s2) - mean * mean, 0.0), covariance = sum(cross);

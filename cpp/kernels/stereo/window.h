@@ -1,7 +1,5 @@
 // A window of 32 samples about a pixel, and how well it correlates with another picture through a plane.
 #pragma once
-#include <immintrin.h>
-
 #include <array>
 #include <cmath>
 
@@ -61,40 +59,29 @@ inline float disparity(const Pair& pair, const Warp& warp) {
     return std::hypot(pair.b[0] - warp.u * pair.b[2], pair.b[1] - warp.v * pair.b[2]) / warp.q[2];
 }
 
-/// Eight samples' sum in a fixed order.
-inline float sum(__m256 x) {
-    const __m128 half = _mm_add_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps(x, 1));
-    const __m128 pair = _mm_add_ps(half, _mm_movehl_ps(half, half));
-    return _mm_cvtss_f32(_mm_add_ss(pair, _mm_shuffle_ps(pair, pair, 1)));
-}
-
 constexpr int LANES = 4;  // of eight samples: a 6 x 6 grid without its corners
 
 /// Where the samples lie [px].
 struct Grid {
-    __m256 x[LANES], y[LANES];
+    Floats x[LANES]{}, y[LANES]{};
     float radius;
 
     explicit Grid(float spacing) : radius(2.5F * spacing) {
-        alignas(32) std::array<float, 8 * LANES> px{}, py{};
         std::size_t n = 0;
         for (int i = 0; i < 6; ++i)
             for (int j = 0; j < 6; ++j) {
                 if ((i == 0 || i == 5) && (j == 0 || j == 5)) continue;
-                px[n] = (static_cast<float>(j) - 2.5F) * spacing;
-                py[n++] = (static_cast<float>(i) - 2.5F) * spacing;
+                x[n / 8][n % 8] = (static_cast<float>(j) - 2.5F) * spacing;
+                y[n / 8][n % 8] = (static_cast<float>(i) - 2.5F) * spacing;
+                ++n;
             }
-        for (std::size_t k = 0; k < LANES; ++k) {
-            x[k] = _mm256_load_ps(px.data() + 8 * k);
-            y[k] = _mm256_load_ps(py.data() + 8 * k);
-        }
     }
 };
 
 /// The samples of one pixel's window: weights of sum 1 by grey and mask, weighted deviations from the mean.
 struct Window {
-    __m256 weight[LANES], deviation[LANES];
-    __m256 bend[LANES];  ///< inverse depth beyond the plane's
+    Floats weight[LANES], deviation[LANES];
+    Floats bend[LANES];  ///< inverse depth beyond the plane's
     float mean, variance;
 
     Window(const Picture& picture, const Grid& grid, int x, int y, float colour, const Bend& surface);
