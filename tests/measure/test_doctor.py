@@ -1,8 +1,10 @@
 """`toile doctor` and `toile --version`."""
 
 import importlib.metadata
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -10,12 +12,20 @@ from toile import __version__, kernels
 from toile.measure.doctor import checks
 from toile.measure.doctor.machine import machine, packages, programs
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.mark.parametrize("name", checks.CHECKS)
 def test_every_kernel_agrees_with_its_reference(name, monkeypatch):
     monkeypatch.setattr(checks, "CHECKS", {name: checks.CHECKS[name]})
     (found,) = checks.check_kernels()
     assert found.sound, found
+
+
+def test_every_kernel_that_the_readme_names_is_tried():
+    named = re.search(r"^The kernels: (.*?)\. Their solvers", (ROOT / "README.md").read_text(), re.M | re.S)[1]
+    names = set(re.findall(r"`(\w+)`", named))
+    assert len(names) >= 10 and names <= set(checks.CHECKS)
 
 
 def test_a_kernel_that_is_off_or_breaks_is_told(monkeypatch):
@@ -30,7 +40,7 @@ def test_a_kernel_that_is_off_or_breaks_is_told(monkeypatch):
 
 def test_the_machine_and_the_packages_are_named():
     found = machine()
-    assert "threads" in found["cores"] and "GiB" in found["memory"]
+    assert "threads" in found["cores"] and "GiB" in found["memory"] and "GiB free" in found["disk"] and found["GPU"]
     assert found["python"] == ".".join(map(str, sys.version_info[:3]))
     assert set(programs()) == {"chromium", "blender", "node"}
     versions = {name: version for name, version, extra in packages() if not extra}

@@ -48,6 +48,7 @@ def machine() -> dict[str, str]:
         "processor": processor(),
         "cores": f"{cores}, kernels use {kernels.threads()} threads",
         "memory": memory(),
+        "disk": f"{shutil.disk_usage('.').free / GIB:.0f} GiB free here",
         "GPU": graphics(),
     }
 
