@@ -171,6 +171,14 @@ def test_every_reason_of_a_verdict_has_an_advice_of_its_own():
     )
 
 
+def test_every_limit_of_a_verdict_has_a_column_to_be_seen_in():
+    limits = set(limits_of_verdicts(preset("standard").verdict))
+    keys = [f"evidence:{of}{name}" for name in limits for of in ("", "tshirt.", "tshirt.hem.")] + [
+        "dress tshirt:loop_mm.hem"
+    ]
+    assert {c.limit for c in columns_of(keys)} - {""} == limits
+
+
 def rows(count=40):
     """Frames of which 7 and 8 are wrong, 20 failed, 30 jumps."""
     found = [Row(n, 0, (), {"evidence:pose_mm": 5.0, "between:jump_p95_mm": 3.0}) for n in range(count)]

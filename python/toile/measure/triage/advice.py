@@ -19,6 +19,8 @@ class Trouble:
 
 
 TROUBLES = (
+    Trouble("the scan is coarse", r"the scan's triangles are",
+            "Nothing finer than its triangles can be registered: was it thinned too far, or is it in other units?"),
     Trouble("scan and surface lie apart", r"scan and surface lie .* apart",
             f"Is the scan whole, and nothing but the person? If it is, {AGAIN}."),
     Trouble("a limb lies elsewhere", r"of the surface is not where the scan is",

@@ -64,6 +64,9 @@ class _Kind:
 G, N = r"(?P<g>[\w-]+)", r"(?P<n>.+)"
 P50, P95 = "half of it is nearer", "95 % of it are nearer"
 KINDS = (  # in the order of the page
+    _Kind(r"evidence:two_sided_mm", "scan and body apart", "mm", SCAN, 3, "mean distance from the scan to the body or back, the smaller", HIGH, "two_sided_mm"),
+    _Kind(rf"evidence:{G}\.garment_mm", "scan and {g} apart", "mm", SCAN, 3, "mean distance from the garment's part of the scan to it or back, the smaller", HIGH, "garment_mm"),
+    _Kind(r"evidence:scan_edge_mm", "triangles of the scan", "mm", SCAN, 10, "width of the scan's triangles", HIGH, "scan_edge_mm"),
     _Kind(r"evidence:scan_to_surface_p50_mm", "scan to body, median", "mm", SCAN, 1.5, f"the scan's points, clutter too, to the body: {P50}"),
     _Kind(r"evidence:scan_to_surface_mm", "scan to body, mean", "mm", SCAN, 4, "the scan's points, clutter too, to the body"),
     _Kind(r"evidence:scan_to_surface_p95_mm", "scan to body, 95 %", "mm", SCAN, 15, f"the scan's points, clutter too, to the body: {P95}"),
@@ -86,6 +89,7 @@ KINDS = (  # in the order of the page
     _Kind(r"evidence:pairs_left", "intersections", "", CLOTH, 20, "pairs of triangles of garments that go through the body or one another", HIGH, "pairs_left"),
     _Kind(rf"evidence:{G}\.flipped_share", "{g}: turned over", "share", CLOTH, 1, "share of the garment's triangles", HIGH, "flipped_share"),
     _Kind(rf"evidence:{G}\.stretch_p95", "{g}: stretch, 95 %", "times", CLOTH, 0.15, "largest stretch of a triangle against rest: 95 % have less", HIGH, "stretch_p95"),
+    _Kind(rf"evidence:{G}\.edge_stretch", "{g}: strain, 95 %", "share", CLOTH, 10, "logarithm of its edges' lengths over those at rest, longer or shorter: 95 % have less", HIGH, "edge_stretch"),
     _Kind(rf"dress {G}:hand_contact", "{g}: touched by a hand", "share", CLOTH, 3, "share of a hand that lies at the garment: pulled cloth cannot be represented"),
     _Kind(rf"between:{G}\.folds", "{g}: through itself", "", CLOTH, 200, "pairs of the garment's own triangles that go through one another"),
     _Kind(r"between:folded", "body: folded", "share", CLOTH, 0.5, "share of the tracked skin's triangles that are turned against their neighbours", HIGH, "", (1.5, 4)),
