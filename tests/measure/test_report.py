@@ -134,8 +134,16 @@ def test_the_page_opens_from_its_file_alone_sorts_filters_and_selects(long, brow
     browser.run("[...document.querySelectorAll('#states button')].find(b => b.textContent.endsWith('wrong')).click()")
     assert set(frames()) == {n for n, v in enumerate(verdicts) if v == 2 and n not in failed}
 
+    browser.run("document.getElementById('clear').click()")
+    key = lambda name: browser.run(
+        f"document.getElementById('scroll').dispatchEvent(new KeyboardEvent('keydown', {{key: '{name}'}}))"
+    )
+    for name in ("Home", "ArrowDown", " ", "ArrowDown", " "):
+        key(name)
+    assert browser.run("[...triage.picked].map(i => triage.data.frames[i])") == first[1:3]
+    assert browser.run("document.querySelectorAll('#table tr.picked').length") == 2
+    key("Escape")
     browser.run("[3, 4, 5, 9].forEach(i => triage.picked.add(i))")
-    browser.run("document.querySelector('#scroll').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowDown'}))")
     command = shlex.split(browser.run("triage.commandFor([...triage.picked])"))
     again = [
         "toile",
