@@ -1,7 +1,7 @@
 """What workers cost beside the work: `python -m bench.cluster overhead | load | store RUN`. Stages are replaced by sleeps.
 
-overhead  one job by this process, and by 1, 2 and 4 workers of this machine: seconds until the first frame is told, a frame,
-          and to end
+overhead  one job by this process, and by 2 and 4 workers of this machine: seconds until the first frame is told, to end,
+          and CPU seconds a frame
 load      a scheduler with many workers, threads of this process, and as many frames as a long take has
 store     files and bytes of a finished run, a frame and for --frames
 """
@@ -56,12 +56,16 @@ def asleep(frames, seconds, **options):
 
 
 def overhead(frames, seconds):
-    """A job by no workers of its own, and by 1, 2 and 4."""
+    """A job by this process, and by 2 and 4 workers; what a frame costs is told from jobs of two lengths."""
     table = {}
     for workers in (1, 2, 4):
-        found = asleep(frames, seconds, workers=workers)
-        found["overhead_ms_a_frame"] = 1e3 * (found["work_s"] * workers / (frames - 1) - seconds)
-        table[workers] = found
+        few, many = (asleep(count, seconds, workers=workers) for count in (frames // 5, frames))
+        a_frame = (many["cpu_s"] - few["cpu_s"]) / (frames - frames // 5)
+        table[workers] = many | {
+            "cpu_ms_a_frame": 1e3 * a_frame,
+            "cpu_s_to_start_and_end": many["cpu_s"] - a_frame * frames,
+            "ideal_s": seconds * frames / workers,
+        }
     return table
 
 
@@ -110,7 +114,8 @@ def store(run, frames):
 
 
 def cpu():
-    return sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+    """CPU seconds of this process and of those that it has ended."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 
 
 def main():

@@ -28,7 +28,7 @@ from .. import __version__, kernels
 from ..errors import UserError, first_line
 from .threads import one_blas_thread
 
-BEGUN = -1
+BEGUN, ENDED = -1, -2  # in place of a value's
 SMALL = 1024  # bytes of a value that is sent while its task goes on
 UNSEEN = 10  # workers lost before a task was heard of
 WAIT = 30.0  # s for a scheduler to answer
@@ -36,6 +36,8 @@ PATIENT = {"distributed.comm.timeouts.tcp": "300s"}  # a machine with too much t
 LOCAL = PATIENT | {
     "distributed.worker.profile.enabled": False,
     "distributed.nanny.pre-spawn-environ": {},  # dask would tell libraries to use one thread
+    "distributed.scheduler.http.routes": [],  # what a browser would be told of the run
+    "distributed.worker.http.routes": [],
     "distributed.scheduler.worker-saturation": 1.0,  # what waits for a worker is not lost with it
 }
 
@@ -53,15 +55,10 @@ class Cluster:
         self.client.subscribe_topic(self.name, lambda event: self.heard.put(("event", *event[1])))
         self.client.register_plugin(job, name=self.name)
 
-    @property
-    def size(self) -> int:
-        """Tasks that run at once."""
-        return max(sum(self.client.nthreads().values()), 1)
-
     def each(self, function: Callable, items: Sequence, lost: Callable[[Any, int], Any], lives: int) -> Iterator:
         """See `Workers.each`; deaths are counted anew after `lives`."""
         self.rounds += 1
-        under_way, current = {}, list(items)
+        under_way, current, told_all = {}, list(items), set()
         yielded, begun, unseen = Counter(), Counter(), Counter()
 
         def submit(i):
@@ -86,13 +83,18 @@ class Cluster:
                 if of != self.rounds or i not in under_way:
                     continue  # of what was stopped
                 if what == "ended":
-                    values = self._values(under_way.pop(i))
+                    future = under_way.pop(i)
+                    if future.status == "finished" and i in told_all:
+                        continue  # to fetch what is known already would take longer than all else
+                    values = self._values(future)
                     if values is None:
                         again(i)
                     else:
                         yield from values[yielded[i] :]
                 elif told[0] == BEGUN:
                     begun[i] += 1
+                elif told[0] == ENDED:
+                    told_all |= {i} if yielded[i] == pickle.loads(told[1]) else set()
                 elif told[0] == yielded[i]:
                     yielded[i] += 1
                     yield pickle.loads(told[1])
@@ -132,7 +134,7 @@ def local_cluster(count: int) -> LocalCluster:
             memory_limit=0,  # dask would end workers that others may not need to be ended
             dashboard_address=None,
             security=True,  # other users of this machine are none of the family
-            scheduler_kwargs={"allowed_failures": 0},
+            scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
             silence_logs=logging.CRITICAL + 1,
         )
 
@@ -200,4 +202,5 @@ def run_task(name: str, of: int, i: int, call: bytes) -> list:
         values.append(value)
         if job.stopped:
             break
+    worker.log_event(name, (of, i, ENDED, pickle.dumps(len(values))))
     return values

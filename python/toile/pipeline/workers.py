@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,6 @@ from ..errors import UserError
 if TYPE_CHECKING:
     from .cluster import Cluster
 
-SHARES = 4  # a worker, where the work is not in blocks
 LIVES = 3  # workers that an item may cost
 
 
@@ -67,12 +65,6 @@ class Workers:
         if not self._prepared:
             self._prepared.append(self.prepare(*self.arguments, *progress))
         return self._prepared[0]
-
-    def shares(self, items: Sequence) -> list[tuple]:
-        """The items in shares for `each`: one for this process, several a worker, so that all end at about one time."""
-        count = self._cluster().size if self.scheduler else self.count
-        most = len(items) if self.scheduler is None and count == 1 else math.ceil(len(items) / (SHARES * count))
-        return [tuple(items[i : i + most]) for i in range(0, len(items), max(most, 1))]
 
     def each(self, function: Callable, items: Sequence, lost: Callable[[Any, int], Any] = give_up) -> Iterator:
         """Yields what the generator `function(prepared, item)` yields, as soon as it does, of several items at once.
