@@ -2,12 +2,12 @@
 
 #include <dlfcn.h>
 #include <omp.h>
-#include <suitesparse/cholmod.h>
 
 #include <algorithm>
 #include <atomic>
 #include <vector>
 
+#include "base/cholmod_state.h"
 #include "base/errors.h"
 
 namespace toile {
@@ -152,33 +152,26 @@ private:
 
 }  // namespace
 
-struct CholeskyFactor::State {
-    cholmod_common common{};
-    cholmod_factor* factor = nullptr;
-    std::int64_t factorisations = 0, analyses = 0;
-    bool sound = false;             ///< the numbers in `factor` are those of a whole factorisation
-    std::vector<int> outer, inner;  ///< the pattern that was analysed
+bool CholeskyFactor::State::analysed(const Sparse& A) const {
+    return factor && static_cast<std::size_t>(A.outerSize()) + 1 == outer.size() &&
+           static_cast<std::size_t>(A.nonZeros()) == inner.size() &&
+           std::equal(outer.begin(), outer.end(), A.outerIndexPtr()) &&
+           std::equal(inner.begin(), inner.end(), A.innerIndexPtr());
+}
 
-    bool analysed(const Sparse& A) const {
-        return factor && static_cast<std::size_t>(A.outerSize()) + 1 == outer.size() &&
-               static_cast<std::size_t>(A.nonZeros()) == inner.size() &&
-               std::equal(outer.begin(), outer.end(), A.outerIndexPtr()) &&
-               std::equal(inner.begin(), inner.end(), A.innerIndexPtr());
-    }
+CholeskyFactor::State::State() {
+    use_one_blas_thread();
+    cholmod_start(&common);
+    common.supernodal = CHOLMOD_SUPERNODAL;
+    common.final_ll = 1;
+    common.print = 0;
+    common.error_handler = nullptr;
+}
 
-    State() {
-        use_one_blas_thread();
-        cholmod_start(&common);
-        common.supernodal = CHOLMOD_SUPERNODAL;
-        common.final_ll = 1;
-        common.print = 0;
-        common.error_handler = nullptr;
-    }
-    ~State() {
-        cholmod_free_factor(&factor, &common);
-        cholmod_finish(&common);
-    }
-};
+CholeskyFactor::State::~State() {
+    cholmod_free_factor(&factor, &common);
+    cholmod_finish(&common);
+}
 
 CholeskyFactor::CholeskyFactor() : state_(std::make_unique<State>()) {}
 CholeskyFactor::~CholeskyFactor() = default;

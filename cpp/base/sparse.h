@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "types.h"
 
@@ -30,8 +31,30 @@ public:
     double reciprocal_condition() const;  ///< CHOLMOD's rough estimate min(diag L)^2 / max(diag L)^2
 
 private:
+    friend class SingleFactor;
     struct State;
     std::unique_ptr<State> state_;
+};
+
+/// The numbers of a factor in single precision, for preconditioners: half the memory to read, three right-hand sides at a
+/// time. Copyable; knows nothing of the factor it was made from.
+class SingleFactor {
+public:
+    explicit SingleFactor(const CholeskyFactor& factor);
+    Vertices solve(const Vertices& B) const;  ///< (n,3) -> (n,3), off by about 1e-6 of the condition
+
+private:
+    struct Panel {
+        int first, columns, height;  ///< a dense lower trapezoid: its first rows are its own columns
+        std::size_t rows, values;    ///< where its rows and its numbers begin
+    };
+    void forward(const Panel& panel, float* y, std::size_t stride) const;
+    void backward(const Panel& panel, float* y, std::size_t stride) const;
+
+    std::vector<Panel> panels_;
+    std::vector<int> rows_, order_;
+    std::vector<float> values_;
+    int tallest_ = 0;
 };
 
 }  // namespace toile

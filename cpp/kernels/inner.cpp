@@ -17,8 +17,8 @@ namespace toile {
 
 namespace {
 
-/// visible, falling smoothly to 0 within `taper` of the vertices that are not, along the edges (Dijkstra).
-Vector tapered(const Vector& visible, const Adjacency& neighbours, const Vertices& V, double taper) {
+/// Distances (n,) [m] along the edges from the vertices that are not visible, up to `most` (Dijkstra); kNone beyond.
+Vector from_hidden(const Vector& visible, const Adjacency& neighbours, const Vertices& V, double most) {
     const Eigen::Index n = visible.size();
     Vector distance = Vector::Constant(n, kNone);
     std::priority_queue<std::pair<double, int>, std::vector<std::pair<double, int>>, std::greater<>> queue;
@@ -35,17 +35,32 @@ Vector tapered(const Vector& visible, const Adjacency& neighbours, const Vertice
              e < neighbours.start[static_cast<std::size_t>(v) + 1]; ++e) {
             const int w = neighbours.index[static_cast<std::size_t>(e)];
             const double next = d + (V.row(v) - V.row(w)).norm();
-            if (next >= distance[w] || next > taper) continue;
+            if (next >= distance[w] || next > most) continue;
             distance[w] = next;
             queue.emplace(next, w);
         }
     }
-    Vector out(n);
-    for (Eigen::Index v = 0; v < n; ++v) {
+    return distance;
+}
+
+/// visible, falling smoothly to 0 within `taper` of the vertices that are not; `distance` is that from them.
+Vector tapered(const Vector& visible, const Vector& distance, double taper) {
+    Vector out(visible.size());
+    for (Eigen::Index v = 0; v < visible.size(); ++v) {
         const double t = taper > 0 ? std::min(distance[v] / taper, 1.0) : (visible[v] < 0.5 ? 0.0 : 1.0);
         out[v] = visible[v] * t * t * (3 - 2 * t);
     }
     return out;
+}
+
+/// The vertices whose displacement is asked for: all but skin that is seen as a whole and lies farther than `margin` from
+/// what is hidden; empty where that leaves out little.
+std::vector<int> unsettled(const Vector& skin, const Vector& distance, double margin) {
+    std::vector<int> free;
+    for (Eigen::Index v = 0; v < skin.size(); ++v)
+        if (skin[v] < 1 || distance[v] <= margin) free.push_back(static_cast<int>(v));
+    if (2 * static_cast<Eigen::Index>(free.size()) > skin.size()) free.clear();
+    return free;
 }
 
 void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyModel& m) {
@@ -123,7 +138,7 @@ void InnerSolver::gather(const InnerFrame& frame, const InnerGuess& guess, Inner
         require(V->rows() == n || V->rows() == 0, "inner: guess has " + std::to_string(V->rows()) +
                                                       " rows, the model " + std::to_string(n) + " vertices");
     const Posed posed = pose_joints(model_.parents, J_, frame.rotations, frame.translation);
-    const Vector skin = tapered(frame.visible, neighbours_, rest_, o.taper);
+    const Vector skin = tapered(frame.visible, from_hidden(frame.visible, neighbours_, rest_, o.taper), o.taper);
     ++sums.frames;
     if (guess.asks_skin) {
         const Vertices rest = unskin_vertices(model_, frame.tracked, J_, posed);
@@ -168,13 +183,17 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     const Indexes garments = index_garments(frame.garments);
     InnerResult out;
     Evidence e;
-    e.skin = tapered(frame.visible, neighbours_, rest_, o.taper);
+    const double margin = o.taper + 6 * o.length / std::pow(o.skin, 0.25);  // six lengths over which skin lets go
+    const Vector distance = from_hidden(frame.visible, neighbours_, rest_, margin);
+    e.skin = tapered(frame.visible, distance, o.taper);
     e.skin_target = (frame.tracked - Y).array().colwise() * (e.skin.array() > 0).cast<double>();
     e.normals = vertex_normals(Y, model_.F);
     e.room = cloth_room(Y, e.normals, e.skin, garments, o.reach).array() - o.gap;
     count_outside(e.room.array() + o.gap, e.skin, out.depth_before, out.outside_before);
     e.likely = e.pull = Vector::Zero(Y.rows());  // the fused shape knows
-    Weighted system(smooth_, mass_, analysis_);
+    std::vector<int> free = unsettled(e.skin, distance, margin);
+    Weighted system =
+        free.empty() ? Weighted(smooth_, mass_, analysis_) : Weighted(smooth_, mass_, std::move(free), e.skin_target);
     const Fitted fitted = fit_displacement(system, mass_, e, o, Vertices::Zero(Y.rows(), 3));
     const auto g = e.skin.array();
     out.V = (frame.tracked.array().colwise() * g + (Y + fitted.d).array().colwise() * (1 - g)).matrix();

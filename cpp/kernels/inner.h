@@ -79,7 +79,8 @@ struct InnerResult {
     double depth_before = 0;  ///< deepest hidden vertex outside the cloth, fused shape posed [m]
     double depth_after = 0;   ///< the same for V [m]
     std::int64_t outside_before = 0, outside_after = 0;  ///< their numbers
-    std::int64_t factorisations = 0, analyses = 0;       ///< as in InnerFused
+    std::int64_t factorisations = 0,
+                 analyses = 0;  ///< as in InnerFused; one analysis where a part of the body is solved
 };
 
 using RoomCounts = Eigen::Matrix<std::uint32_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

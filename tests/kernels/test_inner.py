@@ -71,7 +71,7 @@ def test_a_second_solve_keeps_the_analysis_and_its_bits(scene):
     solver, frame = InnerSolver(scene.model, scene.shape, scene.J), scene.frames[0][:5]
     fused, again = solver.fuse(arguments(scene)[:1]), solver.fuse(arguments(scene)[:1])
     first, second = (solver.solve(fused.rest, *frame) for _ in range(2))
-    assert fused.analyses == first.analyses == second.analyses == 0 and second.factorisations >= 1
+    assert fused.analyses == 0 and first.analyses == second.analyses <= 1 <= second.factorisations  # of a part at most
     assert np.array_equal(fused.rest, again.rest) and np.array_equal(first.V, second.V)
 
 

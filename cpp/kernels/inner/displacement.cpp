@@ -1,6 +1,7 @@
 #include "kernels/inner/displacement.h"
 
 #include <cmath>
+#include <utility>
 
 #include "geometry/laplacian.h"
 
@@ -15,6 +16,43 @@ Sparse smoothness_matrix(const Vertices& V, const Faces& F, const Vector& mass, 
     Q += 0 * diagonal;
     Q.makeCompressed();
     return Q;
+}
+
+Weighted::Weighted(const Sparse& smooth, const Vector& mass, std::vector<int> free, const Vertices& known)
+    : smooth_(smooth), mass_(mass), free_(std::move(free)), known_(known),
+      drawn_(Vertices::Zero(static_cast<Eigen::Index>(free_.size()), 3)) {
+    std::vector<int> number(static_cast<std::size_t>(smooth.rows()), -1);
+    for (std::size_t i = 0; i < free_.size(); ++i) number[free_[i]] = static_cast<int>(i);
+    std::vector<Eigen::Triplet<double>> entries;
+    for (int v : free_)
+        for (Sparse::InnerIterator it(smooth, v); it; ++it)
+            if (const int row = number[it.row()]; row >= 0)
+                entries.emplace_back(row, number[v], it.value());
+            else
+                drawn_.row(number[v]) -= it.value() * known.row(it.row());  // `smooth` is symmetric
+    const auto size = static_cast<Eigen::Index>(free_.size());
+    part_.resize(size, size);
+    part_.setFromTriplets(entries.begin(), entries.end());
+}
+
+Vertices Weighted::solve(const Vector& weights, const Vertices& targets) {
+    const bool whole = free_.empty();
+    if (weights.size() != last_.size() || weights != last_) {
+        Sparse A = whole ? smooth_ : part_;
+        for (int c = 0; c < A.outerSize(); ++c)
+            for (Sparse::InnerIterator it(A, c); it; ++it)
+                if (it.row() == it.col()) {
+                    const int v = whole ? c : free_[c];
+                    it.valueRef() += mass_[v] * weights[v];
+                }
+        factor_.factorize(A);
+        last_ = weights;
+    }
+    if (whole) return factor_.solve((mass_.asDiagonal() * targets).eval());
+    Vertices right = drawn_, d = known_;
+    for (std::size_t i = 0; i < free_.size(); ++i) right.row(i) += mass_[free_[i]] * targets.row(free_[i]);
+    d(free_, Eigen::all) = factor_.solve(right);
+    return d;
 }
 
 Fitted fit_displacement(Weighted& system, const Vector& mass, const Evidence& e, const InnerOptions& o, Vertices d) {

@@ -13,18 +13,10 @@ public:
     /// `analysis` is that of `smooth`.
     Weighted(const Sparse& smooth, const Vector& mass, const CholeskyFactor& analysis)
         : smooth_(smooth), mass_(mass), factor_(analysis.symbolic()) {}
+    /// Of the vertices `free` alone, rising; the others stay at `known` (n,3).
+    Weighted(const Sparse& smooth, const Vector& mass, std::vector<int> free, const Vertices& known);
 
-    Vertices solve(const Vector& weights, const Vertices& targets) {
-        if (weights.size() != last_.size() || weights != last_) {
-            Sparse A = smooth_;
-            for (int c = 0; c < A.outerSize(); ++c)
-                for (Sparse::InnerIterator it(A, c); it; ++it)
-                    if (it.row() == it.col()) it.valueRef() += mass_[c] * weights[c];
-            factor_.factorize(A);
-            last_ = weights;
-        }
-        return factor_.solve((mass_.asDiagonal() * targets).eval());
-    }
+    Vertices solve(const Vector& weights, const Vertices& targets);
     std::int64_t factorisations() const { return factor_.factorisations(); }
     std::int64_t analyses() const { return factor_.analyses(); }
     double smoothness(const Vertices& d) const { return (d.transpose() * (smooth_ * d)).trace(); }
@@ -34,6 +26,9 @@ private:
     const Vector& mass_;
     CholeskyFactor factor_;
     Vector last_;
+    std::vector<int> free_;   ///< empty: all
+    Sparse part_;             ///< of `smooth_` among them
+    Vertices known_, drawn_;  ///< where the others stay, and how they draw the free ones
 };
 
 /// What one linear solve knows of each vertex.

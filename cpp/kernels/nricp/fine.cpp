@@ -35,23 +35,18 @@ NricpFine::NricpFine(const Vertices& V, const Faces& F, const Vector& area) : ma
     analysis_.analyze(Sparse(bilaplacian_ + Sparse(mass_.asDiagonal())));
 }
 
-std::int64_t NricpFine::analyses() const {
-    std::int64_t sum = analysis_.analyses();
-    for (const auto& [key, level] : levels_) sum += level.factor.analyses();
-    return sum;
-}
-
 NricpFine::Level& NricpFine::level(double length) {
     const int key = static_cast<int>(std::lround(2 * std::log2(length)));
     const auto found = levels_.find(key);
     if (found != levels_.end()) return found->second;
     constexpr double rest = 1e-4, matched = 1.0 / 3;
-    Level& made = levels_.emplace(key, Level{{}, analysis_.symbolic()}).first->second;
     const double wave = std::pow(2.0, key / 2.0);
     const Sparse M(mass_.asDiagonal());
-    made.K = std::pow(wave, 4) * bilaplacian_ + rest * M;
-    made.factor.factorize(Sparse(made.K + matched * M));
-    return made;
+    Sparse K = std::pow(wave, 4) * bilaplacian_ + rest * M;
+    CholeskyFactor factor = analysis_.symbolic();
+    factor.factorize(Sparse(K + matched * M));
+    analyses_ += factor.analyses();
+    return levels_.emplace(key, Level{std::move(K), SingleFactor(factor)}).first->second;
 }
 
 Vertices NricpFine::step(const Vertices& anchor, const Vertices& x, const Pull& pull, double length, int sweeps) {

@@ -14,23 +14,24 @@ public:
     NricpFine(const Vertices& V, const Faces& F, const Vector& area);
 
     /// Minimises d' K d + pull about `x - anchor`, d the displacement from `anchor`: conjugate gradients,
-    /// preconditioned by the scalar factor of K + M / 3. A power of sqrt(2) stands for `length`, so that a sequence
+    /// preconditioned by the scalar factor of K + M / 3 in single precision. A power of sqrt(2) stands for `length`, so that a sequence
     /// factorises once.
     Vertices step(const Vertices& anchor, const Vertices& x, const Pull& pull, double length, int sweeps);
 
-    std::int64_t analyses() const;  ///< one: all lengths have the same pattern
+    std::int64_t analyses() const { return analyses_; }  ///< one: all lengths have the same pattern
     std::int64_t factorisations() const { return static_cast<std::int64_t>(levels_.size()); }
 
 private:
     struct Level {
         Sparse K;
-        CholeskyFactor factor;
+        SingleFactor factor;
     };
     Level& level(double length);
 
     Vector mass_;
     Sparse bilaplacian_;
     CholeskyFactor analysis_;
+    std::int64_t analyses_ = 1;
     std::map<int, Level> levels_;  ///< by 2 log2(length)
 };
 

@@ -97,7 +97,8 @@ class InnerSolver(Rebuilt):
         """The body of one frame: the fused rest shape posed, moved to the tracked skin and into the cloth, smoothly.
 
         -> .V (n,3) [m], .skin (n,) share of the tracked surface, .depth_before, .depth_after [m] and .outside_before,
-        .outside_after: hidden vertices outside the cloth; .stop, .iterations, .energy, .factorisations, .analyses as in `fuse`.
+        .outside_after: hidden vertices outside the cloth; .stop, .iterations, .energy, .factorisations as in `fuse`; .analyses:
+        1 where what is solved, cloth and the skin beside it, is less than half of the body.
         """
         fused_rest = as_vertices("inner", "fused_rest", fused_rest)
         return self._solver.solve(fused_rest, _frame("frame", rotations, translation, tracked, visible, garments))

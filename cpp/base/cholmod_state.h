@@ -1,0 +1,24 @@
+// What a CholeskyFactor holds: CHOLMOD's own, for the files that stand on it.
+#pragma once
+#include <suitesparse/cholmod.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "base/sparse.h"
+
+namespace toile {
+
+struct CholeskyFactor::State {
+    cholmod_common common{};
+    cholmod_factor* factor = nullptr;
+    std::int64_t factorisations = 0, analyses = 0;
+    bool sound = false;             ///< the numbers in `factor` are those of a whole factorisation
+    std::vector<int> outer, inner;  ///< the pattern that was analysed
+
+    State();
+    ~State();
+    bool analysed(const Sparse& A) const;
+};
+
+}  // namespace toile
