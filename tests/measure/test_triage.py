@@ -219,9 +219,9 @@ def test_pictures_are_of_every_trouble_before_they_are_of_its_neighbours():
 
 
 def test_the_command_names_the_run_its_settings_and_all_its_frames():
-    run = SimpleNamespace(config={"capture": "/data/a b"}, path="out/run")
+    run = SimpleNamespace(config={"capture": "/data/a b"}, path="/out/run")
     assert (
         facts.command(run, [0, 1, 2, 5])
-        == "toile register '/data/a b' out/run --config out/run/config.toml --frames 0-2,5"
+        == "toile register '/data/a b' /out/run --config /out/run/config.toml --frames 0-2,5"
     )
     assert facts.command(SimpleNamespace(config={"capture": "x", "align": {}}, path="r"), [0]) == ""

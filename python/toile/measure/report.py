@@ -7,6 +7,7 @@ import html
 import io
 import json
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ def page(run, rows, columns, reasons, order, made, result, more) -> str:
             f"<script type='text/plain' id='{id}'>{as_text(data)}</script>" for (_, id), (_, data) in zip(names, found)
         ]
     data = {
-        "path": str(run.path), "states": STATES, "frames": [row.frame for row in rows], "state": [row.state for row in rows],
+        "path": shlex.quote(str(run.path.absolute())), "states": STATES, "frames": [row.frame for row in rows], "state": [row.state for row in rows],
         "reasons": reasons, "order": order, "columns": [_column(c) for c in columns],
         "troubles": facts.troubles(rows, reasons), "pictures": shown,
         "command": facts.command(run, [row.frame for row in rows]),

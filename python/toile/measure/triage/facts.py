@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -155,14 +156,15 @@ def _kind_of(rows, reasons, i):
 
 
 def command(run, frames) -> str:
-    """The command that gives frames of a run again, up to the option that names them; "" where there is none."""
+    """The command that gives frames of a run again from any folder, up to the option that names them; "" where there is none."""
     if "align" in run.config or "capture" not in run.config:
         return ""
+    path = Path(run.path).absolute()
     try:
-        capture = str(capture_folder(run.path))
+        capture = str(capture_folder(run.path).absolute())
     except UserError:
         capture = str(run.config["capture"])  # as it was named
-    again = ["toile", "register", capture, str(run.path), "--config", str(config_file(run.path))]
+    again = ["toile", "register", capture, str(path), "--config", str(config_file(path))]
     return shlex.join([*again, "--frames", frame_ranges(frames, between=",")])
 
 
