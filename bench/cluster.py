@@ -3,20 +3,20 @@
 overhead  one job by this process, and by 2 and 4 workers of this machine: seconds until the first frame is told, to end,
           and CPU seconds a frame
 load      a scheduler with many workers, threads of this process, and as many frames as a long take has
-store     files and bytes of a finished run, a frame and for --frames
+store     files and bytes of --frames frames like those of a finished run
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import re
 import resource
 import tempfile
 import time
-from collections import defaultdict
 from pathlib import Path
 
+from toile.io.layout import layout_of
+from toile.io.run import open_run
 from toile.io.status import Status
 from toile.pipeline.blocks import BLOCK, BlockJob, FrameFolders, run_job
 
@@ -94,22 +94,21 @@ def load(frames, workers, seconds):
 
 
 def store(run, frames):
-    """Files and bytes of a run: what grows with the frames, and what does not."""
-    from toile.io.run import open_run
-
-    count, kinds = len(open_run(run).frames), defaultdict(list)
-    for path in Path(run).rglob("*"):
-        if path.is_file():
-            kinds[re.sub(r"[0-9]+", "#", str(path.relative_to(run)))].append(path.stat().st_size)
-    growing = {kind: sizes for kind, sizes in kinds.items() if len(sizes) >= count and not kind.startswith("prepared")}
-    files, size = sum(map(len, growing.values())) / count, sum(map(sum, growing.values())) / count
+    """Files and bytes that `frames` frames like those of a run would take, and what every worker reads before its first."""
+    opened, size = open_run(run), lambda paths: sum(path.stat().st_size for path in paths)
+    count = len(opened.frames)
+    layout = layout_of([*opened.garments], "face" in opened.group)
+    framed = [opened.array(key) for key, (stored, _) in layout.items() if stored.per_frame]
+    notes = [path for folder in ("diagnostics", "inputs") for path in Path(run, folder).glob("[0-9]*.json")]
+    stored = sum(-(-frames // (array.shards or array.chunks)[0]) for array in framed)
+    prepared = [path for path in Path(run, "prepared").rglob("*") if path.is_file()]
     return {
         "frames": count,
-        "files_a_frame": files,
-        "megabytes_a_frame": size / 1e6,
-        f"files_of_{frames}": round(files * frames),
-        f"gigabytes_of_{frames}": size * frames / 1e9,
-        "prepared_megabytes": sum(sum(sizes) for kind, sizes in kinds.items() if kind.startswith("prepared")) / 1e6,
+        "megabytes_a_frame": (opened.framed_bytes() + size(notes)) / count / 1e6,
+        "files_of_the_store": stored,
+        "files_beside_it": round(len(notes) / count * frames),
+        "gigabytes": (opened.framed_bytes() + size(notes)) / count * frames / 1e9,
+        "prepared_megabytes": size(prepared) / 1e6,
     }
 
 
