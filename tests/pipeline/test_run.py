@@ -12,7 +12,6 @@ import pytest
 import zarr
 
 from toile.config import preset
-from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.measure.evaluate import evaluate
 from toile.pipeline import run as pipeline
@@ -102,7 +101,7 @@ def test_store_holds_what_the_layout_names(run):
     assert np.allclose(found["garment/tshirt/skin"].sum(1), 1)
     for name in ("dress.tshirt/surface_mm", "track/skeleton_rms_m", "inner/intersections_left", "seconds/segment"):
         assert found[f"diagnostics/{name}"].shape == (3,) and np.isfinite(found[f"diagnostics/{name}"]).all(), name
-    assert not (run / "work").exists()
+    assert {path.name for path in (run / "work").iterdir()} == {"frames", "smoothed"}
 
 
 def test_store_is_laid_out_to_the_letter(run):
@@ -110,7 +109,8 @@ def test_store_is_laid_out_to_the_letter(run):
     n, m, g = 13718, 27420, len(group["garment/tshirt/skin"][:])
     T, K, q = len(FRAMES), 104, group["face"].shape[1]
     layout = {
-        "frames": ((T,), "int64"), "done": ((T,), "uint8"), "verdict": ((T,), "uint8"), "shape": (group["shape"].shape, "float64"),
+        "frames": ((T,), "int64"), "done": ((T,), "uint8"), "verdict": ((T,), "uint8"), "identity": ((T,), "uint64"),
+        "shape": (group["shape"].shape, "float64"),
         "track/vertices": ((T, n, 3), "float64"), "track/faces": ((m, 3), "int32"),
         "pose/rotations": ((T, K, 3), "float64"), "pose/translation": ((T, 3), "float64"), "face": ((T, q, 3), "float64"),
         "labels": ((T, n), "uint8"), "confidence/track": ((T, n), "uint8"),
@@ -131,7 +131,10 @@ def test_store_is_laid_out_to_the_letter(run):
         assert group[name].chunks == (1, *layout[name][0][1:]), name
     assert group.metadata.zarr_format == 3
     attributes = group.attrs.asdict()
-    assert set(attributes) == {"version", "scene", "joint_names", "body_model"} and len(attributes["joint_names"]) == K
+    assert (
+        set(attributes) == {"version", "scene", "joint_names", "body_model", "identity"}
+        and len(attributes["joint_names"]) == K
+    )
     assert [x["name"] for x in attributes["scene"]["garments"]] == ["tshirt"]
 
 
@@ -163,7 +166,7 @@ def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tm
     found = arrays(tmp_path / "run")
     assert {name.split("/")[1] for name in found if name.startswith("diagnostics/")} == {"track", "evidence", "seconds"}
     assert {name for name in found if not name.startswith("diagnostics/")} == {
-        "frames", "done", "verdict", "shape", "face", "track/vertices", "track/faces", "pose/rotations", "pose/translation",
+        "frames", "done", "verdict", "identity", "shape", "face", "track/vertices", "track/faces", "pose/rotations", "pose/translation",
         "confidence/track",
     }  # fmt: skip
     stages = {json.loads(line)["stage"] for line in (tmp_path / "run" / "status.jsonl").read_text().splitlines()}
@@ -181,8 +184,3 @@ def test_one_bad_frame_is_recorded_and_the_others_finish(bare, tmp_path):
         and found["verdict"].tolist() == [0, 2]
         and np.isnan(found["track/vertices"][1]).all()
     )
-
-
-def test_another_setting_on_the_same_run_is_refused(run):
-    with pytest.raises(UserError, match="config.toml"):
-        pipeline.register(SAMPLE, run, preset("draft"), FRAMES)

@@ -15,21 +15,28 @@ from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.run import open_run
 from toile.io.status import Status
+from toile.pipeline.identity import Identities
 from toile.pipeline.plan import plan
 from toile.pipeline.reconstruct import MADE, reconstruct
 from toile.pipeline.run import register
-from toile.pipeline.scanning import forget, kept_in, lacks_scan, make_scan, make_scans
+from toile.pipeline.scanning import kept_in, lacks_scan, make_scan, make_scans
 
 capture = test_reconstruct.capture  # of a ball: frame 0 with masks and keypoints, frame 1 without masks
 DRAFT = preset("draft")
+OF = Identities(Path("/nowhere"), {"scan": "these settings"})
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+
+
+class Other(Identities):
+    def inputs(self, frame):
+        return "another"
 
 
 @pytest.fixture(scope="module")
 def run(capture, tmp_path_factory):
     """A run's folder in which the scan of frame 0 was made."""
     folder = tmp_path_factory.mktemp("run")
-    make_scan(kept_in(folder, open_capture(capture)), 0, DRAFT, Status.of(folder))
+    make_scan(kept_in(folder, open_capture(capture)), 0, DRAFT, Status.of(folder), OF)
     return folder
 
 
@@ -44,15 +51,14 @@ def test_what_is_made_on_the_way_is_what_reconstruct_writes(capture, run, tmp_pa
     assert open_capture(capture).frame(0).scan is None
 
 
-def test_it_is_made_once_and_again_where_it_is_forgotten(capture, tmp_path, monkeypatch):
+def test_it_is_made_once_and_again_of_something_else(capture, tmp_path, monkeypatch):
     opened, status, calls = kept_in(tmp_path, open_capture(capture)), Status.of(tmp_path), []
     made = type("Made", (), {"depth": 1.0, "said": "all", "write": lambda self, folder: calls.append(folder)})()
     monkeypatch.setattr("toile.pipeline.scanning.made_of", lambda *_: made)
     for _ in range(2):
-        make_scan(opened, 0, DRAFT, status)
+        make_scan(opened, 0, DRAFT, status, OF)
     assert len(calls) == 1 and [line["said"] for line in status.lines()] == ["all"]
-    forget(opened, [0])
-    make_scan(opened, 0, DRAFT, status)
+    make_scan(opened, 0, DRAFT, status, Other(OF.run, OF.stages))
     assert len(calls) == 2
 
 
@@ -61,12 +67,14 @@ def test_frames_that_bring_a_scan_or_points_in_space_and_those_without_masks_are
     assert lacks_scan(open_capture(copy), 0) and not lacks_scan(open_capture(copy), 1)
     (copy / "frames" / "000000" / "keypoints3d.json").write_text("{}")
     assert not lacks_scan(open_capture(copy), 0)
-    make_scan(kept_in(tmp_path, open_capture(copy)), 0, DRAFT, Status.of(tmp_path))
+    make_scan(kept_in(tmp_path, open_capture(copy)), 0, DRAFT, Status.of(tmp_path), OF)
     assert not (tmp_path / "scans").exists()
 
 
 def test_a_switch_leaves_it_out_and_the_plan_says_what_comes(capture, tmp_path):
-    make_scan(kept_in(tmp_path, open_capture(capture)), 0, changed(DRAFT, {"make_scans": False}), Status.of(tmp_path))
+    make_scan(
+        kept_in(tmp_path, open_capture(capture)), 0, changed(DRAFT, {"make_scans": False}), Status.of(tmp_path), OF
+    )
     assert not (tmp_path / "scans").exists()
     step = next(step for step in plan(open_capture(capture)) if step.stage == "stereo")
     assert step.runs and "no scan.ply" in step.why
@@ -77,14 +85,14 @@ def test_a_switch_leaves_it_out_and_the_plan_says_what_comes(capture, tmp_path):
 def test_pictures_that_show_too_little_leave_a_frame_to_its_keypoints_or_fail_it(capture, tmp_path):
     opened, status = kept_in(tmp_path, open_capture(capture)), Status.of(tmp_path)
     wanting = changed(DRAFT, {"least_depth": 1.0})
-    make_scan(opened, 0, wanting, status)
+    make_scan(opened, 0, wanting, status, OF)
     assert opened.frame(0).scan is None and "registered without a scan" in status.warnings()[0]
     copy = Path(shutil.copytree(capture, tmp_path / "capture"))
     (copy / "frames" / "000000" / "keypoints.json").unlink()
     opened = kept_in(tmp_path / "other", open_capture(copy))
     with pytest.raises(UserError, match="too little to make a scan of: .*have a depth"):
-        make_scan(opened, 0, wanting, status)
-    assert "too little" in make_scans(opened, [0], wanting, status)[0]
+        make_scan(opened, 0, wanting, status, OF)
+    assert "too little" in make_scans(opened, [0], wanting, status, OF)[0]
     assert not (tmp_path / "other" / "scans").exists()
 
 
@@ -98,8 +106,8 @@ def test_where_no_sampled_frame_gives_a_scan_no_other_is_tried(capture, tmp_path
         raise UserError("no surface is found")
 
     monkeypatch.setattr("toile.pipeline.scanning.made_of", nothing)
-    assert make_scans(opened, [0, 1], DRAFT, status) == {}
-    make_scan(opened, 2, DRAFT, status)
+    assert make_scans(opened, [0, 1], DRAFT, status, OF) == {}
+    make_scan(opened, 2, DRAFT, status, OF)
     assert tried == [0] and "none is made" in status.warnings()[-1]
 
 
@@ -111,6 +119,7 @@ def test_registering_pictures_gives_the_bits_of_reconstructing_first(tmp_path):
     assert register(tmp_path / "scans", tmp_path / "after", DRAFT).ok == (0, 1)
     assert register(bare, tmp_path / "run", DRAFT, workers=2).ok == (0, 1)
     after, made = arrays(tmp_path / "after"), arrays(tmp_path / "run")
+    assert not np.array_equal(after.pop("identity"), made.pop("identity"))
     assert made.pop("diagnostics/seconds/stereo").all()
     assert_same_bits(after, made)
     assert open_run(tmp_path / "run").capture.frame(1).scan is not None

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from toile.config import preset
 from toile.io.files import save_record, write_text
 from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
-from toile.pipeline.outcome import reopen
+from toile.pipeline.identity import Identities
 from toile.pipeline.smoothing import load_layers, smooth
 from toile.pipeline.threads import one_blas_thread
 from toile.pipeline.workers import Workers
@@ -25,14 +26,16 @@ FRAMES = tuple(range(30, 80))
 class Prepared:
     smoother: Smoother
     config: object
+    folder: Path
+    identities: Identities = Identities(Path("/nowhere"), {"motion": "these settings"})
 
     @property
     def templates(self):
         return self.smoother.templates
 
 
-def prepare(progress=None):
-    return Prepared(smoother(), preset("standard"))
+def prepare(root, progress=None):
+    return Prepared(smoother(), preset("standard"), root)
 
 
 def made(frames=FRAMES, seed=0):
@@ -60,7 +63,7 @@ def run(root, layers, workers=1):
         save_record(raw.folder(number) / "track.npz", tracked)
         save_record(raw.folder(number) / "dress.sleeve.npz", dressed["sleeve"])
         write_text(raw.folder(number) / "whole", "")
-    with one_blas_thread(), Workers(workers, prepare) as pool:
+    with one_blas_thread(), Workers(workers, prepare, root) as pool:
         smooth(partial(load, raw), list(layers), smoothed, pool.prepared(), pool)
     return {n: loaded(root, n) for n in layers}
 
@@ -80,7 +83,7 @@ def test_a_block_s_border_shows_no_seam(tmp_path):
     bends = second(found)
     borders = [50 - FRAMES[0] - 2, 50 - FRAMES[0] - 1]
     assert bends[borders].max() < 1.5 * np.median(bends)
-    prepared = prepare()
+    prepared = prepare(tmp_path)
     frames = list(layers.values())
     once = prepared.smoother.smooth(frames, strength_of(prepared.smoother.gather(frames), 10))
     at_once = np.stack([np.concatenate([d["sleeve"].vertices, t.vertices, t.rotations]) for t, d in once])
@@ -113,8 +116,8 @@ def test_a_gap_of_any_length_parts_the_frames(tmp_path):
     layers = {n: x for n, x in made().items() if n not in (56, 62, 63)}
     once = run(tmp_path / "once", layers)
     other = {n: made(seed=1)[n] if n > 63 else x for n, x in layers.items()}
-    (tmp_path / "again" / "smoothed").mkdir(parents=True)
-    strengths = "smoothed/strengths.npz"
+    (tmp_path / "again").mkdir()
+    strengths = "strengths.npz"
     (tmp_path / "again" / strengths).write_bytes((tmp_path / "once" / strengths).read_bytes())
     again = run(tmp_path / "again", other)
     assert all(np.array_equal(once[n], again[n]) == (n < 62) for n in layers)
@@ -129,11 +132,3 @@ def test_each_frame_tells_how_far_it_was_moved_and_how_long_that_took(tmp_path):
         assert after.diagnostics["smoothed_mm"] == pytest.approx(moved) and 0.5 < moved < 10
     lines = [line for line in Status(tmp_path / "status.jsonl").lines() if line["stage"] == "motion"]
     assert sorted(line["frame"] for line in lines) == list(FRAMES)
-
-
-def test_failed_frames_that_are_given_again_slide_and_smooth_their_neighbours_anew(tmp_path):
-    made = [tmp_path / "work" / name for name in ("slid", "smoothed")]
-    for folder in made:
-        folder.mkdir(parents=True)
-    reopen(tmp_path, (3,), FrameFolders(tmp_path / "work" / "frames", Status.of(tmp_path), "frame"))
-    assert not any(folder.exists() for folder in made)

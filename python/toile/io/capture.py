@@ -32,6 +32,10 @@ HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 VOTES = "votes.json"
 MODES = {"labels": "L", "masks": "L", "images": "RGB"}  # of a frame's pictures, as Pillow names them
 BESIDE_NETWORKS = ("pipeline.json", "config.json", "preprocessor_config.json")
+KINDS, ALONE = (
+    ("images", "masks", "labels"),
+    ("scan.ply", "keypoints.json", "keypoints3d.json"),
+)  # what a frame may have
 CHECKED = 3  # frames that are read before a run begins
 
 
@@ -145,6 +149,10 @@ class Capture:
         kept = {name: camera for name, camera in self.cameras.items() if name not in cameras}
         return replace(self, cameras=kept, left_out=(*self.left_out, *cameras))
 
+    def has(self, number: int) -> bool:
+        """Is the frame there?"""
+        return (self.root / "frames" / f"{number:06d}").is_dir()
+
     def folder(self, number: int) -> Path:
         """Where a frame's files lie."""
         folder = self.root / "frames" / f"{number:06d}"
@@ -167,6 +175,12 @@ class Capture:
         """Names of the cameras that have a mask of a frame."""
         return tuple(self._files(self.folder(number) / "masks"))
 
+    def inputs(self, number: int) -> list[Path]:
+        """The files that are read of a frame, in order."""
+        folder = self.folder(number)
+        pictures = [path for kind in KINDS if (folder / kind).is_dir() for path in _pictures_in(folder / kind)]
+        return sorted(path for path in (*(folder / name for name in ALONE), *pictures) if path.is_file())
+
     def check_pictures(self, number: int) -> None:
         """UserError where a frame has no picture, or one of another size than its camera's; only headers are read."""
         folder = self.folder(number) / "images"
@@ -188,7 +202,7 @@ class Capture:
         if not folder.is_dir():
             raise UserError(f"{folder}: not a folder")
         paths: dict[str, Path] = {}
-        for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg")):
+        for path in _pictures_in(folder):
             if path.stem in self.left_out:
                 continue
             if path.stem not in self.cameras:
@@ -211,6 +225,12 @@ class Capture:
                 f'{path}: the scan is {extent:.4g} m large with [scene] units = "{self.scene.units}"; '
                 f"expected {HEIGHT[0]} to {HEIGHT[1]} m"
             )
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    """Pictures in a folder, in order; hidden files, which some systems leave, are none."""
+    endings = (".png", ".jpg", ".jpeg")
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in endings and not p.name.startswith("."))
 
 
 def open_capture(path: Path | str) -> Capture:

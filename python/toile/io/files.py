@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import tempfile
+import uuid
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -17,10 +18,14 @@ import numpy as np
 from ..errors import UserError, first_line
 from .bounded import read_npz, reason_of
 
+IDENTITY = "made.of"  # the name of a record's identity among its arrays
+
 
 def replace_file(path, write):
     """Calls `write(temporary path)` and renames the result to `path`. An OSError names `path`, and leaves nothing behind."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = path.with_name(
+        f".{path.name}.{uuid.uuid4().hex[:12]}.part"
+    )  # processes of two machines may share a number
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write(temporary)
@@ -54,15 +59,25 @@ def write_text(path, text):
     replace_file(path, lambda p: p.write_text(text, encoding="utf-8"))
 
 
-def save_record(path, record):
-    """A dataclass of arrays, strings, numbers, dictionaries of numbers and such dataclasses, as .npz without pickles."""
-    arrays = _arrays(record)
+def save_record(path, record, identity=""):
+    """A dataclass of arrays, strings, numbers, dictionaries of numbers and such dataclasses, as .npz without pickles.
+    `identity`: what it was made of, for `identity_of`."""
+    arrays = _arrays(record) | ({IDENTITY: np.array(identity)} if identity else {})
 
     def write(p):
         with open(p, "wb") as file:
             np.savez(file, **arrays)
 
     replace_file(path, write)
+
+
+def identity_of(path, whole=False):
+    """The identity that a record was saved with; "" where there is no such file, or one that cannot be read: with `whole`
+    all of it is."""
+    try:
+        return str(read_npz(path, names=None if whole else {IDENTITY})[IDENTITY])
+    except (UserError, KeyError):
+        return ""
 
 
 def load_record(path, kind, tuples=(), only=None, **records):

@@ -42,6 +42,7 @@ LAYOUT = {  # NAME stands for each garment
     "frames": _fixed("T", "int64", "numbers of the frames in the capture"),
     "done": _framed("T", "uint8", "0 pending, 1 ok, 2 failed (its arrays are NaN, or 0); written last"),
     "verdict": _framed("T", "uint8", "0 good, 1 doubtful, 2 wrong, also where it failed; older stores have none"),
+    "identity": _framed("T", "uint64", "what the frame was made of, see pipeline/identity.py; older stores have none"),
     "shape": _fixed("S", "float64", "coefficients of the body model's shape basis"),
     "track/faces": _fixed("m 3", "int32", "of the body model"),
     "track/vertices": _framed("T n 3", "float64", "the clothed surface as one layer [m]"),
@@ -61,6 +62,7 @@ LAYOUT = {  # NAME stands for each garment
     "confidence/NAME": _framed("T g", "uint8", CONFIDENCE, "garments"),
 }
 VERDICT = "verdict"
+IDENTITY = "identity"
 DIAGNOSTICS = "diagnostics"  # a group of STAGE/NAME (T,) float64, written once all frames are done
 
 
@@ -94,9 +96,11 @@ class StoredScene(BaseModel):
 
 
 class Attributes(BaseModel):
-    """The store's attributes. `body_model`: a packaged model's name, or a `.npz` inside the capture."""
+    """The store's attributes. `body_model`: a packaged model's name, or a `.npz` inside the capture. `identity`: what the
+    arrays that all frames share were made of."""
 
     version: int = 1
     scene: StoredScene
     joint_names: list[str]
     body_model: str
+    identity: str = ""

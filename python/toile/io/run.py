@@ -20,7 +20,7 @@ from ..scene import BodyModel
 from .bounded import check_file
 from .camera import first_error
 from .capture import Capture, open_capture
-from .layout import DIAGNOSTICS, OK, STORE, VERDICT, VERSION, Attributes, Stored, StoredGarment, layout_of
+from .layout import DIAGNOSTICS, IDENTITY, OK, STORE, VERDICT, VERSION, Attributes, Stored, StoredGarment, layout_of
 from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics, scans_folder
 from .status import Status
 
@@ -208,7 +208,7 @@ class Run:
         """UserError: a row cannot be read, or it was never written: of integers a missing chunk reads as zeros."""
         self.checked(key, self.read(key, row)[None], [row])
         array = self.array(key)
-        if key != VERDICT and array.dtype.kind != "f":  # older stores left good verdicts out
+        if self.resumable and array.dtype.kind != "f":  # older stores left zeros out
             if not file_of(self.path / STORE, key, array, row).exists():
                 raise UserError(f"{self.path / STORE}: {key}: frame {self.frames[row]}: its chunk is missing")
 
@@ -225,6 +225,11 @@ class Run:
         """Bytes on the disk of the arrays that have a row a frame."""
         framed = layout_of([*self.garments], "face" in self.group)
         return sum(self.array(key).nbytes_stored() for key, (stored, _) in framed.items() if stored.per_frame)
+
+    @property
+    def resumable(self) -> bool:
+        """Does it say what its frames were made of? Stores of older versions do not."""
+        return IDENTITY in self.group
 
     # Frames -----------------------------------------------------------------------------------------------------------
 

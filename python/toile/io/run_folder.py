@@ -23,11 +23,18 @@ def read_config(run: Path | str) -> dict[str, Any]:
     return read_toml(config_file(run))
 
 
-def capture_folder(run: Path | str) -> Path:
-    """The folder of the capture that a run was made of."""
-    named = read_config(run).get("capture")
+def capture_folder(run: Path | str, check: bool = True) -> Path:
+    """The folder of the capture that a run was made of: as it is named, else where it lies as seen from the run, which
+    another machine may see elsewhere. UserError: with `check`, it is gone."""
+    config = read_config(run)
+    named, beside = config.get("capture"), config.get("capture_from_here")
     if not isinstance(named, str) or not named.isprintable():
         raise UserError(f"{config_file(run)}: capture: expected the path of a folder")
+    near = Path(run) / beside if isinstance(beside, str) and beside.isprintable() else None
+    if near is not None and not Path(named).is_dir() and near.is_dir():
+        return near.resolve()
+    if check and not Path(named).is_dir():
+        raise UserError(f"{named}: the capture is gone; where it was moved: toile register WHERE {run}")
     return Path(named)
 
 

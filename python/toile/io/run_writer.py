@@ -22,6 +22,7 @@ from .layout import (
     DIAGNOSTICS,
     FAILED,
     GOOD,
+    IDENTITY,
     OK,
     PENDING,
     STORE,
@@ -37,6 +38,8 @@ from .run import Run, file_of
 
 GROUP = 50  # frames of a file
 FILE = 2**26  # bytes of a file before compression, where a frame has no more
+
+KEPT = ("done", VERDICT, IDENTITY)  # rows that a failed frame has
 
 
 class RunWriter:
@@ -62,8 +65,9 @@ class RunWriter:
         model: BodyModel,
         person: Person,
         templates: Sequence[GarmentTemplate] = (),
+        identity: str = "",
     ) -> RunWriter:
-        """Makes RUN/registered.zarr over `frames`, all pending; `templates` inner to outer."""
+        """Makes RUN/registered.zarr over `frames`, all pending; `templates` inner to outer. `identity`: what these are of."""
         import zarr
         from zarr.codecs import ZstdCodec
 
@@ -75,7 +79,7 @@ class RunWriter:
         if part.exists():
             shutil.rmtree(part)
         group = zarr.open_group(str(part), mode="w", zarr_format=3)
-        group.attrs.update(_attributes(scene, model, templates).model_dump())
+        group.attrs.update(_attributes(scene, model, templates, identity).model_dump())
         vertices = {t.name: len(t.rest) for t in templates}
         layout = layout_of(names, scene.face_keypoints)
         largest = 8 * 3 * max(sizes["n"], *vertices.values(), 1)  # bytes of a frame's largest array
@@ -102,8 +106,16 @@ class RunWriter:
 
     def pending(self, frames: Iterable[int]) -> tuple[int, ...]:
         """Those of the frames that are neither ok nor failed."""
-        done = self.group["done"][:]  # at once: a row costs a millisecond
-        return tuple(number for number in frames if done[self._row[number]] == PENDING)
+        done = self.group["done"][:]
+        return tuple(number for number in frames if number not in self._row or done[self._row[number]] == PENDING)
+
+    def made_of(self, identities: Callable[[int], int]) -> frozenset[int]:
+        """The frames that are ok or failed, and made of what `identities(frame)` says."""
+        if IDENTITY not in self.group:
+            return frozenset()
+        done, found = self.group["done"][:], self.group[IDENTITY][:]
+        behind = (number for number, row in self._row.items() if done[row] != PENDING)
+        return frozenset(number for number in behind if int(found[self._row[number]]) == identities(number))
 
     def groups(self, frames: Iterable[int]) -> list[tuple[int, ...]]:
         """The frames, those together that lie in the same files."""
@@ -120,6 +132,7 @@ class RunWriter:
             yield
         finally:
             kept, self._kept = self._kept, None
+            self._let_go(sorted(kept.get("done", ())))
             for key in sorted(kept, key=lambda key: key == "done"):  # `done` is the last
                 for rows in _runs(sorted(kept[key])):
                     self._array(key)[rows[0] : rows[-1] + 1] = np.stack([kept[key][row] for row in rows])
@@ -132,8 +145,9 @@ class RunWriter:
         dressed: dict[str, Dressed] | None = None,
         layer: Inner | None = None,
         verdict: int = GOOD,
+        identity: int = 0,
     ) -> None:
-        """A registered frame; `segmented`, `dressed` and `layer` where the scene names a garment."""
+        """A registered frame, made of what `identity` says; `segmented`, `dressed` and `layer` where the scene names a garment."""
         values = {
             "track/vertices": tracked.vertices,
             "pose/rotations": tracked.rotations,
@@ -150,15 +164,41 @@ class RunWriter:
             }
             for name, vertices in layer.garments.items():
                 values |= {f"garment/{name}/vertices": vertices, f"confidence/{name}": dressed[name].confidence}
+        self._replace(frame, values, OK, verdict, identity)
+
+    def fail(self, frame: int, identity: int = 0) -> None:
+        """Records a frame as failed; what it had before goes."""
+        had = int(self.group["done"][self._row[frame]]) != PENDING
+        arrays = {key: self.group[key] for key in self._framed() if had and key not in KEPT}
+        self._replace(frame, {k: a.fill_value for k, a in arrays.items()}, FAILED, WRONG, identity)
+
+    def copy(self, frame: int, other: RunWriter) -> None:
+        """A frame that another store of the same layout has."""
+        row = other._row[frame]
+        values = {key: other.group[key][row] for key in other._framed()}
+        done, verdict, identity = (int(values.pop(key)) for key in ("done", VERDICT, IDENTITY))
+        self._replace(frame, values if done == OK else {}, done, verdict, identity)
+
+    def _framed(self) -> list[str]:
+        """The arrays that have a row a frame."""
+        names = [garment["name"] for garment in self.group.attrs["scene"]["garments"]]
+        return [key for key, (stored, _) in layout_of(names, "face" in self.group).items() if stored.per_frame]
+
+    def _replace(self, frame: int, values: dict[str, Any], done: int, verdict: int, identity: int) -> None:
+        """Nobody takes a frame for whole while its arrays change."""
+        self._put("done", frame, PENDING)
         for key, value in values.items():
             self._put(key, frame, value)
         self._judge(frame, verdict)
-        self._put("done", frame, OK)
+        if IDENTITY in self.group:
+            self._put(IDENTITY, frame, identity)
+        self._put("done", frame, done)
 
-    def fail(self, frame: int) -> None:
-        """Records a frame as failed."""
-        self._judge(frame, WRONG)
-        self._put("done", frame, FAILED)
+    def _let_go(self, rows: Sequence[int]) -> None:
+        """Rows that other values are about to replace become pending: a process that is killed leaves none half old."""
+        if rows and (self.group["done"][rows[0] : rows[-1] + 1] != PENDING).any():
+            for run in _runs(rows):
+                self._array("done")[run[0] : run[-1] + 1] = PENDING
 
     def _judge(self, frame: int, verdict: int) -> None:
         if VERDICT in self.group:  # not in a store of an older version that is gone on with
@@ -191,11 +231,16 @@ class RunWriter:
             group.create_array(f"{stage}/{name}", data=np.array(column, np.float64))
         group.attrs["whole"] = True
 
+    def begin(self) -> None:
+        """The store is no longer whole."""
+        if DIAGNOSTICS in self.group:
+            self.group[DIAGNOSTICS].attrs["whole"] = False
+
     def reopen(self, frames: Iterable[int]) -> None:
         """These frames become pending, and the store is no longer whole."""
         frames = list(frames)
-        if frames and DIAGNOSTICS in self.group:
-            self.group[DIAGNOSTICS].attrs["whole"] = False
+        if frames:
+            self.begin()
         with self.together():
             for frame in frames:
                 self._put("done", frame, PENDING)
@@ -210,6 +255,11 @@ class RunWriter:
                 rows = range(group * _rows(array), min((group + 1) * _rows(array), array.shape[0]))
                 if not any(_readable(array, row) for row in rows):
                     file_of(self.store, key, array, rows[0]).unlink(missing_ok=True)
+
+    @property
+    def identity(self) -> str:
+        """What the arrays that all frames share were made of."""
+        return str(self.group.attrs.get("identity", ""))
 
     @property
     def whole(self) -> bool:
@@ -259,11 +309,11 @@ def _fixed_values(
     return values
 
 
-def _attributes(scene: Scene, model: BodyModel, templates: Sequence[GarmentTemplate]) -> Attributes:
+def _attributes(scene: Scene, model: BodyModel, templates: Sequence[GarmentTemplate], identity: str) -> Attributes:
     garments = []
     for t in templates:
         loops = {name: [int(v) for v in loop] for name, loop in zip(t.loop_names, t.loops)}
         garments.append(StoredGarment(name=t.name, label=t.label, loops=loops))
     known = StoredScene(name=scene.name, fps=scene.fps, up=scene.up, labels=scene.labels, garments=garments)
     joints = list(model.joint_names)
-    return Attributes(version=VERSION, scene=known, joint_names=joints, body_model=scene.body_model)
+    return Attributes(version=VERSION, scene=known, joint_names=joints, body_model=scene.body_model, identity=identity)

@@ -35,6 +35,17 @@ class Status:
             if isinstance(line, dict):
                 yield line
 
+    def forget(self, stage: str) -> None:
+        """What this stage has warned of no longer holds: it is done again."""
+        if any(line.get("stage") == stage and "warning" in line for line in self.lines()):
+            self.add(stage=stage, ok=True, again=True)
+
     def warnings(self) -> list[str]:
-        """What was warned of, each once."""
-        return list(dict.fromkeys(line["warning"] for line in self.lines() if "warning" in line))
+        """What was warned of and holds, each once."""
+        found: dict[Any, dict[str, None]] = {}
+        for line in self.lines():
+            if line.get("again"):
+                found.pop(line.get("stage"), None)
+            elif "warning" in line:
+                found.setdefault(line.get("stage"), {})[line["warning"]] = None
+        return list(dict.fromkeys(warning for warnings in found.values() for warning in warnings))

@@ -107,6 +107,17 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
     return max([GOOD, *(level for level, _ in found)]), [reason for _, reason in found]
 
 
+def severity(measures, settings) -> float:
+    """How far the worst measure is from its limit of a good frame: 1 at that limit, more beyond."""
+    found = [0.0]
+    for name, (doubtful, wrong, _) in _limits(settings).items():
+        for key, value in measures.items():
+            if key.rpartition(".")[2] == name and not _said_by_others(key, measures, settings):
+                share = (doubtful, value) if wrong < doubtful else (value, doubtful)
+                found.append(share[0] / share[1] if share[1] > 0 else float(share[0] > 0))
+    return max(found)
+
+
 def _said_by_others(key, measures, settings):
     """Is a fault of the scan against the body answered by the pictures? Where keypoints and silhouettes both agree with
     the body, a scan with clutter and holes may be far from it from either side; where one of them does, a scan may show

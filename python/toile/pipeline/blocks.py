@@ -9,8 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -22,6 +21,7 @@ from .. import kernels
 from ..errors import UserError, first_line
 from ..io.bounded import read_json
 from ..io.files import write_text
+from ..io.locks import locked
 from ..io.status import Status
 from ..kernels import InputError, SolveError
 from .overlap import overlapped
@@ -42,25 +42,34 @@ def blocks(frames: Sequence[int]) -> list[tuple[int, ...]]:
 @dataclass(frozen=True)
 class FrameFolders:
     """ROOT/NNNNNN/ for every frame: its results with a file `whole`, or `failed.json` with the reason. Failures are also
-    lines of `status`, as of the stage `stage`."""
+    lines of `status`, as of the stage `stage`. `identity(frame)`: what its results are to be made of; where others lie there,
+    the frame is not done."""
 
     root: Path
     status: Status
     stage: str
+    identity: Callable[[int], str] | None = None
 
     def folder(self, frame: int) -> Path:
         return self.root / f"{frame:06d}"
 
     def whole(self, frame: int) -> bool:
-        return (self.folder(frame) / "whole").exists()
+        path = self.folder(frame) / "whole"
+        return path.exists() and (self.identity is None or path.read_text() == self.identity(frame))
+
+    def end(self, frame: int) -> None:
+        """All results of a frame are there."""
+        write_text(self.folder(frame) / "whole", self.identity(frame) if self.identity else "")
 
     def done(self, frame: int) -> bool:
-        return self.whole(frame) or (self.folder(frame) / "failed.json").exists()
+        return self.whole(frame) or self.reason(frame) is not None
 
     def reason(self, frame: int) -> str | None:
         """Why a frame failed; None where it did not."""
         path = self.folder(frame) / "failed.json"
-        return str(read_json(path, dict).get("reason")) if path.exists() else None
+        found = read_json(path, dict) if path.exists() else {}
+        same = self.identity is None or found.get("identity") == self.identity(frame)
+        return str(found["reason"]) if same and "reason" in found else None
 
     def fail(self, frame: int, error: Exception) -> None:
         """Records that a frame failed, whatever raised; of what no bad file explains, the traceback too. What the disk
@@ -72,14 +81,9 @@ class FrameFolders:
             reason, told = f"{type(error).__name__}: {reason}", {"traceback": traceback.format_exception(error)}
         if f"{frame:06d}" not in reason:
             reason = f"frames/{frame:06d}: {reason}"
+        told |= {"identity": self.identity(frame)} if self.identity else {}
         write_text(self.folder(frame) / "failed.json", json.dumps({"reason": reason, **told}))
         self.status.add(frame=frame, stage=self.stage, seconds=0.0, ok=False, reason=reason)
-
-    def reopen(self, frames: Sequence[int]) -> None:
-        """These frames are no longer done."""
-        for frame in frames:
-            (self.folder(frame) / "failed.json").unlink(missing_ok=True)
-            (self.folder(frame) / "whole").unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,7 @@ def _make_block(make, reach, results, prepared, block):
     yield from (number for number in block.numbers if number not in left)
     for number, error in overlapped(begin, left, threads=1 if block.alone else None):
         if error is None:
-            write_text(results.folder(number) / "whole", "")
+            results.end(number)
         else:
             results.fail(number, error)
         yield number
@@ -181,14 +185,3 @@ def _after_death(results, block, deaths):
     if block.alone and deaths >= LIVES and left:
         results.fail(left[0], UserError(killed(deaths)))
     return replace(block, alone=True)
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Holds FOLDER/.lock, made when it is not there; waits while another process holds it. A killed process lets go."""
-    import fcntl
-
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / ".lock", "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield

@@ -1,81 +1,249 @@
-"""What a run was asked for, as RUN/config.toml keeps it; only the same request goes on with a run."""
+"""What a run was asked for, in RUN/config.toml, and what it has read, in RUN/inputs. The capture may be moved, mended or
+grow, and settings may change: what depends on it is made again, see `identity`."""
 
 from __future__ import annotations
 
 import json
+import os
 import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..config import Config
+from ..config.settings import listed
 from ..errors import UserError
 from ..io.bounded import read_json
+from ..io.capture import Capture
 from ..io.files import write_text
-from ..io.inputs import contents, files_under, stamps
-from ..io.run_folder import config_file, read_config
-from .blocks import locked
+from ..io.inputs import contents, stamps
+from ..io.locks import locked
+from ..io.run import is_run, open_run
+from ..io.run_folder import capture_folder, config_file, read_config
+from .identity import STAGES, Identities, facts_of, note_of, stages_of
+from .scanning import lacks_scan
 
-OWN = (".lock", ".config.toml")  # what a run that was killed at once may have left
+OWN = (".lock", ".busy", ".config.toml")  # what a run that was killed at once may have left
 SCENE = "scene"
 
 
-def begin_run(run, capture, config, frames, verify=False, again=()):
-    """Writes config.toml, or checks that it asks for the same and that no input has changed since it was read: its name,
-    size and time, with `verify` its contents. The frames `again` may have been mended. UserError names what has changed."""
+@dataclass(frozen=True)
+class Asked:
+    """What a run is asked for: its frames, the identities of its results, what it was asked for before and is no longer in
+    words, and whether that makes another process's work useless."""
+
+    frames: tuple[int, ...]
+    identities: Identities
+    notes: tuple[str, ...] = ()
+    other: bool = False
+
+
+def check_folder(run: Path) -> None:
+    """UserError: the folder holds something else than a run of `toile register`, or one that cannot be gone on with."""
+    path = config_file(run)
+    if run.exists() and not run.is_dir():
+        raise UserError(f"{run}: is no folder")
+    if run.exists() and not path.exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
+        raise UserError(f"{run}: the folder is not empty and holds no run")
+    if path.exists() and "align" in read_config(run):
+        raise UserError(f"{run}: an aligned run: register into another folder")
+    if is_run(run) and path.exists() and not open_run(run).resumable:
+        raise UserError(f"{run}: registered by an older version, which did not say what it made of what: register anew")
+
+
+def config_of(run: Path) -> Config | None:
+    """The settings that a run was asked for; None where there is none yet, or none that is understood."""
+    settings = read_config(run).get("settings") if config_file(run).exists() else None
+    try:
+        return Config.model_validate_json(json.dumps(settings), strict=True) if isinstance(settings, dict) else None
+    except ValueError:
+        return None
+
+
+def request_of(
+    run: Path,
+    capture: Capture,
+    config: Config,
+    frames: Sequence[int],
+    own: Iterable[int],
+    sample: Any,
+    verify: bool = False,
+) -> Asked:
+    """What is asked for now, beside what was: notes of the frames `own` that were read before are brought up to date, by the
+    files' names, sizes and times, with `verify` by all their contents. `sample(frames)`: the frames that the preparation
+    is made of. Nothing else is written. UserError names the field by which another capture is told from one that was moved."""
+    before = read_config(run) if config_file(run).exists() else {}
+    known = tuple(int(number) for number in before.get("frames", ()))
+    wanted = known if set(frames) <= set(known) else tuple(sorted({*known, *frames})) if known else tuple(frames)
+    facts, old = facts_of(capture), read_json(_noted(run), dict) if _noted(run).exists() else {}
+    if before and not _same_place(run, capture.root):
+        _check_moved(run, capture, facts, old, own)
+    changed = [n for n in own if note_of(run, n).exists() and note_frame(run, capture, n, verify)]
+    sampled = _sampled(run, config, wanted, sample)
+    for number in sampled:
+        if number not in own or not note_of(run, number).exists():
+            note_frame(run, capture, number, verify)
+    read = Identities(run, {"scan": stages_of(capture, config, facts, {})["scan"]})
+    stages = stages_of(capture, config, facts, {number: read.inputs(number) for number in sampled})
+    redone = [name for name in STAGES if stages[name] != old.get("stages", stages).get(name)]
+    notes = _words(config, before, facts, old, redone, changed, len(wanted) - len(known) if known else 0)
+    other = bool(before) and (bool(redone) or wanted != known)
+    return Asked(wanted, Identities(run, stages, tuple(sampled), capture.votes), notes, other)
+
+
+def write_request(run: Path, capture: Capture, config: Config, request: Asked) -> None:
+    """Keeps it in RUN/config.toml."""
     from .. import __version__
 
     asked = {
         "capture": str(capture.root.resolve()),
-        "frames": list(frames),
+        "capture_from_here": os.path.relpath(capture.root.resolve(), run.resolve()),
+        "frames": list(request.frames),
         "versions": {"toile": __version__, "numpy": np.__version__},
         "settings": config.model_dump(mode="json"),
     }
-    claim(run, asked, "this run was made from another capture, other frames or other settings")
-    for number in again:
-        _noted(run, f"{number:06d}").unlink(missing_ok=True)
-    _note(run, capture.root, SCENE, capture.files, verify)
-    for number in frames:
-        if _noted(run, f"{number:06d}").exists():
-            note_frame(run, capture, number, verify)
-
-
-def note_frame(run, capture, number, verify=False):
-    """Keeps what a frame's files are in RUN/inputs, or checks that they are still the same; see `begin_run`."""
-    _note(run, capture.root, f"{number:06d}", files_under(capture.folder(number)), verify)
+    note = {"facts": facts_of(capture), "stages": request.identities.stages}
+    if not _noted(run).exists() or read_json(_noted(run), dict) != note:
+        write_text(_noted(run), json.dumps(note, indent=1))
+    _write_config(run, asked)
 
 
 def claim(run, asked, refusal):
     """Makes the folder `run` with a config.toml that holds the table `asked`, or checks that its own is the same; else
     UserError: `refusal`."""
-    import tomli_w
-
-    path, text = config_file(run), tomli_w.dumps(asked)
+    path = config_file(run)
     if run.exists() and not path.exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
         raise UserError(f"{run}: the folder is not empty and holds no run")
     with locked(run):
-        if path.exists() and read_config(run) != tomllib.loads(text):
+        if path.exists() and read_config(run) != _toml(asked):
             raise UserError(f"{path}: {refusal}")
-        write_text(path, text)
+        _write_config(run, asked)
 
 
-def _noted(run, name):
-    """{file: [bytes, time [ns], sha256]} of the scene, or of the frame of this number."""
-    return run / "inputs" / f"{name}.json"
+def _write_config(run, asked):
+    import tomli_w
+
+    if not config_file(run).exists() or read_config(run) != _toml(asked):
+        write_text(config_file(run), tomli_w.dumps(asked))
 
 
-def _note(run, root, name, paths, verify):
-    """Writes the note of these files, or checks them against it. A time alone does not make a change."""
-    path, now = _noted(run, name), stamps(root, paths)
-    if not path.exists():
-        write_text(path, json.dumps({file: [*stamp, contents(root / file)] for file, stamp in now.items()}, indent=1))
-        return
-    then = {file: tuple(known) for file, known in read_json(path, dict).items() if isinstance(known, list)}
-    for file in sorted(then.keys() | now.keys()):
-        if file not in now or file not in then:
-            what = "is gone" if file not in now else "was not there"
-        elif now[file] == then[file][:2] and not verify:
-            continue
-        elif now[file][0] == then[file][0] and contents(root / file) == then[file][-1]:
-            continue
-        else:
-            what = "has changed"
-        raise UserError(f"{root / file}: {what} since {run} read it: register into another folder")
+def _toml(asked):
+    import tomli_w
+
+    return tomllib.loads(tomli_w.dumps(asked))
+
+
+# What was read -------------------------------------------------------------------------------------------------------
+
+
+def note_frame(run: Path, capture: Capture, number: int, verify: bool = False) -> bool:
+    """Keeps in RUN/inputs what a frame's files are: {file: [bytes, time [ns], sha256]}. Has one changed since? Of a frame that
+    is gone what is known stays."""
+    path = note_of(run, number)
+    note = read_json(path, dict) if path.exists() else {}
+    then = note.get("files", {})
+    if then and not capture.has(number):
+        return False
+    files: dict[str, Any] = {}
+    for name, stamp in stamps(capture.root, capture.inputs(number)).items():
+        kept = not verify and then.get(name, [])[:2] == list(stamp)
+        files[name] = then[name] if kept else [*stamp, contents(capture.root / name)]
+    found = {"lacks_scan": lacks_scan(capture, number), "tries": note.get("tries", 0), "files": files}
+    if found != note:
+        write_text(path, json.dumps(found, indent=1))
+    sums = {name: stamp[-1] for name, stamp in files.items()}
+    return bool(then) and sums != {name: stamp[-1] for name, stamp in then.items()}
+
+
+def try_again(run: Path, frames: Iterable[int]) -> None:
+    """All results of these frames are asked for anew."""
+    for number in frames:
+        path = note_of(run, number)
+        note = read_json(path, dict) if path.exists() else {}
+        write_text(path, json.dumps(note | {"tries": note.get("tries", 0) + 1}, indent=1))
+
+
+def _noted(run):
+    """What the run has read beside the frames, and the identities of its stages."""
+    return run / "inputs" / f"{SCENE}.json"
+
+
+def _sampled(run, config, frames, sample):
+    """The frames that the preparation is made of; once chosen they stay, also where the run is extended."""
+    path = run / "inputs" / "sampled.json"
+    kept = read_json(path, dict) if path.exists() else {}
+    if kept.get("asked") != config.preparation_frames:
+        kept = {"asked": config.preparation_frames, "frames": [int(number) for number in sample(frames)]}
+        write_text(path, json.dumps(kept))
+    return kept["frames"]
+
+
+def _same_place(run, root):
+    try:
+        return os.path.samefile(capture_folder(run), root)
+    except (OSError, UserError):
+        return False
+
+
+def _check_moved(run, capture, facts, old, own):
+    for table, values in old.get("facts", {}).items():
+        now = facts.get(table, {})
+        for name in sorted(values.keys() | now.keys()):
+            if values.get(name) != now.get(name):
+                raise _another(run, capture, f"{table}.{name} differs")
+    for number in own:
+        then = read_json(note_of(run, number), dict).get("files", {}) if note_of(run, number).exists() else {}
+        for name in then if capture.has(number) else ():
+            if not (capture.root / name).is_file() or (capture.root / name).stat().st_size != then[name][0]:
+                raise _another(run, capture, f"{name} differs")
+
+
+def _another(run, capture, why):
+    return UserError(
+        f"{capture.root}: {why} from what {run} read of {capture_folder(run, check=False)}: is it another capture? "
+        "Register it into another folder"
+    )
+
+
+def _words(config, before, facts, old, redone, changed, more):
+    """What differs from what was asked before, a line each."""
+    found, last = [], {one.name: one.default for one in listed(config)}
+    then = _flat(before.get("settings", {}))
+    named = [
+        f"{k} {then[k]} -> {_plain(v)}"
+        for k, v in last.items()
+        if k in then and then[k] != _plain(v) and k != "quality"
+    ]
+    named += [
+        f"{table}.{name}"
+        for table, values in facts.items()
+        for name in sorted(values.keys() | old.get("facts", facts).get(table, {}).keys())
+        if values.get(name) != old.get("facts", facts).get(table, {}).get(name)
+    ]
+    if redone and before:
+        what = f"changed: {', '.join(named[:4])}{f' and {len(named) - 4} more' if len(named) > 4 else ''}"
+        what = what if named else "files of the frames that the preparation is made of have changed"
+        found.append(f"{what}; made again: {', '.join(name for name in redone if name != 'scan') or 'scans'}")
+    if changed:
+        found.append(f"files have changed of {'frame' if len(changed) == 1 else 'frames'} {_some(changed)}: made again")
+    if more > 0:
+        found.append(f"{more} frames more; the person, the templates and the fused body stay")
+    return tuple(found)
+
+
+def _some(numbers):
+    return ", ".join(map(str, numbers[:10])) + (f" and {len(numbers) - 10} more" if len(numbers) > 10 else "")
+
+
+def _flat(table, prefix=""):
+    found = {}
+    for name, value in table.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def _plain(value):
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..io.layout import DOUBTFUL, WRONG
-from ..io.run import is_run
+from ..errors import UserError
+from ..io.layout import DOUBTFUL, STORE, WRONG
+from ..io.locks import locked
+from ..io.run import is_run, open_run
 from ..io.run_folder import read_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
-from .blocks import FrameFolders, locked
+from ..measure.verdicts import severity
+from .blocks import FrameFolders
+from .identity import LAST, Identities, digest
 
 
 @dataclass(frozen=True)
@@ -32,46 +37,109 @@ class Outcome:
     notes: tuple[str, ...] = ()
 
 
-def is_whole(run: Path) -> bool:
-    """Are all frames behind the run, and its store and diagnostics written?"""
-    return is_run(run) and RunWriter.of(run).whole
+# The store: RUN/registered.zarr. Where what all its frames share changes, the next one grows in RUN/work, and takes its
+# place once it is whole ------------------------------------------------------------------------------------------------
 
 
-def frames_left(run: Path, frames: Sequence[int]) -> Sequence[int]:
-    """Those of the frames that the store does not have."""
-    return RunWriter.of(run).pending(frames) if is_run(run) else frames
+@dataclass(frozen=True)
+class RunStores:
+    """What the stores of a run hold of these frames that is made of what `identities` ask for."""
+
+    run: Path
+    frames: tuple[int, ...]
+    identities: Identities
+
+    @property
+    def shared(self) -> str:
+        """The identity of what all frames share: their numbers, the person, the templates."""
+        stages = self.identities.stages
+        return digest(list(self.frames), stages["person"], stages["template"])
+
+    @property
+    def folder(self) -> Path:
+        """Where the store lies that takes these frames: the run's own as long as it has none, or one of this kind."""
+        same = not is_run(self.run) or RunWriter.of(self.run).identity == self.shared
+        return self.run if same else self.run / "work"
+
+    @property
+    def whole(self) -> bool:
+        """Are all frames behind the run, and its store and diagnostics written?"""
+        return self.folder == self.run and is_run(self.run) and RunWriter.of(self.run).whole and not self.left()
+
+    def identity(self, frame: int) -> int:
+        """What a frame's rows say they were made of."""
+        return int(self.identities.of(LAST, frame)[:16], 16)
+
+    def behind(self, folder: Path) -> frozenset[int]:
+        """The frames that the store in a folder has."""
+        return RunWriter.of(folder).made_of(self.identity) if is_run(folder) else frozenset()
+
+    def left(self) -> tuple[int, ...]:
+        """The frames that no store has."""
+        behind = self.behind(self.run) | self.behind(self.run / "work")
+        return tuple(number for number in self.frames if number not in behind)
+
+    def reopen_damaged(self, frames: Iterable[int]) -> dict[int, str]:
+        """Those of the frames that cannot be read become pending; {frame: why}."""
+        found: dict[int, str] = {}
+        for folder in (self.run, self.run / "work"):
+            damaged = open_run(folder).damaged(frames) if is_run(folder) else {}
+            if damaged:
+                RunWriter.of(folder).reopen(damaged)
+            found |= damaged
+        return found
+
+    def install(self) -> None:
+        """The store that has grown beside the run's own takes its place."""
+        old = self.run / "work" / "replaced.zarr"
+        if self.folder != self.run:
+            os.replace(self.run / STORE, old)
+            os.replace(self.run / "work" / STORE, self.run / STORE)
+            shutil.rmtree(old)
 
 
-def failed_frames(run: Path, frames: Sequence[int], results: FrameFolders) -> tuple[int, ...]:
-    """Those of the frames that failed."""
-    return tuple(n for n in frames if results.reason(n) is not None or "reason" in read_diagnostics(run, n))
+def recover(run: Path) -> None:
+    """Ends an `install` that was killed."""
+    old, grown = run / "work" / "replaced.zarr", run / "work" / STORE
+    if old.exists():
+        if not is_run(run):
+            os.replace(grown if grown.exists() else old, run / STORE)
+        shutil.rmtree(old, ignore_errors=True)
 
 
-def wrong_frames(run: Path, frames: Sequence[int]) -> tuple[int, ...]:
-    """Those of the frames that were registered and judged wrong."""
-    return tuple(n for n in frames if read_diagnostics(run, n).get("verdict") == WRONG)
+def again(
+    stored: RunStores, own: Sequence[int], results: FrameFolders, retry: bool | str | Iterable[int], limits
+) -> list[int]:
+    """The frames among `own` that are to be given again; see `register`. UserError: `retry` is none of these."""
+    if not isinstance(retry, (bool, str)):
+        asked = {int(number) for number in retry}
+        if strange := sorted(asked - set(stored.frames)):
+            raise UserError(f"retry {strange[0]}: the run has no such frame")
+        return [number for number in own if number in asked]
+    if retry is False:
+        return []
+    kind, _, count = str(retry).partition(":")
+    told = {number: read_diagnostics(stored.run, number) for number in own}
+    if kind == "worst" and count.isdecimal() and int(count) > 0:
+        measured = [number for number in own if "evidence" in told[number]]
+        worst = sorted(measured, key=lambda number: -severity(told[number]["evidence"], limits))
+        return sorted(worst[: int(count)])
+    if retry not in (True, "failed", "wrong"):
+        raise UserError(f"retry {retry}: expected failed, wrong, worst:N or frame numbers")
+    failed = [number for number in own if results.reason(number) is not None or "reason" in told[number]]
+    wrong = [number for number in own if told[number].get("verdict") == WRONG]
+    return failed if retry != "wrong" else sorted({*failed, *wrong})
 
 
-def reopen(run: Path, frames: Sequence[int], results: FrameFolders) -> None:
-    """These frames become pending."""
-    with locked(run):
-        if is_whole(run):
-            shutil.rmtree(run / "work", ignore_errors=True)
-        for made in ("slid", "smoothed"):
-            shutil.rmtree(run / "work" / made, ignore_errors=True)  # with other neighbours, other results
-        results.reopen(frames)
-        if is_run(run):
-            RunWriter.of(run).reopen(frames)
-
-
-def outcome_of(run: Path, frames: Sequence[int], results: FrameFolders) -> Outcome:
+def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
     """What became of each frame so far."""
+    run, frames = stored.run, stored.frames
     with locked(run):
-        failed, contact, pending = {}, [], set(frames_left(run, frames))
+        failed, contact, left = {}, [], frozenset(stored.left())
         judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
         for number in frames:
-            diagnostics = {} if number in pending else read_diagnostics(run, number)
-            reason = results.reason(number) or diagnostics.get("reason")
+            diagnostics = {} if number in left else read_diagnostics(run, number)
+            reason = diagnostics.get("reason") or (results.reason(number) if number in left else None)
             if reason is not None:
                 failed[number] = reason
                 continue
@@ -79,6 +147,7 @@ def outcome_of(run: Path, frames: Sequence[int], results: FrameFolders) -> Outco
                 contact.append(number)
             if diagnostics.get("verdict") in judged:
                 judged[diagnostics["verdict"]][number] = "; ".join(diagnostics.get("reasons", ()))
+        pending = tuple(number for number in frames if number in left and number not in failed)
         ok = tuple(number for number in frames if number not in failed and number not in pending)
         waiting = tuple(number for number in frames if number in pending and number not in failed)
         told = tuple(contact), tuple(results.status.warnings())

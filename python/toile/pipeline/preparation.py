@@ -14,19 +14,20 @@ from ..config import Config
 from ..errors import UserError, first_line
 from ..io.body import model_in_capture
 from ..io.capture import Capture
-from ..io.files import load_record, save_record
+from ..io.files import identity_of, load_record, save_record
 from ..io.image import read_rgba
 from ..io.status import Status
 from ..prints.lengths import true_lengths
-from ..scene import BodyModel, GarmentTemplate, InnerShape, Person
+from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
 from ..stages import dress, inner, motion, prints, reconstruct, segment, track
+from ..surface.curves import Curve
 from ..surface.sampling import evenly
 from ..surface.thinning import thinned
 from ..vision.colours import ColourModel
 from ..vision.thin_pictures import thin_cameras, thin_pictures
 from ..vision.threads import parallel_map
+from .identity import Identities
 from .labelling import labelled
-from .manifest import note_frame
 from .scanning import make_scans
 from .template import Worn, template_from_scan, template_on_body
 
@@ -41,6 +42,7 @@ class PreparedRun:
     person: Person
     folder: Path  # RUN/prepared
     tracker: track.Tracker
+    identities: Identities
     colours: segment.SegmentModel | None = None  # these where the scene names a garment
     templates: tuple[GarmentTemplate, ...] = ()
     dressers: tuple[dress.Dresser, ...] = ()
@@ -78,15 +80,17 @@ class PreparedRun:
         return inner.InnerLayer(self.model, self.person, shape, self.templates, self.config.inner)
 
 
-def prepare(capture, run, config, frames, progress=lambda *_: None) -> PreparedRun:
-    """Makes what RUN/prepared does not hold yet, and loads it."""
+def prepare(capture, run, config, identities, progress=lambda *_: None) -> PreparedRun:
+    """Makes what RUN/prepared does not hold as `identities` ask for it, and loads it."""
     progress("prepare", 0, 1)
     folder = run / "prepared"
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
-    sampled = cache(partial(_samples, capture, run, config, frames))
+    sampled = cache(partial(_samples, capture, run, config, identities))
     fitted = cache(lambda: track.prepare(model, sampled(), config.track))
-    person = kept(folder / "person.npz", Person, lambda: fitted()[0])
-    prepared = PreparedRun(capture, config, model, person, folder, track.Tracker(model, person, config.track))
+    person = kept(folder / "person.npz", Person, lambda: fitted()[0], identities.stages["person"])
+    prepared = PreparedRun(
+        capture, config, model, person, folder, track.Tracker(model, person, config.track), identities
+    )
     if capture.scene.garments:
         tracked = lambda: [(as_labels_see(frame, config), t) for (frame, _), t in zip(sampled(), fitted()[1])]
         _prepare_garments(prepared, tracked, Status.of(run))
@@ -94,19 +98,18 @@ def prepare(capture, run, config, frames, progress=lambda *_: None) -> PreparedR
     return prepared
 
 
-def kept(path, kind, make):
-    """The record of this path, made when it is not there."""
-    if not path.exists():
-        save_record(path, make())
-    return load_record(path, kind)
+def kept(path, kind, make, identity, **records):
+    """The record of this path, made when it is not there or of something else than `identity` says."""
+    if identity_of(path, whole=True) != identity:
+        save_record(path, make(), identity)
+    return load_record(path, kind, **records)
 
 
-def _samples(capture, run, config, frames):
-    """Frames spread evenly over the run that can be read, with their keypoints in space."""
+def _samples(capture, run, config, identities):
+    """The frames that the preparation is made of, as far as they can be read, with their keypoints in space."""
 
     def read(number):
         try:
-            note_frame(run, capture, number)
             frame = frame_of(capture, config, number)
             points = points_of(capture, config, frame)
         except Exception as error:
@@ -115,8 +118,8 @@ def _samples(capture, run, config, frames):
             return f"frame {number}: neither a scan nor keypoints that two cameras agree on"
         return frame, points
 
-    chosen = _sampled(capture, frames, config.preparation_frames)
-    failed = make_scans(capture, chosen, config, Status.of(run))
+    chosen = identities.sampled
+    failed = make_scans(capture, chosen, config, Status.of(run), identities)
     found = [*parallel_map(read, [number for number in chosen if number not in failed]), *failed.values()]
     samples = [sample for sample in found if not isinstance(sample, str)]
     if not samples:
@@ -125,7 +128,7 @@ def _samples(capture, run, config, frames):
     return samples
 
 
-def _sampled(capture, frames, count):
+def sampled_frames(capture, count, frames):
     """Numbers of frames spread evenly, and as many of those with label images where others have none."""
     spread = evenly(frames, count)
     if not capture.scene.garments or capture.scene.segmenter or all(capture.labelled(number) for number in spread):
@@ -163,20 +166,24 @@ def _prepare_garments(prepared, tracked, status):
     scene, config, model, person = prepared.capture.scene, prepared.config, prepared.model, prepared.person
     paths = [prepared.folder / f"template.{garment.name}.npz" for garment in scene.garments]
     colours = prepared.folder / "colours.npz"
-    if not all(path.exists() for path in (colours, *paths)):
+    ids = prepared.identities.stages
+    if identity_of(colours, True) != ids["colours"] or any(
+        identity_of(path, True) != ids["template"] for path in paths
+    ):
+        status.forget("dress")
         samples = tracked()
         cameras = thin_cameras(prepared.capture.cameras, config.picture_side)
         coarse = segment.coarse_pictures(cameras, samples, config.segment)
         for warning in (*prepared.capture.warnings, *coarse, *segment.unlabelled_pictures(samples)):
             status.add(stage="dress", ok=False, warning=warning)
-        made = segment.prepare(scene, cameras, samples, model.f, config.segment)
-        save_record(colours, made)
+        learn = partial(segment.prepare, scene, cameras, samples, model.f, config.segment)
+        made = kept(colours, segment.SegmentModel, learn, ids["colours"], colours=ColourModel)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
         evidenced = parallel_map(
             lambda sample: (*sample, *segmented(prepared, made, *sample, None, refine_border=True)), wanted
         )
         for garment, path in zip(scene.garments, paths):
-            save_record(path, _template(prepared, garment, evidenced, status))
+            save_record(path, _template(prepared, garment, evidenced, status), ids["template"])
     prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
     prepared.templates = tuple(load_record(path, GarmentTemplate, ("loops",)) for path in paths)
     prepared.dressers = tuple(
@@ -211,6 +218,15 @@ def _over(scene, name):
     """Label ids of the garments that are worn over a garment."""
     names = [garment.name for garment in scene.garments]
     return [scene.labels[garment.label] for garment in scene.garments[names.index(name) + 1 :]]
+
+
+def segmented_again(prepared, frame, tracked, path):
+    """The same of a frame whose Segmented lies in a file."""
+    cameras = thin_cameras(prepared.capture.cameras, prepared.config.picture_side)
+    evidence = segment.evidence(frame, cameras, prepared.colours, tracked, prepared.model.f, prepared.config.segment)
+    found = load_record(path, Segmented)
+    curves = lambda of: [Curve(np.array(curve["points"]), curve["closed"]) for curve in of]
+    return replace(found, openings={int(label): curves(of) for label, of in found.openings.items()}), evidence
 
 
 def segmented(prepared, colours, frame, tracked, previous, **changes):

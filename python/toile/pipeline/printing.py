@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from ..errors import first_line
-from ..io.files import load_record, save_record, write_text
+from ..io.files import identity_of, load_record, save_record
 from ..prints.matching import Matched
 from ..prints.reference import NEAR, Reference, anchors_and_samples
 from ..prints.smoothing import over_time
@@ -34,7 +34,8 @@ def make_references(load, numbers, prepared, progress):
     """Makes the reference of every printed garment, unless it is there."""
     paths = {name: reference_path(prepared, name) for name in prepared.aligner.matchers}
     pictured = [number for number in numbers if prepared.capture.pictured(number)]
-    if all(path.exists() for path in paths.values()) or not pictured:
+    identity = prepared.identities.stages["prints"]
+    if all(identity_of(path) == identity for path in paths.values()) or not pictured:
         return
     settings = prepared.config.prints
     chosen = anchors_and_samples(pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames)
@@ -45,7 +46,7 @@ def make_references(load, numbers, prepared, progress):
         dressed.append(layers[-1])
         progress("reference print", len(views), sum(map(len, chosen)))
     for name, reference in prepared.aligner.reference(views, dressed, len(chosen[0])).items():
-        save_record(paths[name], reference)
+        save_record(paths[name], reference, identity)
 
 
 def _slide(load, slid, prepared, numbers) -> Iterator[int]:
@@ -76,7 +77,7 @@ def _slide(load, slid, prepared, numbers) -> Iterator[int]:
         start = time.perf_counter()
         _write(slid.folder(number), prepared, load(prepared, number)[-1], _slides(prepared, found, number))
         seconds[number] += time.perf_counter() - start
-        write_text(slid.folder(number) / "whole", "")
+        slid.end(number)
         slid.status.add(frame=number, stage=slid.stage, seconds=seconds[number], ok=True)
         if number not in pictured:
             yield number

@@ -7,8 +7,9 @@ fuse      then: the shape of the body under the garments, of every frame
 inner     every frame: the body under the garments, and the garments out of it
 
 Temporal state lives inside blocks of 50 absolute frame numbers and is dropped where a frame is missing or failed; workers
-and shards take whole blocks. Results between passes lie in RUN/work until the run is whole, so a killed run goes on with
-the same bits; what the preparation made stays in RUN/prepared, so that failed frames can be given again.
+and shards take whole blocks. Results between passes lie in RUN/work, what the preparation made in RUN/prepared, each with
+the identity of what it was made of: so a killed run goes on with the same bits, and what has changed redoes what depends on
+it.
 """
 
 from __future__ import annotations
@@ -25,9 +26,11 @@ from typing import Any
 from ..config import Config, changed, configured
 from ..errors import UserError
 from ..io.capture import Capture, check_capture, open_capture
-from ..io.files import load_record, save_record
-from ..io.run import is_run, open_run
-from ..io.run_folder import write_diagnostics
+from ..io.files import identity_of, load_record, save_record
+from ..io.layout import STORE
+from ..io.locks import at_work, locked
+from ..io.run import is_run
+from ..io.run_folder import config_file, read_config, write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse
@@ -36,19 +39,20 @@ from ..scene import InnerShape, Segmented, Tracked
 from . import scanning
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
+from .identity import note_of
 from .labelling import scene_segmenter
-from .manifest import begin_run, note_frame
-from .outcome import Outcome, diagnostics_of, failed_frames, frames_left, is_whole, outcome_of, reopen, wrong_frames
+from .manifest import check_folder, config_of, note_frame, request_of, try_again, write_request
+from .outcome import Outcome, RunStores, again, diagnostics_of, outcome_of, recover
 from .overlap import overlapped
-from .preparation import as_labels_see, frame_of, kept, points_of, prepare, segmented
+from .preparation import as_labels_see, frame_of, kept, points_of, prepare, sampled_frames, segmented, segmented_again
 from .printing import slide
 from .smoothing import load_layers, smooth
 from .template import check_templates
 from .workers import everywhere
 
 # of `register`, besides its settings
-KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify", "scheduler")
-RETRIES = ("failed", "wrong")  # which frames of a run are given again
+KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify", "scheduler", "frame_limit", "keep")
+RETRIES = ("failed", "wrong", "worst:N")  # which frames of a run are given again
 
 
 def register(
@@ -59,9 +63,11 @@ def register(
     progress: Progress | None = None,
     workers: int = 1,
     shard: tuple[int, int] = (1, 1),
-    retry: bool | str = False,
+    retry: bool | str | Iterable[int] = False,
     verify: bool = False,
     scheduler: str | None = None,
+    frame_limit: float | None = None,
+    keep: bool = True,
     **settings: Any,
 ) -> Outcome:
     """Registers `frames` (numbers; all by default) of a capture, its folder or opened, into the folder `run` and returns an
@@ -72,100 +78,143 @@ def register(
     change that one.
 
     `progress(stage, done, total)` is called along the way. The same call on a run that was killed goes on where it
-    stood. `workers` processes share the work, or those of a running dask `scheduler` (tcp://HOST:PORT). `shard` (i, n) takes every n-th block from the i-th on, on its own or
-    beside other shards of the run; whichever ends last finishes the run. `retry` "failed" (or True) gives failed
-    frames again, whose files may have been mended, "wrong" those that are judged wrong too, with no temporal state of the
-    frames that stand; nothing else is touched. Input files that have
-    changed since the run read them are refused: by name, size and time, with `verify` by all their contents. The bits
+    stood. What is not given stays as the run was asked for before: its frames, to which others are added, and its settings.
+    What depends on a setting or a file that has changed is made again, and nothing else; what stands is replaced by what
+    is whole. Files are compared by name, size and time, with `verify` by their contents. `workers` processes share the
+    work, or those of a running dask `scheduler` (tcp://HOST:PORT). `shard` (i, n) takes every n-th block from the i-th on, on its own or beside other shards of the run; whichever
+    ends last finishes the run. `retry` gives frames again: "failed" (or True), "wrong" those too that are judged wrong,
+    "worst:20" the worst by their evidence, or frame numbers. A frame fails that takes longer than `frame_limit` [s]. `keep`:
+    what passes between the stages stays in RUN/work, so that a changed setting redoes only what depends on it. The bits
     depend on neither workers nor shards. UserError: no such setting (the message names the nearest), or the capture, or a run
     folder that holds something else, cannot be used; nothing is left behind.
     """
-    if config is not None and "quality" in settings:
-        raise UserError(f"quality {settings['quality']}: a config is given too")
-    config = configured(settings, KEYWORDS) if config is None else changed(config, settings, also=KEYWORDS)
-    progress = progress or (lambda *_: None)
+    run, progress = everywhere(Path(run), scheduler), progress or (lambda *_: None)
     check_shares(workers, shard, scheduler)
-    run = everywhere(Path(run), scheduler)
+    check_folder(run)
+    config = _config(run, config, settings)
     capture = capture if isinstance(capture, Capture) else open_capture(everywhere(Path(capture), scheduler))
-    frames = tuple(capture.frames if frames is None else frames)
     capture = scanning.kept_in(run, capture)
-    unknown = sorted(set(frames) - set(capture.frames))
-    if unknown or not frames:
-        raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
+    frames = _frames(run, capture, frames)
     check_templates(capture, config)
-    check_capture(capture, frames)
+    if not config_file(run).exists():
+        check_capture(capture, frames)
     if capture.scene.segmenter and capture.scene.garments:
         scene_segmenter(capture)
     fresh = not run.exists()
-    results = FrameFolders(run / "work" / "frames", Status.of(run), "frame")
-    title = "track, segment, dress" if capture.scene.garments else "track"
-    job = BlockJob(run, results, prepare, (capture, run, config, frames), first_stages, 1, title)
     try:
-        again = _again(run, frames, results, retry)
-        begin_run(run, capture, config, frames, verify, again)
-        if retry:
-            reopen(run, again, results)
-            scanning.forget(capture, again)
-        damaged = open_run(run).damaged(frames) if is_run(run) else {}
-        if damaged:
-            reopen(run, tuple(damaged), results)
-        last = partial(last_stages, run, frames, results, progress)
-        left = partial(frames_left, run, frames)
-        run_job(job, frames, partial(is_whole, run), last, workers, shard, left, progress, scheduler)
-        notes = tuple(f"frame {number}: made again: {reason}" for number, reason in damaged.items())
-        return replace(outcome_of(run, frames, results), notes=notes)
+        own = [number for block in blocks(frames)[shard[0] - 1 :: shard[1]] for number in block]
+        with locked(run):
+            sample = partial(sampled_frames, capture, config.preparation_frames)
+            request = request_of(run, capture, config, frames, own, sample, verify)
+        refusal = f"{run}: another process works at it, and something else is asked for now: {'; '.join(request.notes)}"
+        with at_work(run, request.other, refusal):
+            crew = workers, shard, scheduler
+            return _register(capture, run, config, request, own, progress, crew, retry, frame_limit, keep)
     except Exception:
         if fresh and not ((run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
         raise
 
 
-def _again(run, frames, results, retry):
-    """The frames that `retry` gives again."""
-    if retry not in (False, True, *RETRIES):
-        raise UserError(f"retry {retry}: expected one of {', '.join(RETRIES)}")
-    failed = failed_frames(run, frames, results) if retry else ()
-    return (*failed, *wrong_frames(run, frames)) if retry == "wrong" else failed
+def _config(run, config, settings):
+    """What is given, above what the run was asked for before."""
+    if config is not None and "quality" in settings:
+        raise UserError(f"quality {settings['quality']}: a config is given too")
+    config = config or (None if "quality" in settings else config_of(run))
+    return configured(settings, KEYWORDS) if config is None else changed(config, settings, also=KEYWORDS)
+
+
+def _frames(run, capture, frames):
+    """Numbers of frames: those asked for and those of the run."""
+    known = tuple(read_config(run).get("frames", ())) if config_file(run).exists() else ()
+    asked = tuple(capture.frames if not known else ()) if frames is None else tuple(frames)
+    unknown = sorted(set(asked) - set(capture.frames) - set(known))
+    if unknown or not (asked or known):
+        raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")
+    if not known:
+        return asked
+    return known if set(asked) <= set(known) else tuple(sorted({*known, *asked}))
+
+
+def _register(capture, run, config, request, own, progress, crew, retry, frame_limit, keep):
+    workers, shard, scheduler = crew
+    frames, identities = request.frames, request.identities
+    stored = RunStores(run, frames, identities)
+    first = "dress" if capture.scene.garments else "track"
+    results = FrameFolders(run / "work" / "frames", Status.of(run), "frame", partial(identities.of, first))
+    with locked(run):
+        recover(run)
+        write_request(run, capture, config, request)
+        try_again(run, again(stored, own, results, retry, config.verdict))
+        damaged = stored.reopen_damaged(own)
+    title = "track, segment, dress" if capture.scene.garments else "track"
+    job = BlockJob(
+        run, results, prepare, (capture, run, config, identities), partial(first_stages, frame_limit), 1, title
+    )
+    last = partial(last_stages, stored, results, progress, keep)
+    run_job(job, frames, lambda: stored.whole, last, workers, shard, stored.left, progress, scheduler)
+    notes = *request.notes, *(f"frame {number}: made again: {reason}" for number, reason in damaged.items())
+    return replace(outcome_of(stored, results), notes=notes)
 
 
 # Every frame: track, segment, dress -----------------------------------------------------------------------------------
 
 
-def first_stages(prepared, number, previous, results) -> Iterator[None]:
-    """Makes a frame's Tracked, Segmented and Dressed, a step each; the frame `previous` gives temporal state."""
-    capture, folder = prepared.capture, results.folder(number)
+def first_stages(limit, prepared, number, previous, results) -> Iterator[None]:
+    """Makes a frame's Tracked, Segmented and Dressed, a step each; the frame `previous` gives temporal state. What is there
+    of an earlier try and made of the same stays."""
+    capture, folder, identities = prepared.capture, results.folder(number), prepared.identities
     before = None if previous is None else results.folder(previous)
-    seconds: dict[str, float] = {}
-
-    def timed(stage, make):
-        start = time.perf_counter()
-        result = make()
-        seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - start
-        return result
-
-    note_frame(prepared.folder.parent, capture, number)
-    scanning.make_scan(capture, number, prepared.config, results.status)
+    if not note_of(results.root.parent.parent, number).exists():
+        note_frame(results.root.parent.parent, capture, number)
+    clock = Clock(limit)
+    asked = partial(identities.step, frame=number, previous=previous)
+    kept = lambda name, stage: identity_of(folder / name, whole=True) == asked(stage)
+    scanning.make_scan(capture, number, prepared.config, results.status, identities)
     frame = frame_of(capture, prepared.config, number)
-    points = timed("reconstruct", lambda: points_of(capture, prepared.config, frame))
-    yield
-    last = None if before is None else load_record(before / "track.npz", Tracked)
-    tracked = timed("track", lambda: prepared.tracker.track(frame, points, last))
-    save_record(folder / "track.npz", tracked)
+    if kept("track.npz", "track"):
+        yield
+        tracked = load_record(folder / "track.npz", Tracked)
+    else:
+        points = clock.timed("reconstruct", lambda: points_of(capture, prepared.config, frame))
+        yield
+        last = None if before is None else load_record(before / "track.npz", Tracked)
+        tracked = clock.timed("track", lambda: prepared.tracker.track(frame, points, last))
+        save_record(folder / "track.npz", tracked, asked("track"))
     yield
     shown, labels = frame, None
     if prepared.templates:
         shown = as_labels_see(frame, prepared.config)
-        last = None if before is None else _load_segmented(before / "segment.npz")
-        found = timed("segment", lambda: segmented(prepared, prepared.colours, shown, tracked, last))
-        save_record(folder / "segment.npz", found[0])
+        if kept("segment.npz", "segment"):
+            found = clock.timed("segment", lambda: segmented_again(prepared, shown, tracked, folder / "segment.npz"))
+        else:
+            last = None if before is None else _load_segmented(before / "segment.npz")
+            found = clock.timed("segment", lambda: segmented(prepared, prepared.colours, shown, tracked, last))
+            save_record(folder / "segment.npz", found[0], asked("segment"))
         yield
         for template, dresser in zip(prepared.templates, prepared.dressers):
-            dressed = timed("dress", lambda: dresser.dress(shown, tracked, *found))
+            dressed = clock.timed("dress", lambda: dresser.dress(shown, tracked, *found))
             save_record(folder / f"dress.{template.name}.npz", dressed)
         labels = found[0].scan_faces
     save_record(folder / "seen.npz", glimpse(replace(shown, masks=frame.masks), labels))
-    for stage, value in seconds.items():
+    for stage, value in clock.seconds.items():
         results.status.add(frame=number, stage=stage, seconds=value, ok=True)
+
+
+class Clock:
+    """The seconds of a frame's stages. UserError: `limit` is over when one of them ends."""
+
+    def __init__(self, limit=None):
+        self.limit, self.seconds = limit, {}
+
+    def timed(self, stage, make):
+        start = time.perf_counter()
+        result = make()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+        total = sum(self.seconds.values())
+        if self.limit is not None and total > self.limit:
+            raise UserError(f"{stage}: the frame took {total:.1f} s so far, --frame-limit {self.limit:g}")
+        return result
 
 
 def _load_segmented(path):
@@ -176,45 +225,64 @@ def _load_segmented(path):
 # Once all are dressed: smoothing, the inner layer, and the store ------------------------------------------------------
 
 
-def last_stages(run, frames, results, progress, prepared, pool) -> None:
+def last_stages(stored, results, progress, keep, prepared, pool) -> None:
     """The body under the garments, the garments out of it, and every frame's arrays to the store."""
-    scene, good = prepared.capture.scene, [number for number in frames if results.whole(number)]
-    if any(garment.prints for garment in scene.garments):
-        slide(partial(_load_dressed, results), good, _slid(results), prepared, pool, progress)
-    if prepared.config.motion.temporal:
-        smooth(partial(_load_slid, results), good, _smoothed(results), prepared, pool)
-    if scene.garments:
-        kept(prepared.folder / "inner.npz", InnerShape, lambda: _fuse(run, frames, results, prepared, pool))
-    if not is_run(run):
-        RunWriter.create(run, frames, scene, prepared.model, prepared.person, prepared.templates)
-    left = frames_left(run, frames)
-    for i, _ in enumerate(pool.each(partial(_finish, run, results), RunWriter.of(run).groups(left))):
+    run, scene, frames = stored.run, prepared.capture.scene, stored.frames
+    good = [number for number in frames if results.whole(number)]
+    if stored.left():
+        if any(garment.prints for garment in scene.garments):
+            slide(partial(_load_dressed, results), good, _slid(results, prepared), prepared, pool, progress)
+        if prepared.config.motion.temporal:
+            smooth(partial(_load_slid, results), good, _smoothed(results, prepared), prepared, pool)
+        if scene.garments:
+            fused, identity = partial(_fuse, run, good, results, prepared, pool), prepared.identities.stages["inner"]
+            kept(prepared.folder / "inner.npz", InnerShape, fused, identity)
+    writer = _store(stored, prepared)
+    left = [number for number in frames if number not in stored.behind(stored.folder)]
+    for i, _ in enumerate(pool.each(partial(_finish, stored, results), writer.groups(left))):
         progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
-    RunWriter.of(run).write_diagnostics(diagnostics_of(run, frames, results.status))
-    shutil.rmtree(run / "work", ignore_errors=True)
+    writer.write_diagnostics(diagnostics_of(run, frames, results.status))
+    stored.install()
+    if not keep:
+        shutil.rmtree(run / "work", ignore_errors=True)
 
 
-def _fuse(run, frames, results, prepared, pool):
+def _store(stored, prepared):
+    """The writer of the store that takes the frames, which is not whole from now on."""
+    folder = stored.folder
+    if is_run(folder) and RunWriter.of(folder).identity != stored.shared:
+        shutil.rmtree(folder / STORE)  # it grew for what was asked for once, and was never whole
+    if not is_run(folder):
+        scene, made = prepared.capture.scene, (prepared.model, prepared.person, prepared.templates)
+        RunWriter.create(folder, stored.frames, scene, *made, stored.shared)
+    writer = RunWriter.of(folder)
+    writer.begin()
+    return writer
+
+
+def _fuse(run, good, results, prepared, pool):
     """The InnerShape of all frames that are whole."""
-    good = blocks([number for number in frames if results.whole(number)])
     if not good:
         return InnerShape(prepared.person.rest, {})
+    results.status.forget("inner")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        shape = fuse(good, partial(_load_results, results), run / "work" / "fusion", prepared, pool)
+        shape = fuse(blocks(good), partial(_load_results, results), run / "work" / "fusion", prepared, pool)
     for warning in caught:
         results.status.add(stage="inner", ok=False, warning=str(warning.message))
     return shape
 
 
-def _smoothed(results):
+def _smoothed(results, prepared):
     """The folders of the frames as `smooth` leaves them."""
-    return FrameFolders(results.root.parent / "smoothed", results.status, "motion")
+    identity = partial(prepared.identities.of, "motion")
+    return FrameFolders(results.root.parent / "smoothed", results.status, "motion", identity)
 
 
-def _slid(results):
+def _slid(results, prepared):
     """The folders of the printed garments as `slide` leaves them."""
-    return FrameFolders(results.root.parent / "slid", results.status, "prints")
+    identity = partial(prepared.identities.of, "prints")
+    return FrameFolders(results.root.parent / "slid", results.status, "prints", identity)
 
 
 def _load_dressed(results, prepared, number):
@@ -225,23 +293,29 @@ def _load_dressed(results, prepared, number):
 
 def _load_slid(results, prepared, number):
     """A frame's layers, printed garments slid."""
-    return load_layers(results.folder(number), prepared.templates, _slid(results).folder(number))
+    return load_layers(results.folder(number), prepared.templates, _slid(results, prepared).folder(number))
 
 
 def _load_results(results, prepared, number):
     """A frame as the last stages take it: smoothed, where that is asked for."""
     if prepared.config.motion.temporal:
-        tracked, dressed = load_layers(_smoothed(results).folder(number), prepared.templates)
+        tracked, dressed = load_layers(_smoothed(results, prepared).folder(number), prepared.templates)
     else:
         tracked, dressed = _load_slid(results, prepared, number)
     segmented = _load_segmented(results.folder(number) / "segment.npz") if prepared.templates else None
     return tracked, segmented, dressed
 
 
-def _finish(run, results, prepared, numbers):
-    """Solves the inner layer of these frames and writes them to the store, each file once; yields each number."""
-    writer, made = RunWriter.of(run), {}
+def _finish(stored, results, prepared, numbers):
+    """Solves the inner layer of these frames and writes them to the store, each file once; yields each number. Those that
+    the run's own store has are taken over from there."""
+    run, writer, made = stored.run, RunWriter.of(stored.folder), {}
+    there = stored.behind(run) if stored.folder != run else frozenset()
     with writer.together():
+        for number in (number for number in numbers if number in there):
+            writer.copy(number, RunWriter.of(run))
+            yield number
+        numbers = [number for number in numbers if number not in there]
         for number, error in overlapped(lambda number, _: _last_stage(prepared, number, results, made), numbers):
             if error is not None:
                 results.fail(number, error)
@@ -249,10 +323,10 @@ def _finish(run, results, prepared, numbers):
                 found, (measures, level, reasons) = made.pop(number)
                 words = {"evidence": measures, "verdict": level, "reasons": reasons}
                 write_diagnostics(run, number, _measured(*found) | words)
-                writer.write(number, *found, verdict=level)
+                writer.write(number, *found, verdict=level, identity=stored.identity(number))
             else:
                 write_diagnostics(run, number, {"reason": results.reason(number)})
-                writer.fail(number)
+                writer.fail(number, stored.identity(number))
             yield number
 
 

@@ -11,7 +11,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
-from ..io.files import load_record, save_record, write_text
+from ..io.files import identity_of, load_record, save_record
 from ..scene import Dressed, Tracked
 from ..stages.motion import Strengths, strength_of
 from .blocks import BLOCK, FrameFolders, blocks
@@ -23,11 +23,11 @@ def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepa
     {garment: Dressed}. Frames that do not follow one another say nothing of each other. `prepared.smoother` is a
     stages.motion.Smoother, of each process."""
     numbers, settings = sorted(numbers), prepared.config.motion
-    kept = smoothed.root / "strengths.npz"
-    if not kept.exists():
+    kept, identity = prepared.folder / "strengths.npz", prepared.identities.stages["motion"]
+    if identity_of(kept) != identity:
         gathered = dict(pool.each(partial(_gather, load), list(enumerate(blocks(numbers)))))
         total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
-        save_record(kept, strength_of(total, settings.max_strength))
+        save_record(kept, strength_of(total, settings.max_strength), identity)
     left = [own for own in blocks(numbers) if not all(map(smoothed.whole, own))]
     around = [(own, _around(numbers, own[0] // BLOCK, settings.margin)) for own in left]
     for _ in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
@@ -76,15 +76,16 @@ def _smooth(load, smoothed, strengths, prepared, block):
             frames = [load(prepared, n) for n in run]
             made = dict(zip(run, prepared.smoother.smooth(frames, strengths)))
         for number in wanted:
-            _save(smoothed.folder(number), *made[number])
+            _save(smoothed, number, *made[number])
         for number in wanted:
             seconds = (time.perf_counter() - start) / len(wanted)
             smoothed.status.add(frame=number, stage=smoothed.stage, seconds=seconds, ok=True)
     yield own[0]
 
 
-def _save(folder, tracked, dressed):
+def _save(smoothed, number, tracked, dressed):
+    folder = smoothed.folder(number)
     save_record(folder / "track.npz", tracked)
     for name, garment in dressed.items():
         save_record(folder / f"dress.{name}.npz", garment)
-    write_text(folder / "whole", "")
+    smoothed.end(number)

@@ -1,0 +1,56 @@
+"""Locks between processes on files of a shared folder, where a killed process lets go by itself."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from ..errors import UserError
+
+MISSING = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL}  # what file systems without locks answer
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Holds FOLDER/.lock, made when it is not there; waits while another process holds it. Where the file system has no
+    flock, by POSIX record locks, which most cluster file systems have. UserError: it has neither."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / ".lock", "w") as file:
+        _hold(file)
+        yield
+
+
+@contextmanager
+def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
+    """Says by FOLDER/.busy that this process works there; processes that want the same may be at work at once. UserError
+    `refusal`: `alone`, and another one is at work. Without flock nothing is refused."""
+    import fcntl
+
+    with open(folder / ".busy", "w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH)
+            fcntl.flock(file, fcntl.LOCK_SH)
+        except BlockingIOError:
+            raise UserError(refusal) from None
+        except OSError as error:
+            if error.errno not in MISSING:
+                raise
+        yield
+
+
+def _hold(file: IO[Any]) -> None:
+    import fcntl
+
+    for hold in (fcntl.flock, fcntl.lockf):
+        try:
+            hold(file, fcntl.LOCK_EX)
+            return
+        except OSError as error:
+            if error.errno not in MISSING:
+                raise
+    raise UserError(
+        f"{file.name}: this file system has no locks: mount it with them, or let one process work at a time"
+    )

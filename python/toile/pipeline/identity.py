@@ -1,0 +1,146 @@
+"""What each result of a run depends on. An identity is a digest of a stage's settings, of what it reads of the capture, and
+of the identities of the stages before it; every result carries its own. A result whose identity is the one that is asked for
+is kept, any other is made again: so a changed setting, file or frame redoes what depends on it and nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..config import Config
+from ..io.bounded import read_json
+from ..io.capture import VOTES, Capture, beside_network
+from ..io.inputs import contents
+from ..scene import Camera, Vote
+
+
+@dataclass(frozen=True)
+class Stage:
+    """`settings`: fields of Config; `facts`: tables of `facts_of`; `after`: stages. `clothed`: it runs where the scene names
+    a garment, `printed`: where one has prints."""
+
+    settings: tuple[str, ...] = ()
+    facts: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()
+    clothed: bool = False
+    printed: bool = False
+
+
+STAGES = {  # the first four are made once a run, the others of every frame
+    "scan": Stage(("make_scans", "least_depth", "stereo", "reconstruct"), ("scene", "cameras")),
+    "person": Stage(("preparation_frames", "reconstruct", "track"), ("scene", "body", "cameras")),
+    "colours": Stage(("scan_spacing", "picture_side", "segment"), ("labels", "segmenter"), ("person",), clothed=True),
+    "template": Stage(("dress", "template_from_scan"), ("garments",), ("colours",), clothed=True),
+    "track": Stage(after=("person",)),
+    "segment": Stage(after=("track", "colours"), clothed=True),
+    "dress": Stage(after=("segment", "template"), clothed=True),
+    "prints": Stage(("prints",), ("prints", "time"), ("dress",), printed=True),
+    "motion": Stage(("motion",), ("time",), ("track", "dress", "prints")),
+    "inner": Stage(("inner",), (), ("motion",), clothed=True),
+    "verdict": Stage(("verdict",), (), ("inner", "motion")),
+}
+LAST = "verdict"
+
+
+def digest(*values: Any) -> str:
+    """A digest of values that JSON can hold."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def facts_of(capture: Capture) -> dict[str, dict[str, Any]]:
+    """What the stages read of a capture beside its frames, in tables: values of scene.toml, and digests of files."""
+    scene, root = capture.scene, capture.root
+    network = [scene.segmenter, *beside_network(root, scene.segmenter)] if scene.segmenter else []
+    worn = [garment.template for garment in scene.garments if garment.template]
+    files = {path.relative_to(root).as_posix(): path for path in capture.files}
+    apart = {"scene.toml", VOTES, scene.body_model, *worn, *network}
+    printed = [garment.name for garment in scene.garments if garment.prints]
+    return {
+        "scene": {"units": scene.units, "up": scene.up, "face": scene.face_keypoints},
+        "time": {"fps": scene.fps},
+        "body": {"model": scene.body_model} | _digests(files, [scene.body_model]),
+        "cameras": {name: digest(_numbers(camera)) for name, camera in capture.cameras.items()},
+        "labels": dict(scene.labels),
+        "segmenter": _digests(files, network),
+        "garments": {g.name: [i, g.label, g.template] for i, g in enumerate(scene.garments)} | _digests(files, worn),
+        "prints": {"garments": printed}
+        | _digests(files, [name for name in files if printed and name not in apart and not name.endswith(".json")]),
+    }
+
+
+def _digests(files: dict[str, Path], names: Iterable[str]) -> dict[str, str]:
+    return {name: contents(files[name]) for name in names if name in files}
+
+
+def _numbers(camera: Camera) -> list[Any]:
+    matrices = camera.K, camera.distortion, camera.T_camera_world
+    return [camera.width, camera.height, *(np.asarray(matrix).tolist() for matrix in matrices)]
+
+
+def stages_of(capture: Capture, config: Config, facts: dict[str, Any], sampled: dict[int, str]) -> dict[str, str]:
+    """The identity of every stage. `sampled`: what was read of the frames that the preparation is made of, by number."""
+    settings, garments, found = config.model_dump(mode="json"), capture.scene.garments, {}
+    for name, stage in STAGES.items():
+        if (stage.clothed and not garments) or (stage.printed and not any(g.prints for g in garments)):
+            found[name] = digest(name, [found[before] for before in stage.after[:1]])
+            continue
+        values = {key: settings[key] for key in stage.settings}
+        read: Any = {table: facts[table] for table in stage.facts}
+        if name == "person":
+            read["sampled"] = sampled
+        if name == "template":
+            read["votes"] = [votes_on(capture.votes, number) for number in sampled]
+        found[name] = digest(name, values, read, [found[before] for before in stage.after])
+    return found
+
+
+def votes_on(votes: tuple[Vote, ...], number: int) -> list[Any]:
+    """A person's word on a frame."""
+    found = [vote for vote in votes if vote.frames is None or number in vote.frames]
+    return [[int(v.label), v.prefer, [int(i) for i in v.vertices]] for v in found]
+
+
+@dataclass(frozen=True)
+class Identities:
+    """The identities that a request asks for: of the stages of its run, and of every frame's results."""
+
+    run: Path
+    stages: dict[str, str]
+    sampled: tuple[int, ...] = ()  # the frames that the preparation is made of
+    votes: tuple[Vote, ...] = ()
+
+    def of(self, stage: str, frame: int) -> str:
+        """What a stage makes of a frame."""
+        voted = [] if stage == "track" else votes_on(self.votes, frame)
+        return digest(self.stages[stage], self.inputs(frame), voted)
+
+    def step(self, stage: str, frame: int, previous: int | None) -> str:
+        """The same, from the temporal state of the frame `previous`."""
+        return digest(self.of(stage, frame), previous)
+
+    def inputs(self, frame: int) -> str:
+        """What was read of a frame."""
+        path = note_of(self.run, frame)
+        if not path.exists():
+            return ""
+        files, lacks_scan, tries = _noted(str(path), path.stat().st_mtime_ns)
+        return digest(files, self.stages["scan"] if lacks_scan else "", tries)
+
+
+def note_of(run: Path, frame: int) -> Path:
+    """Where a run keeps what it has read of a frame."""
+    return run / "inputs" / f"{frame:06d}.json"
+
+
+@lru_cache(maxsize=4096)
+def _noted(path: str, _changed: int) -> tuple[str, bool, int]:
+    note = read_json(path, dict)
+    files = {name: stamp[-1] for name, stamp in note.get("files", {}).items()}
+    return digest(files), bool(note.get("lacks_scan")), int(note.get("tries", 0))
