@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shlex
 import sys
 import traceback
@@ -30,6 +31,7 @@ from .console import (
     positive,
     progress_bars,
     shard_of,
+    shown,
     spoken,
     table,
 )
@@ -190,8 +192,17 @@ def register(
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
     retry: Annotated[
-        str | None, typer.Option(help="failed: give the failed frames of a run again; wrong: also those judged wrong")
+        str | None,
+        typer.Option(
+            help="frames to give again: failed, wrong (those judged wrong too), worst:20, or numbers, 1-50,60"
+        ),
     ] = None,
+    frame_limit: Annotated[
+        float | None, typer.Option(help="seconds after which a frame fails, looked at when a stage of it ends")
+    ] = None,
+    keep: Annotated[
+        bool, typer.Option(help="keep RUN/work, so that a changed setting redoes only what depends on it")
+    ] = True,
     verify: Annotated[
         bool, typer.Option("--verify", help="compare the contents of every input that a run has read")
     ] = False,
@@ -204,35 +215,41 @@ def register(
     config: ConfigFile = None,
     changes: Changes = None,
 ):
-    """Register a capture: the body and each garment, every frame, in fixed topologies."""
+    """Register a capture: the body and each garment, every frame, in fixed topologies.
+
+    Of a run that is there, what is not given stays as it was asked: settings and frames. What depends on a setting or a
+    file that has changed is made again, and nothing else.
+    """
     from .config import changed, from_options, preset
     from .io.capture import open_capture
-    from .pipeline.run import RETRIES
+    from .pipeline.manifest import config_of
     from .pipeline.run import register as run_pipeline
     from .pipeline.scanning import lacks_scan
 
-    if retry not in (None, *RETRIES):
-        raise UserError(f"--retry {retry}: expected one of {', '.join(RETRIES)}")
+    again, limit = retried(retry), positive("--frame-limit", frame_limit)
     part, budget = shard_of(shard), positive("--budget", budget)
     opened = open_capture(capture)
     numbers = frame_numbers(frames, opened.frames, step)
     if check:
         return check_frames(opened, numbers, run)
     own = {"template_from_scan": list(template_from_scan)} if template_from_scan else {}
-    settings_of = lambda name: changed(from_options(preset, name, config, changes), own)
+    named = quality or budget or config or any(word.startswith("quality") for word in changes or ())
+    before = None if named else config_of(run)
+    base = preset if before is None else lambda _: before
+    settings_of = lambda name: changed(from_options(base, name, config, changes), own)
     if budget is not None:
         if quality is not None:
             raise UserError(f"--budget {budget:g}: --quality {quality} is given too")
         quality = quality_within(budget, opened, run, numbers, settings_of)
-    settings = settings_of(quality)
-    bare = sum(lacks_scan(opened, number) for number in numbers) if settings.make_scans else 0
+    settings, new = settings_of(quality), not run.exists()
+    bare = sum(lacks_scan(opened, number) for number in numbers) if settings.make_scans and new else 0
     if bare:
         made = "made of their pictures (--set make_scans=false goes without)"
         speech.note(f"{bare} of {len(numbers)} frames bring no scan: it is {made}")
     with progress_bars() as progress:
-        outcome = run_pipeline(
-            capture, run, settings, numbers, progress, workers, part, retry or False, verify, scheduler
-        )
+        asked = None if frames is None and step == 1 else numbers
+        options = dict(verify=verify, scheduler=scheduler, frame_limit=limit, keep=keep)
+        outcome = run_pipeline(capture, run, settings, asked, progress, workers, part, again, **options)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
     words = f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}"
@@ -321,6 +338,19 @@ def template(
     from .pipeline.template import write_template
 
     speech.result(write_template(run, out, name, label))
+
+
+def retried(text):
+    """What --retry asks for, as `register` takes it."""
+    if text is None:
+        return False
+    if text in ("failed", "wrong") or re.fullmatch("worst:[1-9][0-9]{0,5}", text):
+        return text
+    try:
+        return numbers_of(text)
+    except UserError:
+        said = "expected failed, wrong, worst:N or frame numbers such as 1-50,60"
+        raise UserError(f"--retry {shown(text)}: {said}") from None
 
 
 def write_label_images(capture, network, numbers, again):

@@ -63,7 +63,10 @@ def test_every_help_shows_its_units(monkeypatch, capsys):
         (["--shard", "3/2"], "--shard 3/2"),
         (["--shard", "1/" + "9" * 5000], "--shard"),
         (["--quality", "best"], "best"),
-        (["--retry", "all"], "--retry all"),
+        (["--retry", "all"], "--retry all: expected failed, wrong, worst:N or frame numbers"),
+        (["--retry", "worst:0"], "--retry worst:0"),
+        (["--retry", "1-x"], "--retry 1-x"),
+        (["--frame-limit", "0"], "--frame-limit 0: expected a positive number"),
     ],
     ids=lambda value: " ".join(value)[:24] if isinstance(value, list) else "",
 )

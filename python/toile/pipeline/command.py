@@ -16,8 +16,7 @@ from .. import speech
 from ..console import Changes, ConfigFile, duration, frame_numbers, progress_bars
 from ..io.capture import Capture
 from ..io.faults import faults
-from ..io.run_folder import config_file, read_config
-from ..scene import frame_ranges
+from ..io.run_folder import read_config
 from .outcome import Outcome
 from .standing import Standing, standing
 
@@ -99,8 +98,7 @@ def next_steps(run: Path | str, found: Standing) -> list[str]:
     """Commands that go on with the run."""
     if "align" in read_config(run):
         return []
-    again = ["toile", "register", found.capture, str(run), "--config", str(config_file(run))]
-    again += ["--frames", frame_ranges(found.frames, between=",")]
+    again = ["toile", "register", found.capture, str(run)]
     if not found.whole:
         return [f"where it was stopped it goes on with: {shlex.join(again)}"]
     steps = {"failed": found.failed, "wrong": found.wrong}

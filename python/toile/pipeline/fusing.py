@@ -22,6 +22,7 @@ def fuse(blocks: Sequence[Sequence[int]], load: Callable, folder: Path, prepared
         shutil.rmtree(folder, ignore_errors=True)  # what a killed process left
         done = pool.each(partial(_gather, fusion.guess, load, folder), list(enumerate(blocks)))
         fusion.step(_in_order(done, folder))
+    shutil.rmtree(folder, ignore_errors=True)
     return fusion.shape()
 
 

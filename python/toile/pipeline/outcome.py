@@ -113,8 +113,8 @@ def again(
     """The frames among `own` that are to be given again; see `register`. UserError: `retry` is none of these."""
     if not isinstance(retry, (bool, str)):
         asked = {int(number) for number in retry}
-        if strange := sorted(asked - set(stored.frames)):
-            raise UserError(f"retry {strange[0]}: the run has no such frame")
+        if not asked & set(stored.frames):
+            raise UserError("retry: the run has none of these frames")
         return [number for number in own if number in asked]
     if retry is False:
         return []

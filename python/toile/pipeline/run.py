@@ -52,7 +52,6 @@ from .workers import everywhere
 
 # of `register`, besides its settings
 KEYWORDS = ("config", "frames", "progress", "workers", "shard", "retry", "verify", "scheduler", "frame_limit", "keep")
-RETRIES = ("failed", "wrong", "worst:N")  # which frames of a run are given again
 
 
 def register(
