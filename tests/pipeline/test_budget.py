@@ -9,8 +9,8 @@ from toile import kernels
 from toile.config import QUALITIES, preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
+from toile.io.run_writer import RunWriter
 from toile.pipeline import budget
-from toile.pipeline import run as pipeline
 from toile.pipeline.tuning.trial import Cost, Trial, alone
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -72,4 +72,4 @@ def test_budget_is_kept_by_a_real_run(tmp_path):
     assert quality == "standard" and errors["openings_mm"] < 8
     taken = (trial.first.wall + trial.last.wall) / len(capture.frames)
     assert expected == pytest.approx(taken, rel=0.3)
-    assert pipeline.is_whole(tmp_path / "run")
+    assert RunWriter.of(tmp_path / "run").whole
