@@ -191,7 +191,9 @@ class RunWriter:
             self._put(key, frame, value)
         self._judge(frame, verdict)
         if IDENTITY in self.group:
-            self._put(IDENTITY, frame, identity)
+            self._put(
+                IDENTITY, frame, np.uint64(identity)
+            )  # Python's, larger and smaller ones stacked, would be rounded
         self._put("done", frame, done)
 
     def _let_go(self, rows: Sequence[int]) -> None:
