@@ -159,7 +159,7 @@ def wrong_labels(capture, share=0.3, side=12):
 def outliers(capture, share=0.4):
     def change(points, rng):
         for found in points.values():
-            out = rng.uniform(size=len(found)) < share
+            out = (rng.uniform(size=len(found)) < share) & (found[:, 2] > 0)
             found[out] = np.c_[rng.uniform(0, 360, (out.sum(), 2)), np.full(out.sum(), 0.9)]
         return points
 

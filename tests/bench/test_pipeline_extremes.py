@@ -47,3 +47,13 @@ def test_a_world_that_is_turned_keeps_what_its_cameras_see(tmp_path):
             c.project(o.frame(0).scan.vertices[:50])[0] for c, o in ((camera, known), (turned.cameras[name], turned))
         ]
         np.testing.assert_allclose(*pixels, atol=1e-2)  # scans are kept in single precision
+
+
+def test_outliers_replace_detected_keypoints_alone_in_the_share_that_is_asked_for(tmp_path):
+    capture = make.bundled(tmp_path / "capture")
+    points = lambda: [np.concatenate(list(open_capture(capture).frame(n).keypoints.points.values())) for n in (0, 1)]
+    before = np.concatenate(points())
+    make.outliers(capture, 0.4)
+    after = np.concatenate(points())
+    moved, seen = (before != after).any(1), before[:, 2] > 0
+    assert not moved[~seen].any() and 0.36 < moved[seen].mean() < 0.44
