@@ -25,6 +25,7 @@ from ..io.locks import locked
 from ..io.status import Status
 from ..kernels import InputError, SolveError
 from .overlap import overlapped
+from .stopping import stoppable
 from .threads import kernel_threads, one_blas_thread
 from .workers import LIVES, Workers, check_workers, killed
 
@@ -170,12 +171,13 @@ def _make_block(make, reach, results, prepared, block):
         yield from make(prepared, number, last if near else None, results) or ()
 
     yield from (number for number in block.numbers if number not in left)
-    for number, error in overlapped(begin, left, threads=1 if block.alone else None):
-        if error is None:
-            results.end(number)
-        else:
-            results.fail(number, error)
-        yield number
+    with stoppable():
+        for number, error in overlapped(begin, left, threads=1 if block.alone else None):
+            if error is None:
+                results.end(number)
+            else:
+                results.fail(number, error)
+            yield number
 
 
 def _after_death(results, block, deaths):

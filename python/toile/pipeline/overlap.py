@@ -8,6 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
 from .. import kernels
+from .stopping import asked
 
 Item = TypeVar("Item")
 LINES = 4  # items under way at once, at most: more threads than that go to the kernels of each
@@ -22,7 +23,7 @@ def overlapped(
     before it that has not failed; a step begins once that item's step of the same number has ended, so that what step k
     keeps is one item's at a time, and may read what its step k has left. Where an item fails, those after it that had
     begun begin again, without it. `threads` are shared among the items under way and the kernels that they call
-    (`kernels.threads()` by default); what is made does not depend on them.
+    (`kernels.threads()` by default); what is made does not depend on them. Where it is asked to stop, no item is begun any more.
     """
     threads = kernels.threads() if threads is None else threads
     lanes = min(threads, LINES)
@@ -41,6 +42,8 @@ def overlapped(
 def _one_by_one(begin, items):
     before = None
     for item in items:
+        if asked():
+            return
         work = _Work(item, begin(item, before))
         while not work.ended:
             work.step()
@@ -77,7 +80,7 @@ class _Line:
 
     def following(self) -> _Work | None:
         """The next item's work once it has ended; None after the last."""
-        while self.way or self.waiting:
+        while self.way or (self.waiting and not asked()):
             if self.way and self.way[0].ended:
                 return self._leave()
             self._run()
@@ -107,7 +110,7 @@ class _Line:
 
     def _run(self):
         """Gives every free thread the next step of the earliest item that may go on; one item more than threads is begun."""
-        while self.waiting and len(self.way) <= self.lanes and not (self.way and self.way[-1].error):
+        while self.waiting and not asked() and len(self.way) <= self.lanes and not (self.way and self.way[-1].error):
             item = self.waiting.popleft()
             self.way.append(_Work(item, self.begin(item, self.way[-1].item if self.way else self.last)))
         free, earlier = self.lanes - sum(work.running is not None for work in self.way), None

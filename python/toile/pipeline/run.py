@@ -47,6 +47,7 @@ from .overlap import overlapped
 from .preparation import as_labels_see, frame_of, kept, points_of, prepare, sampled_frames, segmented, segmented_again
 from .printing import slide
 from .smoothing import load_layers, smooth
+from .stopping import stoppable
 from .template import check_templates
 from .workers import everywhere
 
@@ -310,7 +311,7 @@ def _finish(stored, results, prepared, numbers):
     the run's own store has are taken over from there."""
     run, writer, made = stored.run, RunWriter.of(stored.folder), {}
     there = stored.behind(run) if stored.folder != run else frozenset()
-    with writer.together():
+    with stoppable(), writer.together():
         for number in (number for number in numbers if number in there):
             writer.copy(number, RunWriter.of(run))
             yield number
