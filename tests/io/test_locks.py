@@ -1,0 +1,59 @@
+"""Locks between processes: one waits for another, file systems without flock have another way, or it is said."""
+
+import errno
+import fcntl
+import subprocess
+import sys
+
+import pytest
+
+from toile.errors import UserError
+from toile.io.locks import at_work, locked
+
+HOLDS = """
+import sys
+from pathlib import Path
+from toile.io.locks import at_work, locked
+
+with (locked if sys.argv[1] == "locked" else lambda folder: at_work(folder, False, ""))(Path(sys.argv[2])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def holder(kind, folder):
+    """Another process, once it holds its lock."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDS, kind, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def missing(*_):
+    raise OSError(errno.ENOLCK, "No locks available")
+
+
+def test_who_wants_something_else_is_refused_while_others_work_and_who_wants_the_same_is_not(tmp_path):
+    with holder("at_work", tmp_path) as other:
+        with at_work(tmp_path, False, "refused"):
+            pass
+        with (
+            pytest.raises(UserError, match="busy with something else"),
+            at_work(tmp_path, True, "busy with something else"),
+        ):
+            pytest.fail("not refused")
+        other.kill()
+    with at_work(tmp_path, True, "refused"):  # a killed process lets go
+        pass
+
+
+def test_without_flock_record_locks_hold_and_without_either_it_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(fcntl, "flock", missing)
+    with locked(tmp_path), at_work(tmp_path, True, "refused"):
+        tried = "import fcntl, sys; fcntl.lockf(open(sys.argv[1], 'w'), fcntl.LOCK_EX | fcntl.LOCK_NB)"
+        done = subprocess.run([sys.executable, "-c", tried, tmp_path / ".lock"], capture_output=True, text=True)
+        assert "BlockingIOError" in done.stderr
+    monkeypatch.setattr(fcntl, "lockf", missing)
+    with pytest.raises(UserError, match=r"\.lock: this file system has no locks"), locked(tmp_path):
+        pytest.fail("nothing was held")
