@@ -361,5 +361,7 @@ def _tracked_labels(surface, probability, colour, evidence, place, voted, settin
     cost[off] = np.where(seen[:, None], told + place[off], unseen)
     cost += voted
     smoothness = settings.tracked_smoothness * settings.smoothness
+    if smoothness == 0:
+        return cost.argmin(1)
     labels = _solve_labels(cost, surface, colour, settings.model_copy(update={"smoothness": smoothness}))
     return np.where(voted.any(1), labels, _dissolve_islands(labels, surface, settings))
