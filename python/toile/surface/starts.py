@@ -13,11 +13,11 @@ from ..scene import HIDDEN, OBSERVED
 
 
 class Starts:
-    """Further starts near the frame before, the cheapest first.
+    """Further starts near the frame before, the surest first.
 
-    `quick`: a SkeletonSolver that looks far and gathers the limbs coarsely. `poser`: fits the pose to a surface: the last
-    one, once that has followed the scan by rigid nodes alone, as an elastic sheet which knows no joints and so no limits of
-    a step. None leaves that out.
+    `poser`: fits the pose to a surface: the last one, once that has followed the scan by rigid nodes alone, as an elastic
+    sheet which knows no joints and so no limits of a step; None leaves that out. `quick`: a SkeletonSolver that looks far
+    and gathers the limbs coarsely.
     """
 
     def __init__(self, model, person, settings, quick, poser):
@@ -32,15 +32,13 @@ class Starts:
         """(pose, surface) for a scan after the Tracked `previous`: rotations, translation and shape, and the vertices (n,3)
         that have followed the scan, None where there are none. `measure` is a TwoSided of the scan."""
         before = (previous.rotations, previous.translation, self.person.shape)
-        near = self.quick.solve(scan.vertices, scan.faces, start=before, scan_confidence=scan.confidence)
-        yield (np.asarray(near.rotations), np.asarray(near.translation), self.person.shape), None
-        if self.poser is None:
-            return
-        followed = self._followed(scan, previous.vertices, measure)
+        followed = None if self.poser is None else self._followed(scan, previous.vertices, measure)
         if followed is not None:
             V, matched = followed
             confidence = np.where(matched > self.settings.least_match, OBSERVED, HIDDEN)
             yield (*self.poser.pose(V, confidence, points, before[:2]), self.person.shape), V
+        near = self.quick.solve(scan.vertices, scan.faces, start=before, scan_confidence=scan.confidence)
+        yield (np.asarray(near.rotations), np.asarray(near.translation), self.person.shape), None
 
     def _followed(self, scan, V, measure):
         """Vertices (n,3) of the last surface moved to the scan, and the weights (n,) of their matches; None where it finds
