@@ -13,12 +13,11 @@ from ...console import duration
 from ...errors import UserError
 from ...io.files import write_text
 from ...measure.page import document, figure, table
-from ...measure.rendering import render
+from ...measure.rendering import BODY, CLOTH, render
 from .heldout import drawn_labels
 from .trial import PLACES, TOGETHER
 from .tune import Tried, Tuned
 
-BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
 OUTLINE = (255, 60, 40)
 SIDE = 420  # px, of a shown picture
 WORDS = (  # of what `evaluate` measures: (words, the way to it)
