@@ -12,8 +12,8 @@ from .trial import FIRST_STAGES, Trial, alone
 
 @dataclass(frozen=True)
 class Forecast:
-    """Of `frames` frames on `workers` processes: `seconds` from start to end; `disk` [bytes] when it is done, `passing` more
-    while it runs; `memory` [bytes] of all processes together."""
+    """Of `frames` frames on `workers` processes: `seconds` from start to end; `disk` [bytes] of the run, `passing`
+    more in RUN/work; `memory` [bytes] of all processes together."""
 
     quality: str
     frames: int

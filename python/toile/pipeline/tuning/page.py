@@ -58,7 +58,7 @@ def jobs(tuned: Tuned) -> Iterator[tuple[str, ...]]:
     for quality, tried in tuned.qualities.items():
         for i, job in enumerate(tried.forecasts):
             where = "1, this machine's cores" if i == 0 else f"{job.workers}, one core each"
-            disk = f"{size(job.disk)} and {size(job.passing)} while it runs"
+            disk = f"{size(job.disk)} and {size(job.passing)} of RUN/work"
             yield quality, where, str(job.frames), duration(job.seconds), disk, size(job.memory)
 
 

@@ -34,8 +34,8 @@ class Cost:
 
 @dataclass(frozen=True)
 class Trial:
-    """What registering `frames` took: what is prepared for all, the first pass, the rest; `peak` memory, `work` beside the
-    run until it is whole, `kept` of the run for all time, each [bytes], the latter two a frame; `stages` [s] a frame."""
+    """What registering `frames` took: what is prepared for all, the first pass, the rest; `peak` memory, what passes between
+    the stages in RUN/work, `kept` of the run itself, each [bytes], the latter two a frame; `stages` [s] a frame."""
 
     quality: str
     run: Path
@@ -71,28 +71,22 @@ def tried(capture: Capture, run: Path, config: Config, frames: Sequence[int]) ->
 def _registered(capture, run, config, frames, threads):
     """What `tried` does, in the process of its own."""
     kernels.set_threads(threads)
-    marks, work = [("begin", _now())], [0]
-
-    def progress(stage, done, total, *_):
-        if marks[-1][0] not in ("begin", "prepare", stage) and not work[0]:
-            work[0] = _bytes(run / "work")
-        marks.append((stage, _now()))
-
-    register(capture, run, config, frames, progress)
+    marks = [("begin", _now())]
+    register(capture, run, config, frames, lambda stage, *_: marks.append((stage, _now())))
     end = _now()
     prepared = [at for stage, at in marks if stage in ("begin", "prepare")][-1]
     titles = list(dict.fromkeys(stage for stage, _ in marks if stage not in ("begin", "prepare")))
     passed = [at for stage, at in marks if stage == titles[0]][-1] if titles else prepared
     spans = [_between(*pair) for pair in ((marks[0][1], prepared), (prepared, passed), (passed, end))]
     opened = open_run(run)
-    kept = _framed_bytes(opened)
-    rest = _bytes(run) - kept
+    kept, work = _framed_bytes(opened), _bytes(run / "work")
+    rest = _bytes(run) - work - kept
     stages = {number: {} for number in frames}
     for line in opened.status.lines():
         if line.get("ok") and line.get("frame") in stages and "seconds" in line:
             stages[line["frame"]][line["stage"]] = line["seconds"]
     count = len(frames)
-    return Trial(config.quality, run, frames, *spans, _peak(), work[0] / count, kept / count, rest, stages)
+    return Trial(config.quality, run, frames, *spans, _peak(), work / count, kept / count, rest, stages)
 
 
 def _now():
