@@ -1,7 +1,7 @@
 # `make demo`, `make test` with `make lint`, and for measuring `make bench`, `make tradeoff` and `make paper`. Each sets everything up first and skips what is already there.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: setup stubs demo detector test lint format test-slow sanitize fuzz bench tradeoff paper docs clean
+.PHONY: setup stubs demo detector test lint format test-slow wheel sanitize fuzz bench tradeoff paper docs clean
 
 PYTHON ?= python3
 VENV := .venv
@@ -20,7 +20,7 @@ $(VENV)/.packages: tools/apt-packages.txt tools/install-apt
 $(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet torch==2.13.0
-	tools/python-requirements pyproject.toml studio avatar export peers test lint | $(BIN)/pip install --quiet -r /dev/stdin
+	tools/python-requirements pyproject.toml studio avatar export peers test lint wheel | $(BIN)/pip install --quiet -r /dev/stdin
 	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=3.1,<3.2'
 	touch $@
 
@@ -64,6 +64,13 @@ format: setup
 # SLOW="--time-budget SECONDS" runs as many as fit and says which do not
 test-slow: setup sanitize
 	$(BIN)/python -m pytest -m slow -rs $(SLOW)
+
+# dist/: a wheel for any processor with the libraries that it links to; tried in an environment of its own
+wheel: setup
+	rm -rf dist/plain
+	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist/plain .
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m auditwheel repair --wheel-dir dist dist/plain/toile-*.whl
+	$(BIN)/python -m pytest -m "slow or not slow" -rs tests/test_wheel.py
 
 # the core with address and undefined-behaviour sanitizers, and its C++ tests. Leaks of the libraries beneath are not ours
 SANITIZED := build-sanitize
