@@ -85,7 +85,7 @@ def test_a_run_that_has_ended_names_its_bad_frames_and_how_to_give_them_again(en
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
-    with pytest.raises(UserError, match="config.toml: missing: the folder holds no run"):
+    with pytest.raises(UserError, match="config.toml: the file is missing: the folder holds no run"):
         standing(tmp_path)
 
 
