@@ -17,6 +17,7 @@ The largest of these counts. A frame beyond 15 mm is wrong, one within 10 mm rig
 import argparse
 import json
 import traceback
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from toile.measure.glimpse import glimpse
 from toile.measure.truth import open_truth
 from toile.measure.verdicts import judge, verdict
 from toile.pipeline import preparation
+from toile.pipeline.manifest import request_of
 from toile.pipeline.run import register
 from toile.surface.sampling import evenly
 
@@ -67,7 +69,9 @@ def collect(capture, out, count, quality, bare, only):
     opened = open_capture(capture)
     frames = opened.frames
     register(capture, run, config, frames)
-    prepared = preparation.prepare(opened, run, config, frames)
+    sample = partial(preparation.sampled_frames, opened, config.preparation_frames)
+    asked = request_of(run, opened, config, frames, frames, sample)
+    prepared = preparation.prepare(opened, run, config, asked.identities)
     prepared = unsearched(prepared)
     truth = open_truth(prepared.capture, [t.name for t in prepared.templates])
     labels = {t.name: t.label for t in prepared.templates}
