@@ -80,4 +80,6 @@ def test_what_was_asked_for_stands_in_the_run_and_gives_the_same_run_again(monke
     assert saved["dress"]["contact"] == 0.5 and saved["segment"]["views"] == 3
     taken = ["--config", tmp_path / "run" / "config.toml", "--frames", "0"]
     assert run_cli(monkeypatch, "register", SAMPLE, tmp_path / "run", *taken) == 0
-    assert run_cli(monkeypatch, "register", SAMPLE, tmp_path / "run", *taken, "--set", "dress.contact=0.4") == 1
+    assert run_cli(monkeypatch, "register", SAMPLE, tmp_path / "run", *taken, "--set", "dress.contact=0.4") == 0
+    saved = tomllib.loads((tmp_path / "run" / "config.toml").read_text())["settings"]
+    assert saved["dress"]["contact"] == 0.4 and saved["segment"]["views"] == 3

@@ -82,19 +82,18 @@ class _Skinning:
 
 def _personalise(model, person, template, samples, settings, over):
     """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A scan that
-    lacks the fold under a sleeve shows its opening too short, hardly ever too long: a frame that shows an opening much
-    shorter than two others do says nothing of the cloth about it."""
+    lacks the fold under a sleeve shows its opening too short, often; labels that run over it show it too long, at times: a
+    frame that shows an opening much shorter or longer than the others says nothing of the cloth about it."""
     registered = parallel_map_with(
         lambda: Dresser(model, person, template, settings, over),
         lambda dresser, sample: dresser.register(*sample),
         samples,
     )
     lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
-    whole = np.sort(np.nan_to_num(lengths), axis=0)[-2:].min(0)  # the second longest: one wrong label must not decide
-    cut_off = lengths < settings.whole_opening * whole
+    astray = _astray(lengths, settings.whole_rank, settings.whole_opening)
     shown = _medians(lengths)
     total, weight = 0, 0
-    for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, cut_off):
+    for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, astray):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
         about = _about(template, np.flatnonzero(loops), settings.free_reach)
         w = ((dressed.confidence == OBSERVED) & ~about)[:, None]
@@ -125,6 +124,17 @@ def _filled(template, shift, weight, stiffness, stay):
 
 def _observed_length(match: LoopMatch, least):
     return loop_length(match.target) if match.observed.mean() > least else np.nan
+
+
+def _astray(lengths, rank, share):
+    """Which lengths (s,l) are shorter than this share of the one at that rank (0..1, of its column), or as much longer."""
+    whole = np.array(
+        [
+            np.quantile(column[np.isfinite(column)], rank, method="nearest") if np.isfinite(column).any() else 0
+            for column in lengths.T
+        ]
+    )
+    return (lengths < share * whole) | (lengths * share > whole)
 
 
 def _medians(lengths):
