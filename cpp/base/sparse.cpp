@@ -1,10 +1,8 @@
 #include "base/sparse.h"
 
 #include <dlfcn.h>
-#include <omp.h>
 
 #include <algorithm>
-#include <atomic>
 #include <vector>
 
 #include "base/cholmod_state.h"
@@ -20,22 +18,22 @@ void use_one_blas_thread() {
     if (auto set = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"))) set(1);
 }
 
-/// CHOLMOD opens a team of four threads at every supernode, whatever the number of threads asked for; their waiting
-/// costs up to thirty times the factorisation. While this lives, the calling thread opens none. Older OpenMP runtimes
-/// (before gcc 12's, one of which comes with torch) hold the level for all threads at once: one that finds it lowered by
-/// another must not put that back for good, or no thread would ever get a team again.
-struct WithoutTeams {
-    inline static std::atomic<int> usual{0};
-    int before = omp_get_max_active_levels();
-    WithoutTeams() {
-        if (before > 0)
-            usual = before;
-        else
-            before = usual;
-        omp_set_max_active_levels(0);
+/// Calls `work`, which does not throw, on this thread with teams of one: CHOLMOD opens a team of four at every supernode,
+/// whatever the number of threads asked for; their waiting costs up to thirty times the factorisation. A league of one team
+/// limits the thread that opens it alone. (omp_set_max_active_levels limits every thread of older runtimes, one of which
+/// comes with torch: who was about to open a team there waited for ever for the others.) Those count the leagues of all
+/// threads as one, and may call a league's work twice or not at all.
+template <class Work>
+void without_teams(const Work& work) {
+    bool done = false;
+    while (!done) {
+#pragma omp teams num_teams(1) thread_limit(1) default(none) shared(done, work)
+        if (!done) {
+            work();
+            done = true;
+        }
     }
-    ~WithoutTeams() { omp_set_max_active_levels(before); }
-};
+}
 
 /// A view of the lower triangle of an Eigen matrix; CHOLMOD does not write to it.
 cholmod_sparse lower_view(const Sparse& A) {
@@ -207,8 +205,7 @@ bool CholeskyFactor::try_factorize(const Sparse& A) {
     cholmod_sparse view = lower_view(A);
     ++state_->factorisations;
     state_->sound = false;
-    const WithoutTeams without_teams;
-    cholmod_factorize(&view, state_->factor, &state_->common);
+    without_teams([&] { cholmod_factorize(&view, state_->factor, &state_->common); });
     if (state_->common.status < CHOLMOD_OK) throw SolveError("cholesky: out of memory or too large a problem");
     state_->sound = state_->common.status == CHOLMOD_OK && state_->factor->minor == state_->factor->n;
     return state_->sound;

@@ -130,7 +130,7 @@ def test_a_moved_capture_is_known_again_and_another_one_is_refused_by_what_diffe
         ({"inner.tolerance": 2e-3}, {"fused", "inner"}),
         ({"dress.contact": 0.01}, {"template", "dress", "fused", "inner"}),
     ],
-    ids=str,
+    ids=["verdict", "inner", "dress"],
 )
 def test_a_changed_setting_redoes_what_depends_on_it(both, made, setting, again):
     capture, run = both

@@ -30,3 +30,27 @@ def test_threads_that_factorise_together_leave_every_other_its_team(first):
         [sys.executable, "-c", PROGRAM.format(first=first)], capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stderr
+
+
+TRAINING = """
+import torch
+from concurrent.futures import ThreadPoolExecutor
+import numpy as np
+from toile import kernels
+from tests.support.shapes import sphere
+
+V, F = sphere(20, 30)
+loop = np.arange(24, dtype=np.int32)
+layer, picture = torch.nn.Conv2d(16, 16, 3), torch.rand(4, 16, 64, 64)
+with ThreadPoolExecutor(4) as pool:
+    solved = pool.map(lambda _: kernels.biharmonic(V, F, loop, np.ones((24, 3))), range(100))
+    for _ in range(30):
+        layer(picture).sum().backward()
+    list(solved)
+"""
+
+
+def test_a_training_beside_threads_that_factorise_comes_back():
+    """While one factorised, torch's team was of one thread, which waited for ever for the second."""
+    done = subprocess.run([sys.executable, "-c", TRAINING], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
