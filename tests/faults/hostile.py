@@ -390,7 +390,6 @@ add(
     ("register", SAMPLE, "IN"),
     "config.toml",
 )
-add("register into another run", "run", nothing, ("register", SAMPLE, "IN", "--quality", "standard"), "config.toml")
 add("register into a capture", "capture", nothing, ("register", "IN", "IN"), "holds no run")
 add("register into a file", "capture", nothing, ("register", "IN", "IN/scene.toml"), "scene.toml")
 add("register below a file", "capture", nothing, ("register", "IN", "IN/scene.toml/run"), "scene.toml")

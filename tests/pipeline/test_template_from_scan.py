@@ -48,8 +48,6 @@ def test_a_garment_without_a_template_is_cut_registered_and_goes_on_after_a_stop
     shirt = measured["garment"]["tshirt"]
     assert shirt["surface_mm"] < 1.5 and np.mean(list(shirt["boundary_mm"].values())) < 8
     assert measured["intersections_left"] == 0
-    with pytest.raises(UserError, match="other settings"):
-        register(without, tmp_path / "run", **dict(asked, template_from_scan=["tshirt", "tshirt"]))
 
 
 def test_a_garment_with_neither_is_refused_with_what_helps(without, tmp_path):

@@ -41,6 +41,7 @@ def write_report(run: Path | str, out: Path | str | None = None, more: str = "",
     beside = {suffix: path.with_suffix(suffix) for suffix in (".csv", ".json")}
     if path in beside.values():
         raise UserError(f"{path}: the page's table is written there: name the page .html")
+    opened.capture  # noqa: B018  refused where it is gone, before an hour of measuring
     rows, result = measured(opened, progress)
     columns = facts.values_of(rows, opened.config.get("settings", {}))
     reasons = facts.reasons_of(rows, columns)

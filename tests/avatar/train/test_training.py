@@ -151,7 +151,7 @@ def command(monkeypatch, capsys, *arguments):
 
 def test_bad_input_is_one_line_and_exit_code_1(sample_run, tmp_path, monkeypatch, capsys):
     for arguments, message in (
-        ((tmp_path / "no", tmp_path / "a"), "no registered.zarr"),
+        ((tmp_path / "no", tmp_path / "a"), "no such folder"),
         ((sample_run, tmp_path / "a", "--quality", "rough"), "--quality rough"),
         ((sample_run, tmp_path / "a", "--holdout", "9-8"), "--holdout 9-8"),
         ((sample_run, tmp_path / "a", "--holdout", "0-3"), "leaves no pictured frame"),
