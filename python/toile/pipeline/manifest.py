@@ -26,7 +26,7 @@ from ..io.run_folder import capture_folder, config_file, read_config
 from .identity import STAGES, Identities, facts_of, note_of, stages_of
 from .scanning import lacks_scan
 
-OWN = (".lock", ".busy", ".config.toml")  # what a run that was killed at once may have left
+OWN = (".lock", ".busy", ".config.toml", "inputs")  # what a run that was killed at once may have left
 SCENE = "scene"
 
 
