@@ -89,7 +89,9 @@ def test_the_core_of_a_wheel_asks_for_no_avx(wheels, tmp_path):
 def test_a_repaired_wheel_brings_its_libraries_and_is_a_manylinux_wheel(wheels):
     assert re.search(r"-manylinux_2_\d+_x86_64\.whl$", wheels[1].name)
     with zipfile.ZipFile(wheels[1]) as archive:
-        brought = {re.match(r"lib([a-z0-9]+)", Path(name).name)[1] for name in archive.namelist() if ".libs/lib" in name}
+        brought = {
+            re.match(r"lib([a-z0-9]+)", Path(name).name)[1] for name in archive.namelist() if ".libs/lib" in name
+        }
     assert brought >= BUNDLED
 
 

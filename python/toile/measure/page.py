@@ -52,7 +52,12 @@ def figure(picture, caption):
 
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "JPEG", quality=82)
-    data, text = base64.b64encode(buffer.getvalue()).decode(), html.escape(caption)
+    return jpeg_figure(buffer.getvalue(), caption)
+
+
+def jpeg_figure(jpeg, caption):
+    """The same of the bytes of a JPEG."""
+    data, text = base64.b64encode(jpeg).decode(), html.escape(caption)
     return f"<figure><img alt='{text}' src='data:image/jpeg;base64,{data}'><figcaption>{text}</figcaption></figure>"
 
 

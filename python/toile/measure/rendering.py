@@ -16,12 +16,21 @@ AXES = {  # rows: the picture's right, down and forward of a camera that looks a
 }
 
 
+def joined(surfaces):
+    """One surface (V, F) of several [(V, F)], and of each triangle the number (m,) of the one that it is of."""
+    offset = np.cumsum([0, *(len(V) for V, _ in surfaces)])
+    F = np.concatenate([F + o for (_, F), o in zip(surfaces, offset)]).astype(np.int32)
+    return (
+        np.concatenate([V for V, _ in surfaces]),
+        F,
+        np.repeat(np.arange(len(surfaces)), [len(F) for _, F in surfaces]),
+    )
+
+
 def render(parts, angle, up="z", size=SIZE, about=None):
     """Shaded layers [(V, F, colour)] from the front (0) or elsewhere about the up axis [rad]: a picture (H,W,3) uint8. It
     shows all of them, or just the box around the points `about` (k,3)."""
-    V = np.concatenate([p[0] for p in parts])
-    offset = np.cumsum([0, *(len(p[0]) for p in parts)])
-    F = np.concatenate([p[1] + o for p, o in zip(parts, offset)]).astype(np.int32)
+    V, F, _ = joined([(V, F) for V, F, _ in parts])
     colour = np.concatenate([np.broadcast_to(p[2], (len(p[1]), 3)) for p in parts])
     box = _view(V if about is None else about, angle, up)
     centre = (box.min(0) + box.max(0)) / 2

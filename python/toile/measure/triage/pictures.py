@@ -14,7 +14,7 @@ from ...errors import UserError
 from ...io.image import read_image
 from ...vision.visibility import DepthView
 from ..page import heat
-from ..rendering import BODY, CLOTH, facing, render
+from ..rendering import BODY, CLOTH, facing, joined, render
 
 HEAT_MM = 10.0  # distance at the upper end of the colours
 BARE = (186, 184, 180)  # of scans where nothing was registered
@@ -52,22 +52,11 @@ def _layers(run, number):
     return body + [(garment.at(number), garment.faces, CLOTH[i % len(CLOTH)]) for i, garment in worn]
 
 
-def _joined(layers):
-    """One surface (V, F) of several, and the number (m,) of each triangle's layer."""
-    offset = np.cumsum([0, *(len(V) for V, _, _ in layers)])
-    F = np.concatenate([F + o for (_, F, _), o in zip(layers, offset)]).astype(np.int32)
-    return (
-        np.concatenate([V for V, _, _ in layers]),
-        F,
-        np.repeat(np.arange(len(layers)), [len(F) for _, F, _ in layers]),
-    )
-
-
 def _distances(scan, layers):
     """Colours (m,3) of the scan's triangles by their distance to the nearest layer."""
     if not layers:
         return BARE
-    V, F, _ = _joined(layers)
+    V, F, _ = joined([layer[:2] for layer in layers])
     distance = kernels.SurfaceIndex(V, F).closest(scan.vertices)[3]
     return heat(distance[scan.faces].mean(1) * 1e3 / HEAT_MM)
 
@@ -119,7 +108,7 @@ def _outlined(picture, camera, layers):
     small = np.array(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
     if not layers:
         return small
-    V, F, layer = _joined(layers)
+    V, F, layer = joined([layer[:2] for layer in layers])
     scale = np.array([[width / camera.width], [height / camera.height], [1.0]])
     face = DepthView(replace(camera, K=camera.K * scale, width=width, height=height), V, F).face
     shown = np.where(face >= 0, layer[face], -1)

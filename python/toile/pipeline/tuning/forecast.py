@@ -47,9 +47,7 @@ def on_workers(trial: Trial, numbers: Sequence[int], workers: int) -> Forecast:
 def _forecast(trial, numbers, workers, seconds):
     count = len(numbers)
     disk = trial.fixed + math.ceil(trial.kept * count)
-    return Forecast(
-        trial.quality, count, workers, seconds, disk, math.ceil(trial.work * count), trial.peak * max(workers, 1)
-    )
+    return Forecast(trial.quality, count, workers, seconds, disk, math.ceil(trial.work * count), trial.peak * workers)
 
 
 def _frames_worth(trial, numbers):

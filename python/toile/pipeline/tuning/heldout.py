@@ -10,6 +10,8 @@ import numpy as np
 from ...errors import UserError
 from ...io.capture import Capture
 from ...io.run import Run
+from ...measure.evidence import overlap
+from ...measure.rendering import joined
 from ...vision.visibility import DepthView
 
 LEAST = 5  # cameras, from which on some can be spared
@@ -37,21 +39,16 @@ def agreement(run: Run, capture: Capture, cameras: Sequence[str]) -> dict[str, f
             drawn = drawn_labels(capture.cameras[name], layers)
             labels, mask = shown.labels.get(name), shown.masks.get(name)
             if labels is not None:
-                found["silhouette"].append(_overlap(drawn >= 0, labels > 0))
+                found["silhouette"].append(overlap(drawn >= 0, labels > 0))
                 for garment in run.garments.values():
-                    found[garment.name].append(_overlap(drawn == garment.label, labels == garment.label))
+                    found[garment.name].append(overlap(drawn == garment.label, labels == garment.label))
             elif mask is not None:
-                found["silhouette"].append(_overlap(drawn >= 0, mask))
+                found["silhouette"].append(overlap(drawn >= 0, mask))
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
 def drawn_labels(camera, layers) -> np.ndarray:
     """What a camera sees (H,W) of layers [(V, F, label)]: the label in front, -1 where there is nothing."""
-    offsets = np.cumsum([0, *(len(V) for V, _, _ in layers)])
-    V, F = np.concatenate([V for V, _, _ in layers]), [F + o for (_, F, _), o in zip(layers, offsets)]
-    ids = np.concatenate([np.full(len(part), label) for part, (_, _, label) in zip(F, layers)] + [[-1]])
-    return ids[DepthView(camera, V, np.concatenate(F).astype(np.int32)).face]
-
-
-def _overlap(a, b):
-    return float((a & b).sum() / max((a | b).sum(), 1))
+    V, F, layer = joined([layer[:2] for layer in layers])
+    labels = np.array([label for _, _, label in layers])
+    return np.append(labels[layer], -1)[DepthView(camera, V, F).face]

@@ -10,16 +10,13 @@ from typing import Any
 import numpy as np
 
 from ...console import duration
-from ...errors import UserError
 from ...io.files import write_text
-from ...measure.page import document, figure, table
+from ...measure.page import document, figure, jpeg_figure, table
 from ...measure.rendering import BODY, CLOTH, render
-from .heldout import drawn_labels
+from ...measure.triage.pictures import pictures
 from .trial import PLACES, TOGETHER
 from .tune import Tried, Tuned
 
-OUTLINE = (255, 60, 40)
-SIDE = 420  # px, of a shown picture
 WORDS = (  # of what `evaluate` measures: (words, the way to it)
     ("scan to body, mean [mm]", ("evidence", "scan_to_surface_mm", "mean")),
     ("body to scan, mean [mm]", ("evidence", "surface_to_scan_mm", "mean")),
@@ -105,47 +102,20 @@ def _fit(tuned, name):
     rows = [(fit.name, fit.ratio, fit.seen, fit.off_mm) for fit in finest.loops[name]]
     said = "".join(f"<p class='why'>{html.escape(text)}</p>" for text in tuned.said[name])
     head = ("loop", "length over the template's", "share seen", "to the opening seen [mm]")
-    garment, mesh = finest.run.garments[name], tuned.capture.templates.get(name)
-    worn = [(finest.run.body.at(finest.run.ok[0]), finest.run.body.faces, BODY)]
-    worn.append((garment.at(finest.run.ok[0]), garment.faces, CLOTH[0]))
-    pictures = figure(render(worn, 0, tuned.capture.scene.up), "as it was registered")
+    garment, mesh, up = finest.run.garments[name], tuned.capture.templates.get(name), tuned.capture.scene.up
+    first = finest.run.ok[0]
+    worn = [(finest.run.body.at(first), finest.run.body.faces, BODY), (garment.at(first), garment.faces, CLOTH[0])]
+    shown = figure(render(worn, 0, up), "as it was registered")
     if mesh is not None:
-        pictures = (
-            figure(render([(mesh.vertices, mesh.faces, CLOTH[0])], 0, tuned.capture.scene.up), "the template's file")
-            + pictures
-        )
+        shown = figure(render([(mesh.vertices, mesh.faces, CLOTH[0])], 0, up), "the template's file") + shown
     fine = said or "<p>The template fits.</p>"
-    return f"<h2>Template of {html.escape(name)}</h2>{fine}{table(head, rows)}<div class='frame'><div class='row'>{pictures}</div></div>"
+    return f"<h2>Template of {html.escape(name)}</h2>{fine}{table(head, rows)}<div class='frame'><div class='row'>{shown}</div></div>"
 
 
 def _frame(tuned, number):
-    pictures = []
+    """Each quality of one frame: over captured pictures, and beside the scan."""
+    rows = []
     for quality, tried in tuned.qualities.items():
-        run = tried.run
-        if number not in run.ok:
-            pictures.append(f"<figure><figcaption>{quality}: failed</figcaption></figure>")
-            continue
-        layers = [(run.body.at(number), run.body.faces, BODY, 0)]
-        layers += [(g.at(number), g.faces, CLOTH[i % len(CLOTH)], g.label) for i, g in enumerate(run.garments.values())]
-        pictures.append(figure(render([layer[:3] for layer in layers], 0, tuned.capture.scene.up), quality))
-        pictures += [figure(picture, f"{quality} over {camera}") for camera, picture in _over(tuned, number, layers)]
-    return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{''.join(pictures)}</div></section>"
-
-
-def _over(tuned, number, layers):
-    """(camera, the captured picture with the layers' outlines); a held-out camera where there is one."""
-    try:
-        images = tuned.capture.pictures(number).images
-    except UserError:
-        return
-    names = [name for name in (*tuned.cameras, *images) if name in images][:1]
-    for name in names:
-        drawn = drawn_labels(tuned.capture.cameras[name], [(V, F, label) for V, F, _, label in layers])
-        edge = np.zeros(drawn.shape, bool)
-        edge[1:] |= drawn[1:] != drawn[:-1]
-        edge[:, 1:] |= drawn[:, 1:] != drawn[:, :-1]
-        step = max(max(drawn.shape) // SIDE, 1)
-        picture = images[name].copy()
-        picture[edge] = OUTLINE
-        rows, columns = (slice(max(at.min() - 20, 0), at.max() + 20, step) for at in np.nonzero(drawn >= 0))
-        yield name, np.ascontiguousarray(picture[rows, columns])
+        shown = "".join(jpeg_figure(made, caption) for caption, made in pictures(tried.run, number))
+        rows.append(f"<p class='soft'>{quality}</p><div class='row'>{shown}</div>")
+    return f"<section class='frame'><h3>frame {number}</h3>{''.join(rows)}</section>"
