@@ -106,6 +106,13 @@ def test_what_is_not_given_stays_as_it_was_asked(both, made):
     assert pipeline.register(capture, run).ok == FRAMES and not made
 
 
+def test_another_version_of_toile_makes_everything_again_and_says_so(both, made, monkeypatch):
+    capture, run = both
+    monkeypatch.setattr("toile.__version__", "99")
+    outcome = pipeline.register(capture, run)
+    assert outcome.ok == FRAMES and "-> 99; made again: person, " in outcome.notes[0] and "person" in made
+
+
 def test_a_moved_capture_is_known_again_and_another_one_is_refused_by_what_differs(both, tmp_path, made):
     capture, run = both
     capture.rename(tmp_path / "elsewhere")

@@ -31,6 +31,7 @@ from .threads import one_blas_thread
 BEGUN, ENDED = -1, -2  # in place of a value's
 SMALL = 1024  # bytes of a value that is sent while its task goes on
 UNSEEN = 10  # workers lost before a task was heard of
+SILENT = logging.CRITICAL + 1
 WAIT = 30.0  # s for a scheduler to answer
 PATIENT = {"distributed.comm.timeouts.tcp": "300s"}  # a machine with too much to do is not a dead one
 LOCAL = PATIENT | {
@@ -116,6 +117,8 @@ class Cluster:
         if self.own is None:
             self.client.unregister_worker_plugin(self.name)
         elif at_once:
+            for handler in logging.getLogger("distributed").handlers:
+                handler.setLevel(SILENT)  # that ended processes do not answer is no news
             for nanny in self.own.workers.values():
                 nanny.close_gracefully()  # dask would start another
                 if nanny.pid:
@@ -135,7 +138,7 @@ def local_cluster(count: int) -> LocalCluster:
             dashboard_address=None,
             security=True,  # other users of this machine are none of the family
             scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
-            silence_logs=logging.CRITICAL + 1,
+            silence_logs=SILENT,
         )
 
 

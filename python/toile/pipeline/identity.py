@@ -85,13 +85,16 @@ def _numbers(camera: Camera) -> list[Any]:
 
 
 def stages_of(capture: Capture, config: Config, facts: dict[str, Any], sampled: dict[int, str]) -> dict[str, str]:
-    """The identity of every stage. `sampled`: what was read of the frames that the preparation is made of, by number."""
+    """The identity of every stage, by this version of toile. `sampled`: what was read of the frames that the preparation is made of, by number."""
+    from .. import __version__
+
     settings, garments, found = config.model_dump(mode="json"), capture.scene.garments, {}
     for name, stage in STAGES.items():
         if (stage.clothed and not garments) or (stage.printed and not any(g.prints for g in garments)):
             found[name] = digest(name, [found[before] for before in stage.after[:1]])
             continue
         values = {key: settings[key] for key in stage.settings}
+        values |= {} if stage.after else {"toile": __version__}  # another version makes other results of the same
         read: Any = {table: facts[table] for table in stage.facts}
         if name == "person":
             read["sampled"] = sampled

@@ -210,6 +210,8 @@ def _another(run, capture, why):
 
 def _words(config, before, facts, old, redone, changed, more):
     """What differs from what was asked before, a line each."""
+    from .. import __version__
+
     found, last = [], {one.name: one.default for one in listed(config)}
     then = _flat(before.get("settings", {}))
     named = [
@@ -217,6 +219,8 @@ def _words(config, before, facts, old, redone, changed, more):
         for k, v in last.items()
         if k in then and then[k] != _plain(v) and k != "quality"
     ]
+    by = before.get("versions", {}).get("toile", __version__)
+    named += [f"toile {by} -> {__version__}"] if by != __version__ else []
     named += [
         f"{table}.{name}"
         for table, values in facts.items()
