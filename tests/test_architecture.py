@@ -26,7 +26,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "avatar/render": BASE,
     "avatar/model": BASE | {"avatar", "avatar/render", "io", "surface"},
     "avatar/train": BASE | {"avatar", "avatar/model", "io", "pipeline", "surface", "vision"},
-    "avatar/drive": BASE | {"avatar", "avatar/model", "avatar/train", "io", "surface"},
+    "avatar/drive": BASE | {"avatar", "avatar/model", "avatar/train", "io", "pipeline", "surface"},
     "avatar/measure": BASE
     | {"avatar", "avatar/drive", "avatar/model", "avatar/render", "avatar/train", "io", "measure", "surface"},
     "avatar/edit": BASE

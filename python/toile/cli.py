@@ -21,10 +21,10 @@ from .avatar.command import animate, edit, train
 from .config.command import settings
 from .console import (
     COMPLETE,
-    WORKERS,
     Changes,
     ConfigFile,
     Scheduler,
+    Workers,
     completion,
     frame_numbers,
     numbers_of,
@@ -115,6 +115,8 @@ def detect(
     again: Annotated[
         bool, typer.Option("--again", help="also frames that have keypoints.json, or label images")
     ] = False,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
 ):
     """Find keypoints and masks of the person in a capture's pictures: keypoints.json and masks/ of each frame.
 
@@ -128,9 +130,9 @@ def detect(
     if labels is not None:
         if detector is not None or model is not None:
             raise UserError("--labels: --detector or --model is given too")
-        return write_label_images(opened, labels, numbers, again)
+        return write_label_images(opened, labels, numbers, again, workers, scheduler)
     with progress_bars() as progress:
-        found = find(opened, detector_of(opened, detector, model), numbers, again, progress)
+        found = find(opened, detector_of(opened, detector, model), numbers, again, progress, workers, scheduler)
     kept = f", {len(found.kept)} had theirs (--again makes them anew)" if found.kept else ""
     speech.result(f"{capture}: keypoints in {len(found.written)} frames{kept}", written=found.written, kept=found.kept)
     for warning in found.warnings:
@@ -146,9 +148,7 @@ def reconstruct(
     quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
-    workers: Annotated[
-        int, typer.Option(help="processes that share the frames; 1: all threads for one frame", min=1, max=WORKERS)
-    ] = 1,
+    workers: Workers = 1,
     scheduler: Scheduler = None,
     config: ConfigFile = None,
     changes: Changes = None,
@@ -184,9 +184,7 @@ def register(
     budget: Annotated[float | None, typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
     frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
     step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
-    workers: Annotated[
-        int, typer.Option(help="processes; each takes whole blocks of 50 frame numbers", min=1, max=WORKERS)
-    ] = 1,
+    workers: Workers = 1,
     scheduler: Scheduler = None,
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
@@ -353,13 +351,12 @@ def retried(text):
         raise UserError(f"--retry {shown(text)}: {said}") from None
 
 
-def write_label_images(capture, network, numbers, again):
+def write_label_images(capture, network, numbers, again, workers, scheduler):
     """What `toile detect --labels` does."""
-    from .pipeline.labelling import scene_segmenter, write_labels
+    from .pipeline.labelling import write_labels
 
-    segmenter = scene_segmenter(capture, network)
     with progress_bars() as progress:
-        done = write_labels(capture, segmenter, numbers, again, progress)
+        done = write_labels(capture, network, numbers, again, progress, workers, scheduler)
     kept = f", {done.kept} were there (--again makes them anew)" if done.kept else ""
     speech.result(f"{capture.root}: {done.written} label images{kept}", written=done.written, kept=done.kept)
     speech.result(f"  of the person's pixels {100 * done.unsure:.1f} % are unsure", unsure=done.unsure)

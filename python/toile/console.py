@@ -19,6 +19,12 @@ from .errors import UserError
 FRAMES = 1_000_000  # frame numbers have six digits
 WORKERS = 1024
 SEEDS = 2**32  # seeds are below
+Workers = Annotated[
+    int,
+    typer.Option(
+        "--workers", help="processes that share the frames; 1: this one, with all threads", min=1, max=WORKERS
+    ),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(

@@ -8,15 +8,13 @@ from typing import Annotated
 import typer
 
 from .. import speech
-from ..console import WORKERS, Changes, ConfigFile, Scheduler
+from ..console import Changes, ConfigFile, Scheduler, Workers
 
 
 def align(
     run: Annotated[Path, typer.Argument(help="a registered run with garments and pictures")],
     out: Annotated[Path, typer.Argument(help="the aligned run; an alignment that was stopped there goes on")],
-    workers: Annotated[
-        int, typer.Option(help="processes; each takes whole chunks of 50 frame numbers", min=1, max=WORKERS)
-    ] = 1,
+    workers: Workers = 1,
     scheduler: Scheduler = None,
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")

@@ -10,7 +10,7 @@ from typing import Annotated, get_args
 import typer
 
 from .. import speech
-from ..console import SEEDS, Changes, ConfigFile
+from ..console import SEEDS, Changes, ConfigFile, Scheduler, Workers
 from ..errors import UserError
 
 
@@ -80,13 +80,16 @@ def animate(
     ] = None,
     meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
     seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
 ):
     """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
     from ..console import numbers_of, progress_bars
     from .drive.animate import animate as run_animation
 
     with progress_bars() as progress:
-        done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, seed, progress)
+        options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler)
+        done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, **options)
     for warning in done.warnings:
         speech.warn(warning)
     before, left = done.intersections_before, done.intersections_left

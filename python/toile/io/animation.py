@@ -58,6 +58,11 @@ def mesh_file(folder: Path, name: str, frame: int) -> Path:
     return folder / "meshes" / name / f"{frame:06d}.ply"
 
 
+def picture_file(folder: Path, frame: int) -> Path:
+    """Where the picture of a frame lies."""
+    return folder / "pictures" / f"{frame:06d}.png"
+
+
 def texture_file(folder: Path, name: str) -> Path:
     """Where a layer's texture lies."""
     return folder / "textures" / f"{name}.png"

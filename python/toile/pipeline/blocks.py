@@ -26,7 +26,7 @@ from ..io.status import Status
 from ..kernels import InputError, SolveError
 from .overlap import overlapped
 from .stopping import stoppable
-from .threads import kernel_threads, one_blas_thread
+from .threads import kernel_threads
 from .workers import LIVES, Workers, check_workers, killed
 
 Progress = Callable[[str, int, int], None]  # (stage, done, total)
@@ -135,7 +135,6 @@ def run_job(
     own = blocks(frames)[shard[0] - 1 :: shard[1]]
     busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
     with (
-        one_blas_thread(),
         kernel_threads(max(kernels.threads(), workers)),
         Workers(busy, job.prepare, *job.arguments, scheduler=scheduler) as pool,
     ):

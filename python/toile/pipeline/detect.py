@@ -17,6 +17,7 @@ from ..io.image import write_image
 from ..scene import Keypoints, frame_ranges
 from ..stages.reconstruct import agreement, triangulate
 from ..vision.detectors import Detection
+from .workers import Workers, check_workers, everywhere
 
 AGREED = 0.5  # share of a view's detections that the other views confirm, at least, for it to show the same person
 DECIMALS = 2
@@ -32,27 +33,49 @@ class Detected:
 
 
 def detect(
-    capture: Capture, detector: Any, frames: Sequence[int], again: bool = False, progress: Any = None
+    capture: Capture,
+    detector: Any,
+    frames: Sequence[int],
+    again: bool = False,
+    progress: Any = None,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> Detected:
     """Writes keypoints.json and masks/CAMERA.png into the frames of a capture, each frame whole or not at all.
 
-    `detector`: see toile.vision.detectors. Frames that have keypoints.json are left alone, unless `again`; masks that are
+    `detector`: see toile.vision.detectors. `workers`, `scheduler`: see `Workers`; each call of the detector is one's. Frames that have keypoints.json are left alone, unless `again`; masks that are
     there always are. Where views see different people, or a picture of nobody makes the detector invent one, the views that
     disagree with the others get confidence 0, and that is said.
     """
+    check_workers(workers, scheduler)
+    capture = replace(capture, root=everywhere(capture.root, scheduler))
     there = {number for number in frames if (capture.folder(number) / "keypoints.json").exists()}
     asked = [number for number in frames if again or number not in there]
     for number in asked:
         capture.check_pictures(number)
-    folders, said = [capture.folder(number) / "images" for number in asked], _beforehand(capture, asked)
-    found: Iterator[Detection] = detector.detect(folders, capture.cameras)
-    for done, (number, detection) in enumerate(zip(asked, found, strict=True), 1):
-        keypoints, warnings = confirmed(detection.keypoints, capture.cameras)
-        said += [f"frame {number}: {warning}" for warning in warnings]
-        _write(capture.folder(number), replace(detection, keypoints=keypoints))
-        if progress is not None:
-            progress("detect", done, len(asked))
+    calls = [asked[first : first + detector.at_once] for first in range(0, len(asked), detector.at_once)]
+    warnings = {}
+    with Workers(min(workers, max(len(calls), 1)), _prepared, capture, detector, scheduler=scheduler) as pool:
+        for done, (number, found) in enumerate(pool.each(_detect, calls), 1):
+            warnings[number] = [f"frame {number}: {warning}" for warning in found]
+            if progress is not None:
+                progress("detect", done, len(asked))
+    said = [*_beforehand(capture, asked), *(line for number in asked for line in warnings[number])]
     return Detected(tuple(asked), tuple(sorted(there - set(asked))), tuple(said))
+
+
+def _prepared(capture: Capture, detector: Any) -> tuple[Capture, Any]:
+    return capture, detector
+
+
+def _detect(prepared: tuple[Capture, Any], numbers: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
+    """Writes what one call of the detector finds; yields each frame's number and what is said of it."""
+    capture, detector = prepared
+    folders = [capture.folder(number) / "images" for number in numbers]
+    for number, detection in zip(numbers, detector.detect(folders, capture.cameras), strict=True):
+        keypoints, warnings = confirmed(detection.keypoints, capture.cameras)
+        _write(capture.folder(number), replace(detection, keypoints=keypoints))
+        yield number, warnings
 
 
 def _beforehand(capture: Capture, asked: Sequence[int]) -> list[str]:

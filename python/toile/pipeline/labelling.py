@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +15,7 @@ from ..io.capture import Capture
 from ..io.image import write_image
 from ..vision.segmenters.network import Segmenter
 from ..vision.threads import parallel_map
+from .workers import Workers, check_workers, everywhere
 
 UNSURE = 0.5  # certainty below which a pixel of the person is said to be unsure
 
@@ -65,21 +66,42 @@ class Written:
 
 
 def write_labels(
-    capture: Capture, segmenter: Segmenter, frames: Sequence[int], again: bool = False, progress: Any = None
+    capture: Capture,
+    network: str | Path,
+    frames: Sequence[int],
+    again: bool = False,
+    progress: Any = None,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> Written:
-    """Writes labels/CAMERA.png of the pictures that have none, of all with `again`, each file whole or not at all."""
-    written = kept = person = unsure = 0
-    for done, number in enumerate(frames, 1):
-        capture.check_pictures(number)
-        frame = capture.pictures(number)
-        missing = [name for name in frame.images if again or name not in frame.labels]
-        kept += len(frame.images) - len(missing)
-        frame = _labelled(frame, missing, segmenter)
-        for name in missing:
-            on = frame.labels[name] > 0
-            person, unsure = person + on.sum(), unsure + (on & (frame.certainty[name] < 255 * UNSURE)).sum()
-            write_image(capture.folder(number) / "labels" / f"{name}.png", frame.labels[name])
-        written += len(missing)
-        if progress is not None:
-            progress("labels", done, len(frames))
-    return Written(written, kept, float(unsure / np.maximum(person, 1)))
+    """Writes labels/CAMERA.png of the pictures that have none, of all with `again`, each file whole or not at all, by the
+    network in a file. `workers`, `scheduler`: see `Workers`."""
+    check_workers(workers, scheduler)
+    capture, network = replace(capture, root=everywhere(capture.root, scheduler)), everywhere(Path(network), scheduler)
+    busy, counts = min(workers, max(len(frames), 1)), np.zeros(4, np.int64)
+    with Workers(busy, _with_segmenter, capture, network, again, scheduler=scheduler) as pool:
+        pool.prepared()
+        for done, found in enumerate(pool.each(_write_labels, frames), 1):
+            counts += found
+            if progress is not None:
+                progress("labels", done, len(frames))
+    written, kept, person, unsure = counts.tolist()
+    return Written(written, kept, unsure / max(person, 1))
+
+
+def _with_segmenter(capture: Capture, network: Path, again: bool) -> tuple[Capture, Segmenter, bool]:
+    return capture, scene_segmenter(capture, network), again
+
+
+def _write_labels(prepared: tuple[Capture, Segmenter, bool], number: int) -> Iterator[tuple[int, int, int, int]]:
+    """One frame's; yields how many were written and how many were there, and pixels: of the person, and unsure ones."""
+    capture, segmenter, again = prepared
+    capture.check_pictures(number)
+    frame = capture.pictures(number)
+    missing = [name for name in frame.images if again or name not in frame.labels]
+    frame, person, unsure = _labelled(frame, missing, segmenter), 0, 0
+    for name in missing:
+        on = frame.labels[name] > 0
+        person, unsure = person + int(on.sum()), unsure + int((on & (frame.certainty[name] < 255 * UNSURE)).sum())
+        write_image(capture.folder(number) / "labels" / f"{name}.png", frame.labels[name])
+    yield len(missing), len(frame.images) - len(missing), person, unsure

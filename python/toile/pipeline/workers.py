@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UserError
+from .threads import one_blas_thread
 
 if TYPE_CHECKING:
     from .cluster import Cluster
@@ -43,7 +44,7 @@ class Workers:
     """This process, `count` others on this machine, or the workers of `scheduler` (tcp://HOST:PORT, or the .json file that
     `dask scheduler --scheduler-file` writes). Each has what `prepare(*arguments)` gives there.
 
-    Processes start when first needed. They are spawned, not forked: OpenMP's threads do not survive a fork. They end when
+    As a context, numpy's BLAS has one thread here as it has there. Processes start when first needed. They are spawned, not forked: OpenMP's threads do not survive a fork. They end when
     their parent does. Where one is lost, another takes its place and makes what it was about again.
     """
 
@@ -54,9 +55,11 @@ class Workers:
         self._opened: Cluster | None = None
 
     def __enter__(self) -> Workers:
+        self._blas = one_blas_thread()
         return self
 
     def __exit__(self, kind: Any, *_: Any) -> None:
+        self._blas.restore_original_limits()
         if self._opened is not None:
             self._opened.close(at_once=kind is not None)
 

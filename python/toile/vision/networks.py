@@ -19,15 +19,16 @@ Triple = tuple[float, float, float]
 Described = TypeVar("Described", bound=BaseModel)
 
 
-def open_network(path: Path, threads: int = 0) -> Any:
-    """The session of an ONNX file; `threads` 0 for as many as processors. UserError: none, or one that cannot be read."""
+def open_network(path: Path) -> Any:
+    """The session of an ONNX file, of one thread: the same bits on any number of cores. UserError: none, or one that cannot
+    be read."""
     check_file(path, MODEL_BYTES)
     try:
         import onnxruntime
     except ImportError:
         raise UserError(f"{path}: a network needs onnxruntime: pip install 'toile[detect]'") from None
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
+    options.intra_op_num_threads = 1
     options.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])

@@ -2,12 +2,15 @@
 
 import json
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
-from toile.avatar.drive.animate import DrivenAvatar, animate, resized, turned
+from toile.avatar.drive.animate import DrivenAvatar, animate, filmed, resized, turned
 from toile.avatar.drive.posing import PosedAvatar
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
@@ -46,6 +49,31 @@ def test_it_writes_pictures_meshes_and_a_film(made):
         picture.shape == (64, 64, 3) and (picture == 255).all(2).mean() > 0.3 and (picture < 250).any(2).mean() > 0.05
     )
     assert json.loads((out / "animation.json").read_text())["intersections_left"] == done.intersections_left
+
+
+def test_an_animation_has_the_same_bits_by_one_process_and_by_two_workers(avatar_folder, sample_run, tmp_path):
+    contents, threads = [], torch.get_num_threads()
+    for workers in (1, 2):
+        torch.set_num_threads(workers + 1)
+        out = tmp_path / str(workers) / "out"
+        animate(avatar_folder, sample_run, out, frames=[1, 2, 3], height=64, workers=workers)
+        contents.append({path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()})
+    torch.set_num_threads(threads)
+    assert contents[0] == contents[1] and Path("animation.mp4") in contents[0] and len(contents[0]) > 12
+
+
+def test_the_film_shows_the_frames_in_their_order_in_whichever_they_are_made(made, tmp_path):
+    class Film(list):
+        add = list.append
+
+    out, _ = made
+    shot = SimpleNamespace(
+        rows=[0, 1], out=out, size=(64, 64), driven=SimpleNamespace(motion=SimpleNamespace(frames=[1, 2]))
+    )
+    found = [Film(), Film()]
+    for film, order in zip(found, ([0, 1], [1, 0])):
+        assert filmed(((row, 0, 0) for row in order), shot, film, lambda *_: None) == {0: [0, 0], 1: [0, 0]}
+    assert np.array_equal(*found) and len(found[0]) == 2 and not np.array_equal(*found[0])
 
 
 def test_no_pair_of_cloth_and_body_is_left(made):

@@ -90,6 +90,17 @@ def test_a_command_that_is_none_is_refused(capture, command, said):
         detect(opened, Program(command), opened.frames)
 
 
+def test_keypoints_are_the_same_by_one_process_and_by_two_workers(capture, tmp_path):
+    found, opened = [], open_capture(capture)
+    detector = program(tmp_path, COPIES)
+    detector.at_once = 1
+    for workers in (1, 2):
+        said = detect(opened, detector, opened.frames, True, workers=workers)
+        assert said.written == opened.frames
+        found.append([(opened.folder(number) / "keypoints.json").read_bytes() for number in opened.frames])
+    assert found[0] == found[1] and len(found[0]) > 1
+
+
 def test_a_command_is_never_run_by_a_shell_nor_taken_from_a_capture(capture, tmp_path):
     opened = open_capture(capture)
     with pytest.raises(UserError):

@@ -1,6 +1,7 @@
 """Networks in ONNX files: small graphs whose answers are known are made by onnx's own library."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -162,3 +163,9 @@ def test_files_that_are_no_network_of_keypoints_are_refused(tmp_path):
     loose = graph(tmp_path / "loose.onnx", [flat], {"out": ["n", 3, 1, 1]}, size=("h", "w"))
     with pytest.raises(UserError, match="size of its input is not fixed"):
         Network(loose)
+
+
+def test_a_network_finds_the_same_in_another_process(tmp_path):
+    network = Network(described(simcc(tmp_path / "a.onnx")))
+    picture = blobs(AT)
+    assert np.array_equal(pickle.loads(pickle.dumps(network)).keypoints(picture), network.keypoints(picture))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,21 +18,23 @@ from ...io.animation import (
     AnimatedSkeleton,
     layer_file,
     mesh_file,
+    picture_file,
     skeleton_file,
     texture_file,
 )
 from ...io.camera import read_cameras
 from ...io.files import save_record, write_text
-from ...io.image import write_image
+from ...io.image import read_image, write_image
 from ...io.mesh import write_mesh
 from ...io.motion import Motion, read_motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
+from ...pipeline.workers import Workers, check_workers, everywhere
 from ...scene import Camera, Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
-from .driver import load_driver, make_track
+from .driver import load_driver, make_track, one_thread
 from .layering import GarmentLayering
 
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
@@ -133,42 +137,100 @@ class DrivenAvatar:
         return (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).cpu().numpy()
 
 
-def animate(folder, motion, out, frames=None, camera=None, height=None, meshes=True, seed=0, progress=lambda *_: None):
+@dataclass(frozen=True)
+class Shot:
+    """What every frame of an animation is made with: rows of the motion, the camera of each, and where it goes."""
+
+    driven: DrivenAvatar
+    rows: list[int]
+    path: Callable  # see `camera_path`
+    out: Path
+    meshes: bool
+
+    @classmethod
+    def of(cls, folder, motion, out, frames, camera, height, meshes, seed):
+        """UserError: what is asked does not fit the avatar."""
+        with one_thread():
+            driven = DrivenAvatar(folder, motion, seed=seed)
+        rows = chosen_rows(driven.motion.frames, frames)
+        return cls(driven, rows, camera_path(driven, camera, height), out, meshes)
+
+    @property
+    def size(self):
+        """(height, width) of the pictures."""
+        return self.path(self.rows[0])[0].size
+
+    def make(self, i):
+        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left)."""
+        with one_thread():
+            yield i, *self._make(i)
+
+    def _make(self, i):
+        driven, (seen_by, index) = self.driven, self.path(i)
+        batch = driven.batch(i, seen_by, index)
+        decoded, before, left = driven.decode(i, batch)
+        number = int(driven.motion.frames[i])
+        write_image(picture_file(self.out, number), driven.picture(decoded, batch, seen_by.size))
+        for layer in driven.avatar.layers if self.meshes else ():
+            V = decoded[layer.name].vertices[0].cpu().numpy()
+            write_mesh(mesh_file(self.out, layer.name, number), Mesh(V, layer.faces))
+        if self.meshes and i == self.rows[0]:
+            write_still(self.out, driven, decoded, self.rows)
+        return int(before), int(left)
+
+
+def animate(
+    folder,
+    motion,
+    out,
+    frames=None,
+    camera=None,
+    height=None,
+    meshes=True,
+    seed=0,
+    progress=lambda *_: None,
+    workers=1,
+    scheduler=None,
+):
     """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
     pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
-    turn. `height` [px].
+    turn. `height` [px]. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
     whole = Path(out).resolve()
     out = whole.with_name(f".{whole.name}.part")
     if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
         raise UserError(f"{whole}: exists already and is not empty")
-    driven = DrivenAvatar(folder, motion, seed=seed)
-    rows = chosen_rows(driven.motion.frames, frames)
-    path = camera_path(driven, camera, height)
-    shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
-    before = left = 0
-    with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
-        for done, i in enumerate(rows):
-            seen_by, index = path(i)
-            batch = driven.batch(i, seen_by, index)
-            decoded, pairs, remaining = driven.decode(i, batch)
-            before, left = before + pairs, left + remaining
-            picture, number = driven.picture(decoded, batch, seen_by.size), int(driven.motion.frames[i])
-            film.add(picture)
-            write_image(out / "pictures" / f"{number:06d}.png", picture)
-            for layer in driven.avatar.layers if meshes else ():
-                V = decoded[layer.name].vertices[0].cpu().numpy()
-                write_mesh(mesh_file(out, layer.name, number), Mesh(V, layer.faces))
-            if meshes and done == 0:
-                write_still(out, driven, decoded, rows)
-            progress("animate", done + 1, len(rows))
-    done = Animation(len(rows), int(before), int(left), tuple(driven.warnings))
+    check_workers(workers, scheduler)
+    paths = [everywhere(Path(path), scheduler) for path in (folder, motion)]
+    if camera and Path(camera).is_file():
+        camera = str(everywhere(Path(camera), scheduler))
+    asked = frames, camera, height, meshes, seed
+    with Workers(workers, Shot.of, *paths, out, *asked, scheduler=scheduler) as pool:
+        shot = pool.prepared()
+        driven, rows = shot.driven, shot.rows
+        shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
+        with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
+            pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
+    before, left = (sum(counts) for counts in zip(*pairs.values()))
+    done = Animation(len(rows), before, left, tuple(driven.warnings))
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
     facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
     write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
     out.replace(whole)
     return done
+
+
+def filmed(made, shot, film, progress):
+    """{row: (pairs before, pairs left)} of the rows as they are made; their pictures go to the film in the rows' order."""
+    waiting, pairs = deque(shot.rows), {}
+    for row, *counts in made:
+        pairs[row] = counts
+        while waiting and waiting[0] in pairs:
+            file = picture_file(shot.out, int(shot.driven.motion.frames[waiting.popleft()]))
+            film.add(read_image(file, shot.size, "RGB"))
+        progress("animate", len(pairs), len(shot.rows))
+    return pairs
 
 
 def write_still(out, driven, decoded, rows):

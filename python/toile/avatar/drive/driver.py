@@ -5,6 +5,7 @@ The equations: docs/method/animation.md.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,17 @@ from ..settings import TemporalSettings
 FILE = "temporal.safetensors"
 PREFIX = "model."
 LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
+
+
+@contextmanager
+def one_thread():
+    """Sums of several threads depend on how many there are."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ docs/method/animation.md: E_TCN = |z - z_c|^2, z_c the mean code of the trained 
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from copy import deepcopy
 from itertools import islice
 from pathlib import Path
@@ -19,24 +18,13 @@ from ...errors import UserError
 from ...io.run import open_run
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
-from .driver import FILE, PREFIX, Driver, held_out_span, run_track, stride_of, without
+from .driver import FILE, PREFIX, Driver, held_out_span, one_thread, run_track, stride_of, without
 
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
 FEWEST = 40  # frames of which stretches can be left out; fewer are neighbours, and learnt by heart
 CHECK = 20  # steps between looks at those left out
 PATIENCE = 100  # steps
 DECODED = 32  # codes decoded at a time
-
-
-@contextmanager
-def one_thread():
-    """Sums of several threads depend on how many there are; models as small as these need no more than one."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 @one_thread()

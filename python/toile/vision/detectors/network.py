@@ -12,6 +12,7 @@ import numpy as np
 from ...io.image import read_image
 from ...scene import Camera, Keypoints
 from ..networks import open_network, run_network
+from ..threads import parallel_map
 from . import Detection
 from .description import Description, describe
 
@@ -22,22 +23,27 @@ FEW = 4  # points that draw no box
 
 
 class Network:
-    """`Network(path, threads).detect(folders, cameras)`, see toile.vision.detectors. Where a mask lies beside the pictures
+    """`Network(path).detect(folders, cameras)`, see toile.vision.detectors. Where a mask lies beside the pictures
     (../masks/CAMERA.png) its box is the first crop. UserError: no ONNX file, or one that gives no keypoints of a person."""
 
-    def __init__(self, path: Path, threads: int = 0):
-        self.session = open_network(path, threads)
-        self.path = path
+    at_once = 1
+
+    def __init__(self, path: Path):
+        self.path, self.session = path, open_network(path)
         self.about: Description = describe(path, self.session.get_inputs(), self.session.get_outputs())
+
+    def __reduce__(self) -> tuple[type[Network], tuple[Path]]:
+        return Network, (self.path.absolute(),)  # each process opens its own
 
     def detect(self, folders: Sequence[Path], cameras: Mapping[str, Camera]) -> Iterator[Detection]:
         for folder in folders:
-            points = {}
-            for path in sorted(folder.iterdir()):
-                if path.stem in cameras and path.suffix.lower() in (".png", ".jpg", ".jpeg"):
-                    picture = read_image(path, cameras[path.stem].size, "RGB")
-                    points[path.stem] = self.keypoints(picture, _box_beside(folder, path.stem, cameras[path.stem]))
-            yield Detection(Keypoints(tuple(self.about.rows), points))
+            paths = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in (".png", ".jpg", ".jpeg")]
+            paths = [path for path in paths if path.stem in cameras]
+            rows = parallel_map(lambda path: self._seen(path, cameras[path.stem]), paths)
+            yield Detection(Keypoints(tuple(self.about.rows), {path.stem: r for path, r in zip(paths, rows)}))
+
+    def _seen(self, path: Path, camera: Camera) -> Any:
+        return self.keypoints(read_image(path, camera.size, "RGB"), _box_beside(path.parent, path.stem, camera))
 
     def keypoints(self, picture: Any, box: Any = None) -> Any:
         """Rows (k,3) of u, v [px] and confidence, of the person in a box (4,) [px: left, top, right, bottom]."""

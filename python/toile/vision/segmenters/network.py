@@ -17,11 +17,10 @@ FOUND = 0.002  # share of the picture, at least, that is taken for a person
 
 
 class Segmenter:
-    """`Segmenter(path, labels)` for a scene's labels {name: id}. One thread: the same bits for any number of threads.
-    UserError: no ONNX file, or one whose description does not go with it or with the labels."""
+    """`Segmenter(path, labels)` for a scene's labels {name: id}. UserError: no ONNX file, or one whose description does not go with it or with the labels."""
 
     def __init__(self, path: Path, labels: Mapping[str, int]):
-        self.path, self.session = path, open_network(path, threads=1)
+        self.path, self.session = path, open_network(path)
         self.about: Parts = describe(path, self.session.get_inputs(), self.session.get_outputs(), labels)
         self.ids = np.array(sorted({*labels.values()}))  # (L,)
 
