@@ -23,6 +23,7 @@ from .console import (
     COMPLETE,
     Changes,
     ConfigFile,
+    Holdout,
     Scheduler,
     Workers,
     completion,
@@ -210,6 +211,7 @@ def register(
     template_from_scan: Annotated[
         list[str] | None, typer.Option(help="a garment whose template is cut from the capture itself, by its label")
     ] = None,
+    holdout: Holdout = None,
     config: ConfigFile = None,
     changes: Changes = None,
 ):
@@ -220,6 +222,7 @@ def register(
     """
     from .config import changed, from_options, preset
     from .io.capture import open_capture
+    from .io.holdout import apart, span_of
     from .pipeline.manifest import config_of
     from .pipeline.run import register as run_pipeline
     from .pipeline.scanning import lacks_scan
@@ -231,14 +234,17 @@ def register(
     if check:
         return check_frames(opened, numbers, run)
     own = {"template_from_scan": list(template_from_scan)} if template_from_scan else {}
+    own |= {} if holdout is None else {"holdout": span_of(holdout)}
     named = quality or budget or config or any(word.startswith("quality") for word in changes or ())
-    before = None if named else config_of(run)
-    base = preset if before is None else lambda _: before
+    before = config_of(run)
+    afresh = preset if before is None else lambda name: changed(preset(name), {"holdout": before.holdout})
+    base = afresh if named or before is None else lambda _: before
     settings_of = lambda name: changed(from_options(base, name, config, changes), own)
     if budget is not None:
         if quality is not None:
             raise UserError(f"--budget {budget:g}: --quality {quality} is given too")
-        quality = quality_within(budget, opened, run, numbers, settings_of)
+        seen = apart(numbers, settings_of(quality).holdout)
+        quality = quality_within(budget, opened, run, seen, settings_of)
     settings, new = settings_of(quality), not run.exists()
     bare = sum(lacks_scan(opened, number) for number in numbers) if settings.make_scans and new else 0
     if bare:

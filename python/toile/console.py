@@ -31,6 +31,10 @@ Scheduler = Annotated[
         "--scheduler", help="tcp://HOST:PORT or scheduler.json of a running dask scheduler: its workers do the work"
     ),
 ]
+Holdout = Annotated[
+    str | None,
+    typer.Option("--holdout", metavar="A-B", help="frames that nothing which other frames are made from reads; none"),
+]
 EVERY = 30.0  # s between lines of progress where there is no terminal
 EVERY_JSON = 1.0  # s between a stage's lines for machines
 ConfigFile = Annotated[

@@ -68,6 +68,7 @@ def run(job, frames=FRAMES, **options):
 
 def test_blocks_are_cut_at_multiples_of_50():
     assert blocks(FRAMES) == [(47, 48, 49), (50, 51, 53, 99), (100,)]
+    assert blocks(FRAMES, range(49, 53)) == [(47, 48), (49,), (50, 51), (53, 99), (100,)]
 
 
 def test_temporal_state_crosses_neither_a_cut_nor_a_gap(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.bending_tube import VERTICES, posed, smoother
-from toile.config import preset
+from toile.config import changed, preset
 from toile.io.files import save_record, write_text
 from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
@@ -34,8 +34,8 @@ class Prepared:
         return self.smoother.templates
 
 
-def prepare(root, progress=None):
-    return Prepared(smoother(), preset("standard"), root)
+def prepare(root, holdout=(), progress=None):
+    return Prepared(smoother(), changed(preset("standard"), {"holdout": holdout}), root)
 
 
 def made(frames=FRAMES, seed=0):
@@ -56,14 +56,14 @@ def load(raw, prepared, number):
     return load_layers(raw.folder(number), prepared.templates)
 
 
-def run(root, layers, workers=1):
+def run(root, layers, workers=1, holdout=()):
     """The sleeve and the tube by frame, smoothed."""
     raw, smoothed = folders(root)
     for number, (tracked, dressed) in layers.items():
         save_record(raw.folder(number) / "track.npz", tracked)
         save_record(raw.folder(number) / "dress.sleeve.npz", dressed["sleeve"])
         write_text(raw.folder(number) / "whole", "")
-    with one_blas_thread(), Workers(workers, prepare, root) as pool:
+    with one_blas_thread(), Workers(workers, prepare, root, holdout) as pool:
         smooth(partial(load, raw), list(layers), smoothed, pool.prepared(), pool)
     return {n: loaded(root, n) for n in layers}
 
@@ -121,6 +121,16 @@ def test_a_gap_of_any_length_parts_the_frames(tmp_path):
     (tmp_path / "again" / strengths).write_bytes((tmp_path / "once" / strengths).read_bytes())
     again = run(tmp_path / "again", other)
     assert all(np.array_equal(once[n], again[n]) == (n < 62) for n in layers)
+
+
+def test_frames_held_out_change_no_bit_of_the_others(tmp_path):
+    layers, other = made(), made(seed=1)
+    spoiled = {n: other[n] if 46 <= n <= 58 else x for n, x in layers.items()}
+    once = run(tmp_path / "once", layers, holdout=(46, 58))
+    again = run(tmp_path / "again", spoiled, holdout=(46, 58))
+    assert all(np.array_equal(once[n], again[n]) == (not 46 <= n <= 58) for n in layers)
+    strengths = [(tmp_path / name / "strengths.npz").read_bytes() for name in ("once", "again")]
+    assert strengths[0] == strengths[1] and not np.array_equal(once[52], layers[52][0])
 
 
 def test_each_frame_tells_how_far_it_was_moved_and_how_long_that_took(tmp_path):

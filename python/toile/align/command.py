@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import speech
-from ..console import Changes, ConfigFile, Scheduler, Workers
+from ..console import Changes, ConfigFile, Holdout, Scheduler, Workers
 
 
 def align(
@@ -16,6 +16,7 @@ def align(
     out: Annotated[Path, typer.Argument(help="the aligned run; an alignment that was stopped there goes on")],
     workers: Workers = 1,
     scheduler: Scheduler = None,
+    holdout: Holdout = None,
     shard: Annotated[
         str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")
     ] = "1/1",
@@ -30,7 +31,7 @@ def align(
 
     part, settings = shard_of(shard), from_options(lambda _: AlignSettings(), None, config, changes, "align")
     with progress_bars() as progress:
-        outcome = run_alignment(run, out, settings, workers, part, progress, scheduler)
+        outcome = run_alignment(run, out, settings, workers, part, progress, scheduler, holdout)
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     between = f", {len(outcome.between)} between them" if outcome.between else ""
     words = f"{out}: {len(outcome.matched)} frames aligned{between}, {len(outcome.failed)} failed{waiting}"

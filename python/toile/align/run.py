@@ -20,6 +20,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import load_record, replace_file, save_record
+from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
 from ..io.run import Run, is_run, open_run
 from ..io.run_folder import read_diagnostics, write_diagnostics
@@ -62,12 +63,14 @@ def align(
     shard: tuple[int, int] = (1, 1),
     progress: Progress | None = None,
     scheduler: str | None = None,
+    holdout: str | None = None,
 ) -> Alignment:
     """Aligns the garments of a registered run into the run `out`; returns an Alignment. UserError: it cannot be done.
 
     The same call on what was killed goes on where it stood. `shard` (i, n) takes every n-th chunk from the i-th on;
     whichever ends last writes the run. The bits depend on neither workers nor shards. `progress(stage, done, total)`. `scheduler`: of
-    running dask workers, which do the work."""
+    running dask workers, which do the work. `holdout`, "A-B": frames that others take nothing of; by default those of the run,
+    and no others where it has some."""
     out, settings, progress = (
         everywhere(Path(out), scheduler),
         settings or AlignSettings(),
@@ -76,10 +79,13 @@ def align(
     check_shares(workers, shard, scheduler)
     run = open_run(everywhere(Path(run), scheduler))
     _check(run, out)
-    _begin(run, out, settings)
+    span = agreed(holdout, run.holdout, run.path)
+    if not apart(run.pictured, span):
+        raise UserError(f"--holdout {words_of(span)}: no pictured frame is left to align by")
+    _begin(run, out, settings, span)
     results = FrameFolders(out / "slides", Status.of(out), "align")
-    job = BlockJob(out, results, prepare, (run, out, settings), match, NEAR, "match")
-    last = partial(write, run, out, results, progress)
+    job = BlockJob(out, results, prepare, (run, out, settings, span), match, NEAR, "match", held(span))
+    last = partial(write, run, out, results, progress, span)
     run_job(job, run.pictured, partial(is_run, out), last, workers, shard, progress=progress, scheduler=scheduler)
     with locked(out):
         if is_run(out) and not (out / "alignment.json").exists():
@@ -99,7 +105,7 @@ def _check(run, out):
         raise UserError(f"{run.path}: no registered frame has pictures, prints cannot be aligned")
 
 
-def _begin(run, out, settings):
+def _begin(run, out, settings, span):
     """Makes OUT with its config.toml and the run's status lines, or checks that it is of the same run and settings."""
     from .. import __version__
 
@@ -108,7 +114,7 @@ def _begin(run, out, settings):
         "frames_ok": len(run.ok),
         "toile": __version__,
         "settings": settings.model_dump(mode="json"),
-    }
+    } | ({} if span == run.holdout else {"holdout": list(span)})
     claim(out, run.config | {"align": asked}, "this run was aligned from another run or with other settings")
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
@@ -131,11 +137,11 @@ class PreparedAlignment:
     onto: dict[str, list]  # a reference as `Matcher.target` gives it
 
 
-def prepare(run, out, settings, progress=lambda *_: None) -> PreparedAlignment:
-    """Makes the references that OUT/reference does not hold yet, and loads all."""
+def prepare(run, out, settings, span, progress=lambda *_: None) -> PreparedAlignment:
+    """Makes the references that OUT/reference does not hold yet, of frames that are not held out, and loads all."""
     paths = {name: out / "reference" / f"{name}.npz" for name in run.garments}
     rests = {name: load_record(path, Reference).rest for name, path in paths.items() if path.exists()}
-    layers = [replace(x, rest=rests[x.name]) if x.name in rests else x for x in read_layers(run)]
+    layers = [replace(x, rest=rests[x.name]) if x.name in rests else x for x in read_layers(run, apart(run.ok, span))]
     of = {layer.name: layer for layer in layers}
     surfaces = {
         n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), settings.lattice_spacing) for n in paths
@@ -144,7 +150,7 @@ def prepare(run, out, settings, progress=lambda *_: None) -> PreparedAlignment:
     places = {name: Places(of[name], s.lattice.face, s.lattice.bary) for name, s in surfaces.items()}
     reader = PrintReader(run, layers, places)
     if any(not path.exists() for path in paths.values()):
-        _make_references(run.pictured, settings, reader, matchers, paths, progress)
+        _make_references(apart(run.pictured, span), settings, reader, matchers, paths, progress)
     references = {name: load_record(path, Reference) for name, path in paths.items()}
     onto = {name: matchers[name].target(r.values, r.weights) for name, r in references.items()}
     body, sizes = run.body_model, [(name, s.faces, len(s.rest)) for name, s in surfaces.items()]
@@ -198,12 +204,13 @@ def _matched(results, number, name):
 # The new run ----------------------------------------------------------------------------------------------------------
 
 
-def write(run, out, results, progress, prepared, pool) -> None:
+def write(run, out, results, progress, span, prepared, pool) -> None:
     """A copy of the run's store in which the garments have slid, with its diagnostics; written whole."""
     frames, written = run.ok, count(1)
 
     def slide(writer: RunWriter):
-        for wanted in blocks(frames):
+        writer.hold_out(span)
+        for wanted in blocks(frames, held(span)):
             slides = {name: _slides(prepared, results, name, wanted) for name in run.garments}
             with writer.together():
                 for k, number in enumerate(wanted):

@@ -23,7 +23,8 @@ def train(
     minutes: Annotated[float | None, typer.Option(help="as many steps as fit; without, the quality's")] = None,
     steps: Annotated[str | None, typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
     holdout: Annotated[
-        str | None, typer.Option(help="A-B, frames never trained on; default the last tenth; none")
+        str | None,
+        typer.Option(help="A-B, frames never trained on; default those of the run, else the last tenth; none"),
     ] = None,
     baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
     temporal: Annotated[

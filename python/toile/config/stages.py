@@ -109,6 +109,9 @@ class Config(Settings):
     preparation_frames: int = setting(
         6, "count", "spread over the run, that make the person, the colours and the templates", ge=1
     )
+    holdout: tuple[int, int] | tuple[()] = setting(
+        (), "count", "first and last number of the frames that nothing which other frames are made from reads"
+    )
     scan_spacing: float = setting(
         0.014,
         "m",

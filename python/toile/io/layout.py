@@ -97,10 +97,12 @@ class StoredScene(BaseModel):
 
 class Attributes(BaseModel):
     """The store's attributes. `body_model`: a packaged model's name, or a `.npz` inside the capture. `identity`: what the
-    arrays that all frames share were made of."""
+    arrays that all frames share were made of. `holdout`: first and last number of the frames that nothing which other frames
+    are made from has read."""
 
     version: int = 1
     scene: StoredScene
     joint_names: list[str]
     body_model: str
     identity: str = ""
+    holdout: tuple[()] | tuple[int, int] = ()

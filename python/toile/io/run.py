@@ -144,14 +144,14 @@ class Run:
 
     `frames` (T,) int64 numbers; `done` (T,) uint8; `verdict` (T,) uint8 or None; `track`, `inner` (None without garments)
     and `garments` {name: RegisteredGarment} inner to outer; `pose`; `face` (T,q,3) or None; `labels` (T,n) or None;
-    `confidence` {"track", "inner", garment: (T,n)}; `diagnostics`; `scene`; `body_model`; `capture`. A *row* is the place
-    of a frame along the first axis. UserError: one line that names the run and what is missing or broken.
+    `confidence` {"track", "inner", garment: (T,n)}; `diagnostics`; `scene`; `body_model`; `capture`; `holdout`, first and
+    last number of the frames that no other one's results have read, or (). A *row* is the place of a frame along the first axis. UserError: one line that names the run and what is missing or broken.
     """
 
     def __init__(self, path: Path, group: Any, attributes: Attributes):
         self.path, self.group = path, group
         self.scene, self.joint_names = attributes.scene, tuple(attributes.joint_names)
-        self.body_model_name = attributes.body_model
+        self.body_model_name, self.holdout = attributes.body_model, attributes.holdout
         names = [g.name for g in self.scene.garments]
         self.confidence = {name: FrameArray(self, f"confidence/{name}") for name in self._layers(names)}
         self.pose, self.diagnostics, self.status = Pose(self), Diagnostics(self), Status.of(path)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..scene import BodyModel, Dressed, GarmentTemplate, Inner, Person, Scene, Segmented, Tracked
 from .files import replace_file
+from .holdout import Span
 from .layout import (
     DIAGNOSTICS,
     FAILED,
@@ -66,8 +67,10 @@ class RunWriter:
         person: Person,
         templates: Sequence[GarmentTemplate] = (),
         identity: str = "",
+        holdout: Span = (),
     ) -> RunWriter:
-        """Makes RUN/registered.zarr over `frames`, all pending; `templates` inner to outer. `identity`: what these are of."""
+        """Makes RUN/registered.zarr over `frames`, all pending; `templates` inner to outer. `identity`: what these are of.
+        `holdout`: the frames that nothing which others are made from reads."""
         import zarr
         from zarr.codecs import ZstdCodec
 
@@ -79,7 +82,7 @@ class RunWriter:
         if part.exists():
             shutil.rmtree(part)
         group = zarr.open_group(str(part), mode="w", zarr_format=3)
-        group.attrs.update(_attributes(scene, model, templates, identity).model_dump())
+        group.attrs.update(_attributes(scene, model, templates, identity, holdout).model_dump())
         vertices = {t.name: len(t.rest) for t in templates}
         layout = layout_of(names, scene.face_keypoints)
         largest = 8 * 3 * max(sizes["n"], *vertices.values(), 1)  # bytes of a frame's largest array
@@ -103,6 +106,10 @@ class RunWriter:
             )
         os.replace(part, run / STORE)
         return RunWriter.of(run)
+
+    def hold_out(self, holdout: Span) -> None:
+        """The store says that nothing which other frames are made from has read these frames."""
+        self.group.attrs.update({"holdout": list(holdout)})
 
     def pending(self, frames: Iterable[int]) -> tuple[int, ...]:
         """Those of the frames that are neither ok nor failed."""
@@ -311,11 +318,14 @@ def _fixed_values(
     return values
 
 
-def _attributes(scene: Scene, model: BodyModel, templates: Sequence[GarmentTemplate], identity: str) -> Attributes:
+def _attributes(
+    scene: Scene, model: BodyModel, templates: Sequence[GarmentTemplate], identity: str, holdout: Span
+) -> Attributes:
     garments = []
     for t in templates:
         loops = {name: [int(v) for v in loop] for name, loop in zip(t.loop_names, t.loops)}
         garments.append(StoredGarment(name=t.name, label=t.label, loops=loops))
     known = StoredScene(name=scene.name, fps=scene.fps, up=scene.up, labels=scene.labels, garments=garments)
     joints = list(model.joint_names)
-    return Attributes(version=VERSION, scene=known, joint_names=joints, body_model=scene.body_model, identity=identity)
+    of = {"body_model": scene.body_model, "identity": identity, "holdout": holdout}
+    return Attributes(version=VERSION, scene=known, joint_names=joints, **of)

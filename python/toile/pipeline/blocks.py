@@ -35,9 +35,10 @@ EXPECTED = (UserError, InputError, SolveError, OSError, MemoryError, np.linalg.L
 DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE}  # no frame's own fault
 
 
-def blocks(frames: Sequence[int]) -> list[tuple[int, ...]]:
-    """The frames, in order, cut where the block of 50 absolute numbers changes: no temporal state crosses a cut."""
-    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: number // BLOCK)]
+def blocks(frames: Sequence[int], apart: Sequence[int] = ()) -> list[tuple[int, ...]]:
+    """The frames, in order, cut where the block of 50 absolute numbers changes, and where those held `apart` begin and end: no
+    temporal state crosses a cut."""
+    return [tuple(numbers) for _, numbers in groupby(frames, lambda number: (number // BLOCK, number in apart))]
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class BlockJob:
     again in every worker. `make(prepared, frame, previous, folders)` makes one frame's results in its folder, and may yield
     between its steps: while one frame takes a step, the next takes those before it, see `overlapped`. `previous` is the frame
     before it whose results give temporal state, or None: what that frame's steps up to the same one have left is there. `reach`: how many numbers that one may lie back.
-    `title`: what progress calls it. Functions are named in modules, and arguments pickle: they go to other processes."""
+    `title`: what progress calls it. `apart`: frames that others take no state from, nor they from others. Functions are named in modules, and arguments pickle: they go to other processes."""
 
     folder: Path
     results: FrameFolders
@@ -102,6 +103,7 @@ class BlockJob:
     make: Callable
     reach: int
     title: str
+    apart: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def run_job(
 
     `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
     the blocks. `prepare` is given `progress(stage, done, total)` in this process. `workers`, `scheduler`: see `Workers`."""
-    own = blocks(frames)[shard[0] - 1 :: shard[1]]
+    own = blocks(frames, job.apart)[shard[0] - 1 :: shard[1]]
     busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
     with (
         kernel_threads(max(kernels.threads(), workers)),

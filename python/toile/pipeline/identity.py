@@ -38,7 +38,7 @@ STAGES = {  # the first four are made once a run, the others of every frame
     "person": Stage(("preparation_frames", "reconstruct", "track"), ("scene", "body", "cameras")),
     "colours": Stage(("scan_spacing", "picture_side", "segment"), ("labels", "segmenter"), ("person",), clothed=True),
     "template": Stage(("dress", "template_from_scan"), ("garments",), ("colours",), clothed=True),
-    "track": Stage(after=("person",)),
+    "track": Stage(("holdout",), after=("person",)),
     "segment": Stage(after=("track", "colours"), clothed=True),
     "dress": Stage(after=("segment", "template"), clothed=True),
     "prints": Stage(("prints",), ("prints", "time"), ("dress",), printed=True),

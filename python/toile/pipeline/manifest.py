@@ -19,6 +19,7 @@ from ..errors import UserError
 from ..io.bounded import read_json
 from ..io.capture import Capture
 from ..io.files import write_text
+from ..io.holdout import apart, words_of
 from ..io.inputs import contents, stamps
 from ..io.locks import locked
 from ..io.run import is_run, open_run
@@ -173,10 +174,13 @@ def _noted(run):
 
 def _sampled(run, config, frames, sample):
     """The frames that the preparation is made of; once chosen they stay, also where the run is extended."""
-    path = run / "inputs" / "sampled.json"
-    kept = read_json(path, dict) if path.exists() else {}
-    if kept.get("asked") != config.preparation_frames:
-        kept = {"asked": config.preparation_frames, "frames": [int(number) for number in sample(frames)]}
+    path, asked = run / "inputs" / "sampled.json", config.preparation_frames
+    kept, seen = read_json(path, dict) if path.exists() else {}, apart(frames, config.holdout)
+    if config.holdout and len(seen) in (0, len(frames)):
+        which = "no frame lies there" if seen else "no frame is left to make the person of"
+        raise UserError(f"--holdout {words_of(config.holdout)}: {which}")
+    if kept.get("asked") != asked or len(apart(kept["frames"], config.holdout)) < len(kept["frames"]):
+        kept = {"asked": asked, "frames": [int(number) for number in sample(seen)]}
         write_text(path, json.dumps(kept))
     return kept["frames"]
 

@@ -51,9 +51,9 @@ class RunStores:
 
     @property
     def shared(self) -> str:
-        """The identity of what all frames share: their numbers, the person, the templates."""
+        """The identity of what all frames share: their numbers, the person, the templates, which of them are held out."""
         stages = self.identities.stages
-        return digest(list(self.frames), stages["person"], stages["template"])
+        return digest(list(self.frames), stages["person"], stages["template"], stages["track"])
 
     @property
     def folder(self) -> Path:

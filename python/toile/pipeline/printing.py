@@ -9,6 +9,7 @@ from functools import partial
 
 from ..errors import first_line
 from ..io.files import identity_of, load_record, save_record
+from ..io.holdout import apart, held
 from ..prints.matching import Matched
 from ..prints.reference import NEAR, Reference, anchors_and_samples
 from ..prints.smoothing import over_time
@@ -21,7 +22,7 @@ def slide(load: Callable, numbers: Sequence[int], slid: FrameFolders, prepared, 
     """Slides the printed garments of the frames `numbers` into the folders of `slid`. `load(prepared, number)` gives a
     frame's Tracked, Segmented and {garment: Dressed}. `prepared.aligner` is a stages.prints.PrintAligner, of each process."""
     make_references(load, numbers, prepared, progress)
-    left = [own for own in blocks(numbers) if not all(map(slid.whole, own))]
+    left = [own for own in blocks(numbers, held(prepared.config.holdout)) if not all(map(slid.whole, own))]
     for i, _ in enumerate(pool.each(partial(_slide, load, slid), left)):
         progress("prints", i + 1, sum(map(len, left)))
 
@@ -31,9 +32,10 @@ def reference_path(prepared, name):
 
 
 def make_references(load, numbers, prepared, progress):
-    """Makes the reference of every printed garment, unless it is there."""
+    """Makes the reference of every printed garment, unless it is there, of frames that are not held out."""
     paths = {name: reference_path(prepared, name) for name in prepared.aligner.matchers}
-    pictured = [number for number in numbers if prepared.capture.pictured(number)]
+    known = apart(numbers, prepared.config.holdout)
+    pictured = [number for number in known if prepared.capture.pictured(number)]
     identity = prepared.identities.stages["prints"]
     if all(identity_of(path) == identity for path in paths.values()) or not pictured:
         return

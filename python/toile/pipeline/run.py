@@ -27,6 +27,7 @@ from ..config import Config, changed, configured
 from ..errors import UserError
 from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import identity_of, load_record, save_record
+from ..io.holdout import apart, held
 from ..io.layout import STORE
 from ..io.locks import at_work, locked
 from ..io.run import is_run
@@ -102,7 +103,8 @@ def register(
         scene_segmenter(capture)
     fresh = not run.exists()
     try:
-        own = [number for block in blocks(frames)[shard[0] - 1 :: shard[1]] for number in block]
+        parts = blocks(frames, held(config.holdout))[shard[0] - 1 :: shard[1]]
+        own = [number for block in parts for number in block]
         with locked(run):
             sample = partial(sampled_frames, capture, config.preparation_frames)
             request = request_of(run, capture, config, frames, own, sample, verify)
@@ -148,9 +150,8 @@ def _register(capture, run, config, request, own, progress, crew, retry, frame_l
         try_again(run, again(stored, own, results, retry, config.verdict))
         damaged = stored.reopen_damaged(own)
     title = "track, segment, dress" if capture.scene.garments else "track"
-    job = BlockJob(
-        run, results, prepare, (capture, run, config, identities), partial(first_stages, frame_limit), 1, title
-    )
+    arguments, make = (capture, run, config, identities), partial(first_stages, frame_limit)
+    job = BlockJob(run, results, prepare, arguments, make, 1, title, held(config.holdout))
     last = partial(last_stages, stored, results, progress, keep)
     run_job(job, frames, lambda: stored.whole, last, workers, shard, stored.left, progress, scheduler)
     notes = *request.notes, *(f"frame {number}: made again: {reason}" for number, reason in damaged.items())
@@ -254,14 +255,15 @@ def _store(stored, prepared):
         shutil.rmtree(folder / STORE)  # it grew for what was asked for once, and was never whole
     if not is_run(folder):
         scene, made = prepared.capture.scene, (prepared.model, prepared.person, prepared.templates)
-        RunWriter.create(folder, stored.frames, scene, *made, stored.shared)
+        RunWriter.create(folder, stored.frames, scene, *made, stored.shared, prepared.config.holdout)
     writer = RunWriter.of(folder)
     writer.begin()
     return writer
 
 
 def _fuse(run, good, results, prepared, pool):
-    """The InnerShape of all frames that are whole."""
+    """The InnerShape of all frames that are whole and not held out."""
+    good = apart(good, prepared.config.holdout)
     if not good:
         return InnerShape(prepared.person.rest, {})
     results.status.forget("inner")

@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from ..io.files import identity_of, load_record, save_record
+from ..io.holdout import apart, held
 from ..scene import Dressed, Tracked
 from ..stages.motion import Strengths, strength_of
 from .blocks import BLOCK, FrameFolders, blocks
@@ -20,16 +21,18 @@ from .workers import Workers
 
 def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepared, pool: Workers) -> None:
     """Smooths the frames `numbers` into the folders of `smoothed`; `load(prepared, number)` gives a frame's Tracked and
-    {garment: Dressed}. Frames that do not follow one another say nothing of each other. `prepared.smoother` is a
+    {garment: Dressed}. Frames that do not follow one another say nothing of each other, nor do those held out and the others. `prepared.smoother` is a
     stages.motion.Smoother, of each process."""
-    numbers, settings = sorted(numbers), prepared.config.motion
+    numbers, settings, span = sorted(numbers), prepared.config.motion, prepared.config.holdout
+    known, held_out = apart(numbers, span), held(span)
     kept, identity = prepared.folder / "strengths.npz", prepared.identities.stages["motion"]
     if identity_of(kept) != identity:
-        gathered = dict(pool.each(partial(_gather, load), list(enumerate(blocks(numbers)))))
+        gathered = dict(pool.each(partial(_gather, load), list(enumerate(blocks(known)))))
         total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
         save_record(kept, strength_of(total, settings.max_strength), identity)
-    left = [own for own in blocks(numbers) if not all(map(smoothed.whole, own))]
-    around = [(own, _around(numbers, own[0] // BLOCK, settings.margin)) for own in left]
+    left = [own for own in blocks(numbers, held_out) if not all(map(smoothed.whole, own))]
+    beside = lambda own: [number for number in numbers if number in held_out] if own[0] in held_out else known
+    around = [(own, _around(beside(own), own[0] // BLOCK, settings.margin)) for own in left]
     for _ in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
         pass
 

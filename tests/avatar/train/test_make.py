@@ -20,6 +20,15 @@ def test_holdout_takes_the_pictured_frames_of_a_range():
     assert held_out("18", [0, 6, 12, 18]) == [18]
 
 
+def test_what_a_run_holds_out_is_held_out_of_the_avatar_and_nothing_else():
+    frames = [0, 6, 12, 18]
+    for text in (None, "5-12"):
+        assert held_out(text, frames, (5, 12), "run") == [6, 12]
+    for text in ("5-13", "none"):
+        with pytest.raises(UserError, match=f"--holdout {text}: run was registered with --holdout 5-12"):
+            held_out(text, frames, (5, 12), "run")
+
+
 @pytest.mark.parametrize("text", ["x", "4-", "-4", "4-2", "1-5", "", "4,5"])
 def test_bad_holdout_is_refused(text):
     with pytest.raises(UserError, match="--holdout"):

@@ -15,6 +15,7 @@ from torch import nn
 from torch.utils.data import default_collate
 
 from ...errors import UserError
+from ...io.holdout import held
 from ...io.run import open_run
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
@@ -43,7 +44,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
         raise UserError(f"{folder}: no garment with a code: there is no code that a motion could drive")
     run = open_run(facts["run"])
     whole = run_track(avatar, run)
-    track = without(whole, held_out_span(facts["holdout"]))
+    track = without(whole, {*held(run.holdout), *held_out_span(facts["holdout"])})
     data = _data(run, folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
@@ -55,8 +56,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     list(fit(driver, poses, scaled, steps))
     measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
-        held = _data(run, folder, facts, "evaluation", facts["holdout"])
-        measured["held_out"] = relative_error(driver, whole, held.frames, codes_of(avatar, held)[0])
+        unseen = _data(run, folder, facts, "evaluation", facts["holdout"])
+        measured["held_out"] = relative_error(driver, whole, unseen.frames, codes_of(avatar, unseen)[0])
     write_tensors(
         folder / FILE,
         {PREFIX + name: value for name, value in driver.state_dict().items()},

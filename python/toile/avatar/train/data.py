@@ -15,6 +15,7 @@ from torch.utils.data import Dataset
 
 from ...errors import UserError
 from ...io.files import replace_file, write_text
+from ...io.holdout import held
 from ...io.inputs import files_under, stamps
 from ...io.layout import OK
 from ...io.run import Run, open_run
@@ -164,7 +165,8 @@ class AvatarData(Dataset):
         face = np.zeros((len(rotations), 0, 3)) if self.run.face is None else self.run.face[:]
         steps, good = np.diff(self.run.frames), self.run.done == OK
         usual = np.bincount(steps).argmax() if len(steps) else 1
-        begins = np.r_[True, (steps != usual) | ~good[:-1]]
+        held_out = np.isin(self.run.frames, held(self.run.holdout))
+        begins = np.r_[True, (steps != usual) | ~good[:-1] | (held_out[:-1] & ~held_out[1:])]
         return rotations, face, np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
 
     # Preparation -----------------------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import time
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
@@ -17,8 +16,10 @@ from lightning_fabric import Fabric
 from lightning_fabric.strategies import DDPStrategy
 
 from ...errors import UserError
+from ...io.holdout import agreed, held, words_of
 from ...io.run import Run, open_run
 from ...pipeline.blocks import locked
+from ...scene import frame_ranges
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
 from ..model.assets import read_assets
@@ -52,8 +53,10 @@ def make_avatar(request, folder, baseline=False):
     """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
     begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
     run = open_run(request.run)
-    held = held_out(request.holdout, run.pictured)
-    frames = [number for number in run.pictured if number not in held]
+    left_out = held_out(request.holdout, run.pictured, run.holdout, run.path)
+    if left_out and not run.holdout:
+        request.say(f"{run.path}: its registration has read the frames held out, {frame_ranges(left_out)}")
+    frames = [number for number in run.pictured if number not in left_out]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
     seconds = None if request.minutes is None else 60 * request.minutes
@@ -62,7 +65,7 @@ def make_avatar(request, folder, baseline=False):
         data = settings.data.model_copy(update={"pixel_scale": fitting_scale(run, settings.data, frames)})
         settings = settings.model_copy(update={"data": data})
     with locked(folder) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
-        job = TrainingJob(run, request, fabric, frames, held)
+        job = TrainingJob(run, request, fabric, frames, left_out)
         job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
             job.train_baseline(folder)
@@ -146,20 +149,17 @@ def last_losses(folder):
     return sum(losses) / len(losses)
 
 
-def held_out(text, frames):
-    """The frames of "A-B" among the pictured ones; the last tenth, at least one, of several for None."""
-    if text is None:
+def held_out(text, frames, own=(), of="the run"):
+    """The frames of "A-B" among the pictured ones of a run `of`; for None those of the span that it was registered with, or of
+    one without the last tenth, at least one of several. UserError: it has its `own`, and another is asked for."""
+    if text is None and not own:
         return frames[len(frames) - max(round(len(frames) * HELD_OUT), 1) :] if len(frames) > 1 else []
-    if text == "none":
-        return []
-    match = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
-    if not match:
-        raise UserError(f"--holdout {text}: expected A-B, frame numbers, or none")
-    first, last = int(match[1]), int(match[2] or match[1])
-    held = [number for number in frames if first <= number <= last]
-    if not held:
-        raise UserError(f"--holdout {text}: none of the run's pictured frames {frames[0]}-{frames[-1]} lies there")
-    return held
+    span = agreed(text, own, of)
+    found = [number for number in frames if number in held(span)]
+    if span and not found:
+        there = f"none of the run's pictured frames {frames[0]}-{frames[-1]} lies there"
+        raise UserError(f"--holdout {words_of(span)}: {there}")
+    return found
 
 
 def fitting_scale(run, settings, frames):
