@@ -327,5 +327,5 @@ def _attributes(
         garments.append(StoredGarment(name=t.name, label=t.label, loops=loops))
     known = StoredScene(name=scene.name, fps=scene.fps, up=scene.up, labels=scene.labels, garments=garments)
     joints = list(model.joint_names)
-    of = {"body_model": scene.body_model, "identity": identity, "holdout": holdout}
-    return Attributes(version=VERSION, scene=known, joint_names=joints, **of)
+    made = Attributes(version=VERSION, scene=known, joint_names=joints, body_model=scene.body_model)
+    return made.model_copy(update={"identity": identity, "holdout": holdout})
