@@ -69,7 +69,7 @@ def stored(run):
     group = zarr.open_group(str(run / "registered.zarr"), mode="r")
     rows = [row for row, number in enumerate(group["frames"][:].tolist()) if number in TRAINED]
     arrays = {name: item for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
-    framed = {name: len(item) == len(group["frames"]) and name != "frames" for name, item in arrays.items()}
+    framed = {name: item.shape[0] == len(group["frames"][:]) and name != "frames" for name, item in arrays.items()}
     return {
         name: item[:][rows] if framed[name] else item[:]
         for name, item in arrays.items()

@@ -54,11 +54,11 @@ def make_avatar(request, folder, baseline=False):
     begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
     run = open_run(request.run)
     left_out = held_out(request.holdout, run.pictured, run.holdout, run.path)
-    if left_out and not run.holdout:
-        request.say(f"{run.path}: its registration has read the frames held out, {frame_ranges(left_out)}")
     frames = [number for number in run.pictured if number not in left_out]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
+    if left_out and not run.holdout:
+        request.say(f"{run.path}: its registration has read the frames held out, {frame_ranges(left_out)}")
     seconds = None if request.minutes is None else 60 * request.minutes
     settings = request.settings
     if settings.fit_crop:
