@@ -16,6 +16,7 @@ set(TOILE_HEADERS  # these include each other by relative paths, so that they ar
   geometry/topology.h
   geometry/winding.h
   kernels/biharmonic.h
+  kernels/drape.h
   kernels/inner.h
   kernels/mrf.h
   kernels/nricp.h

@@ -20,6 +20,7 @@ void bind_runtime(py::module_& m) {
     m.def("threads", &thread_count, "How many threads a kernel called from here may use; 1 in a forked child.");
 }
 
+void bind_drape(py::module_& m);
 void bind_stereo(py::module_& m);
 
 }  // namespace toile::bind
@@ -34,6 +35,7 @@ PYBIND11_MODULE(_core, m) {
     bind_biharmonic(m);
     bind_mrf(m);
     bind_untangle(m);
+    bind_drape(m);
     bind_skeleton(m);
     bind_inner(m);
     bind_raster(m);

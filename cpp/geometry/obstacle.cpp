@@ -81,12 +81,16 @@ void Obstacle::pair_sides(int begin, int end) {
     }
 }
 
-void Obstacle::move(const Vertices& V) {
+void Obstacle::follow(const Vertices& V) {
     if (tree_)
         tree_->refit(V, F_);
     else
         tree_ = std::make_unique<BoxTree>(V, F_);
     size_ = tree_->nodes()[0].box.diagonal().norm();
+}
+
+void Obstacle::move(const Vertices& V) {
+    follow(V);
     if (!closed_) return;
     winding_ = std::make_unique<WindingMoments>(*tree_);
     orientation_ = winding_->volume() < 0 ? -1 : 1;

@@ -32,6 +32,7 @@ public:
     Obstacle(Faces F, double max_depth);
 
     void move(const Vertices& V);
+    void follow(const Vertices& V);  ///< probes alone: winding numbers and orientation stay those of the last move
     bool closed() const { return closed_; }  ///< no edge with one face only
     /// A closed surface whose volume vanishes within rounding: nothing is inside it, or its parts cancel.
     bool hollow() const { return hollow_; }

@@ -16,6 +16,7 @@ CALLS = {
     "Biharmonic": (kernels.BiharmonicSolver, (V, F, [0])),
     "Mrf": (kernels.mrf, (np.zeros((2, 2)), [[0, 1]], [1.0])),
     "Untangle": (kernels.UntangleSolver, (F, len(V), F, len(V))),
+    "Drape": (kernels.DrapeSolver, (F, len(V), np.ones(len(kernels.unique_edges(F))), F, len(V))),
     "Skeleton": (kernels.SkeletonSolver, (BODY,)),
     "Inner": (kernels.InnerSolver, (BODY,)),
     "Raster": (kernels.raster, (V + [0, 0, 2], F, np.diag([9.0, 9, 1]), (4, 4))),

@@ -5,6 +5,7 @@ import scipy.sparse as sp
 import trimesh
 
 from tests.support import textured_plane
+from tests.support.cloths import edge_lengths
 from toile import kernels
 from toile.io.body import load_body_model
 
@@ -50,6 +51,17 @@ def untangle_solver():
 
 def untangle(solver):
     return solver.solve(tube()[0], ball()[0])
+
+
+def drape_solver():
+    cloth_V, cloth_F = tube()
+    body_V, body_F = ball()
+    return kernels.DrapeSolver(cloth_F, len(cloth_V), edge_lengths(cloth_V, cloth_F), body_F, len(body_V))
+
+
+def drape(solver):
+    solver.start(tube()[0], ball()[0], settle=0.05)
+    return solver.step(ball()[0] + [0.01, 0, 0], 1 / 30)
 
 
 def skeleton_solver():
@@ -132,6 +144,7 @@ SOLVERS = {  # what prepares once, and a call of it
     nricp: nricp_solver,
     biharmonic: biharmonic_solver,
     untangle: untangle_solver,
+    drape: drape_solver,
     skeleton: skeleton_solver,
     inner: inner_solver,
     closest: surface_index,

@@ -2,6 +2,7 @@
 
 from .._core import InnerSums, InputError, SolveError, set_threads, threads
 from .biharmonic import BiharmonicSolver, biharmonic
+from .drape import DrapeSolver, drape
 from .geometry import (
     CholeskyFactor,
     SurfaceIndex,
@@ -33,6 +34,7 @@ from .untangle import UntangleSolver, untangle
 __all__ = [
     "BiharmonicSolver",
     "CholeskyFactor",
+    "DrapeSolver",
     "InnerSolver",
     "InnerSums",
     "InputError",
@@ -51,6 +53,7 @@ __all__ = [
     "boundary_loops",
     "cheapest_path",
     "cotangent_laplacian",
+    "drape",
     "evidence_picture",
     "face_areas",
     "face_normals",
