@@ -14,6 +14,7 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr int no_face = -1, border_side = -2;  // across a non-manifold edge, and across none
 constexpr double on_edge = 1e-12;              // a barycentric coordinate this small lies on the edge
+constexpr double touching = 1e-9;              // of the size: a point this near lies on the surface
 
 Vec3 unit_or_zero(const Vec3& v) {
     const double length = v.norm();
@@ -152,8 +153,9 @@ Probe Obstacle::probe(const Vec3& p, int guess) const {
     out.face = s.face;
     out.point = s.point;
     out.sided = normal.squaredNorm() > 0.5;
-    // Too near for a direction of its own (1e-9 of the size), the probe takes the surface's.
-    out.outward = s.distance > 1e-9 * size_ ? Vec3(offset / (behind ? -s.distance : s.distance)) : normal;
+    out.behind = behind;
+    // Too near for a direction of its own, the probe takes the surface's.
+    out.outward = s.distance > touching * size_ ? Vec3(offset / (behind ? -s.distance : s.distance)) : normal;
     // Beyond a border there is neither in nor out, but within 45 degrees of the border's normal it still reaches.
     const bool beyond = on_border(s) && std::abs(offset.dot(normal)) < std::sqrt(0.5) * s.distance;
     out.constrained = out.sided && !beyond && !(behind && !closed_ && s.distance > max_depth_);
@@ -162,13 +164,22 @@ Probe Obstacle::probe(const Vec3& p, int guess) const {
     return out;
 }
 
-double Obstacle::winding(const Vec3& p) const { return orientation_ * winding_->at(*tree_, p); }
+int Obstacle::parts(const Vec3& p) const {
+    return static_cast<int>(std::lround(orientation_ * winding_->at(*tree_, p)));
+}
 
-void Obstacle::decide(Probe& probe, bool inside) const {
-    if (!probe.sided && inside) probe.outward = -probe.outward;
-    // Else inside another part of a body that overlaps itself.
-    probe.constrained = (!probe.sided || inside == probe.inside()) && probe.outward.squaredNorm() > 0.5;
+/// Behind the closest face lies one part more than before it. So a probe inside comes out through that face where it is
+/// behind it, or, where the parts are turned inside out, before it; else it is inside another part than the nearest.
+void Obstacle::decide(Probe& probe, int parts) const {
+    const bool inside = parts != 0, leads_out = !inside || !probe.sided || probe.behind == (parts > 0);
+    if ((inside && leads_out) != probe.inside() && probe.nearest > touching * size_) probe.outward = -probe.outward;
+    probe.constrained = leads_out && probe.outward.squaredNorm() > 0.5;
     probe.distance = inside ? -probe.nearest : probe.nearest;
+}
+
+int Obstacle::turned(const Probe& probe, int parts) {
+    if (!probe.sided || (parts != 0 && probe.behind != (parts > 0))) return -1;
+    return (parts != 0) != probe.behind;
 }
 
 bool Obstacle::pass_through(const Vec3& p, Probe& probe) const {
@@ -178,13 +189,14 @@ bool Obstacle::pass_through(const Vec3& p, Probe& probe) const {
         if (length < max_depth_) hits.emplace_back(length, tree_->order()[static_cast<std::size_t>(slot)]);
     });
     std::sort(hits.begin(), hits.end());
-    long parts = std::lround(winding(p));
+    int left = parts(p);
+    const int sign = left < 0 ? -1 : 1;
     for (const auto& [length, face] : hits) {
         const Vec3 normal = face_normal(face) * orientation_;
-        parts += normal.dot(probe.outward) > 0 ? -1 : 1;
-        if (parts > 0) continue;
+        left += normal.dot(probe.outward) > 0 ? -1 : 1;
+        if (sign * left > 0) continue;
         probe.point = p + length * probe.outward;
-        probe.outward = normal;
+        probe.outward = sign * normal;
         probe.distance = -length;
         probe.face = face;
         probe.constrained = true;

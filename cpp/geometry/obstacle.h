@@ -17,16 +17,18 @@ struct Probe {
     Vec3 outward = Vec3::Zero();  ///< unit; from the surface outwards through the probe, or the surface's normal on it
     int face = -1;                ///< of the closest point
     bool sided = false;           ///< false: the closest face has no area, hence no side
+    bool behind = false;          ///< the probe is where the closest face's normal does not point
     bool constrained =
         false;  ///< false: the surface gives no direction here (beyond a border, in an overlap, too deep)
     bool inside() const { return distance < 0; }
+    void turn() { outward = -outward, distance = -distance; }  ///< to the other side
 };
 
 /// Keeps the topology and the tree of a surface that moves from frame to frame; call `move` first.
 ///
-/// Probes tell sides by the normal at the closest point. That is right but where a closed surface overlaps itself: there
-/// `decide` corrects a probe by the winding number (either orientation of the faces). An open surface has no inside well
-/// beyond a border, or deeper than `max_depth`.
+/// Probes tell sides by the normal at the closest point. That is right but where a closed surface overlaps itself or has a
+/// pocket that is turned inside out: there `decide` corrects a probe by the winding number (either orientation of the
+/// faces). An open surface has no inside well beyond a border, or deeper than `max_depth`.
 class Obstacle {
 public:
     Obstacle(Faces F, double max_depth);
@@ -36,13 +38,16 @@ public:
     bool closed() const { return closed_; }  ///< no edge with one face only
     /// A closed surface whose volume vanishes within rounding: nothing is inside it, or its parts cancel.
     bool hollow() const { return hollow_; }
+    Eigen::Index faces() const { return F_.rows(); }
     const BoxTree& tree() const { return *tree_; }
     const BoxTree::Triangle& triangle(int face) const { return tree_->triangle(tree_->slot_of(face)); }
 
     Probe probe(const Vec3& p, int guess = -1) const;  ///< a face near the closest point saves time and changes nothing
-    double winding(const Vec3& p) const;               ///< positive inside; only for a closed surface
-    bool inside(const Vec3& p) const { return winding(p) > 0.5; }
-    void decide(Probe& probe, bool inside) const;
+    /// How many parts of a closed surface p is inside of; negative in a pocket turned inside out, which is solid as well.
+    int parts(const Vec3& p) const;
+    void decide(Probe& probe, int parts) const;  ///< `parts` at the probe; once for a probe
+    /// Does the closest face of a probe with so many parts look inwards? -1: it cannot be told.
+    static int turned(const Probe& probe, int parts);
     /// For p inside another part than the nearest: straight on along the probe's direction through all parts. Becomes the
     /// probe of the face where that comes out; false if it does not within `max_depth`.
     bool pass_through(const Vec3& p, Probe& probe) const;

@@ -200,6 +200,37 @@ def test_cloth_comes_out_of_two_parts_that_overlap_by_going_around_both():
     assert_clear(kernels.untangle(V, F, body_V, body_F), F, body_V, body_F, 0.0)
 
 
+def ridge_inside_out(step=0.01):
+    """A block whose top, at z = 0, crosses itself along x = 0 in a ridge 3 cm high that is turned inside out: its profile
+    goes round the ridge clockwise, and round the block the other way."""
+    ridge = [(0.03, 0), (-0.03, 0.015), (0, 0.03), (0.03, 0.015), (-0.03, 0)]
+    ends = np.array([(0.2, -0.1), (0.2, 0), *ridge, (-0.2, 0), (-0.2, -0.1)])
+    sides = [
+        np.linspace(a, b, max(round(np.linalg.norm(b - a) / step), 1), endpoint=False)
+        for a, b in zip(ends, np.roll(ends, -1, axis=0))
+    ]
+    profile = np.concatenate(sides)
+    y, k = np.arange(-0.15, 0.151, step), len(profile)
+    V = np.stack([np.tile(profile[:, 0], len(y)), np.repeat(y, k), np.tile(profile[:, 1], len(y))], axis=1)
+    i, first = np.arange(k), k * np.arange(len(y))[:, None]
+    a, b = (first[:-1] + i).ravel(), (first[:-1] + (i + 1) % k).ravel()
+    near, far = np.full((2, k), [[len(V)], [len(V) + 1]])
+    caps = np.stack([i, (i + 1) % k, near], 1), np.stack([first[-1] + (i + 1) % k, first[-1] + i, far], 1)
+    F = np.concatenate([np.stack([a, a + k, b], 1), np.stack([b, a + k, b + k], 1), *caps])
+    V = np.concatenate([V, [[0, y[0], -0.05], [0, y[-1], -0.05]]])
+    return V, F.astype(np.int32)
+
+
+def test_a_pocket_that_is_turned_inside_out_is_solid():
+    V, F = ridge_inside_out()
+    probes = np.array([[0, 0, -0.05], [0, 0, 0.022], [0.05, 0, 0.022]])
+    assert np.allclose(kernels.winding_number(probes, V, F), [1, -1, 0], atol=0.02)
+    C, G = sheet(0.2, 17, lambda x, y: 0.022 + 0 * x)
+    result = kernels.untangle(C, G, V, F)
+    assert result.depth_before.max() > 0
+    assert_clear(result, G, V, F, clearance=0.0005)
+
+
 def test_what_cannot_be_done_is_counted_and_explained():
     import trimesh
 

@@ -104,6 +104,7 @@ UntangleFrame::UntangleFrame(const Vertices& cloth_V, Cloth& cloth, const Obstac
     const auto n = static_cast<std::size_t>(cloth_V.rows());
     probes_.resize(n);
     given_up_.resize(n);
+    turned_.resize(static_cast<std::size_t>(body.faces()));
     was_violated_.resize(n);
     carried_.resize(n);
     carries_.resize(n);
@@ -142,6 +143,7 @@ void UntangleFrame::probe_near() {
         const int i = cloth_.tour[static_cast<std::size_t>(k)];
         if (known_clear(i)) return;
         at(i) = body_.probe(x.row(i), at(i).face);
+        if (at(i).face >= 0 && turned_[static_cast<std::size_t>(at(i).face)]) at(i).turn();
         probed_at_.row(i) = x.row(i);
         if (given_up_[static_cast<std::size_t>(i)]) at(i).constrained = false;
         shrink_margin(i);
@@ -197,14 +199,18 @@ void UntangleFrame::decide_sides() {
         int& s = speaker[static_cast<std::size_t>(groups.of(i))];
         if (s < 0 || at(i).nearest > at(s).nearest) s = i;
     }
-    std::vector<char> inside(probes_.size(), 0);
+    std::vector<int> parts(probes_.size(), 0);
     parallel_for(x.rows(), [&](std::int64_t i) {
         const int s = speaker[static_cast<std::size_t>(i)];
-        if (s >= 0) inside[static_cast<std::size_t>(i)] = body_.inside(x.row(s));
+        if (s >= 0) parts[static_cast<std::size_t>(i)] = body_.parts(x.row(s));
     }, 64);
     for (int i = 0; i < x.rows(); ++i) {
-        const bool in = inside[static_cast<std::size_t>(groups.of(i))] != 0;
-        if (in || !known_clear(i)) body_.decide(at(i), in);
+        const int inside_of = parts[static_cast<std::size_t>(groups.of(i))];
+        if (inside_of != 0 || !known_clear(i)) {
+            const int turned = Obstacle::turned(at(i), inside_of);
+            if (turned >= 0) turned_[static_cast<std::size_t>(at(i).face)] = turned != 0;
+            body_.decide(at(i), inside_of);
+        }
         const bool lost = at(i).inside() && !at(i).constrained;
         given_up_[static_cast<std::size_t>(i)] = lost && !body_.pass_through(x.row(i), at(i));
     }
@@ -291,7 +297,7 @@ Vec3 UntangleFrame::middle_of_section(Eigen::Index first_pair, Eigen::Index last
 Probe UntangleFrame::probe_decided(const Vec3& p) const {
     Probe out = body_.probe(p);
     if (!body_.closed()) return out;
-    body_.decide(out, body_.inside(p));
+    body_.decide(out, body_.parts(p));
     if (out.inside() && !out.constrained) body_.pass_through(p, out);
     return out;
 }

@@ -77,6 +77,7 @@ private:
     std::vector<Probe> probes_;
     Vertices probed_at_;
     std::vector<char> given_up_;  // the body gave no direction where the vertex was when its side was decided
+    std::vector<char> turned_;    // faces of the body that were found to look inwards
     std::vector<char> was_violated_;
     std::vector<char> carried_;  // to another side of the body in the coming step
     std::vector<int> carries_;   // in how many steps

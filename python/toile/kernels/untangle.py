@@ -15,7 +15,7 @@ class UntangleSolver(Rebuilt):
     faces under the last frame's cloth, where the next one's search begins. There is no matrix and no factor.
 
     cloth_F (m,3), body_F (k,3); `cloth_n`, `body_n` numbers of vertices. A closed body tells its inside by winding
-    numbers. An open one (another garment) tells it by its normals: keep its faces oriented outwards.
+    numbers; a pocket turned inside out (-1) is inside as well. An open one (another garment) tells it by its normals: keep its faces oriented outwards.
 
     The displacement d minimises  sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum_i |d_i|^2  subject to
     outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length and b_i the closest point of the body: a membrane
