@@ -81,6 +81,7 @@ def animate(
     ] = None,
     meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
     seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
+    physics: Annotated[bool, typer.Option("--physics", help="garments hang as cloth on the body")] = False,
     workers: Workers = 1,
     scheduler: Scheduler = None,
 ):
@@ -89,7 +90,11 @@ def animate(
     from .drive.animate import animate as run_animation
 
     with progress_bars() as progress:
-        options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler)
+        if physics:
+            from .drive.cloths import ensure_cloths
+
+            ensure_cloths(avatar, progress=progress)
+        options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler, physics=physics)
         done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, **options)
     for warning in done.warnings:
         speech.warn(warning)

@@ -34,6 +34,7 @@ from ...scene import Camera, Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
+from .draping import Draping, load_cloths
 from .driver import load_driver, make_track, one_thread
 from .layering import GarmentLayering
 
@@ -55,8 +56,8 @@ class Animation:
 class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
-    def __init__(self, folder, motion, device=None, seed=0):
-        """`motion`: a Motion, or the path of one."""
+    def __init__(self, folder, motion, device=None, seed=0, physics=False):
+        """`motion`: a Motion, or the path of one. `physics`: garments hang as cloth, see `ensure_cloths`."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
@@ -70,6 +71,14 @@ class DrivenAvatar:
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
         self.layering = GarmentLayering(self.avatar.layers, self.model.skin_faces)
+        self.draping = None
+        if physics:
+            self.draping = self.draped(load_cloths(folder, self.avatar.layers), np.arange(len(motion)))
+
+    def draped(self, cloths, rows):
+        """A Draping of these rows of the motion."""
+        times = self.motion.frames[rows] / self.motion.fps
+        return Draping(self.avatar, cloths, self.layering, times, lambda k: self.geometry(rows[k]))
 
     def hold(self, motion, seed=0):
         """Takes another motion in place of the one there was."""
@@ -123,11 +132,25 @@ class DrivenAvatar:
         }
         return batch | {"camera": torch.tensor([index], device=self.device)}
 
+    def unseen(self, i):
+        """`batch` of frame i where no camera matters."""
+        return self.batch(i, self.avatar.cameras[0])
+
+    @torch.no_grad()
+    def geometry(self, i):
+        """{layer: Decoded} of frame i by its codes, without textures."""
+        return self.avatar.decode(self.unseen(i), self._codes(i), texture=False)
+
+    def _codes(self, i):
+        return {name: z[i : i + 1].to(self.device) for name, z in self.latents.items()}
+
     @torch.no_grad()
     def decode(self, i, batch):
         """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left)."""
-        latents = {name: z[i : i + 1].to(self.device) for name, z in self.latents.items()}
-        return self.layering(self.avatar.decode(batch, latents))
+        decoded = self.avatar.decode(batch, self._codes(i))
+        if self.draping:
+            decoded = self.draping.at(i, decoded, batch)
+        return self.layering(decoded)
 
     @torch.no_grad()
     def picture(self, decoded, batch, size):
@@ -148,10 +171,10 @@ class Shot:
     meshes: bool
 
     @classmethod
-    def of(cls, folder, motion, out, frames, camera, height, meshes, seed):
+    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics):
         """UserError: what is asked does not fit the avatar."""
         with one_thread():
-            driven = DrivenAvatar(folder, motion, seed=seed)
+            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics)
         rows = chosen_rows(driven.motion.frames, frames)
         return cls(driven, rows, camera_path(driven, camera, height), out, meshes)
 
@@ -191,11 +214,12 @@ def animate(
     progress=lambda *_: None,
     workers=1,
     scheduler=None,
+    physics=False,
 ):
     """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
     pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
-    turn. `height` [px]. `workers` processes share the frames, or those of a running dask `scheduler`.
+    turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_cloths`. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
     whole = Path(out).resolve()
     out = whole.with_name(f".{whole.name}.part")
@@ -205,7 +229,7 @@ def animate(
     paths = [everywhere(Path(path), scheduler) for path in (folder, motion)]
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
-    asked = frames, camera, height, meshes, seed
+    asked = frames, camera, height, meshes, seed, physics
     with Workers(workers, Shot.of, *paths, out, *asked, scheduler=scheduler) as pool:
         shot = pool.prepared()
         driven, rows = shot.driven, shot.rows

@@ -1,0 +1,102 @@
+"""Garments of a driven avatar as cloth that hangs on its body: the second driver, beside learnt codes (docs/method/drape.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ...errors import UserError
+from ...io.files import load_record
+from ...kernels import DrapeSolver
+from ..model.assets import CheckedArrays
+
+GRAVITY = 9.81  # [m/s^2], against the scene's up
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """What is known of a garment as cloth. In AVATAR/cloth.NAME.npz."""
+
+    lengths: np.ndarray  # (e,) of its edges at rest [m]
+    margin: float  # [m] kept from the body
+    residual: np.ndarray  # (n,3) what physics leaves unexplained: registered less simulated vertices, unposed [m]
+
+
+def cloth_file(folder, name):
+    return Path(folder) / f"cloth.{name}.npz"
+
+
+def load_cloths(folder, layers):
+    """{garment: Cloth} of an avatar's layers. UserError names the file and the field."""
+    found = {}
+    for layer in layers:
+        if layer.kind != "garment":
+            continue
+        path = cloth_file(folder, layer.name)
+        if not path.exists():
+            raise UserError(f"{path}: the file is missing: `toile animate --physics` makes it while the run is there")
+        found[layer.name] = cloth = load_record(path, Cloth)
+        fields = CheckedArrays(path, vars(cloth))
+        fields.get("lengths", (None,)), fields.get("residual", (len(layer.rest), 3)), fields.get("margin", ())
+    return found
+
+
+class Draping:
+    """Garments of `avatar` as the cloths {name: Cloth}, inner to outer, over the layers under them.
+
+    `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins; `times` (T,) [s] of the
+    frames. Cloth begins at rest on the first frame, out of the body by `layering`, and settles there.
+    """
+
+    def __init__(self, avatar, cloths, layering, times, frame):
+        self.avatar, self.cloths, self.layering, self.times, self.frame = avatar, cloths, layering, times, frame
+        self.row, self.solvers, self.fallen, self.strain = None, {}, {}, 0.0
+
+    @torch.no_grad()
+    def at(self, i, decoded, batch):
+        """`decoded` of frame i with the garments where cloth falls. Frames are simulated in order: going back begins anew."""
+        if self.row is None or i < self.row:
+            self._begin(decoded if i == 0 else self.frame(0))
+        while self.row < i:
+            self._go_on(decoded if self.row + 1 == i else self.frame(self.row + 1))
+        transforms = self.avatar.skeleton(batch["rotations"], batch["translation"])
+        return decoded | {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
+
+    def _shown(self, name, V, decoded, transforms):
+        """The residual added, where the body carries it."""
+        skin, like = self.avatar.model(name).skin, decoded.vertices
+        residual = torch.as_tensor(self.cloths[name].residual).to(like)
+        unposed = skin.unpose(like.new_tensor(V)[None], *transforms)
+        return replace(decoded, vertices=skin.pose(unposed + residual, *transforms))
+
+    def _begin(self, decoded):
+        clear = self.layering(decoded)[0]
+        self.row, self.solvers = 0, {}
+        self._fall(decoded, lambda name, under: self.solvers[name].start(points(clear[name]), under))
+
+    def _go_on(self, decoded):
+        dt = float(self.times[self.row + 1] - self.times[self.row])
+        self.row += 1
+        self._fall(decoded, lambda name, under: self.solvers[name].step(under, dt))
+
+    def _fall(self, decoded, move):
+        under_V, under_F = points(decoded[self.layering.body.name]), self.layering.layering.skin_faces
+        for layer in self.layering.garments:
+            if layer.name not in self.solvers:
+                self.solvers[layer.name] = self._solver(layer, under_F, len(under_V))
+            found = move(layer.name, under_V)
+            self.fallen[layer.name], self.strain = found.V, max(self.strain, found.strain)
+            under_F = np.concatenate([under_F, np.asarray(layer.faces, np.int32) + len(under_V)])
+            under_V = np.concatenate([under_V, found.V])
+
+    def _solver(self, layer, under_F, under_n):
+        cloth, gravity = self.cloths[layer.name], -GRAVITY * self.avatar.up.cpu().numpy().astype(np.float64)
+        options = dict(gravity=gravity, margin=float(cloth.margin))
+        return DrapeSolver(layer.faces, len(layer.rest), cloth.lengths, under_F, under_n, **options)
+
+
+def points(decoded):
+    return decoded.vertices[0].double().cpu().numpy()

@@ -1,0 +1,92 @@
+"""Garments that hang as cloth on a driven avatar: what is measured of them, that they follow, what is refused."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from toile.avatar.drive.animate import DrivenAvatar, animate
+from toile.avatar.drive.cloths import ensure_cloths
+from toile.avatar.drive.draping import cloth_file, load_cloths
+from toile.avatar.drive.teaching import train_temporal
+from toile.avatar.settings import TemporalSettings
+from toile.errors import UserError
+from toile.io.mesh import read_mesh
+from toile.io.run import open_run
+from toile.kernels import intersecting_pairs, unique_edges
+
+
+@pytest.fixture(scope="module")
+def avatar_folder(sample_avatar, sample_run):
+    folder = sample_avatar.parent / "hanging"
+    shutil.copytree(sample_avatar, folder)
+    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
+    with pytest.raises(UserError, match=r"cloth.tshirt.npz: the file is missing: `toile animate --physics`"):
+        DrivenAvatar(folder, sample_run, physics=True)
+    ensure_cloths(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def driven(avatar_folder, sample_run):
+    return DrivenAvatar(avatar_folder, sample_run, physics=True)
+
+
+def test_lengths_are_the_means_of_the_frames_that_were_trained_on(driven, avatar_folder, sample_run):
+    cloth = load_cloths(avatar_folder, driven.avatar.layers)["tshirt"]
+    garment = open_run(sample_run).garments["tshirt"]
+    i, j = unique_edges(garment.faces).T
+    of_frame = [np.linalg.norm(garment.vertices.at(n)[i] - garment.vertices.at(n)[j], axis=1) for n in (0, 1, 2)]
+    assert np.allclose(cloth.lengths, np.mean(of_frame, axis=0))
+    assert 0.001 <= cloth.margin < 0.02
+
+
+def test_over_the_training_frames_cloth_lies_on_average_where_it_was_registered(driven, sample_run):
+    garment, error, spread = open_run(sample_run).garments["tshirt"], 0, 0
+    for row in range(3):
+        batch = driven.unseen(row)
+        shown = driven.draping.at(row, driven.geometry(row), batch)["tshirt"].vertices
+        transforms = driven.avatar.skeleton(batch["rotations"], batch["translation"])
+        unpose = driven.avatar.model("tshirt").skin.unpose
+        truth = shown.new_tensor(garment.vertices.at(row))[None]
+        difference = (unpose(shown, *transforms) - unpose(truth, *transforms))[0].numpy()
+        error, spread = error + difference / 3, spread + np.linalg.norm(difference, axis=1).mean() / 3
+    assert np.linalg.norm(error, axis=1).max() < 1e-4 < spread
+
+
+def test_frames_in_any_order_give_the_same_bits(driven):
+    def at(row):
+        return driven.decode(row, driven.unseen(row))[0]["tshirt"].vertices.numpy()
+
+    last, first = at(3), at(0)
+    assert np.array_equal(at(3), last) and np.array_equal(at(0), first)
+    assert not np.array_equal(first, last)
+
+
+def test_an_animation_by_physics_is_another_and_leaves_no_pair(avatar_folder, sample_run, tmp_path):
+    options = dict(frames=[2, 3], height=32)
+    learnt = animate(avatar_folder, sample_run, tmp_path / "learnt", **options)
+    hung = animate(avatar_folder, sample_run, tmp_path / "hung", physics=True, **options)
+    assert hung.frames == learnt.frames == 2 and hung.intersections_left == 0
+    body, shirt, other = (
+        read_mesh(tmp_path / place / "000003.ply")
+        for place in ("hung/meshes/body", "hung/meshes/tshirt", "learnt/meshes/tshirt")
+    )
+    assert len(intersecting_pairs(shirt.vertices, shirt.faces, body.vertices, body.faces)) == 0
+    moved = np.linalg.norm(shirt.vertices - other.vertices, axis=1)
+    assert 1e-4 < moved.mean() < 0.05
+
+
+def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, tmp_path):
+    path = cloth_file(avatar_folder, "tshirt")
+    before = path.stat().st_mtime_ns
+    ensure_cloths(avatar_folder, run=tmp_path / "gone")
+    assert path.stat().st_mtime_ns == before
+    spoiled = tmp_path / "avatar"
+    shutil.copytree(avatar_folder, spoiled)
+    np.savez(cloth_file(spoiled, "tshirt"), lengths=np.ones(3), margin=np.nan, residual=np.zeros((2, 3)))
+    with pytest.raises(UserError, match="cloth.tshirt.npz: residual"):
+        load_cloths(spoiled, driven.avatar.layers)
+    cloth_file(spoiled, "tshirt").unlink()
+    with pytest.raises(UserError, match="its run .*gone is not there"):
+        ensure_cloths(spoiled, run=tmp_path / "gone")
