@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from toile.config import changed
@@ -164,18 +165,30 @@ def labels_apart(prepared, frame, draw, pixels):
 
 def template(prepared, frame, draw, factor=1.0, lower=0.0):
     """The garment's template is of another size, or was made lower on the body [m], after its preparation."""
-    up = "xyz".index(prepared.capture.scene.up)
-    changed_ones = []
+    down = lower * np.eye(3)["xyz".index(prepared.capture.scene.up)]
+    rests = [(t.rest - t.rest.mean(0)) * factor + t.rest.mean(0) - down for t in prepared.templates]
+    return frame, None, _with_rests(prepared, rests)
+
+
+def short_end(prepared, frame, draw, way, reach=0.12):
+    """One end of the garment's template, any, is shorter [m]: what lies within `reach` [m] of its loop is drawn in."""
+    rests = []
     for t in prepared.templates:
-        middle = t.rest.mean(0)
-        rest = (t.rest - middle) * factor + middle
-        rest[:, up] -= lower
-        changed_ones.append(replace(t, rest=rest))
+        loop = t.rest[t.loops[draw.integers(len(t.loops))]]
+        share = np.clip(1 - cKDTree(loop).query(t.rest)[0] / reach, 0, 1)[:, None]
+        inwards = t.rest[share[:, 0] > 0].mean(0) - loop.mean(0)
+        rests.append(t.rest + way * share * inwards / np.linalg.norm(inwards))
+    return frame, None, _with_rests(prepared, rests)
+
+
+def _with_rests(prepared, rests):
+    """The same with templates of other rest shapes."""
     settings = prepared.config.dress
+    changed_ones = [replace(t, rest=rest) for t, rest in zip(prepared.templates, rests)]
     dressers = tuple(
         Dresser(prepared.model, prepared.person, t, settings, d.over) for t, d in zip(changed_ones, prepared.dressers)
     )
-    return frame, None, instead(prepared, templates=tuple(changed_ones), dressers=dressers)
+    return instead(prepared, templates=tuple(changed_ones), dressers=dressers)
 
 
 def out_of_step(prepared, frame, draw):
@@ -221,6 +234,17 @@ SPOILINGS = {
     "template 30 % larger": partial(template, factor=1.3),
     "template 25 % smaller": partial(template, factor=0.75),
     "template 12 cm lower": partial(template, lower=0.12),
+    # Little enough to be missed.
+    "scan 2 cm beside": partial(moved_scan, way=0.02),
+    "scan 4 cm beside": partial(moved_scan, way=0.04),
+    "scan turned by 20": partial(turned_scan, degrees=20),
+    "scan 6 % larger": partial(scaled_scan, factor=1.06),
+    "scan 5 % smaller": partial(scaled_scan, factor=0.95),
+    "start of slightly other limbs": partial(wrong_start, limbs=0.3),
+    "template 12 % larger": partial(template, factor=1.12),
+    "template 10 % smaller": partial(template, factor=0.9),
+    "template 6 cm lower": partial(template, lower=0.06),
+    "template with an end 5 cm short": partial(short_end, way=0.05),
 }
 
 

@@ -114,7 +114,7 @@ def measured(prepared, truth, labels, frame, spoil):
     worn = [(t, layer.garments[t.name], dressed[t.name]) for t in prepared.templates]
     seen = glimpse(frame, segmented.scan_faces)
     given = seen, prepared.capture.cameras, prepared.model, prepared.person, tracked, worn, prepared.config.verdict
-    measures, *_ = judge(*given)
+    measures, *_ = judge(*given, layer.intersections_left)
     return {"errors": errors(prepared, truth, number, layer, truth.body(number)), "measures": measures}
 
 

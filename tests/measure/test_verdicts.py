@@ -13,6 +13,7 @@ from toile.io.files import load_record, save_record
 from toile.io.layout import DOUBTFUL, GOOD, WRONG
 from toile.io.run import open_run
 from toile.measure.evaluate import evaluate
+from toile.measure.evidence import parted
 from toile.measure.glimpse import Glimpse, glimpse
 from toile.measure.verdicts import JudgedLayer, agreement, verdict
 from toile.scene import Frame, Keypoints, Mesh
@@ -185,3 +186,50 @@ def test_a_silhouette_is_that_of_body_and_garments_together():
     legs, skirt = layer(V, F[~low]), dataclasses.replace(layer(V, F[low]), name="skirt")
     shown = lambda *garments: agreement(seen, cameras, None, None, legs, garments)["silhouette_iou"]
     assert shown() < 0.9 and shown(skirt) > 0.95
+
+
+def test_masks_part_as_far_as_a_patch_of_one_reaches_beyond_the_other():
+    """A tongue of 4 by 10 pixels of 5 mm: its last n rows of 4 pixels, of 1 cm^2 each, are 11 - n pixels away and more."""
+    block, tongue = np.zeros((2, 40, 60), bool)
+    block[10:30, 10:30] = tongue[10:30, 10:30] = True
+    tongue[18:22, 30:40] = True
+    for n in (1, 4, 8):
+        assert parted(tongue, block, 0.005, n * 1e-4) == pytest.approx(0.005 * (11 - n))
+    assert parted(block, tongue, 0.005, 1e-4) == 0
+    grown = np.zeros_like(block)
+    grown[9:31, 9:31] = True
+    assert parted(grown, block, 0.005, 1e-4) == 0  # by one pixel all around
+    assert parted(tongue, block, 0.005, 1) == 0  # less than the area
+    assert parted(block, np.zeros_like(block), 0.005, 1e-4) == 0
+
+
+def outlined(**radii):
+    """(measures, verdict) of a ball of radius 0.5 m, whose upper half is cloth, judged by four cameras; `radii` {camera: of
+    the ball that its mask shows [m]}."""
+    V, F = ball()
+    cameras = ring_of_cameras(4)
+    masks = {name: DepthView(camera, 2 * radii.get(name, 0.5) * V, F).face >= 0 for name, camera in cameras.items()}
+    upper = (V[F][:, :, 2] > 0).all(1)
+    body, cap = layer(V, F[~upper]), dataclasses.replace(layer(V, F[upper]), name="cap")
+    found = agreement(glimpse(Frame(0, Mesh(V, F), masks=masks)), cameras, None, None, body, (cap,))
+    return found, verdict(
+        {k: v for k, v in found.items() if k.endswith(("uncovered_mm", "overhang_mm"))} | LOOKED, SETTINGS
+    )
+
+
+LOOKED = {"scan_to_surface_mm": 1.0}
+
+
+def test_cloth_in_the_air_and_what_nothing_covers_are_said_where_two_cameras_show_it():
+    a, b, *_ = ring_of_cameras(4)
+    for radii in ({}, {a: 0.45}, {a: 0.55}):
+        found, judged = outlined(**radii)
+        assert judged == (GOOD, []) and found["uncovered_mm"] == found["cap.cloth_overhang_mm"] == 0
+    found, (level, reasons) = outlined(**{a: 0.45, b: 0.45})
+    assert found["overhang_mm"] == pytest.approx(50, abs=8) and found["cap.cloth_overhang_mm"] > 40
+    assert (
+        found["uncovered_mm"] == 0 and level == DOUBTFUL and any("cap: cloth reaches" in reason for reason in reasons)
+    )
+    found, (level, reasons) = outlined(**{a: 0.55, b: 0.55})
+    assert found["uncovered_mm"] == pytest.approx(50, abs=8) and found["overhang_mm"] == 0
+    assert level == DOUBTFUL and "beyond the silhouette" in reasons[0]

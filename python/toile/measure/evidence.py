@@ -69,6 +69,31 @@ def keypoint_errors(names, views, cameras, model, vertices, joints):
     return np.concatenate(pixels), np.concatenate(millimetres)
 
 
+def parted(a, b, side, area):
+    """How far [m] from mask b (H,W) lies what mask a has beyond it: as far as `area` [m^2] of it lies or farther. `side`: of
+    a pixel [m]. 0 where that is no more than a pixel, as borders are uncertain, and where b is empty."""
+    from scipy.ndimage import distance_transform_edt
+
+    rank = int(np.ceil(area / side**2))
+    if not b.any() or (a & ~_grown(b)).sum() < rank:
+        return 0.0
+    rows, columns = (np.flatnonzero((a | b).any(axis)) for axis in (1, 0))
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    far = distance_transform_edt(~b[window])[a[window]]
+    return float(side * np.partition(far, -rank)[-rank])
+
+
+def _grown(mask):
+    """A mask (H,W) with the pixels beside it, diagonal ones too."""
+    tall = mask.copy()
+    tall[1:] |= mask[:-1]
+    tall[:-1] |= mask[1:]
+    wide = tall.copy()
+    wide[:, 1:] |= tall[:, :-1]
+    wide[:, :-1] |= tall[:, 1:]
+    return wide
+
+
 def overlap(a, b):
     """Intersection over union of two masks (H,W)."""
     return (a & b).sum() / max((a | b).sum(), 1)

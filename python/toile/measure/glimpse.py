@@ -10,8 +10,8 @@ from ..kernels.arrays import Anything
 from ..surface.sampling import by_area, evenly
 
 SCAN_POINTS = 4000  # of a scan, evenly by area
-MASK_VIEWS = 4  # pictures whose masks are kept, spread over the cameras
-MASK_SIDE = 96  # longer side of a kept mask, about [px]
+MASK_VIEWS = 8  # pictures whose masks are kept, spread over the cameras
+MASK_SIDE = 256  # longer side of a kept mask, about [px]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,16 @@ class Glimpse:
     mask_views: tuple[str, ...]
     mask_steps: Anything  # (M,)
     mask_sizes: Anything  # (M,2) height, width [px] of a kept mask
-    masks: Anything  # (sum of their pixels,) bool
+    masks: Anything  # their pixels one after the other, 8 in a byte, uint8
+
+    def views(self):
+        """(camera's name, step, mask (H,W)) of each kept mask."""
+        pixels = self.mask_sizes.prod(1)
+        bits = np.unpackbits(self.masks, count=pixels.sum()).astype(bool)
+        for name, step, size, mask in zip(
+            self.mask_views, self.mask_steps, self.mask_sizes, np.split(bits, np.cumsum(pixels)[:-1])
+        ):
+            yield name, step, mask.reshape(size)
 
 
 def glimpse(frame, scan_labels=None) -> Glimpse:
@@ -58,7 +67,7 @@ def glimpse(frame, scan_labels=None) -> Glimpse:
         tuple(chosen),
         np.array(steps, np.int64),
         sizes,
-        pixels,
+        np.packbits(pixels),
     )
 
 

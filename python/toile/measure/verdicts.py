@@ -9,11 +9,12 @@ import numpy as np
 from .. import kernels
 from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
-from .evidence import keypoint_errors, overlap
+from .evidence import keypoint_errors, overlap, parted
 
 VERTICES = 2000  # of a surface, that look for the scan
 OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm")  # how the posed body lies before it is bent to the scan
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
+PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 STEP = 4  # every so many faces are asked for their stretch
 
 
@@ -54,7 +55,9 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     `body`: the tracked JudgedLayer, `joints` (K,3) its joints; `garments`: JudgedLayers. observed: share of the body's vertices found
     on the scan. scan_to_surface_mm, surface_to_scan_mm: mean, and what 95 % stay below (_p95_mm); the second to the
     scan's points with their normals. keypoint_px: of the model's keypoints and those detected, all cameras, median and
-    p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. Of a garment NAME:
+    p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. uncovered_mm, overhang_mm: how
+    far a mask reaches beyond the silhouette, by PATCH or more, and the silhouette beyond the mask, the second largest over
+    the cameras; NAME.cloth_overhang_mm: how far of the silhouette what a garment shows. Of a garment NAME:
     NAME.garment_observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95. What only
     one of two lacks, the scan by a hole or the body by clutter, is no fault: two_sided_mm and NAME.garment_mm are the
     smaller of the two means. apart: for the same reason the smaller of the shares of scan and surface that lie more than
@@ -75,7 +78,12 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
         if len(pixels):
             out |= _spread("keypoint", "px", pixels, np.median) | _spread("keypoint", "mm", millimetres, np.median)
     if len(seen.mask_views):
-        out["silhouette_iou"] = float(np.mean(list(_silhouettes(seen, cameras, (body, *garments)))))
+        shown = list(_silhouettes(seen, cameras, (body, *garments)))
+        out["silhouette_iou"] = float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))
+        out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
+        out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in shown)
+        for i, garment in enumerate(garments, 1):
+            out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in shown)
     for layer in garments:
         out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
         own = seen.points[seen.labels == layer.label]
@@ -142,6 +150,9 @@ def _limits(s):
         "moved_mm": (*s.moved_mm, "the posed body was bent by {} mm to meet the scan"),
         "keypoint_mm": (*s.keypoint_mm, "half of the keypoints are more than {} mm off"),
         "silhouette_iou": (*s.silhouette_iou, "silhouette and masks overlap by {}"),
+        "uncovered_mm": (*s.uncovered_mm, "the masks of two cameras reach {} mm beyond the silhouette"),
+        "overhang_mm": (*s.overhang_mm, "the silhouette reaches {} mm beyond the masks of two cameras"),
+        "cloth_overhang_mm": (*s.cloth_overhang_mm, "cloth reaches {} mm beyond the masks of two cameras"),
         "observed": (*s.observed, "{} of the surface was found on the scan, and nothing else shows it"),
         "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
@@ -214,16 +225,21 @@ def _to_points(seen, label, layer):
 
 
 def _silhouettes(seen, cameras, layers):
-    """Intersection over union of each kept mask and the silhouette of all layers."""
+    """(which of the layers (H,W) is seen, -1 for none; mask; side of a pixel where the layers are [m]) of each kept mask."""
     V = np.concatenate([layer.vertices for layer in layers])
     first = np.cumsum([0, *(len(layer.vertices) for layer in layers)])
     F = np.concatenate([layer.faces + n for layer, n in zip(layers, first)]).astype(np.int32)
-    masks = np.split(seen.masks, np.cumsum(seen.mask_sizes.prod(1))[:-1])
-    for name, step, size, mask in zip(seen.mask_views, seen.mask_steps, seen.mask_sizes, masks):
+    owner = np.append(np.repeat(np.arange(len(layers)), [len(layer.faces) for layer in layers]), -1)
+    for name, step, mask in seen.views():
         camera = cameras[name]
         p = camera.to_camera(V)
         z = np.maximum(p[:, 2:], 1e-3)
         moved = np.concatenate([camera.distort(p[:, :2] / z) * z, p[:, 2:]], axis=1)
         K = camera.K / [[step], [step], [1]]
-        covered = kernels.raster(moved, F, K, tuple(int(side) for side in size)).face >= 0
-        yield overlap(covered, mask.reshape(size))
+        yield owner[kernels.raster(moved, F, K, mask.shape).face], mask, float(np.median(z)) / K[0, 0]
+
+
+def _reach(pictures):
+    """The second largest [mm] over pictures (a, b, side) of how far a reaches beyond b; the largest of a single one."""
+    far = [parted(a, b, side, PATCH) for a, b, side in pictures]
+    return 1e3 * sorted(far)[-2:][0]
