@@ -75,7 +75,7 @@ class VerdictSettings(Settings):
     keypoint_mm: tuple[float, float] = setting((50.0, 80.0), "mm", "keypoints to those detected, median")
     silhouette_iou: tuple[float, float] = setting((0.93, 0.85), "1", "overlap of silhouette and masks, at least")
     uncovered_mm: tuple[float, float] = setting(
-        (30.0, 80.0), "mm", "how far the masks of two cameras reach beyond the silhouette"
+        (30.0, 300.0), "mm", "how far the masks of two cameras reach beyond the silhouette"
     )
     overhang_mm: tuple[float, float] = setting(
         (45.0, 90.0), "mm", "how far the silhouette reaches beyond the masks of two cameras"
