@@ -9,6 +9,9 @@ from .settings import Settings, setting
 class StartsSettings(Settings):
     """Other starts of a frame's pose than the pose of the frame before, see surface/starts.py."""
 
+    reach: float = setting(0.15, "m", "closest points farther than this do not count in the coarse fit", gt=0)
+    surface_samples: int = setting(800, "count", "vertices that look for the scan in it", ge=1)
+    max_iterations: int = setting(12, "count", "Levenberg-Marquardt steps of it, at most", ge=1)
     doubtful: float = setting(
         1.1, "1", "times the usual distance from the scan: where a pose lies farther, other starts are tried", ge=1
     )
@@ -22,11 +25,12 @@ class StartsSettings(Settings):
 
 
 class SearchSettings(Settings):
-    """Quick fits of the body to a scan from many headings, where no frame before gives a start."""
+    """Quick fits of the body to a scan from many headings and postures, where no frame before gives a start, see
+    surface/pose_search.py."""
 
     reach: float = setting(0.15, "m", "closest points farther than this do not count", gt=0)
-    surface_samples: int = setting(800, "count", "vertices that look for the scan", ge=1)
-    max_iterations: int = setting(12, "count", "Levenberg-Marquardt steps of each, at most", ge=1)
+    surface_samples: int = setting(500, "count", "vertices that look for the scan", ge=1)
+    max_iterations: int = setting(8, "count", "Levenberg-Marquardt steps of each, at most", ge=1)
     astray: float = setting(
         0.02,
         "1",
@@ -34,11 +38,29 @@ class SearchSettings(Settings):
         ge=0,
         le=1,
     )
+    sure: float = setting(
+        0.005, "1", "the same share of the best first fit, up to which no other than that is kept", ge=0, le=1
+    )
+    hopeless: float = setting(
+        0.25, "1", "the same share of a first fit: beyond, no limb laid elsewhere mends it", ge=0, le=1
+    )
     farther: float = setting(
         1.5, "1", "times the last frame's distance: farther from the scan than this a frame is lost", gt=1
     )
-    stride: float = setting(0.5, "rad", "of either leg, forwards and backwards, in mid-stride", ge=0)
-    strides: int = setting(2, "count", "best headings that are tried in mid-stride too", ge=0)
+    scan_spacing: float = setting(0.02, "m", "between the vertices of the scan as the quick fits see it", ge=0, le=0.1)
+    ground_height: float = setting(0.04, "m", "of the slab of a scan that may be its floor", gt=0)
+    ground_share: float = setting(
+        0.08, "1", "of the scan's area: where more looks straight up in one slab, it is a floor and left out", gt=0
+    )
+    kept: int = setting(3, "count", "best of the first fits, whose limbs are then laid other ways one by one", ge=1)
+    limb_rounds: int = setting(2, "count", "times that all limbs are laid other ways, at most", ge=0)
+    nearer: float = setting(
+        0.97,
+        "1",
+        "times the distance before: where all limbs gained less than this, no other round follows",
+        gt=0,
+        le=1,
+    )
     as_close: float = setting(
         1.25, "1", "times another frame's distance: as close in its heading, none else is tried", gt=0
     )

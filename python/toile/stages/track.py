@@ -5,15 +5,15 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
 from ..surface.keypoints import learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
+from ..surface.pose_search import PoseSearch, quick_solver
 from ..surface.starts import Starts
-from ..surface.two_sided import TwoSided, middle_of, outside_of, principal_axis
+from ..surface.two_sided import TwoSided
 from ..vision.threads import parallel_map, parallel_map_with
 
 
@@ -57,7 +57,7 @@ def _unseen(V):
 def _shared_fit(model, frames, settings):
     """One shape and a pose each. Where there are no keypoints the poses are searched first; where the fit lost a frame,
     after it, and all are fitted again."""
-    solver, search = kernels.SkeletonSolver(model, **_options(settings)), PoseSearch(model, settings)
+    solver, search = kernels.SkeletonSolver(model, **_options(settings)), _search(model, settings)
     evidence, starts, near = [_evidence(frame, points) for frame, points in frames], [], None
     for frame, points in frames:
         near = search.pose(frame.scan, near) if points is None and frame.scan is not None else None
@@ -79,87 +79,8 @@ def _started(evidence, start):
     return evidence if start is None else evidence | {"start": start}
 
 
-class PoseSearch:
-    """Finds a body in a scan without any other start, by quick fits: from `settings.headings` headings about its long
-    axis, upright first, then, where none of these explains the scan, upside down and along the scan's own axis; and from
-    the best of them in mid-stride, one leg before the other. The best by the distance from both sides wins. `person`:
-    whose shape is kept; without, a shape is fitted too."""
-
-    def __init__(self, model, settings, person=None):
-        self.model, self.settings, self.looks = model, settings, outside_of(model)
-        self.shape = np.zeros(model.shapedirs.shape[2]) if person is None else person.shape
-        self.rest, self.J = model.rest(self.shape)
-        top = model.joint("head")
-        way = self.rest.max(0) - self.rest.min(0) if top is None else np.abs(self.J[top] - self.J[0])
-        self.up = np.eye(3)[int(np.argmax(way))]
-        s = settings.search
-        quick = {"reach": s.reach, "surface_samples": s.surface_samples, "max_iterations": s.max_iterations}
-        options = _options(settings) | quick | {"reach_start": s.reach, "solve_shape": person is None}
-        self.solver = kernels.SkeletonSolver(model, **options)
-
-    def measure(self, scan, fit):
-        """(distance [m], astray) of a fit, see TwoSided."""
-        return TwoSided(scan, self.looks)(fit.V)
-
-    def pose(self, scan, near=None):
-        """The best pose (rotations, translation, shape), and its distance from both sides [m]; (None, infinity) where no
-        search is asked for. `near`: (pose, distance) of another frame; where one of its heading is as close, it is taken."""
-        if not self.settings.headings:
-            return None, np.inf
-        measure, found = TwoSided(scan, self.looks), []
-
-        def try_from(turns, strides):
-            for turn in turns:
-                for stride in strides:
-                    at = self._at(scan, turn, stride)
-                    fit = self.solver.solve(scan.vertices, scan.faces, start=at, scan_confidence=scan.confidence)
-                    found.append((*measure(fit.V), turn, fit))
-            found.sort(key=lambda candidate: candidate[0])
-            return found[0]
-
-        s = self.settings.search
-        if near is not None and near[0] is not None:
-            best = try_from([Rotation.from_rotvec(near[0][0][0])], (0.0, s.stride, -s.stride))
-            if best[0] <= s.as_close * near[1]:
-                return _pose_of(best[3]), best[0]
-        for axis in self._axes(scan):
-            best = try_from([self._turned(axis, i) for i in range(self.settings.headings)], (0.0,))
-            if best[1] <= s.astray:
-                break
-        best = try_from([turn for _, _, turn, _ in found[: s.strides]], (s.stride, -s.stride))
-        return _pose_of(best[3]), best[0]
-
-    def _axes(self, scan):
-        """Where the body's long axis may point: upright, upside down, and along the scan's longest axis either way."""
-        along = principal_axis(scan.vertices, scan.faces)
-        leaning = np.abs(along @ self.up) < np.cos(self.settings.search.upright)
-        return [self.up, -self.up, *([along, -along] if leaning else [])]
-
-    def _turned(self, axis, heading):
-        """The rotation that lays the long axis along another and turns the body about it, to one of the headings."""
-        tilt = Rotation.align_vectors([axis], [self.up])[0] if axis @ self.up > -0.99 else _half_turn(self.up)
-        return tilt * Rotation.from_rotvec(2 * np.pi * heading / self.settings.headings * self.up)
-
-    def _at(self, scan, turn, stride):
-        """The pose at rest, turned, in the middle of the scan; the left leg this angle [rad] before the right one, both
-        ways about the axis through the hips."""
-        rotations = np.zeros((len(self.model.parents), 3))
-        rotations[0] = turn.as_rotvec()
-        left, right = self.model.joint("upperleg01.L"), self.model.joint("upperleg01.R")
-        if stride and left is not None and right is not None:
-            across = (self.J[left] - self.J[right]) / np.linalg.norm(self.J[left] - self.J[right])
-            rotations[left], rotations[right] = stride * across, -stride * across
-        away = middle_of(turn.apply(self.rest - self.J[0]))
-        return rotations, middle_of(scan.vertices[np.unique(scan.faces)]) - away - self.J[0], self.shape
-
-
-def _pose_of(fit):
-    return np.asarray(fit.rotations), np.asarray(fit.translation), np.asarray(fit.shape)
-
-
-def _half_turn(axis):
-    """Half a turn about an axis across this one."""
-    return Rotation.from_rotvec(np.pi * np.roll(axis, 1))
+def _search(model, settings, person=None):
+    return PoseSearch(model, settings.headings, settings.search, _options(settings), person)
 
 
 class _Attempt(NamedTuple):
@@ -180,9 +101,10 @@ class Tracker:
         self.skeleton = kernels.SkeletonSolver(
             beside, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
         )
-        self.surface, self.search = _Surface(model, person.rest, settings), PoseSearch(model, settings, person)
+        self.surface, self.search = _Surface(model, person.rest, settings), _search(model, settings, person)
         self.poser = _Poser(model, person, settings) if settings.pose_vertices else None
-        self.starts = Starts(model, person, settings.starts, self.search.solver, self.poser)
+        quick = quick_solver(model, settings.starts, _options(settings) | {"solve_shape": False})
+        self.starts = Starts(model, person, settings.starts, quick, self.poser)
 
     def track(self, frame, points, previous=None):
         """One frame; `previous` (Tracked) starts the pose and gives the temporal term. Where nothing gives a start, and where
