@@ -158,6 +158,7 @@ def _limits(s):
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
         "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
         "loop_length": (*s.loop_length, "{} times as long as the sampled frames show the opening, or as short"),
+        "loop_share": (*s.loop_share, "{} of the opening's length that the cloth about it leads to expect: it is cut off"),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
         "edge_stretch": (
             *s.edge_stretch,
@@ -174,7 +175,7 @@ CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 def _openings(template, diagnostics):
     """What dressing said of a garment's loops: the share seen, the largest distance, openings that belong to none, and of
-    each how its length departs from its opening's."""
+    each how its length departs from its opening's, and from what the cloth about it leads to expect."""
     seen = [diagnostics[f"loop_observed.{name}"] for name in template.loop_names]
     off = [diagnostics[f"loop_mm.{name}"] for name in template.loop_names]  # -1 where none was seen
     return {
@@ -185,6 +186,11 @@ def _openings(template, diagnostics):
             f"{template.name}.{name}.loop_length": max(diagnostics[key], 1 / diagnostics[key])
             for name in template.loop_names
             if (key := f"loop_length.{name}") in diagnostics
+        },
+        **{
+            f"{template.name}.{name}.loop_share": diagnostics[key]
+            for name in template.loop_names
+            if (key := f"loop_share.{name}") in diagnostics
         },
     }
 

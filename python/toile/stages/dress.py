@@ -11,6 +11,7 @@ from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Me
 from ..surface.attachments import Attachments
 from ..surface.curves import isolines, pieces
 from ..surface.extension import continued
+from ..surface.girth import Girths
 from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
@@ -45,9 +46,17 @@ def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     cloth = attachments.cloth_of(whole)
     under = _surface_under(model, person, samples, over)
     cloth = replace(cloth, rest=move_with_body(cloth.rest, model.v_template, under, settings.fit_reach))
+    carried = cloth.rest
     if samples:
         cloth = _personalise(model, person, cloth, samples, settings, over)
-    return replace(whole, rest=attachments.follow(V, cloth.rest), opening_lengths=cloth.opening_lengths)
+    flares = _flares(carried, cloth.loops, Girths(cloth.rest, cloth.faces, cloth.loops, settings.girth_distance))
+    rest = attachments.follow(V, cloth.rest)
+    return replace(whole, rest=rest, opening_lengths=cloth.opening_lengths, flares=flares)
+
+
+def _flares(V, loops, girths):
+    """Each loop's length over its girth's (l,), NaN where it has none."""
+    return np.array([loop_length(V[loop]) for loop in loops]) / girths(V)
 
 
 def _surface_under(model, person, samples, over):
@@ -168,6 +177,7 @@ class Dresser:
         self.model, self.person, self.settings, self.over = body_model, person, settings, over
         self.whole, self.attachments = template, Attachments(template.faces, len(template.rest))
         self.template = template = self.attachments.cloth_of(template)
+        self.girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
         self.known = np.concatenate(template.loops).astype(np.int32)
         self.biharmonic = kernels.BiharmonicSolver(
             template.rest, template.faces, self.known, **settings.biharmonic.model_dump()
@@ -290,6 +300,9 @@ class Dresser:
             for name, loop, shown in zip(t.loop_names, t.loops, t.opening_lengths):
                 if shown > 0:
                     out[f"loop_length.{name}"] = float(loop_length(vertices[loop]) / shown)
+        if t.flares is not None:
+            shares = _flares(vertices, t.loops, self.girths) / t.flares
+            out |= {f"loop_share.{name}": float(x) for name, x in zip(t.loop_names, shares) if np.isfinite(x)}
         out["hand_contact"] = float(max(self._touching(vertices, tracked), default=0.0))
         out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out

@@ -45,6 +45,8 @@ TROUBLES = (
             "Look at the labels around that opening. In all frames at once: the template's loops or its size are wrong."),
     Trouble("an opening has another length", r"the sampled frames show the opening",
             "The sleeve or hem was caught, tucked or taken for another: look at the labels around it."),
+    Trouble("an opening is cut off", r"of the opening's length that the cloth",
+            "The scan closes the opening, by a web or a fold that it lacks: compare it with the pictures; labels may mend it."),
     Trouble("openings that belong to none", r"of seen openings belong to no loop",
             "The labels have holes or islands, or the garment is folded, tucked in or open where the template is not."),
     Trouble("edges of the garment are strained", r"of the garment's edges are as long as",

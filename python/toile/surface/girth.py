@@ -1,0 +1,26 @@
+"""How wide a garment is near its openings, told by the cloth a hand's breadth from them."""
+
+import numpy as np
+
+from .. import kernels
+from .curves import isolines
+
+
+class Girths:
+    """Of each loop of a garment the curve through the cloth `distance` [m] from it, along edges of V (n,3) with faces F
+    (f,3). What cuts an opening short, a web in the scan above all, leaves that curve as long as it is."""
+
+    def __init__(self, V, F, loops, distance):
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import dijkstra
+
+        edges = kernels.unique_edges(F)
+        lengths = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
+        graph = coo_matrix((lengths, edges.T), (len(V), len(V))).tocsr()
+        away = [dijkstra(graph, directed=False, indices=loop, min_only=True) for loop in loops]
+        self.F, self.away, self.distance = F, away, distance
+
+    def __call__(self, V):
+        """Lengths (l,) [m] on a surface (n,3) of the same faces; NaN of a loop where the curve is not one closed curve."""
+        found = [isolines(V, self.F, away, self.distance) for away in self.away]
+        return np.array([c[0].length if len(c) == 1 and c[0].closed else np.nan for c in found])
