@@ -383,7 +383,9 @@ class GarmentTemplate:
     opening_lengths: Anything | None = (
         None  # (l,) [m] as the sampled frames show the loops' openings, NaN where none does
     )
-    flares: Anything | None = None  # (l,) each loop's length over its girth's (surface.girth) as the template was made, or NaN
+    flares: Anything | None = (
+        None  # (l,) each loop's length over its girth's (surface.girth) as the template was made, or NaN
+    )
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,10 @@ class DressSettings(Settings):
         0.05, "m", "about a loop, cloth that lies off the scan goes on as the cloth on the scan leads", ge=0
     )
     girth_distance: float = setting(
-        0.08, "m", "so far from a loop the cloth tells how long the opening would be that the template's cut gives it", gt=0
+        0.08,
+        "m",
+        "so far from a loop the cloth tells how long the opening would be that the template's cut gives it",
+        gt=0,
     )
     min_faces: int = setting(100, "count", "faces of the scan that carry the garment, else the frame fails", ge=1)
     fit_reach: float = setting(0.04, "m", "reach of the body's shape when a template is carried to the person", gt=0)

@@ -99,7 +99,9 @@ class VerdictSettings(Settings):
         "length of a loop against its opening's in the frames of the preparation, or the other way round",
     )
     loop_share: tuple[float, float] = setting(
-        (0.86, 0.5), "1", "length of a loop over what the cloth about it leads to expect by the template's cut, at least"
+        (0.92, 0.5),
+        "1",
+        "length of a loop over what the cloth about it leads to expect by the template's cut, at least",
     )
     unclaimed_opening_mm: tuple[float, float] = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
     edge_stretch: tuple[float, float] = setting(

@@ -158,7 +158,10 @@ def _limits(s):
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
         "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
         "loop_length": (*s.loop_length, "{} times as long as the sampled frames show the opening, or as short"),
-        "loop_share": (*s.loop_share, "{} of the opening's length that the cloth about it leads to expect: it is cut off"),
+        "loop_share": (
+            *s.loop_share,
+            "{} of the opening's length that the cloth about it leads to expect: it is cut off",
+        ),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
         "edge_stretch": (
             *s.edge_stretch,
