@@ -31,7 +31,7 @@ from toile.kernels import SurfaceIndex
 from toile.measure.glimpse import glimpse
 from toile.measure.truth import open_truth
 from toile.measure.verdicts import judge, verdict
-from toile.pipeline import preparation
+from toile.pipeline import preparation, samples
 from toile.pipeline.manifest import request_of
 from toile.pipeline.run import register
 from toile.surface.sampling import evenly
@@ -70,7 +70,7 @@ def collect(capture, out, count, quality, bare, only):
     opened = open_capture(capture)
     frames = opened.frames
     register(capture, run, config, frames)
-    sample = partial(preparation.sampled_frames, opened, config.preparation_frames)
+    sample = partial(samples.sampled_frames, opened, config.preparation_frames)
     asked = request_of(run, opened, config, frames, frames, sample)
     prepared = preparation.prepare(opened, run, config, asked.identities)
     prepared = unsearched(prepared)
@@ -100,7 +100,7 @@ def measured(prepared, truth, labels, frame, spoil):
     """Errors and measures of one frame, registered as it was spoilt."""
     number, draw = frame.number, np.random.default_rng(frame.number)
     frame, start, prepared = spoil(prepared, frame, draw)
-    points = preparation.points_of(prepared.capture, prepared.config, frame)
+    points = samples.points_of(prepared.capture, prepared.config, frame)
     tracked = prepared.tracker.track(frame, points, start)
     if not prepared.templates:
         given = prepared.capture.cameras, prepared.model, prepared.person, tracked, (), prepared.config.verdict

@@ -208,6 +208,9 @@ def register(
     check: Annotated[
         bool, typer.Option("--check", help="only read every file of those frames, name the bad ones, and make nothing")
     ] = False,
+    moved: Annotated[
+        bool, typer.Option("--moved", help="only note that the capture of this run, or aligned run, lies there now")
+    ] = False,
     template_from_scan: Annotated[
         list[str] | None, typer.Option(help="a garment whose template is cut from the capture itself, by its label")
     ] = None,
@@ -223,13 +226,16 @@ def register(
     from .config import changed, from_options, preset
     from .io.capture import open_capture
     from .io.holdout import apart, span_of
-    from .pipeline.manifest import config_of
+    from .pipeline.manifest import config_of, note_moved
     from .pipeline.run import register as run_pipeline
     from .pipeline.scanning import lacks_scan
 
     again, limit = retried(retry), positive("--frame-limit", frame_limit)
     part, budget = shard_of(shard), positive("--budget", budget)
     opened = open_capture(capture)
+    if moved:
+        note_moved(run, opened)
+        return speech.result(f"{run}: its capture is {capture}")
     numbers = frame_numbers(frames, opened.frames, step)
     if check:
         return check_frames(opened, numbers, run)

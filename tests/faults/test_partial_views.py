@@ -11,8 +11,8 @@ import zarr
 from toile.config import changed, preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
-from toile.pipeline.preparation import points_of
 from toile.pipeline.run import register
+from toile.pipeline.samples import points_of
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 

@@ -1,5 +1,6 @@
 """Workers, shards, kills and second tries: the same bits whoever did the work, and nothing done twice."""
 
+import itertools
 import os
 import shutil
 import signal
@@ -22,6 +23,7 @@ from toile.io.mesh import read_mesh, write_mesh
 from toile.io.run import open_run
 from toile.pipeline import run as pipeline
 from toile.pipeline.blocks import blocks
+from toile.pipeline.standing import standing
 from toile.scene import Mesh
 from toile.stages import inner
 
@@ -111,6 +113,32 @@ def test_a_worker_killed_on_the_way_changes_no_bit_and_ends_no_run(capture, undi
     assert pipeline.register(capture, run, CONFIG, FRAMES, kill_one, workers=2).ok == FRAMES
     assert killed == ["track", "store"]
     assert_same_bits(arrays(undisturbed), arrays(run))
+
+
+def test_two_processes_at_once_on_one_run_both_end_well_with_the_same_bits(capture, undisturbed, tmp_path):
+    settings = ["--quality", "draft", "--set", "preparation_frames=1"]
+    command = [sys.executable, "-m", "toile", "register", str(capture), str(tmp_path / "run"), *settings]
+    both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [process.communicate(timeout=600)[1] for process in both]
+    assert [process.returncode for process in both] == [0, 0], said
+    assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
+
+
+def test_a_clock_that_jumps_changes_no_bit_and_nothing_is_made_again(capture, undisturbed, tmp_path, monkeypatch):
+    """By years, forwards and back, at every look; and files that seem to be written before or long after now."""
+    run, years = tmp_path / "run", itertools.cycle([0.0, 30.0, -40.0, 3.0])
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + 3e7 * next(years))
+    assert pipeline.register(capture, run, CONFIG, FRAMES).ok == FRAMES
+    monkeypatch.undo()
+    assert_same_bits(arrays(undisturbed), arrays(run))
+    for path, year in zip((path for path in run.rglob("*") if path.is_file()), years):
+        os.utime(path, (now() + 3e7 * year,) * 2)
+    monkeypatch.setattr(pipeline, "first_stages", lambda *_: pytest.fail("made again"))
+    outcome = pipeline.register(capture, run, CONFIG, FRAMES)
+    assert outcome.ok == FRAMES and not outcome.notes
+    found = standing(run)
+    assert found.whole and found.silence >= 0 and (found.pace is None or found.pace > 0)
 
 
 def test_ctrl_c_ends_the_workers_too_and_says_how_to_go_on(capture, tmp_path):

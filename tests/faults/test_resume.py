@@ -2,12 +2,14 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zarr
 
+from toile import cli
 from toile.config import changed, preset
 from toile.config.stages import Config
 from toile.errors import UserError
@@ -128,6 +130,40 @@ def test_a_moved_capture_is_known_again_and_another_one_is_refused_by_what_diffe
     with pytest.raises(UserError, match="time.fps differs from what .* is it another capture"):
         pipeline.register(other, run)
     assert pipeline.register(tmp_path / "elsewhere", run).ok == FRAMES and not made
+
+
+def said(monkeypatch, capsys, *arguments):
+    """(exit code, stderr) of `toile ARGUMENTS`."""
+    monkeypatch.setattr(sys, "argv", ["toile", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return ended.value.code, capsys.readouterr().err
+
+
+def test_every_command_names_one_way_to_a_moved_capture(both, tmp_path, made, monkeypatch, capsys):
+    capture, run = both
+    aligned, out, there = tmp_path / "aligned", tmp_path / "out", tmp_path / "far" / "there"
+    config = (run / "config.toml").read_text().replace('capture = "', 'capture = "/gone')
+    (run / "config.toml").write_text(config)
+    shutil.copytree(run, aligned)
+    (aligned / "config.toml").write_text(f"{config}\n[align]\nrun = {json.dumps(str(run))}\n")
+    there.parent.mkdir()
+    capture.rename(there)
+    for path in (run, aligned):
+        for command in (["evaluate", path], ["report", path], ["align", path, out], ["train", path, out]):
+            code, words = said(monkeypatch, capsys, *command)
+            assert (
+                code == 1 and f"the capture is gone; where it was moved: toile register WHERE {path} --moved" in words
+            )
+    for path in (run, aligned):
+        assert said(monkeypatch, capsys, "register", there, path, "--moved")[0] == 0
+        assert open_run(path).capture.root.samefile(there)
+        assert said(monkeypatch, capsys, "evaluate", path)[0] == 0
+    assert not made and not out.exists()
+    other = Path(shutil.copytree(there, tmp_path / "other"))
+    (other / "frames" / "000002" / "scan.ply").unlink()
+    code, words = said(monkeypatch, capsys, "register", other, aligned, "--moved")
+    assert code == 1 and "frames/000002/scan.ply differs" in words and open_run(aligned).capture.root.samefile(there)
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,23 @@ def test_a_run_under_way_says_its_pace_and_what_is_left(begun):
     assert again == f"  where it was stopped it goes on with: toile register 'my capture' {begun}"
 
 
+@pytest.mark.parametrize("jump", [-1e8, 1e8])
+def test_a_clock_that_jumps_leaves_the_pace_after_it(begun, jump):
+    with open(Status.of(begun).path, "a") as file:
+        for at in (60, 70, 80):
+            file.write(json.dumps({"stage": "track", "ok": True, "time": 4e9 + jump + at}) + "\n")
+    found = standing(begun, now=4e9 + jump + 85)
+    assert found.pace == pytest.approx(1 / 10) and found.silence == 5
+
+
+def test_a_line_that_was_cut_takes_no_other_with_it(tmp_path):
+    status = Status.of(tmp_path)
+    status.add(frame=1, stage="track")
+    status.path.write_text(status.path.read_text()[:-9])
+    status.add(frame=2, stage="track")
+    assert [line["frame"] for line in status.lines()] == [2]
+
+
 def test_a_run_that_is_being_prepared_says_so(begun):
     Status.of(begun).path.unlink()
     assert "  no frame has ended yet: what all frames need is being made" in words(begun, standing(begun))

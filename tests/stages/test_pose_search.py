@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from toile.config import changed, preset
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
-from toile.pipeline.preparation import points_of
+from toile.pipeline.samples import points_of
 from toile.scene import Mesh
 from toile.stages.track import Tracker, prepare
 from toile.surface.pose_search import PoseSearch, shortest_turn, without_ground

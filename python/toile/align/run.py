@@ -23,11 +23,11 @@ from ..io.files import load_record, replace_file, save_record
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
 from ..io.run import Run, is_run, open_run
-from ..io.run_folder import read_diagnostics, write_diagnostics
+from ..io.run_folder import capture_folder, read_diagnostics, write_diagnostics
 from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
 from ..pipeline.blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
-from ..pipeline.manifest import claim
+from ..pipeline.manifest import claim, place_of
 from ..pipeline.workers import everywhere
 from ..prints.colours import Places
 from ..prints.lengths import true_lengths
@@ -115,7 +115,8 @@ def _begin(run, out, settings, span):
         "toile": __version__,
         "settings": settings.model_dump(mode="json"),
     } | ({} if span == run.holdout else {"holdout": list(span)})
-    claim(out, run.config | {"align": asked}, "this run was aligned from another run or with other settings")
+    place = place_of(out, capture_folder(run.path, check=False))
+    claim(out, run.config | place | {"align": asked}, "this run was aligned from another run or with other settings")
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
             replace_file(Status.of(out).path, lambda path: shutil.copyfile(run.status.path, path))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -98,10 +98,10 @@ class Capture:
     made: Path | None = None  # where a run keeps what it makes of frames, a folder a frame: scans of their pictures
     left_out: tuple[str, ...] = ()  # cameras whose files are passed over
 
-    def frame(self, number: int) -> Frame:
-        """Reads one frame. UserError names the file and the field."""
+    def frame(self, number: int, thin: Callable[[Any], Any] = lambda picture: picture) -> Frame:
+        """Reads one frame, see `pictures`. UserError names the file and the field."""
         scan, keypoints, points3d = self.scan(number), self.keypoints(number), self.points3d(number)
-        return replace(self.pictures(number), scan=scan, keypoints=keypoints, points3d=points3d)
+        return replace(self.pictures(number, thin), scan=scan, keypoints=keypoints, points3d=points3d)
 
     def scan(self, number: int) -> Mesh | None:
         """The scan of a frame, None where it has none."""
@@ -124,14 +124,16 @@ class Capture:
         path = self._own_or_made(self.folder(number), "keypoints3d.json")
         return read_keypoints3d(path) if os.path.lexists(path) else None
 
-    def pictures(self, number: int) -> Any:
-        """Reads images, masks and labels of one frame, and nothing else of it."""
-        read = {
-            kind: {name: self.picture(kind, name, path) for name, path in self.picture_files(number, kind).items()}
-            for kind in MODES
-        }
-        masks = {name: mask > 127 for name, mask in read["masks"].items()}
-        return Frame(number, None, None, read["images"], masks, read["labels"])
+    def pictures(self, number: int, thin: Callable[[Any], Any] = lambda picture: picture) -> Any:
+        """Reads images, masks and labels of one frame, and nothing else of it. Each is given to `thin` once it is read, so
+        that no two are held whole."""
+
+        def read(kind: str, give: Callable[[Any], Any] = lambda picture: picture) -> dict[str, Any]:
+            files = self.picture_files(number, kind).items()
+            return {name: thin(give(self.picture(kind, name, path))) for name, path in files}
+
+        labels, masks = read("labels"), read("masks", lambda mask: mask > 127)
+        return Frame(number, None, None, read("images"), masks, labels)
 
     def picture_files(self, number: int, kind: str) -> dict[str, Path]:
         """{camera: path} of a frame's images, masks or labels, for the cameras that have them, in their order."""

@@ -10,6 +10,7 @@ import os
 import shutil
 import tempfile
 import uuid
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
@@ -19,6 +20,17 @@ from ..errors import UserError, first_line
 from .bounded import read_npz, reason_of
 
 IDENTITY = "made.of"  # the name of a record's identity among its arrays
+
+
+@contextmanager
+def naming(path):
+    """Within it an OSError that names no file, as that of a full disk, names this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
 
 
 def replace_file(path, write):
@@ -48,7 +60,7 @@ def output_file(path):
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        raise UserError(f"{path}: cannot be written: {first_line(error)}") from None
+        raise UserError(f"{path}: cannot be written: {error.strerror or first_line(error)}") from None
     if path.is_dir():
         raise UserError(f"{path}: cannot be written: it is a folder")
     return path

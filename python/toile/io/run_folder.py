@@ -34,7 +34,7 @@ def capture_folder(run: Path | str, check: bool = True) -> Path:
     if near is not None and not Path(named).is_dir() and near.is_dir():
         return near.resolve()
     if check and not Path(named).is_dir():
-        raise UserError(f"{named}: the capture is gone; where it was moved: toile register WHERE {run}")
+        raise UserError(f"{named}: the capture is gone; where it was moved: toile register WHERE {run} --moved")
     return Path(named)
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from .files import naming
 
 
 class Status:
@@ -22,8 +25,13 @@ class Status:
         return Status(Path(run) / "status.jsonl")
 
     def add(self, **line: Any) -> None:
-        with open(self.path, "a", encoding="utf-8") as file:
-            file.write(json.dumps(line | {"time": round(time.time(), 2)}) + "\n")
+        text = json.dumps(line | {"time": round(time.time(), 2)}) + "\n"
+        with naming(self.path), open(self.path, "a+b") as file:
+            file.seek(0, os.SEEK_END)
+            if file.tell():
+                file.seek(-1, os.SEEK_END)
+                text = text if file.read(1) == b"\n" else f"\n{text}"  # a full disk or a kill cut the last line
+            file.write(text.encode())
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """All whole lines; a run that was killed may have left the last one cut."""

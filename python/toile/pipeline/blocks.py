@@ -35,6 +35,12 @@ EXPECTED = (UserError, InputError, SolveError, OSError, MemoryError, np.linalg.L
 DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errno.ENFILE}  # no frame's own fault
 
 
+def raise_where_disk(error: Exception) -> None:
+    """Raises again what the disk refuses: it is the run's, not a frame's."""
+    if isinstance(error, OSError) and error.errno in DISK:
+        raise error
+
+
 def blocks(frames: Sequence[int], apart: Sequence[int] = ()) -> list[tuple[int, ...]]:
     """The frames, in order, cut where the block of 50 absolute numbers changes, and where those held `apart` begin and end: no
     temporal state crosses a cut."""
@@ -76,8 +82,7 @@ class FrameFolders:
     def fail(self, frame: int, error: Exception) -> None:
         """Records that a frame failed, whatever raised; of what no bad file explains, the traceback too. What the disk
         refuses is raised again: it is the run's."""
-        if isinstance(error, OSError) and error.errno in DISK:
-            raise error
+        raise_where_disk(error)
         reason, told = first_line(error), {}
         if not isinstance(error, EXPECTED):
             reason, told = f"{type(error).__name__}: {reason}", {"traceback": traceback.format_exception(error)}

@@ -29,6 +29,7 @@ from .scanning import lacks_scan
 
 OWN = (".lock", ".busy", ".config.toml", "inputs")  # what a run that was killed at once may have left
 SCENE = "scene"
+PLACE = "capture", "capture_from_here"  # what `place_of` says
 
 
 @dataclass(frozen=True)
@@ -99,9 +100,7 @@ def write_request(run: Path, capture: Capture, config: Config, request: Asked) -
     """Keeps it in RUN/config.toml."""
     from .. import __version__
 
-    asked = {
-        "capture": str(capture.root.resolve()),
-        "capture_from_here": os.path.relpath(capture.root.resolve(), run.resolve()),
+    asked = place_of(run, capture.root) | {
         "frames": list(request.frames),
         "versions": {"toile": __version__, "numpy": np.__version__},
         "settings": config.model_dump(mode="json"),
@@ -112,14 +111,31 @@ def write_request(run: Path, capture: Capture, config: Config, request: Asked) -
     _write_config(run, asked)
 
 
+def place_of(run: Path, capture: Path) -> dict[str, str]:
+    """What a run's config.toml says of where its capture lies."""
+    there = capture.resolve()
+    return {"capture": str(there), "capture_from_here": os.path.relpath(there, run.resolve())}
+
+
+def note_moved(run: Path, capture: Capture) -> None:
+    """Keeps where the capture of a run, or of an aligned one, lies now; makes nothing else. UserError names the field by which
+    another capture is told."""
+    config = read_config(run)
+    made = Path(config["align"]["run"]) if "align" in config else run  # that which read the capture
+    old = read_json(_noted(made), dict) if _noted(made).exists() else {}
+    with locked(run):
+        _check_moved(made, capture, facts_of(capture), old, config.get("frames", ()))
+        _write_config(run, config | place_of(run, capture.root))
+
+
 def claim(run, asked, refusal):
-    """Makes the folder `run` with a config.toml that holds the table `asked`, or checks that its own is the same; else
-    UserError: `refusal`."""
-    path = config_file(run)
+    """Makes the folder `run` with a config.toml that holds the table `asked`, or checks that its own is the same wherever the
+    capture lies; else UserError: `refusal`."""
+    path, place = config_file(run), {name: asked[name] for name in PLACE if name in asked}
     if run.exists() and not path.exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
         raise UserError(f"{run}: the folder is not empty and holds no run")
     with locked(run):
-        if path.exists() and read_config(run) != _toml(asked):
+        if path.exists() and read_config(run) | place != _toml(asked):
             raise UserError(f"{path}: {refusal}")
         _write_config(run, asked)
 

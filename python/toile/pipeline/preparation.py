@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from ..config import Config
-from ..errors import UserError, first_line
 from ..io.body import model_in_capture
 from ..io.capture import Capture
 from ..io.files import identity_of, load_record, save_record
@@ -19,17 +18,16 @@ from ..io.image import read_rgba
 from ..io.status import Status
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
-from ..stages import dress, inner, motion, prints, reconstruct, segment, track
+from ..stages import dress, inner, motion, prints, segment, track
 from ..surface.curves import Curve
-from ..surface.sampling import evenly
-from ..surface.thinning import thinned
 from ..vision.colours import ColourModel
-from ..vision.thin_pictures import thin_cameras, thin_pictures
+from ..vision.thin_pictures import thin_cameras
 from ..vision.threads import parallel_map
 from .identity import Identities
-from .labelling import labelled
-from .scanning import make_scans
+from .samples import as_labels_see, samples_of
 from .template import Worn, template_from_scan, template_on_body
+
+LARGE = 1 << 25  # pixels of a frame above which what its thinned pictures say is gathered twice, not kept
 
 
 @dataclass
@@ -85,7 +83,7 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
     progress("prepare", 0, 1)
     folder = run / "prepared"
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
-    sampled = cache(partial(_samples, capture, run, config, identities))
+    sampled = cache(partial(samples_of, capture, run, config, identities))
     fitted = cache(lambda: track.prepare(model, sampled(), config.track))
     person = kept(folder / "person.npz", Person, lambda: fitted()[0], identities.stages["person"])
     prepared = PreparedRun(
@@ -103,61 +101,6 @@ def kept(path, kind, make, identity, **records):
     if identity_of(path, whole=True) != identity:
         save_record(path, make(), identity)
     return load_record(path, kind, **records)
-
-
-def _samples(capture, run, config, identities):
-    """The frames that the preparation is made of, as far as they can be read, with their keypoints in space."""
-
-    def read(number):
-        try:
-            frame = frame_of(capture, config, number)
-            points = points_of(capture, config, frame)
-        except Exception as error:
-            return first_line(error)
-        if frame.scan is None and points is None:
-            return f"frame {number}: neither a scan nor keypoints that two cameras agree on"
-        return frame, points
-
-    chosen = identities.sampled
-    failed = make_scans(capture, chosen, config, Status.of(run), identities)
-    found = [*parallel_map(read, [number for number in chosen if number not in failed]), *failed.values()]
-    samples = [sample for sample in found if not isinstance(sample, str)]
-    if not samples:
-        raise UserError(found[0])
-    reconstruct.check_with_scans(samples, config.reconstruct)
-    return samples
-
-
-def sampled_frames(capture, count, frames):
-    """Numbers of frames spread evenly, and as many of those with label images where others have none."""
-    spread = evenly(frames, count)
-    if not capture.scene.garments or capture.scene.segmenter or all(capture.labelled(number) for number in spread):
-        return spread
-    return sorted({*spread, *evenly([number for number in frames if capture.labelled(number)], count)})
-
-
-def frame_of(capture, config, number):
-    """A frame as the stages take it: its pictures labelled, its scan as dense as tracking asks."""
-    return with_scan_of(labelled(capture, capture.frame(number)), config.track.scan_spacing)
-
-
-def with_scan_of(frame, spacing):
-    """The frame with its scan thinned, see `thinned`; itself where it has none."""
-    return frame if frame.scan is None else replace(frame, scan=thinned(frame.scan, spacing))
-
-
-def as_labels_see(frame, config):
-    """The frame as labels and garments see it: its scan and its pictures thinned."""
-    return thin_pictures(with_scan_of(frame, config.scan_spacing), config.picture_side)
-
-
-def points_of(capture, config, frame):
-    """Keypoints of a frame in space, those that it brings or else triangulated; None where it has none, or none that two
-    cameras agree on."""
-    if frame.keypoints is None and frame.points3d is None:
-        return None
-    points = frame.points3d or reconstruct.triangulate(frame.keypoints, capture.cameras, config.reconstruct)
-    return points if np.isfinite(points.points).any() else None
 
 
 def _prepare_garments(prepared, tracked, status):
@@ -179,9 +122,7 @@ def _prepare_garments(prepared, tracked, status):
         learn = partial(segment.prepare, scene, cameras, samples, model.f, config.segment)
         made = kept(colours, segment.SegmentModel, learn, ids["colours"], colours=ColourModel)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
-        evidenced = parallel_map(
-            lambda sample: (*sample, *segmented(prepared, made, *sample, None, refine_border=True)), wanted
-        )
+        evidenced = parallel_map(partial(_evidenced, prepared, made), wanted)
         for garment, path in zip(scene.garments, paths):
             save_record(path, _template(prepared, garment, evidenced, status), ids["template"])
     prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
@@ -220,11 +161,21 @@ def _over(scene, name):
     return [scene.labels[garment.label] for garment in scene.garments[names.index(name) + 1 :]]
 
 
+def _evidenced(prepared, colours, sample):
+    """A sampled (Frame, Tracked) as `dress.prepare` takes it; evidence of large pictures is gathered again there."""
+    fine = {"refine_border": True}
+    found, evidence = segmented(prepared, colours, *sample, None, **fine)
+    pixels = sum(view.depth.size for view in evidence.views.values())
+    return (
+        *sample,
+        found,
+        partial(evidence_of, prepared, colours, *sample, **fine) if pixels > LARGE else lambda: evidence,
+    )
+
+
 def segmented_again(prepared, frame, tracked, path):
     """The same of a frame whose Segmented lies in a file."""
-    cameras = thin_cameras(prepared.capture.cameras, prepared.config.picture_side)
-    evidence = segment.evidence(frame, cameras, prepared.colours, tracked, prepared.model.f, prepared.config.segment)
-    found = load_record(path, Segmented)
+    found, evidence = load_record(path, Segmented), evidence_of(prepared, prepared.colours, frame, tracked)
     curves = lambda of: [Curve(np.array(curve["points"]), curve["closed"]) for curve in of]
     return replace(found, openings={int(label): curves(of) for label, of in found.openings.items()}), evidence
 
@@ -233,7 +184,13 @@ def segmented(prepared, colours, frame, tracked, previous, **changes):
     """(Segmented, Evidence) of a frame `as_labels_see` it, by the settings of the stage with these changes."""
     capture, faces = prepared.capture, prepared.model.f
     settings = prepared.config.segment.model_copy(update=changes)
-    cameras = thin_cameras(capture.cameras, prepared.config.picture_side)
-    evidence = segment.evidence(frame, cameras, colours, tracked, faces, settings)
+    evidence = evidence_of(prepared, colours, frame, tracked, **changes)
     votes = [vote for vote in capture.votes if vote.frames is None or frame.number in vote.frames]
     return segment.segment(capture.scene, evidence, colours, tracked, faces, settings, previous, votes), evidence
+
+
+def evidence_of(prepared, colours, frame, tracked, **changes):
+    """The Evidence of a frame `as_labels_see` it."""
+    settings = prepared.config.segment.model_copy(update=changes)
+    cameras = thin_cameras(prepared.capture.cameras, prepared.config.picture_side)
+    return segment.evidence(frame, cameras, colours, tracked, prepared.model.f, settings)

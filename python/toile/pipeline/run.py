@@ -26,7 +26,7 @@ from typing import Any
 from ..config import Config, changed, configured
 from ..errors import UserError
 from ..io.capture import Capture, check_capture, open_capture
-from ..io.files import identity_of, load_record, save_record
+from ..io.files import identity_of, load_record, naming, save_record
 from ..io.holdout import apart, held
 from ..io.layout import STORE
 from ..io.locks import at_work, locked
@@ -45,8 +45,9 @@ from .labelling import scene_segmenter
 from .manifest import check_folder, config_of, note_frame, request_of, try_again, write_request
 from .outcome import Outcome, RunStores, again, diagnostics_of, outcome_of, recover
 from .overlap import overlapped
-from .preparation import as_labels_see, frame_of, kept, points_of, prepare, sampled_frames, segmented, segmented_again
+from .preparation import kept, prepare, segmented, segmented_again
 from .printing import slide
+from .samples import as_labels_see, frame_of, points_of, sampled_frames
 from .smoothing import load_layers, smooth
 from .stopping import stoppable
 from .template import check_templates
@@ -183,9 +184,10 @@ def first_stages(limit, prepared, number, previous, results) -> Iterator[None]:
         tracked = clock.timed("track", lambda: prepared.tracker.track(frame, points, last))
         save_record(folder / "track.npz", tracked, asked("track"))
     yield
-    shown, labels = frame, None
+    shown, labels, masks = frame, None, frame.masks
+    frame = None  # its pictures are large
     if prepared.templates:
-        shown = as_labels_see(frame, prepared.config)
+        shown = as_labels_see(shown, prepared.config)
         if kept("segment.npz", "segment"):
             found = clock.timed("segment", lambda: segmented_again(prepared, shown, tracked, folder / "segment.npz"))
         else:
@@ -197,7 +199,7 @@ def first_stages(limit, prepared, number, previous, results) -> Iterator[None]:
             dressed = clock.timed("dress", lambda: dresser.dress(shown, tracked, *found))
             save_record(folder / f"dress.{template.name}.npz", dressed)
         labels = found[0].scan_faces
-    save_record(folder / "seen.npz", glimpse(replace(shown, masks=frame.masks), labels))
+    save_record(folder / "seen.npz", glimpse(replace(shown, masks=masks), labels))
     for stage, value in clock.seconds.items():
         results.status.add(frame=number, stage=stage, seconds=value, ok=True)
 
@@ -238,12 +240,13 @@ def last_stages(stored, results, progress, keep, prepared, pool) -> None:
         if scene.garments:
             fused, identity = partial(_fuse, run, good, results, prepared, pool), prepared.identities.stages["inner"]
             kept(prepared.folder / "inner.npz", InnerShape, fused, identity)
-    writer = _store(stored, prepared)
-    left = [number for number in frames if number not in stored.behind(stored.folder)]
-    for i, _ in enumerate(pool.each(partial(_finish, stored, results), writer.groups(left))):
-        progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
-    writer.write_diagnostics(diagnostics_of(run, frames, results.status))
-    stored.install()
+    with naming(stored.folder / STORE):
+        writer = _store(stored, prepared)
+        left = [number for number in frames if number not in stored.behind(stored.folder)]
+        for i, _ in enumerate(pool.each(partial(_finish, stored, results), writer.groups(left))):
+            progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
+        writer.write_diagnostics(diagnostics_of(run, frames, results.status))
+        stored.install()
     if not keep:
         shutil.rmtree(run / "work", ignore_errors=True)
 

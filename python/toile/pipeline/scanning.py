@@ -17,6 +17,7 @@ from ..io.files import replace_file, write_text
 from ..io.run_folder import scans_folder
 from ..io.status import Status
 from ..surface.poisson import check_poisson
+from .blocks import raise_where_disk
 from .identity import Identities
 from .reconstruct import MADE, made_of
 
@@ -87,6 +88,7 @@ def make_scans(
         try:
             make_scan(capture, number, config, status, identities)
         except Exception as error:
+            raise_where_disk(error)
             failed[number] = first_line(error)
     found = [number for number in tried if (_folder(capture, number) / MADE[0]).exists()]
     if tried and not found and not failed:

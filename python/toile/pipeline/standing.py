@@ -84,14 +84,15 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
 
 
 def pace_of(status: Status, stage: str) -> tuple[float | None, float | None]:
-    """Frames a second that left a stage over the last WINDOW, by all processes; and the time of the last line [s]."""
+    """Frames a second that left a stage over the last WINDOW, by all processes; and the time of the last line [s]. Of times
+    on the other side of a clock's jump nothing is told."""
     times, last = [], None
     for line in status.lines():
         at = line.get("time")
         if isinstance(at, (int, float)):
-            last = at if last is None else max(last, at)
+            last = at
             if line.get("stage") == stage and line.get("ok"):
                 times.append(at)
-    recent = [at for at in times if at > max(times) - WINDOW]
+    recent = [at for at in times if abs(at - times[-1]) < WINDOW]
     span = max(recent) - min(recent) if recent else 0.0
     return ((len(recent) - 1) / span if span > 0 else None), last

@@ -24,8 +24,8 @@ HANDS = "hand_left", "hand_right"  # segments of a body model
 
 def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, chosen by `fit_samples`,
-    are [(Frame, Tracked, Segmented, Evidence)]: they are registered loosely, unposed and averaged. `over`: label ids of
-    the garments worn over this one.
+    are [(Frame, Tracked, Segmented, evidence)], of which `evidence()` gives the Evidence: they are registered loosely,
+    unposed and averaged. `over`: label ids of the garments worn over this one.
 
     Warns where the template does not fit: size by loop lengths, a loop that no frame shows; and where the body model has
     no hands. Raises UserError for a template without open loops."""
@@ -95,7 +95,7 @@ def _personalise(model, person, template, samples, settings, over):
     frame that shows an opening much shorter or longer than the others says nothing of the cloth about it."""
     registered = parallel_map_with(
         lambda: Dresser(model, person, template, settings, over),
-        lambda dresser, sample: dresser.register(*sample),
+        lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
         samples,
     )
     lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])

@@ -53,42 +53,42 @@ def prepare(scene, cameras, samples, faces, settings):
     _check_ids(scene, samples)
     model = _fitted(cameras, samples, faces, ids, settings)
     for _ in range(settings.completion_rounds):
-        whole = [
-            (_completed(frame, frame.images, cameras, model, tracked, faces, settings), tracked)
-            for frame, tracked in samples
-        ]
-        if all(frame is given for (frame, _), (given, _) in zip(whole, samples)):
+        if not any(_unlabelled(frame, frame.images, model) for frame, _ in samples):
             break
-        votes = _votes(_labelled_views(cameras, whole, faces), whole, faces, ids, settings)
+        votes = _no_votes(samples, ids)
+        for given, tracked in samples:
+            frame = _completed(given, given.images, cameras, model, tracked, faces, settings)
+            views = depth_views(frame.labels, cameras, tracked.vertices, faces)
+            _count(votes, frame, views, tracked, faces, ids, settings)
         model = SegmentModel(ids, model.colours, _prior(votes, faces, settings))
     return model
 
 
 def _fitted(cameras, samples, faces, ids, settings):
-    """The SegmentModel of the labels that sampled frames [(Frame, Tracked)] have."""
-    seen = _labelled_views(cameras, samples, faces)
-    prior = _prior(_votes(seen, samples, faces, ids, settings), faces, settings)
-    return SegmentModel(ids, _fit_colours(seen, ids, settings), prior)
+    """The SegmentModel of the labels that sampled frames [(Frame, Tracked)] have; of one frame at a time views are there."""
+    votes, pixels = _no_votes(samples, ids), []
+    for frame, tracked in samples:
+        views = depth_views(frame.labels, cameras, tracked.vertices, faces)
+        _count(votes, frame, views, tracked, faces, ids, settings)
+        pixels += _known_pixels(frame, views, ids, settings)
+    return SegmentModel(ids, _fit_colours(pixels, ids, settings), _prior(votes, faces, settings))
 
 
-def _labelled_views(cameras, samples, faces):
-    """[(Frame, {camera: DepthView})] of the label images that sampled frames have."""
-    return [(frame, depth_views(frame.labels, cameras, tracked.vertices, faces)) for frame, tracked in samples]
+def _no_votes(samples, ids):
+    return np.zeros((len(samples[0][1].vertices), len(ids)))
 
 
-def _votes(seen, samples, faces, ids, settings):
-    """How often (n,L) each tracked vertex carried each label."""
-    votes = np.zeros((len(samples[0][1].vertices), len(ids)))
-    for (frame, views), (_, tracked) in zip(seen, samples):
-        if views:
-            N = kernels.vertex_normals(tracked.vertices, faces)
-            given = lambda name: (frame.labels[name], ids, settings, frame.certainty.get(name))
-            soft = {name: soft_crop(view, *given(name)) for name, view in views.items()}
-            share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
-            votes += share * weight[:, None]
-        if frame.scan_labels is not None:
-            votes += _scan_votes(frame.scan, tracked.vertices, ids, settings)
-    return votes
+def _count(votes, frame, views, tracked, faces, ids, settings):
+    """Adds to `votes` (n,L) how often each tracked vertex carries each label in the frame's `views` {camera: DepthView} and
+    on its scan."""
+    if views:
+        N = kernels.vertex_normals(tracked.vertices, faces)
+        given = lambda name: (frame.labels[name], ids, settings, frame.certainty.get(name))
+        soft = {name: soft_crop(view, *given(name)) for name, view in views.items()}
+        share, weight = mean_over_views(soft, visibility(views, tracked.vertices, N, settings))
+        votes += share * weight[:, None]
+    if frame.scan_labels is not None:
+        votes += _scan_votes(frame.scan, tracked.vertices, ids, settings)
 
 
 def _prior(votes, faces, settings):
@@ -111,12 +111,18 @@ def unlabelled_pictures(samples):
 
 def _completed(frame, names, cameras, model, tracked, faces, settings):
     """The frame with label images of the cameras `names` that have a picture; itself where none is missing or to be told."""
-    missing = [name for name in names if name in frame.images and name not in frame.labels]
-    if not missing or model.colours is None:
+    missing = _unlabelled(frame, names, model)
+    if not missing:
         return frame
     views = depth_views(missing, cameras, tracked.vertices, faces)
     more = complete_labels(frame, views, model.prior, faces, model.colours, model.ids, settings)
     return replace(frame, labels=frame.labels | more)
+
+
+def _unlabelled(frame, names, model):
+    """Those of the cameras `names` whose pictures have no label image and can be told one by their colours."""
+    told = () if model.colours is None else frame.images
+    return [name for name in names if name in told and name not in frame.labels]
 
 
 def _scan_votes(scan, points, ids, settings):
@@ -190,28 +196,31 @@ def _check_ids(scene, samples):
             )
 
 
-def _fit_colours(seen, ids, settings):
-    """Colour models from the pixels of the sampled frames; None where the capture has no pictures."""
-    rgb, given = [], []
-    for frame, views in seen:
-        for name, view in views.items():
-            if name not in frame.images:
-                continue
-            column = np.searchsorted(ids, frame.labels[name]).clip(0, len(ids) - 1)
-            known = (view.face >= 0) & (ids[column] == frame.labels[name])
-            known &= ~occlusion_border(view.depth, settings.evidence.depth_step, settings.evidence.depth_border)
-            if name in frame.certainty:
-                known &= frame.certainty[name] > 255 * settings.sure_share
-            rgb.append(frame.images[name][known])
-            given.append(column[known])
-    if not rgb:
+def _known_pixels(frame, views, ids, settings):
+    """[(RGB (p,3), columns (p,) of their labels)] of each of a frame's `views` {camera: DepthView} that has a picture."""
+    found = []
+    for name, view in views.items():
+        if name not in frame.images:
+            continue
+        column = np.searchsorted(ids, frame.labels[name]).clip(0, len(ids) - 1)
+        known = (view.face >= 0) & (ids[column] == frame.labels[name])
+        known &= ~occlusion_border(view.depth, settings.evidence.depth_step, settings.evidence.depth_border)
+        if name in frame.certainty:
+            known &= frame.certainty[name] > 255 * settings.sure_share
+        found.append((frame.images[name][known], column[known].astype(np.uint8)))
+    return found
+
+
+def _fit_colours(pixels, ids, settings):
+    """Colour models from `_known_pixels` of the sampled frames; None where the capture has no pictures."""
+    if not pixels:
         return None
-    rgb, given = np.concatenate(rgb), np.concatenate(given)
+    rgb, given = (np.concatenate(of) for of in zip(*pixels))
     if len(rgb) > settings.colour_pixels:
         pick = np.random.default_rng(settings.seed).choice(len(rgb), settings.colour_pixels, replace=False)
         pick.sort()
         rgb, given = rgb[pick], given[pick]
-    return fit_colours(rgb, given, ids, settings.label_error_share, settings.colour_iterations)
+    return fit_colours(rgb, given.astype(np.int64), ids, settings.label_error_share, settings.colour_iterations)
 
 
 def _with_neighbours(values, F, rounds=1):

@@ -40,10 +40,11 @@ def thin_pictures(frame: Frame, most: int) -> Frame:
 
 
 def _thinned(pictures: Mapping[str, Any], most: int) -> dict[str, Any]:
-    return dict(zip(pictures, parallel_map(lambda picture: _thin(picture, most), list(pictures.values()))))
+    return dict(zip(pictures, parallel_map(lambda picture: thin_picture(picture, most), list(pictures.values()))))
 
 
-def _thin(picture: Any, most: int) -> Any:
+def thin_picture(picture: Any, most: int) -> Any:
+    """One picture of `thin_pictures`; itself where it has no longer side."""
     f = _step(picture.shape[:2], most)
     if f == 1:
         return picture
