@@ -15,8 +15,8 @@ from toile.io.run import open_run
 from toile.measure.evaluate import evaluate
 from toile.measure.evidence import parted
 from toile.measure.glimpse import Glimpse, glimpse
-from toile.measure.verdicts import JudgedLayer, agreement, verdict
-from toile.scene import Frame, Keypoints, Mesh
+from toile.measure.verdicts import JudgedLayer, _openings, agreement, verdict
+from toile.scene import Frame, GarmentTemplate, Keypoints, Mesh
 from toile.vision.visibility import DepthView
 
 SETTINGS = VerdictSettings()
@@ -233,3 +233,18 @@ def test_cloth_in_the_air_and_what_nothing_covers_are_said_where_two_cameras_sho
     found, (level, reasons) = outlined(**{a: 0.55, b: 0.55})
     assert found["uncovered_mm"] == pytest.approx(50, abs=8) and found["overhang_mm"] == 0
     assert level == DOUBTFUL and "beyond the silhouette" in reasons[0]
+
+
+def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them():
+    """A hem that is tucked in throughout has no length, and is no fault; a neck that other frames show has one."""
+    names = ("neck", "hem")
+    shirt = GarmentTemplate("shirt", 1, *(None,) * 5, loops=(None, None), loop_names=names)
+    said = {f"loop_observed.{name}": share for name, share in zip(names, (0.6, 0.1))}
+    said |= {f"loop_mm.{name}": 1.0 for name in names}
+    judged = lambda **known: verdict(_openings(shirt, said | known) | LOOKED, SETTINGS)
+    assert judged() == (GOOD, [])
+    level, reasons = judged(**{"loop_length.neck": 1.0})
+    assert level == DOUBTFUL and "0.6 of the openings" in reasons[0]
+    said["loop_observed.neck"] = 0.9
+    assert judged(**{"loop_length.neck": 1.0}) == (GOOD, [])
+    assert judged(**{"loop_length.neck": 1.0, "loop_length.hem": 1.0})[0] == DOUBTFUL

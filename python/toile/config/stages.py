@@ -92,6 +92,9 @@ class VerdictSettings(Settings):
     garment_mm: tuple[float, float] = setting(
         (10.0, 30.0), "mm", "a garment and the labelled scan, mean distance from the side that is nearer"
     )
+    opening_observed: tuple[float, float] = setting(
+        (0.75, 0.25), "1", "share of a garment's openings that were seen, of those that the preparation's frames show"
+    )
     loop_mm: tuple[float, float] = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
     loop_length: tuple[float, float] = setting(
         (1.5, 3.0),

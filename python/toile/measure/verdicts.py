@@ -156,6 +156,7 @@ def _limits(s):
         "observed": (*s.observed, "{} of the surface was found on the scan, and nothing else shows it"),
         "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
+        "opening_observed": (*s.opening_observed, "{} of the openings that other frames show were seen"),
         "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
         "loop_length": (*s.loop_length, "{} times as long as the sampled frames show the opening, or as short"),
         "loop_share": (
@@ -177,12 +178,15 @@ CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 
 def _openings(template, diagnostics):
-    """What dressing said of a garment's loops: the share seen, the largest distance, openings that belong to none, and of
-    each how its length departs from its opening's, and from what the cloth about it leads to expect."""
+    """What dressing said of a garment's loops: the share seen, that of those whose opening the preparation's frames showed
+    (what is tucked in or covered throughout is no fault of a frame), the largest distance, openings that belong to none, and
+    of each how its length departs from its opening's, and from what the cloth about it leads to expect."""
     seen = [diagnostics[f"loop_observed.{name}"] for name in template.loop_names]
+    shown = [f"loop_length.{name}" in diagnostics for name in template.loop_names]
     off = [diagnostics[f"loop_mm.{name}"] for name in template.loop_names]  # -1 where none was seen
     return {
         f"{template.name}.loop_observed": float(np.mean(seen)),
+        **({f"{template.name}.opening_observed": float(np.mean(np.array(seen)[shown]))} if any(shown) else {}),
         f"{template.name}.loop_mm": max([0.0, *off]),
         **{f"{template.name}.{name}": diagnostics[name] for name in CRUMPLED if name in diagnostics},
         **{
