@@ -289,10 +289,13 @@ def evaluate(
     driven: Annotated[
         bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
     ] = False,
+    physics: Annotated[bool, typer.Option("--physics", help="with --driven: garments hang as cloth")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ):
     """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
-    result = measure(path, frames, run, driven)
+    if physics and not driven:
+        raise UserError("--physics: it drives an avatar: give --driven too")
+    result = measure(path, frames, run, driven, physics)
     for warning in result.get("warnings", ()):
         speech.warn(warning)
     if as_json:
@@ -412,13 +415,13 @@ def is_avatar(path):
     return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()  # a stopped training is told so
 
 
-def measure(path, frames, run, driven):
+def measure(path, frames, run, driven, physics=False):
     """The evaluation of a run or of an avatar."""
     if is_avatar(path):
         from .avatar.measure.evaluation import evaluate_avatar
 
         with progress_bars() as progress:
-            return evaluate_avatar(path, numbers_of(frames), run, progress, driven=driven)
+            return evaluate_avatar(path, numbers_of(frames), run, progress, driven=driven, physics=physics)
     from .measure.evaluate import evaluate as evaluate_run
 
     no_avatar(path, frames, run, driven)

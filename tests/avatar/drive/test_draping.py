@@ -42,15 +42,16 @@ def test_lengths_are_the_means_of_the_frames_that_were_trained_on(driven, avatar
 
 
 def test_over_the_training_frames_cloth_lies_on_average_where_it_was_registered(driven, sample_run):
+    """But for the first of the three, from which cloth only goes."""
     garment, error, spread = open_run(sample_run).garments["tshirt"], 0, 0
-    for row in range(3):
+    for row in (1, 2):
         batch = driven.unseen(row)
         shown = driven.draping.at(row, driven.geometry(row), batch)["tshirt"].vertices
         transforms = driven.avatar.skeleton(batch["rotations"], batch["translation"])
         unpose = driven.avatar.model("tshirt").skin.unpose
         truth = shown.new_tensor(garment.vertices.at(row))[None]
         difference = (unpose(shown, *transforms) - unpose(truth, *transforms))[0].numpy()
-        error, spread = error + difference / 3, spread + np.linalg.norm(difference, axis=1).mean() / 3
+        error, spread = error + difference / 2, spread + np.linalg.norm(difference, axis=1).mean() / 2
     assert np.linalg.norm(error, axis=1).max() < 1e-4 < spread
 
 

@@ -95,3 +95,22 @@ def test_a_run_is_not_driven(sample_run):
 
 def test_all_frames_between_held_out_pictures_are_held_out():
     assert list(held_out_span([60, 66, 72])) == list(range(60, 73)) and not held_out_span([])
+
+
+def test_physics_shows_what_an_animation_by_physics_shows(folder, sample_run):
+    printed = CliRunner().invoke(app, ["evaluate", str(folder), "--frames", "3", "--driven", "--physics", "--json"])
+    assert printed.exit_code == 0, printed.output
+    driven = json.loads(printed.stdout)["all"]["driven"]
+    assert driven["intersections"]["left"] == 0
+    assert driven["physics"]["strain"] > 0 and driven["physics"]["self_pairs"]["tshirt"] >= 0
+    shown = Driven(folder, [3], physics=True)._placed("layered", 3)["tshirt"]
+    hung = DrivenAvatar(folder, sample_run, physics=True)
+    decoded, _, _ = hung.decode(3, hung.unseen(3))
+    assert np.abs(decoded["tshirt"].vertices[0].cpu().numpy() - shown).max() < 1e-5
+    assert np.abs(Driven(folder, [3])._placed("layered", 3)["tshirt"] - shown).mean() > 1e-4
+
+
+def test_physics_without_a_driver_is_refused(folder):
+    refused = CliRunner().invoke(app, ["evaluate", str(folder), "--physics"])
+    assert isinstance(refused.exception, UserError)
+    assert str(refused.exception) == "--physics: it drives an avatar: give --driven too"

@@ -29,7 +29,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None):
 
     Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body, at least
     LEAST_MARGIN. Residual: the mean over frames of registered less simulated vertices, both unposed; of a row of neighbours
-    longer than twice LEAD, the first LEAD frames are only simulated. No held-out frame is read.
+    the first LEAD frames, at most half of them, are only simulated. No held-out frame is read.
     UserError: the avatar has no garment, or its run is gone.
     """
     facts = read_facts(folder)
@@ -79,7 +79,7 @@ def _left_over(run, driven, cloths, stretches, progress):
             batch = driven.unseen(row)
             draping.at(k, driven.geometry(row), batch)
             progress("cloth", done := done + 1, sum(map(len, stretches)))
-            if len(rows) > 2 * LEAD and k < LEAD:
+            if k < min(LEAD, len(rows) // 2):
                 continue
             transforms = driven.avatar.skeleton(batch["rotations"], batch["translation"])
             count += 1

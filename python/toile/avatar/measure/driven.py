@@ -1,6 +1,6 @@
 """Held-out frames driven by poses and facial keypoints alone: of a frame no code, no texture and no pixel is used.
 
-Garments by the temporal model's codes, then out of the body (docs/method/animation.md); the single-layer baseline by
+Garments by the temporal model's codes, or as cloth that hangs (docs/method/drape.md), then out of the body; the single-layer baseline by
 codes drawn from the unit Gaussian, one a sequence, as Bagautdinov et al. 2021 animate theirs.
 """
 
@@ -11,7 +11,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ...kernels import self_intersections
 from ...measure.truth import second_difference
+from ..drive.cloths import LEAD
+from ..drive.draping import Draping, load_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..drive.layering import GarmentLayering
 from .heldout import VIEW, HeldOut
@@ -23,29 +26,45 @@ COMPARED = 3  # every which picture is drawn with the others too
 class Driven(HeldOut):
     """HeldOut's avatars by what drives them; "baseline 1" ... are other draws of its code, "baseline 0" the code zero."""
 
-    def __init__(self, folder, frames=None, run=None):
+    def __init__(self, folder, frames=None, run=None, physics=False):
         super().__init__(folder, frames, run)
         run = self.registered.run
         self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
-        self.latents, self.driver, self.measured = {}, None, {}
+        self.led = [n for n in run.ok if n < self.frames[0]][-LEAD:] if physics else []
+        self.latents, self.driver, self.measured, self.draping = {}, None, {}, None
         self.intersections = {}  # by frame: pairs before and after untangling
         if "layered" in self.avatars:
             avatar = self.avatars["layered"]
             self.layering = GarmentLayering(avatar.layers, self.registered.run.body_model.skin_faces)
             self.latents["layered"] = self._garment_codes(folder, avatar)
+            if physics:
+                self.draping = self._draping(load_cloths(folder, avatar.layers))
         if "baseline" in self.avatars:
             self._draw_codes(self.avatars["baseline"])
 
     def _garment_codes(self, folder, avatar):
         """{frame: {garment: (1,Z)}} from the poses up to each frame, those between the pictured ones included."""
         if not any(layer.kind == "garment" for layer in avatar.layers) or avatar.settings.data.window:
-            return {n: {} for n in self.span}
+            return {n: {} for n in self.led + self.span}
         self.driver, stride, self.measured = load_driver(folder)
         track = run_track(avatar, self.registered.run, stride)
         with torch.no_grad():
             codes = {name: z.to(self.device) for name, z in self.driver.latents(track).items()}
         at = {n: i for i, n in enumerate(track.frames.tolist())}
-        return {n: {name: z[at[n]][None] for name, z in codes.items()} for n in self.span}
+        return {n: {name: z[at[n]][None] for name, z in codes.items()} for n in self.led + self.span}
+
+    def _draping(self, cloths):
+        """Cloth of the layered avatar over the span, begun some frames before it."""
+        frames = self.led + self.span
+        times = np.array(frames) / self.registered.run.scene.fps
+        return Draping(
+            self.avatars["layered"], cloths, self.layering, times, lambda k: self._posed("layered", frames[k])
+        )
+
+    def _posed(self, name, frame):
+        """{layer: Decoded} of a frame by its codes alone, without textures."""
+        batch = self._steered(frame) | {"T_camera_world": torch.eye(4, device=self.device)[None]}
+        return self.avatars[self.shown[name]].decode(batch, self.latents[name][frame], texture=False)
 
     def _draw_codes(self, avatar):
         surface = avatar.layers[0].name
@@ -87,10 +106,11 @@ class Driven(HeldOut):
     def _placed(self, name, frame):
         """{layer: vertices (n,3)}, garments out of the body."""
         if frame not in self.decoded[name]:
-            avatar = self.avatars[self.shown[name]]
-            batch = self._steered(frame) | {"T_camera_world": torch.eye(4, device=self.device)[None]}
-            decoded = avatar.decode(batch, self.latents[name][frame], texture=False)
+            decoded = self._posed(name, frame)
             if name == "layered":
+                if self.draping:
+                    row = (self.led + self.span).index(frame)
+                    decoded = self.draping.at(row, decoded, self._steered(frame))
                 decoded, *self.intersections[frame] = self.layering(decoded)
             self._keep(name, frame, decoded)
         return self.decoded[name][frame]
@@ -104,6 +124,7 @@ class Driven(HeldOut):
             and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
             "intersections": self._intersections(),
+            "physics": self.draping and {"strain": self.draping.strain, "self_pairs": self._self_pairs()},
             "baseline_draws": draws and _draw_errors(draws, errors.measures("layered", pictures=common)),
         }
 
@@ -126,6 +147,14 @@ class Driven(HeldOut):
                 "jitter_mm": second_difference({n: shown[n] - true[n] for n in true}, step),
             }
         return found
+
+    def _self_pairs(self):
+        """{garment: pairs of its own triangles that intersect}, mean over the span: cloth does not meet itself."""
+        faces = {layer.name: layer.faces for layer in self.layering.garments}
+        placed = [self._placed("layered", n) for n in self.span]
+        return {
+            name: float(np.mean([len(self_intersections(V[name], F)) for V in placed])) for name, F in faces.items()
+        }
 
     def _intersections(self):
         """Triangle pairs of garments and what lies under them, over the span."""

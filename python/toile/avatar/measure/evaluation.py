@@ -70,12 +70,20 @@ def _measures(pictures):
     } | ({"garments": each} if each else {})  # fmt: skip
 
 
-def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, total: None, sheets=True, driven=False):
+def evaluate_avatar(
+    folder,
+    frames=None,
+    run=None,
+    progress=lambda stage, done, total: None,
+    sheets=True,
+    driven=False,
+    physics=False,
+):
     """{"all": {"layered": {...}, "baseline": {...} or None, ...}, "per_frame": [...], "warnings": [...]}.
 
     frames: numbers, by default those that the training held out. run: where the run is now, if it was moved. sheets:
-    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone. UserError: one line that names what is
-    missing.
+    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone; physics: garments hang as cloth. UserError:
+    one line that names what is missing.
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
     garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
@@ -87,10 +95,13 @@ def evaluate_avatar(folder, frames=None, run=None, progress=lambda stage, done, 
     errors of codes, motion (second differences of garments' vertices, decoded and true), intersections before and after
     `untangle`, and the baseline's errors over draws of its code.
     """
+    from ..drive.cloths import ensure_cloths
     from .driven import Driven
     from .heldout import HeldOut
 
-    held = (Driven if driven else HeldOut)(Path(folder), frames, run)
+    if physics:
+        ensure_cloths(folder, run, progress)
+    held = Driven(Path(folder), frames, run, physics) if driven else HeldOut(Path(folder), frames, run)
     errors, spacing, shown = PictureErrors(held.garment_labels.values(), held.garment_labels), [], defaultdict(list)
     for i, picture in enumerate(held.pictures()):
         progress("evaluate", i, held.count)
