@@ -161,6 +161,32 @@ def test_two_cameras_out_of_step_are_both_named(walk):
     assert said == {"cam0": "3", "cam4": "-2"}
 
 
+@pytest.mark.parametrize("late", [{"cam1": 0.4}, {"cam1": -0.3}, {"cam0": 0.5, "cam3": -0.25}, {"cam2": 2.3}], ids=str)
+def test_cameras_out_of_step_by_parts_of_a_frame_are_named_with_these(walk, late):
+    """Keypoints of 1 px noise that a camera sees the wrong fraction of a frame earlier; whole frames are named besides."""
+    cameras, rng = ring_of_cameras(5), np.random.default_rng(2)
+
+    def change(name, t, rows):
+        if name not in late:
+            return rows[t][name]
+        uv = cameras[name].project(person(t - late[name])[1])[0]
+        return np.c_[uv + rng.normal(0, 1, uv.shape), rows[t][name][:, 2]]
+
+    edited(walk, change)
+    said = [text for text in texts(walk) if "parts of a frame" in text]
+    told = {
+        text.split(":")[0]: float(text.split(" are ")[1].split()[0]) * (1 if "behind" in text else -1) for text in said
+    }
+    assert told.keys() == late.keys()
+    assert all(abs(told[name] - (late[name] - round(late[name]))) <= 0.1 for name in late), told
+
+
+def test_who_stands_still_or_is_seen_by_three_cameras_tells_no_part_of_a_frame(walk):
+    still = lambda name, t, rows: rows[0][name] + np.r_[np.random.default_rng(t).normal(0, 1, 2), 0]
+    edited(walk, still)
+    assert not [text for text in texts(walk) if "parts of a frame" in text]
+
+
 def test_detections_that_lie_aside_as_a_whole_are_named_with_their_offset(walk):
     edited(walk, lambda name, t, rows: rows[t][name] + ([14, -6, 0] if name == "cam2" else [0, 0, 0]))
     said = [text for text in texts(walk) if "off as a whole" in text]

@@ -54,6 +54,9 @@ def make_scan(capture: Capture, number: int, config: Config, status: Status, ide
     if not asked or folder.exists() or not lacks_scan(capture, number):
         return
 
+    for left in folder.parent.glob(f".{folder.name}.*.part"):  # of a killed process
+        shutil.rmtree(left, ignore_errors=True)
+
     def write(part: Path, give: Callable[[Path], None] = lambda part: None) -> None:
         part.mkdir()
         give(part)

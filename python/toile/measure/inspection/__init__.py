@@ -20,6 +20,7 @@ from ...scene import Camera, Frame
 from .body import check_units, check_up, stature, upward
 from .cameras import AGREES, Finding, convention_of, diagonal, offsets, read_as, steps, strangers
 from .files import KINDS, gaps, labels_seen, looks, uneven, unpadded
+from .fractions import fractions
 from .masks import COVERED, centroids, coverage
 from .rays import Meeting, Sighting, epipolar, meet
 
@@ -156,6 +157,10 @@ def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
         name, way = sighting.cameras[i].name, "behind" if shift > 0 else "ahead of"
         text = f"{name}: out of step, its pictures are {abs(shift)} frames {way} the others'"
         found.findings.append(Finding(f"{text}; import with --offset {name}={shift}"))
+    for i, step in fractions(sighting.thinned(DETECTIONS)).items():
+        way = "behind" if step > 0 else "ahead of"
+        text = f"{sighting.cameras[i].name}: out of step by parts of a frame, its pictures are {abs(step):.1f} frames {way} the others'"
+        found.findings.append(Finding(f"{text}: no offset mends it, but a common trigger does", serious=False))
     return sighting
 
 
