@@ -1,8 +1,9 @@
-"""What workers cost beside the work: `python -m bench.cluster overhead | load | store RUN`. Stages are replaced by sleeps.
+"""What workers cost beside the work: `python -m bench.cluster overhead | load | ceiling | store RUN`. Stages are replaced by sleeps.
 
 overhead  one job by this process, and by 2 and 4 workers of this machine: seconds until the first frame is told, to end,
           and CPU seconds a frame
 load      a scheduler with many workers, threads of this process, and as many frames as a long take has
+ceiling   what two processes that share nothing but the machine could gain at most
 store     files and bytes of --frames frames like those of a finished run
 """
 
@@ -13,12 +14,20 @@ import json
 import resource
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+from statistics import median
 
 from toile.io.layout import layout_of
 from toile.io.run import open_run
 from toile.io.status import Status
+from toile.kernels import biharmonic, set_threads
 from toile.pipeline.blocks import BLOCK, BlockJob, FrameFolders, run_job
+
+from .kernel_problems import patch
+
+ROUNDS = 3
 
 
 def prepare(seconds, progress=None):
@@ -93,6 +102,29 @@ def load(frames, workers, seconds):
     }
 
 
+def ceiling(seconds):
+    """CPU seconds that a sparse factorisation takes by one process alone, and by each of two at once."""
+    rounds = []
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        for _ in range(ROUNDS):
+            alone = pool.submit(factorise, seconds).result()
+            both = [pool.submit(factorise, seconds) for _ in range(2)]
+            rounds.append((alone, sum(one.result() for one in both) / 2))
+    alone, beside = map(median, zip(*rounds))
+    return {"cpu_s_alone": alone, "cpu_s_beside_another": beside, "speed_up_at_most": 2 * alone / beside}
+
+
+def factorise(seconds):
+    """CPU seconds of a deformation of 20,000 vertices by one thread; over and over for so many seconds."""
+    set_threads(1)
+    problem = patch(20_000)
+    done, end, used = 0, time.perf_counter() + seconds, time.process_time()
+    while time.perf_counter() < end or not done:
+        biharmonic(**problem)
+        done += 1
+    return (time.process_time() - used) / done
+
+
 def store(run, frames):
     """Files and bytes that `frames` frames like those of a run would take, and what every worker reads before its first."""
     opened, size = open_run(run), lambda paths: sum(path.stat().st_size for path in paths)
@@ -119,16 +151,18 @@ def cpu():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["overhead", "load", "store"])
+    parser.add_argument("what", choices=["overhead", "load", "ceiling", "store"])
     parser.add_argument("run", nargs="?")
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--workers", type=int, default=100)
-    parser.add_argument("--seconds", type=float, default=0.05, help="that a frame sleeps")
+    parser.add_argument("--seconds", type=float, default=0.05, help="that a frame sleeps, or a process computes")
     asked = parser.parse_args()
     if asked.what == "overhead":
         found = overhead(asked.frames, asked.seconds)
     elif asked.what == "load":
         found = load(asked.frames, asked.workers, asked.seconds)
+    elif asked.what == "ceiling":
+        found = ceiling(asked.seconds)
     else:
         found = store(asked.run, asked.frames)
     print(json.dumps(found, indent=1, default=float))

@@ -4,6 +4,7 @@ import ast
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -199,6 +200,25 @@ def test_bash_completes_commands_and_options(tmp_path):
     COMP_WORDS=(toile register --qua); COMP_CWORD=2; _toile_completion toile; echo "${COMPREPLY[@]}" """
     said = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=complete(tmp_path), timeout=60)
     assert said.stdout.splitlines() == ["register", "--quality"] and said.stderr == ""
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="fish is not installed")
+def test_fish_completes_commands_and_options(tmp_path):
+    script = """toile completion fish | source
+    complete -C "toile regi"; complete -C "toile register --qua" """
+    said = subprocess.run(["fish", "-c", script], capture_output=True, text=True, env=complete(tmp_path), timeout=300)
+    assert [line.split("\t")[0] for line in said.stdout.split("\n") if line] == ["register", "--quality"]
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
+def test_zsh_reads_its_completion_without_a_word(tmp_path):
+    script = (
+        """autoload -Uz compinit; compinit -u -d "$PWD/dump"; eval "$(toile completion zsh)"; print $_comps[toile]"""
+    )
+    said = subprocess.run(
+        ["zsh", "-f", "-c", script], capture_output=True, text=True, env=complete(tmp_path), cwd=tmp_path, timeout=300
+    )
+    assert said.stdout.split() == ["_toile_completion"] and said.stderr == ""
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from toile.errors import UserError
 from toile.io.files import write_text
 from toile.io.status import Status
 from toile.pipeline.blocks import BlockJob, FrameFolders, blocks, check_shares, run_job
+from toile.pipeline.workers import Workers
 
 FRAMES = (47, 48, 49, 50, 51, 53, 99, 100)
 
@@ -107,6 +108,20 @@ def test_the_last_shard_completes_what_all_have_made(tmp_path):
     job = job_in(tmp_path / "shards")
     assert list(run(job, shard=(2, 2))) == [50, 51, 53, 99] and not (tmp_path / "shards" / "whole.json").exists()
     assert run(job, shard=(1, 2)) == run(job_in(tmp_path / "one")) and (tmp_path / "shards" / "whole.json").exists()
+
+
+def test_the_last_shard_completes_with_all_its_workers_though_few_blocks_are_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(Workers, "each", lambda pool, function, items, lost: (
+        value for item in items for value in function(pool.prepared(), item)
+    ))  # fmt: skip
+    monkeypatch.setattr(Workers, "start", lambda pool: started.append(pool.count))
+    counts, started, job = [], [], job_in(tmp_path)
+    share = lambda i: run_job(
+        job, FRAMES, lambda: False, lambda _, pool: counts.append(pool.count), workers=8, shard=(i, 3)
+    )
+    for i in (1, 2, 3):
+        share(i)
+    assert started == [1, 1, 1] and counts == [3] and len(blocks(FRAMES)) == 3
 
 
 def test_workers_make_the_same(tmp_path):

@@ -13,6 +13,7 @@ import pytest
 
 from toile import kernels
 from toile.errors import UserError
+from toile.pipeline.threads import kernel_threads
 from toile.pipeline.workers import LIVES, Workers, check_workers
 
 ITEMS = list(range(5))
@@ -108,6 +109,33 @@ def test_work_that_ends_every_worker_is_given_up_with_a_line(pool, tmp_path):
     assert len(list(tmp_path.iterdir())) == LIVES and sorted(pool.each(steps, ITEMS)) == expected()
 
 
+def test_processes_start_while_this_one_goes_on_and_share_its_threads(monkeypatch):
+    from toile.pipeline import cluster
+
+    gone_on, made = threading.Event(), []
+
+    class Late:
+        def __init__(self, count, *_):
+            made.append((count, kernels.threads()))
+            assert gone_on.wait(300)
+
+        def each(self, function, items, *_):
+            yield from items
+
+        def close(self, at_once):
+            made.append(at_once)
+
+    monkeypatch.setattr(cluster, "Cluster", Late)
+    with kernel_threads(7), Workers(2, prepare, True) as pool:
+        pool.start()
+        gone_on.set()
+        assert list(pool.each(steps, ITEMS)) == ITEMS == list(pool.each(steps, ITEMS))
+    assert made == [(2, 7), False]
+    with Workers(1, prepare, True) as alone:
+        alone.start()
+    assert len(made) == 2
+
+
 def fails(prepared, item):
     yield 0
     raise UserError(f"item {item} is bad")
@@ -164,6 +192,7 @@ import os, signal, sys, time
 from pathlib import Path
 sys.path.insert(0, {root!r})
 from tests.pipeline.test_workers import prepare
+from toile.pipeline.threads import kernel_threads
 from toile.pipeline.workers import Workers
 
 def work(prepared, item):

@@ -139,7 +139,8 @@ def run_job(
 
     `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
     the blocks. `prepare` is given `progress(stage, done, total)` in this process. `workers`, `scheduler`: see `Workers`."""
-    own = blocks(frames, job.apart)[shard[0] - 1 :: shard[1]]
+    every = blocks(frames, job.apart)
+    own = every[shard[0] - 1 :: shard[1]]
     busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
     with (
         kernel_threads(max(kernels.threads(), workers)),
@@ -148,6 +149,7 @@ def run_job(
         with locked(job.folder):
             if whole():
                 return
+            pool.start()
             prepared, wanted = pool.prepared(progress), set(left() if left else frames)
         items = [Block(numbers, frozenset(wanted.intersection(numbers))) for numbers in own]
         make, lost = partial(_make_block, job.make, job.reach, job.results), partial(_after_death, job.results)
@@ -155,6 +157,7 @@ def run_job(
             progress(job.title, i + 1, sum(map(len, own)))
         with locked(job.folder):
             if not whole() and all(job.results.done(number) for number in (left() if left else frames)):
+                pool.resize(min(workers, len(every)))
                 complete(prepared, pool)
 
 

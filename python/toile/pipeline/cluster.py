@@ -40,6 +40,9 @@ LOCAL = PATIENT | {
     "distributed.scheduler.http.routes": [],  # what a browser would be told of the run
     "distributed.worker.http.routes": [],
     "distributed.scheduler.worker-saturation": 1.0,  # what waits for a worker is not lost with it
+    "distributed.scheduler.active-memory-manager.start": False,
+    "distributed.admin.tick.interval": "1s",  # not 50 times a second, in each process
+    "distributed.admin.system-monitor.interval": "10s",
 }
 
 

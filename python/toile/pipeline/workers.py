@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
+from .. import kernels
 from ..errors import UserError
 from .threads import one_blas_thread
 
@@ -44,15 +47,16 @@ class Workers:
     """This process, `count` others on this machine, or the workers of `scheduler` (tcp://HOST:PORT, or the .json file that
     `dask scheduler --scheduler-file` writes). Each has what `prepare(*arguments)` gives there.
 
-    As a context, numpy's BLAS has one thread here as it has there. Processes start when first needed. They are spawned, not forked: OpenMP's threads do not survive a fork. They end when
-    their parent does. Where one is lost, another takes its place and makes what it was about again.
+    As a context, numpy's BLAS has one thread here as it has there. Processes start when first needed, or with `start`. They
+    are spawned, not forked: OpenMP's threads do not survive a fork. They end when their parent does. Where one is lost,
+    another takes its place and makes what it was about again.
     """
 
     def __init__(self, count: int, prepare: Callable, *arguments: Any, scheduler: str | None = None):
         self.count, self.scheduler = count, scheduler
         self.prepare, self.arguments = prepare, arguments
         self._prepared: list[Any] = []
-        self._opened: Cluster | None = None
+        self._opening: Future[Cluster] | None = None
 
     def __enter__(self) -> Workers:
         self._blas = one_blas_thread()
@@ -60,8 +64,18 @@ class Workers:
 
     def __exit__(self, kind: Any, *_: Any) -> None:
         self._blas.restore_original_limits()
-        if self._opened is not None:
-            self._opened.close(at_once=kind is not None)
+        self._close(at_once=kind is not None)
+
+    def start(self) -> None:
+        """Starts the processes, which takes seconds, while this one goes on."""
+        if self._opening is None and (self.count > 1 or self.scheduler is not None):
+            self._open()
+
+    def resize(self, count: int) -> None:
+        """From now on as many processes."""
+        if count != self.count:
+            self._close()
+            self.count = count
 
     def prepared(self, *progress: Callable) -> Any:
         """What this process has prepared, made once; `prepare` is given the progress as its last argument."""
@@ -81,9 +95,25 @@ class Workers:
         else:
             yield from self._cluster().each(function, items, lost, LIVES)
 
-    def _cluster(self):
-        if self._opened is None:
+    def _close(self, at_once: bool = False) -> None:
+        if self._opening is not None and self._opening.exception() is None:
+            self._opening.result().close(at_once=at_once)
+        self._opening = None
+
+    def _cluster(self) -> Cluster:
+        return (self._opening or self._open()).result()
+
+    def _open(self) -> Future[Cluster]:
+        """The Cluster to be, made by a thread of its own."""
+        self._opening = Future()
+        Thread(target=self._make, args=(self._opening, kernels.threads()), name="toile-cluster").start()
+        return self._opening
+
+    def _make(self, made: Future[Cluster], threads: int) -> None:
+        try:
+            kernels.set_threads(threads)  # of this thread, as of the one that asked
             from .cluster import Cluster  # half a second
 
-            self._opened = Cluster(self.count, self.scheduler, self.prepare, self.arguments)
-        return self._opened
+            made.set_result(Cluster(self.count, self.scheduler, self.prepare, self.arguments))
+        except BaseException as error:
+            made.set_exception(error)

@@ -231,6 +231,7 @@ def animate(
         camera = str(everywhere(Path(camera), scheduler))
     asked = frames, camera, height, meshes, seed, physics
     with Workers(workers, Shot.of, *paths, out, *asked, scheduler=scheduler) as pool:
+        pool.start()
         shot = pool.prepared()
         driven, rows = shot.driven, shot.rows
         shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
