@@ -9,6 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import dask
 import pytest
 
 from toile import kernels
@@ -228,3 +229,15 @@ def alive(pid):
         return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
     except OSError:
         return False
+
+
+def test_workers_that_dask_has_given_up_are_asked_for_anew(monkeypatch):
+    from toile.pipeline import cluster
+
+    monkeypatch.setattr(cluster, "SILENCE", 0.5)
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "100ms"}), Workers(2, prepare, True) as pool:
+        assert sorted(pool.each(steps, ITEMS)) == expected()
+        for nanny in pool._cluster().own.workers.values():
+            nanny.close_gracefully()
+            os.kill(nanny.pid, signal.SIGKILL)
+        assert sorted(pool.each(steps, ITEMS)) == expected()

@@ -33,6 +33,7 @@ SMALL = 1024  # bytes of a value that is sent while its task goes on
 UNSEEN = 10  # workers lost before a task was heard of
 SILENT = logging.CRITICAL + 1
 WAIT = 30.0  # s for a scheduler to answer
+SILENCE = 20.0  # s; dask forgets a lost worker after 15
 PATIENT = {"distributed.comm.timeouts.tcp": "300s"}  # a machine with too much to do is not a dead one
 LOCAL = PATIENT | {
     "distributed.worker.profile.enabled": False,
@@ -83,7 +84,7 @@ class Cluster:
             for i in range(len(current)):
                 submit(i)
             while under_way:
-                what, of, i, *told = self.heard.get()
+                what, of, i, *told = self._hear()
                 if of != self.rounds or i not in under_way:
                     continue  # of what was stopped
                 if what == "ended":
@@ -104,6 +105,15 @@ class Cluster:
                     yield pickle.loads(told[1])
         finally:
             self.client.cancel(list(under_way.values()))
+
+    def _hear(self):
+        """What comes next. dask gives a worker up that dies before its start has ended: in silence it is asked for anew."""
+        while True:
+            try:
+                return self.heard.get(timeout=SILENCE)
+            except queue.Empty:
+                if self.own is not None:
+                    self.own.scale(len(self.own.worker_spec))
 
     def _values(self, future):
         """What a task has yielded; None where its worker was lost."""
