@@ -157,7 +157,7 @@ def run_job(
             progress(job.title, i + 1, sum(map(len, own)))
         with locked(job.folder):
             if not whole() and all(job.results.done(number) for number in (left() if left else frames)):
-                pool.resize(min(workers, len(every)))
+                pool.resize(min(workers, max(len(every), 1)))
                 complete(prepared, pool)
 
 
