@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from toile.avatar.settings import AvatarSettings, TemporalSettings, preset
+from toile.io.holdout import span_of
 from toile.io.run import is_run, open_run
 from toile.io.run_folder import capture_folder
 
@@ -99,12 +100,13 @@ class Subject:
         paper, opened = self.paper, open_capture(self.capture)
         if not self.given_run:
             numbers = frame_numbers(paper.frames, opened.frames)
-            register(self.capture, self.run, config(paper.registration), numbers, paper.progress, paper.workers)
+            settings = changed(config(paper.registration), holdout=span_of(paper.holdout or "none"))
+            register(self.capture, self.run, settings, numbers, paper.progress, paper.workers)
         run, camera = open_run(self.run), next(iter(opened.cameras.values()))
         return {
             "capture": str(self.capture), "run": str(self.run), "registered": len(run.ok),
             "failed": len(run.frames) - len(run.ok), "fps": opened.scene.fps, "cameras": len(opened.cameras),
-            "pixels": [camera.height, camera.width], "quality": None if self.given_run else paper.registration,
+            "held_out": list(run.holdout), "pixels": [camera.height, camera.width], "quality": None if self.given_run else paper.registration,
             "studio": studio_options(self.capture),
         }  # fmt: skip
 
@@ -142,7 +144,9 @@ class Subject:
 
         def drive():
             settings = paper.temporal.model_copy(update={"seed": facts_seed(folder)})
-            return train_temporal(folder, settings, lambda *at: paper.progress("temporal", *at))
+            tell = lambda *at: paper.progress("temporal", *at)
+            single = {"baseline": train_temporal(folder / "baseline", settings, tell)} if baseline else {}
+            return train_temporal(folder, settings, tell) | single
 
         once(folder / "trained.json", train, paper.say)
         if not settings.data.window:

@@ -7,10 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from toile.avatar.measure.evaluation import COUNTED
+from toile.avatar.measure.intervals import mean_change
+
 from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
 
 GOAL = -0.22  # change of the driven squared error, each subject and seed
 PAPER = "The paper's three subjects: -25.7 %, -29.1 %, -21.9 %; SSIM +0.0096, +0.0113, +0.0071."
+HOWS = {
+    "driven": "Driven by pose and face alone",
+    "reconstruction": "Reconstruction: the frame itself is encoded",
+}
 BAND_GAIN, PARITY = -0.20, 0.05  # reconstruction: in the band; on the body alone, or the baseline is a straw man
 
 
@@ -63,8 +70,8 @@ def _jsons(folder):
 
 def tables(found):
     """All tables that have a row."""
-    made = [sizes(found), against(found, "driven"), against(found, "reconstruction"), draws(found), ablations(found)]
-    made += [windows(found), alignment(found), intersections(found), qualities(found)]
+    made = [sizes(found), means(found), against(found, "driven"), drivers(found), against(found, "reconstruction")]
+    made += [ablations(found), windows(found), alignment(found), intersections(found), qualities(found)]
     return [table for table in made if table.rows]
 
 
@@ -121,11 +128,13 @@ def against(found, how):
                 m: relative(layered[m], baseline[m])
                 for m in ("mse", "band_mse", "garment_mse", "body_mse", "silhouette_mse")
             }
+            intervals = everything.get("change") or {}
+            sure = lambda measure: interval(intervals.get(measure)) or percent(change[measure])
             changes.append(change | {"ssim": layered["ssim"] - baseline["ssim"]})
             rows.append([
-                name, seed, baseline["mse"], baseline["ssim"], layered["mse"], layered["ssim"], percent(change["mse"]),
-                baseline["band_mse"], layered["band_mse"], percent(change["band_mse"]), percent(change["garment_mse"]),
-                percent(change["body_mse"]), percent(change["silhouette_mse"]),
+                name, seed, baseline["mse"], baseline["ssim"], layered["mse"], layered["ssim"], sure("mse"),
+                baseline["band_mse"], layered["band_mse"], sure("band_mse"), sure("garment_mse"), sure("body_mse"),
+                sure("silhouette_mse"),
             ])  # fmt: skip
         if changes:
             met.append(f"{name}, {len(changes)} seed{'s' * (len(changes) > 1)}: {goals(changes, how)}.")
@@ -133,11 +142,7 @@ def against(found, how):
         "subject", "seed", "single layer: MSE", "SSIM", "layered: MSE", "SSIM", "change of MSE", "band: single", "layered",
         "change", "change on garments", "change on the body", "change near the silhouette",
     )  # fmt: skip
-    title = {
-        "driven": "Driven by pose and face alone",
-        "reconstruction": "Reconstruction: the frame itself is encoded",
-    }[how]
-    return Table(title, head, rows, " ".join([*met, PAPER] if how == "driven" and rows else met))
+    return Table(HOWS[how], head, rows, " ".join([*met, PAPER] if how == "driven" and rows else met))
 
 
 def goals(changes, how):
@@ -162,25 +167,63 @@ def relative(value, reference):
     return None if value is None or not reference else value / reference - 1
 
 
-def draws(found):
-    """How much it matters which code drives the baseline."""
+def drivers(found):
+    """The single layer by each of what could drive it, the strongest first, beside the layers over the same pictures."""
     rows = []
     for name, seed, driven in _driven(found):
-        found_draws = driven["driven"]["baseline_draws"]
-        if found_draws:
-            mse, mean, zero = found_draws["mse"], found_draws["mse_mean"], found_draws["zero_mse"]
-            layered = found_draws.get("layered_mse")
-            rows.append([
-                name, seed, mse[0], mean, min(mse), max(mse), zero, layered, percent(relative(layered, mean)),
-                percent(relative(layered, zero)),
-            ])  # fmt: skip
+        by = driven["driven"]["baseline_rows"]
+        if by:
+            layered = by["layered"]
+            each = {row: by[row] for row in sorted(by.keys() - {"pictures", "layered"}, key=lambda row: by[row]["mse"])}
+            rows += [
+                [name, seed, row, one["mse"], one.get("least_mse"), one.get("largest_mse"), one["ssim"], one["band_mse"],
+                 layered["mse"], percent(relative(layered["mse"], one["mse"])), by["pictures"]]
+                for row, one in each.items()
+            ]  # fmt: skip
     head = (
-        "subject", "seed", "shown draw: MSE", "mean of draws", "least", "largest", "code zero", "layered", "against the mean",
-        "against zero",
+        "subject", "seed", "the single layer driven by", "MSE", "least draw", "largest", "SSIM", "band: MSE", "layered: MSE",
+        "change of MSE", "pictures",
     )  # fmt: skip
-    return Table(
-        "The baseline's code, drawn from the unit Gaussian", head, rows, "In every third picture." if rows else ""
+    note = (
+        "Over the pictures that show all rows; of a Gaussian the medians over its draws. Temporal model: the one that drives the "
+        "layers' garments, taught on the single layer's own codes. The other tables are against the strongest of temporal model, "
+        "mean code and code zero, over all pictures."
     )
+    return Table("What drives the single layer", head, rows, note if rows else "")
+
+
+def means(found):
+    """Changes of squared errors over all subjects and seeds, with their intervals."""
+    rows = []
+    for how, words in HOWS.items():
+        for measure, pixels in COUNTED.items():
+            subjects = [
+                [sums for one in subject["seeds"].values() if (sums := _sums(one.get(how), measure, pixels))]
+                for subject in found.values()
+            ]
+            there = [seeds for seeds in subjects if seeds]
+            change = mean_change(there)
+            if change:
+                count = sum(map(len, there))
+                rows.append([words, measure.replace("_", " "), len(there), count, interval(change)])
+    note = "Mean changes, layered against single layer; in brackets 95 % intervals by a block bootstrap over frames."
+    return Table("Over all subjects and seeds", ("", "", "subjects", "avatars", "change"), rows, note if rows else "")
+
+
+def _sums(result, measure, pixels):
+    """Squared errors (F,) summed over each frame's pixels, layered and baseline; None where frames do not tell."""
+    frames = [f for f in (result or {}).get("per_frame", ()) if f["baseline"] and f["layered"][pixels]]
+    if not frames:
+        return None
+    return tuple(np.array([f[side][measure] * f[side][pixels] for f in frames]) for side in ("layered", "baseline"))
+
+
+def interval(change):
+    """A change with its 95 % interval."""
+    if not change:
+        return None
+    low, high = (f"{100 * change[end]:+.1f}" for end in ("low", "high"))
+    return f"{percent(change['change'])} [{low}, {high}]"
 
 
 def _driven(found):
@@ -273,7 +316,7 @@ def intersections(found):
     """Triangle pairs of garments and what lies under them, as driven and after `untangle`."""
     rows = []
     for name, seed, driven in _driven(found):
-        pairs = driven["driven"]["intersections"]
+        pairs = driven["intersections"]
         if pairs:
             rows.append(
                 [name, seed, pairs["frames"], pairs["before"], pairs["before"] / pairs["frames"], pairs["left"]]

@@ -9,6 +9,7 @@ from bench.paper.page import write
 from bench.paper.results import SWITCHES, changed, slug
 from bench.paper.study import Paper, Subject, link, once
 from bench.paper.tables import against, collected, goals, tables
+from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
 
 MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "silhouette_mse", "ssim")
@@ -19,11 +20,18 @@ def evaluation(mse=1.0, band=1.0, body=1.0):
     baseline = dict.fromkeys(MEASURES, 100.0) | {"ssim": 0.8}
     layered = baseline | {"mse": 100 * mse, "band_mse": band and 100 * band, "body_mse": 100 * body, "ssim": 0.9}
     motion = {"tshirt": {"acceleration_mm": 1.0, "true_acceleration_mm": 2.0, "jitter_mm": 3.0}}
-    drawn = {"mse": [100.0, 120.0], "mse_mean": 110.0, "ssim_mean": 0.8, "zero_mse": 95.0, "zero_ssim": 0.8}
-    drawn["layered_mse"] = 88.0
-    driven = {"motion": motion, "intersections": {"before": 30, "left": 0, "frames": 6}, "baseline_draws": drawn}
-    everything = {"layered": layered | {"geometry": None}, "baseline": baseline, "driven": driven}
-    return {"all": everything | {"mm_per_pixel": 5.0, "pose_distance_deg": 3.0}, "seconds": 60.0}
+    by = {"mean code": {"mse": 110.0}, "temporal model": {"mse": 100.0}, "layered": {"mse": 88.0}}
+    by["unit Gaussian"] = {"mse": 120.0, "draws": 16, "least_mse": 101.0, "largest_mse": 150.0}
+    rows = {row: {"ssim": 0.8, "band_mse": 9.0} | one for row, one in by.items()} | {"pictures": 4}
+    pairs = {"intersections": {"before": 30, "left": 0, "frames": 6}}
+    driven = {"motion": motion, "baseline_rows": rows, "baseline_by": "temporal model"}
+    counted = {name: None if band is None and name == "band_pixels" else 10 for name in COUNTED.values()}
+    sides = {"layered": layered | counted, "baseline": baseline | counted}
+    everything = {"layered": layered | {"geometry": None}, "baseline": baseline, "driven": driven} | pairs
+    everything |= {"change": {"mse": {"change": mse - 1, "low": mse - 1.125, "high": mse - 0.875}}}
+    per_frame = [{"frame": n} | sides for n in range(4)]
+    everything |= {"mm_per_pixel": 5.0, "pose_distance_deg": 3.0}
+    return {"all": everything, "per_frame": per_frame, "seconds": 60.0}
 
 
 def put(folder, **results):
@@ -83,13 +91,17 @@ def test_every_table_has_its_rows(study):
     made = {table.title: table for table in tables(collected(study))}
     rows = {title: table.rows for title, table in made.items()}
     assert [row[:2] for row in rows["Driven by pose and face alone"]] == [["logo", 0], ["logo", 1], ["loose", 0]]
-    assert rows["Driven by pose and face alone"][0][6] == "-23.0 %"
+    assert rows["Driven by pose and face alone"][0][6] == "-23.0 % [-35.5, -10.5]"
+    # logo's seeds 0.77 and 0.67, loose's 0.77: frames that agree leave no width
+    assert rows["Over all subjects and seeds"][0][2:] == [2, 3, "-26.3 % [-26.3, -26.3]"]
     assert "logo, 2 seeds: MSE 22 % lower: yes" in made["Driven by pose and face alone"].note
     assert [row[1] for row in rows["Ablations, driven"]] == ["full", *SWITCHES]
     assert [row[2] for row in rows["Temporal models"]] == ["L1", "L15", "damped"]
     assert rows["Texture alignment"][1] == ["logo", "tshirt", "error to the anchors' mean", 4.0, 2.0, "-50.0 %"]
     assert rows["Intersections"][0] == ["logo", 0, 6, 30, 5.0, 0] and len(rows["Quality presets"]) == 1
-    assert rows["The baseline's code, drawn from the unit Gaussian"][0][7:9] == [88.0, "-20.0 %"]
+    single = rows["What drives the single layer"]
+    assert [row[2] for row in single[:3]] == ["temporal model", "mean code", "unit Gaussian"]
+    assert single[1][8:10] == [88.0, "-20.0 %"] and single[2][4:6] == [101.0, 150.0]
     assert made["What was run"].head == ("", "logo, seed 0", "logo, seed 1", "loose, seed 0")
     assert (
         rows["What was run"][0][1] == "9 of 10 at 30 a second, draft"
@@ -102,7 +114,7 @@ def test_page_json_and_markdown_are_written_of_what_is_there(study):
     page = write(study).read_text()
     assert "Ablations, driven" in page and "http" not in page.replace("http-equiv", "")
     assert json.loads((study / "paper.json").read_text())["subjects"].keys() == {"logo", "loose"}
-    assert "| logo | 0 | 100.0 | 0.8000 | 77.0 | 0.9000 | -23.0 % |" in (study / "tables.md").read_text()
+    assert "| logo | 0 | 100.0 | 0.8000 | 77.0 | 0.9000 | -23.0 % [-35.5, -10.5] |" in (study / "tables.md").read_text()
 
 
 def test_missing_measures_are_dashes():

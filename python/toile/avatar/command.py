@@ -41,13 +41,20 @@ def train(
     config: ConfigFile = None,
     changes: Changes = None,
 ):
-    """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train."""
+    """Train an avatar on a registered run and its pictures. On several GPUs: torchrun --no-python -m ... toile train.
+
+    Of an avatar that is there, what is not given stays as it was asked: settings and hold-out.
+    """
     from ..config import changed, from_options
     from ..console import progress_bars
-    from .settings import train_preset
+    from .model.checkpoint import asked_before
+    from .settings import TrainSettings, train_preset
 
     own = own_options(minutes, steps, lr, seed) | {"temporal": temporal_options(temporal_model, window, seed)}
-    asked = changed(from_options(train_preset, quality, config, changes), own)
+    trained = asked_before(avatar).get("settings")
+    named = quality or config or any(word.startswith("quality") for word in changes or ())
+    base = train_preset if trained is None or named else lambda _: TrainSettings(**trained.model_dump())
+    asked = changed(from_options(base, quality, config, changes), own)
     settings, drive = asked.avatar(), asked.temporal if temporal or temporal_model else None
     from .train.make import Request, make_avatar
 
@@ -58,6 +65,8 @@ def train(
             from .drive.teaching import train_temporal
 
             measured = train_temporal(avatar, drive, lambda *at: progress("temporal", *at))
+            if (avatar / "baseline" / "avatar.json").exists():
+                train_temporal(avatar / "baseline", drive, lambda *at: progress("baseline temporal", *at))
     if first:
         if drive:
             steps = measured.pop("steps")

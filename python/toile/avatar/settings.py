@@ -112,9 +112,10 @@ class AvatarSettings(Settings):
     max_returns: int = setting(
         5, "count", "to the last good checkpoint, each with half the learning rate, before giving up", ge=0
     )
-    baseline_lr: tuple[float, ...] = setting((0.5, 1.0, 2.0), "1", "multiples of lr that the baseline's search tries")
-    baseline_modes: int = setting(
-        0, "count", "of its surface; a code drawn at random, as it is driven by, would bend the body along them", ge=0
+    baseline_lr: tuple[float, ...] = setting(
+        (0.5, 1.0, 2.0),
+        "1",
+        "multiples of lr that the baseline's search tries, and beyond its ends while one of them is the best",
     )
     baseline_search: float = setting(0.05, "1", "share of the steps that each of them gets", gt=0, le=1)
     seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)

@@ -127,7 +127,7 @@ def test_numbers_of_a_code_count_as_far_as_they_move_the_cloth(sample_avatar):
     reach = code_reach(avatar, {"tshirt": model.code_size}, mean, spread)
     for k in (0, len(model.modes) - 1, model.code_size - 1):
         z = torch.stack([mean, mean + spread[k] * torch.eye(model.code_size)[k]])
-        at, moved = avatar.unposed_garment("tshirt", z).detach()
+        at, moved = avatar.unposed_by("tshirt", z).detach()
         assert reach[k].item() == pytest.approx(
             (moved - at).norm(dim=1).square().mean().sqrt().item(), rel=1e-3, abs=1e-7
         )

@@ -201,16 +201,16 @@ def test_baseline_has_as_many_parameters_as_the_layered_avatar(quality, layers):
 
     model = avatar(views=2)
     options = preset(quality)
-    found = matched_settings(options, layers, model.cameras, model.scene, 104, 29)
-    counts = [layer_parameters([x.kind for x in xs], s, model.cameras, model.scene, 104, 29, 0)
-              for xs, s in ((layers, options), (BASELINE, found))]  # fmt: skip
+    found = matched_settings(options, options, layers, model.cameras, model.scene, 104, 29)
+    counts = [layer_parameters([x.kind for x in xs], s, model.cameras, model.scene, 104, 29, m)
+              for xs, s, m in ((layers, options, 0), (BASELINE, found, options.data.modes))]  # fmt: skip
     assert abs(counts[1] / counts[0] - 1) < PARITY
     assert found.data == options.data and found.network.latent == options.network.latent
 
 
 def test_built_baseline_keeps_the_parity_that_was_planned():
     layered = avatar()
-    found = matched_settings(layered.settings, LAYERED, layered.cameras, layered.scene, 3, 2)
+    found = matched_settings(layered.settings, layered.settings, LAYERED, layered.cameras, layered.scene, 3, 2)
     baseline = avatar(BASELINE, options=found)
     assert abs(baseline.parameters_count() / layered.parameters_count() - 1) < PARITY
 

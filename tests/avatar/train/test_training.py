@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from toile.avatar.model.assets import read_assets
 from toile.avatar.model.checkpoint import load_avatar, read_facts
 from toile.avatar.settings import DataSettings, NetworkSettings, preset
 from toile.avatar.train.make import Request, make_avatar
@@ -123,16 +124,33 @@ def test_loaded_avatar_is_the_trained_one(trained):
 def test_another_run_or_setting_is_refused(trained, sample_run, tmp_path):
     with pytest.raises(UserError, match="settings.seed: holds 0, asked is 1"):
         make_avatar(request(sample_run, chosen(seed=1, **STEPS)), trained)
+    with pytest.raises(
+        UserError, match="holdout: holds .*, asked is frames 1: take another folder|frames: holds frames"
+    ):
+        make_avatar(request(sample_run, chosen(**STEPS), holdout="1"), trained)
     other = Path(shutil.copytree(sample_run, tmp_path / "other"))
     with pytest.raises(UserError, match="avatar.json: run: holds"):
         make_avatar(request(other, chosen(**STEPS)), trained)
+
+
+def test_a_trained_avatar_takes_the_options_that_it_was_trained_with(
+    trained, sample_run, tmp_path, monkeypatch, capsys
+):
+    """`--temporal` afterwards, without repeating quality, steps and hold-out."""
+    folder = Path(shutil.copytree(trained, tmp_path / "avatar"))
+    code, err = command(monkeypatch, capsys, "train", sample_run, folder, "--temporal", "--set", "temporal.steps=20")
+    assert code in (0, None), err
+    assert (folder / "temporal.safetensors").exists()
+    assert read_facts(folder)["settings"] == read_facts(trained)["settings"]
 
 
 def test_baseline_under_the_same_conditions(sample_avatar):
     layered, baseline = read_facts(sample_avatar), read_facts(sample_avatar / "baseline")
     assert baseline["steps"]["surface"] == layered["steps"]["body"] + layered["steps"]["garment"]
     assert baseline["steps"]["joint"] == layered["steps"]["joint"]
-    assert baseline["settings"].data == layered["settings"].data.model_copy(update={"modes": 0})
+    layers = read_assets(sample_avatar, 64)["layers"]
+    own = {"modes": len(layers[1].modes), "texture_size": 128}  # a shirt is an eighth of the body's chart
+    assert baseline["settings"].data == layered["settings"].data.model_copy(update=own)
     for same in ("frames", "holdout", "run", "scene"):
         assert baseline[same] == layered[same]
     parameters = [facts["architecture"]["parameters"] for facts in (layered, baseline)]

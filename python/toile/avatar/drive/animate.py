@@ -35,7 +35,7 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .draping import Draping, load_cloths
-from .driver import load_driver, make_track, one_thread
+from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
@@ -86,18 +86,20 @@ class DrivenAvatar:
         self.latents = self._latents(seed)
 
     def _latents(self, seed):
-        """{layer: (T,Z)}: garments' by the temporal model; the single-layer baseline's drawn once from the unit Gaussian."""
+        """{layer: (T,Z)} by the temporal model; of a single-layer baseline without one a draw from the unit Gaussian."""
         count, kinds = len(self.motion), {layer.name: layer.kind for layer in self.avatar.layers}
-        if "surface" in kinds.values():
+        if "surface" in kinds.values() and not (self.folder / FILE).exists():
             generator = torch.Generator().manual_seed(seed)
             sizes = {name: self.avatar.model(name).code_size for name in kinds}
             return {name: torch.randn(1, n, generator=generator).expand(count, n) for name, n in sizes.items()}
-        if "garment" not in kinds.values():
+        if set(kinds.values()) == {"body"}:
             return {}
         driver, stride, _ = load_driver(self.folder)
         motion = self.motion
         with torch.no_grad():
-            track = make_track(self.avatar, motion.frames, motion.rotations, motion.face, stride)
+            track = make_track(
+                reader_of(self.folder, self.avatar), motion.frames, motion.rotations, motion.face, stride
+            )
             return driver.latents(track)
 
     def _warnings(self, poses):

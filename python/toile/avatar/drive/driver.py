@@ -17,7 +17,7 @@ from torch import nn
 from ...errors import UserError
 from ...io.camera import first_error
 from ..model.carried import COMPONENTS, Projection
-from ..model.checkpoint import load_model, read_tensors
+from ..model.checkpoint import load_avatar, load_model, read_tensors
 from ..model.temporal import DampedModel, TemporalModel, windows
 from ..settings import TemporalSettings
 
@@ -64,6 +64,15 @@ def make_track(avatar, frames, rotations, face, stride):
     if stride % own:
         raise UserError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
     return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own)
+
+
+def reader_of(folder, avatar):
+    """The avatar whose garments say what a pose is: `avatar` of a folder, or of a baseline the one that it lies in. UserError:
+    there is none."""
+    reader = avatar if avatar.carried is not None else load_avatar(Path(folder).parent)
+    if reader.carried is None:
+        raise UserError(f"{folder}: no garment says what a pose is")
+    return reader
 
 
 def run_track(avatar, run, stride=None):

@@ -19,7 +19,7 @@ from ...io.holdout import held
 from ...io.run import open_run
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
-from .driver import FILE, PREFIX, Driver, held_out_span, one_thread, run_track, stride_of, without
+from .driver import FILE, PREFIX, Driver, held_out_span, one_thread, reader_of, run_track, stride_of, without
 
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
 FEWEST = 40  # frames of which stretches can be left out; fewer are neighbours, and learnt by heart
@@ -30,7 +30,8 @@ DECODED = 32  # codes decoded at a time
 
 @one_thread()
 def train_temporal(folder, settings, progress=lambda done, total: None):
-    """Adds a temporal model to a trained avatar: AVATAR/temporal.safetensors. Returns what it measured.
+    """Adds a temporal model to a trained avatar, of layers or AVATAR/baseline: temporal.safetensors in its folder. Returns what
+    it measured. The baseline's reads the same features as the garments' of the avatar that it lies in.
 
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
     counts as far as it moves the cloth. `steps`: as many as left the least error on the FOLDS stretches left out in turn.
@@ -40,12 +41,12 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     """
     folder, facts = Path(folder), read_facts(folder)
     avatar = load_avatar(folder)
-    if avatar.settings.data.window or not any(layer.kind == "garment" for layer in avatar.layers):
+    if not any(model.networks.encoder is not None for model in avatar.models):
         raise UserError(f"{folder}: no garment with a code: there is no code that a motion could drive")
     run = open_run(facts["run"])
-    whole = run_track(avatar, run)
+    whole = run_track(reader_of(folder, avatar), run)
     track = without(whole, {*held(run.holdout), *held_out_span(facts["holdout"])})
-    data = _data(run, folder, facts, "cache", facts["frames"])
+    data = data_of(run, folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
     torch.manual_seed(settings.seed)
@@ -56,7 +57,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     list(fit(driver, poses, scaled, steps))
     measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
-        unseen = _data(run, folder, facts, "evaluation", facts["holdout"])
+        unseen = data_of(run, folder, facts, "evaluation", facts["holdout"])
         measured["held_out"] = relative_error(driver, whole, unseen.frames, codes_of(avatar, unseen)[0])
     write_tensors(
         folder / FILE,
@@ -67,8 +68,9 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     return measured
 
 
-def _data(run, folder, facts, cache, frames):
-    data = AvatarData(run, facts["settings"].data, folder=folder / cache, frames=frames)
+def data_of(run, folder, facts, cache, frames):
+    """AvatarData of frames of the Run that the avatar in `folder` was trained on; `facts`: its own."""
+    data = AvatarData(run, facts["settings"].data, folder=folder / cache, frames=frames, layered=facts["layered"])
     check_same(folder / "avatar.json", facts["topology"], topology(data.layers, data.scene, data.cameras))
     return data
 
@@ -85,11 +87,11 @@ def codes_of(avatar, data):
 
 @torch.no_grad()
 def code_reach(avatar, sizes, mean, spread):
-    """(Z,) root mean square motion of its garment's vertices when one number of the code leaves the mean by its spread [m]."""
+    """(Z,) root mean square motion of its layer's vertices when one number of the code leaves the mean by its spread [m]."""
     found = []
     for name, z, one in zip(sizes, mean.split(list(sizes.values())), spread.split(list(sizes.values()))):
         codes = torch.cat([z[None], z + torch.diag(one)])
-        shapes = torch.cat([avatar.unposed_garment(name, part) for part in codes.split(DECODED)])
+        shapes = torch.cat([avatar.unposed_by(name, part) for part in codes.split(DECODED)])
         found.append((shapes[1:] - shapes[0]).square().sum(2).mean(1).sqrt())
     return torch.cat(found)
 

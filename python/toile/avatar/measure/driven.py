@@ -1,7 +1,7 @@
 """Held-out frames driven by poses and facial keypoints alone: of a frame no code, no texture and no pixel is used.
 
-Garments by the temporal model's codes, or as cloth that hangs (docs/method/drape.md), then out of the body; the single-layer baseline by
-codes drawn from the unit Gaussian, one a sequence, as Bagautdinov et al. 2021 animate theirs.
+Garments by the temporal model's codes, or as cloth that hangs (docs/method/drape.md), then out of the body; the single-layer
+baseline by each of `driving_codes`. What is stated for it is the strongest on these very frames.
 """
 
 from __future__ import annotations
@@ -16,31 +16,32 @@ from ...measure.truth import second_difference
 from ..drive.cloths import LEAD
 from ..drive.draping import Draping, load_cloths
 from ..drive.driver import load_driver, run_track, stride_of
-from ..drive.layering import GarmentLayering
+from ..model.checkpoint import load_avatar
+from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
 from .heldout import VIEW, HeldOut
 
-SAMPLES = 4  # codes drawn for the baseline; the first is the one shown
-COMPARED = 3  # every which picture is drawn with the others too
+LED = (TEMPORAL, MEAN, ZERO)  # rows of every picture; those drawn at random are of some
+COMPARED = 12  # every which picture shows all rows
+STATED = ("mse", "ssim", "band_mse", "garment_mse", "body_mse", "silhouette_mse")
 
 
 class Driven(HeldOut):
-    """HeldOut's avatars by what drives them; "baseline 1" ... are other draws of its code, "baseline 0" the code zero."""
+    """HeldOut's avatars by what drives them: "layered", and a row each of the baseline's `driving_codes`."""
 
     def __init__(self, folder, frames=None, run=None, physics=False):
         super().__init__(folder, frames, run)
         run = self.registered.run
         self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
         self.led = [n for n in run.ok if n < self.frames[0]][-LEAD:] if physics else []
-        self.latents, self.driver, self.measured, self.draping = {}, None, {}, None
-        self.intersections = {}  # by frame: pairs before and after untangling
+        self.latents, self.driver, self.measured, self.draping, self.shown = {}, None, {}, None, {}
         if "layered" in self.avatars:
-            avatar = self.avatars["layered"]
-            self.layering = GarmentLayering(avatar.layers, self.registered.run.body_model.skin_faces)
+            avatar, self.shown["layered"] = self.avatars["layered"], "layered"
             self.latents["layered"] = self._garment_codes(folder, avatar)
             if physics:
                 self.draping = self._draping(load_cloths(folder, avatar.layers))
         if "baseline" in self.avatars:
-            self._draw_codes(self.avatars["baseline"])
+            self._baseline_codes(run)
+        self.decoded = {name: {} for name in self.shown}
 
     def _garment_codes(self, folder, avatar):
         """{frame: {garment: (1,Z)}} from the poses up to each frame, those between the pictured ones included."""
@@ -66,28 +67,27 @@ class Driven(HeldOut):
         batch = self._steered(frame) | {"T_camera_world": torch.eye(4, device=self.device)[None]}
         return self.avatars[self.shown[name]].decode(batch, self.latents[name][frame], texture=False)
 
-    def _draw_codes(self, avatar):
+    def _baseline_codes(self, run):
+        avatar = load_avatar(self.folders["baseline"])  # codes are of the CPU
         surface = avatar.layers[0].name
-        size = avatar.model(surface).code_size
-        drawn = [torch.randn(1, size, generator=torch.Generator().manual_seed(seed)) for seed in range(SAMPLES)]
-        names = ["baseline", *(f"baseline {seed}" for seed in range(1, SAMPLES)), "baseline 0"]
-        for name, z in zip(names, [*drawn, torch.zeros(1, size)]):
-            self.shown[name] = "baseline"
-            self.decoded.setdefault(name, {})
-            self.latents[name] = dict.fromkeys(self.span, {surface: z.to(self.device)})
+        for row, codes in driving_codes(self.folders["baseline"], avatar, run, self.span).items():
+            self.shown[row] = "baseline"
+            self.latents[row] = {n: {surface: z.to(self.device)} for n, z in codes.items()}
 
     def shown_in(self, i):
-        return self.shown if i % COMPARED == 0 else {name: name for name in self.avatars}
+        return self.shown if i % COMPARED == 0 else {n: of for n, of in self.shown.items() if n in ("layered", *LED)}
+
+    def sources(self, errors):
+        rows = [row for row in LED if row in self.shown]
+        strongest = min(rows, key=lambda row: errors.measures(row)["mse"], default=None)
+        return {name: strongest if name == "baseline" else name for name in self.avatars}
 
     def _decode(self, name, sample):
         frame = int(sample["frame"])
         batch = self._steered(frame) | {key: sample[key][None].to(self.device) for key in VIEW}
         decoded = self.avatars[self.shown[name]].decode(batch, self.latents[name][frame])
         placed = self._placed(name, frame)
-        return {
-            layer: replace(one, vertices=torch.as_tensor(placed[layer], dtype=torch.float32, device=self.device)[None])
-            for layer, one in decoded.items()
-        }
+        return {layer: replace(one, vertices=self._tensor(placed[layer])) for layer, one in decoded.items()}
 
     def _steered(self, frame):
         """Pose and face of a registered frame as `Avatar.decode` takes them."""
@@ -107,26 +107,35 @@ class Driven(HeldOut):
         """{layer: vertices (n,3)}, garments out of the body."""
         if frame not in self.decoded[name]:
             decoded = self._posed(name, frame)
-            if name == "layered":
-                if self.draping:
-                    row = (self.led + self.span).index(frame)
-                    decoded = self.draping.at(row, decoded, self._steered(frame))
-                decoded, *self.intersections[frame] = self.layering(decoded)
+            if name == "layered" and self.draping:
+                row = (self.led + self.span).index(frame)
+                decoded = self.draping.at(row, decoded, self._steered(frame))
             self._keep(name, frame, decoded)
         return self.decoded[name][frame]
 
     def summary(self, errors):
-        """What evaluation says beside its usual measures."""
-        common = set.intersection(*(set(errors.pictures[name]) for name in self.shown))
-        draws = {name: errors.measures(name, pictures=common) for name, of in self.shown.items() if of == "baseline"}
+        """What evaluation says of what drives the avatars, beside its usual measures."""
         return {
             "temporal": self.driver
             and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
-            "intersections": self._intersections(),
             "physics": self.draping and {"strain": self.draping.strain, "self_pairs": self._self_pairs()},
-            "baseline_draws": draws and _draw_errors(draws, errors.measures("layered", pictures=common)),
+            "baseline_by": self.sources(errors).get("baseline"),
+            "baseline_rows": self._rows(errors) if "baseline" in self.avatars else None,
         }
+
+    def _rows(self, errors):
+        """{row: STATED} over the pictures that show all rows: of a Gaussian the medians over its draws, with the least and the
+        largest `mse`, and "layered" over the same. "pictures": how many."""
+        common = set.intersection(*(set(errors.pictures[name]) for name in self.shown))
+        found = {}
+        for row in dict.fromkeys(map(kind_of, self.shown)):
+            each = [errors.measures(name, pictures=common) for name in self.shown if kind_of(name) == row]
+            found[row] = {m: _median([one[m] for one in each]) for m in STATED}
+            if row in (UNIT, OWN):
+                mse = [one["mse"] for one in each]
+                found[row] |= {"draws": len(mse), "least_mse": min(mse), "largest_mse": max(mse)}
+        return {"pictures": len(common)} | found
 
     def _motion(self):
         """{garment: acceleration_mm decoded, true_acceleration_mm, jitter_mm of the error}: mean lengths of second differences
@@ -156,23 +165,6 @@ class Driven(HeldOut):
             name: float(np.mean([len(self_intersections(V[name], F)) for V in placed])) for name, F in faces.items()
         }
 
-    def _intersections(self):
-        """Triangle pairs of garments and what lies under them, over the span."""
-        if not self.intersections:
-            return None
-        before, left = np.sum(list(self.intersections.values()), axis=0)
-        return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
 
-
-def _draw_errors(draws, layered):
-    """Errors of the baseline over draws of its code, over the pictures that show all; "zero" is the Gaussian's mean, which no
-    sample is."""
-    sampled = [found for name, found in draws.items() if name != "baseline 0"]
-    return {
-        "mse": [found["mse"] for found in sampled],
-        "mse_mean": float(np.mean([found["mse"] for found in sampled])),
-        "ssim_mean": float(np.mean([found["ssim"] for found in sampled])),
-        "zero_mse": draws["baseline 0"]["mse"],
-        "zero_ssim": draws["baseline 0"]["ssim"],
-        "layered_mse": layered["mse"],
-    }
+def _median(values):
+    return None if None in values else float(np.median(values))

@@ -8,6 +8,7 @@ keypoints alone, see `driven.py`. Errors are taken over the captured foreground;
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,16 @@ import numpy as np
 from ...errors import UserError
 from ...measure.truth import mean_measures
 from ...surface.sampling import evenly
+from .intervals import mean_change
 from .metrics import ErrorSums, errors_over, pixel_sets, squared_error, ssim_map
 from .sheet import write_sheets
 
 SHOWN = 3  # frames whose pictures are drawn
 NAMES = ("layered", "baseline")
+COUNTED = {  # squared errors and the pixels that each is a mean over
+    "mse": "pixels", "band_mse": "band_pixels", "garment_mse": "garment_pixels", "body_mse": "body_pixels",
+    "silhouette_mse": "silhouette_pixels",
+}  # fmt: skip
 
 
 class PictureErrors:
@@ -66,7 +72,8 @@ def _measures(pictures):
         "mse": whole.mse, "ssim": whole.ssim, "psnr": whole.psnr,
         "band_mse": band.mse, "band_ssim": band.ssim, "band_psnr": band.psnr,
         "garment_mse": total["garment"].mse, "body_mse": total["body"].mse, "silhouette_mse": total["silhouette"].mse,
-        "pixels": whole.pixels, "band_pixels": band.pixels,
+        "pixels": whole.pixels, "band_pixels": band.pixels, "garment_pixels": total["garment"].pixels,
+        "body_pixels": total["body"].pixels, "silhouette_pixels": total["silhouette"].pixels,
     } | ({"garments": each} if each else {})  # fmt: skip
 
 
@@ -91,9 +98,11 @@ def evaluate_avatar(
     against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras
-    of a frame, shown to this one, for layers and for the tracked surface. driven: None, or the temporal model's
-    errors of codes, motion (second differences of garments' vertices, decoded and true), intersections before and after
-    `untangle`, and the baseline's errors over draws of its code.
+    of a frame, shown to this one, for layers and for the tracked surface. change: of the layered avatar's squared
+    errors against the baseline's, with 95 % intervals over the frames. intersections: pairs of triangles before and after
+    `untangle`, of every figure. driven: None, or the temporal model's errors of codes, motion (second differences of garments'
+    vertices, decoded and true), `baseline_rows`, the baseline's errors by each of `driving_codes`, and `baseline_by`, the
+    strongest of those shown in every picture, which `baseline` is.
     """
     from ..drive.cloths import ensure_cloths
     from .driven import Driven
@@ -110,12 +119,12 @@ def evaluate_avatar(
         if picture.frame in evenly(held.frames, SHOWN):
             shown[picture.frame].append(picture)
     progress("evaluate", held.count, held.count)
+    sources = held.sources(errors)
     if sheets:
         middle = evenly(held.frames, SHOWN)[len(shown) // 2]
-        write_sheets(
-            sheets_folder(folder, driven), shown.values(), errors.garments, (middle, held.unseen_views(middle))
-        )
-    result = _result(held, errors, float(np.mean(spacing)))
+        drawn = [[_as_stated(picture, sources) for picture in pictures] for pictures in shown.values()]
+        write_sheets(sheets_folder(folder, driven), drawn, errors.garments, (middle, held.unseen_views(middle)))
+    result = _result(held, errors, sources, float(np.mean(spacing)))
     result["all"]["driven"] = held.summary(errors) if driven else None
     return result
 
@@ -124,21 +133,42 @@ def sheets_folder(folder, driven):
     return Path(folder) / ("driven" if driven else "sheets")
 
 
-def _result(held, errors, mm_per_pixel):
-    geometry = {n: held.geometry_errors(n) for n in held.frames} if held.truth else {}
+def _as_stated(picture, sources):
+    """The picture with what each avatar's figures are of."""
+    return replace(picture, rendered={name: picture.rendered[shown] for name, shown in sources.items()})
+
+
+def _changes(errors, sources, frames):
+    """{measure: {change, low, high}} of the layered avatar's squared errors against the baseline's, see `mean_change`; None where
+    one of them is missing."""
+    if len(sources) < 2:
+        return None
+    layered, baseline = ([errors.measures(sources[name], n) for n in frames] for name in NAMES)
+    found = {}
+    for measure, pixels in COUNTED.items():
+        pairs = [(a, b) for a, b in zip(layered, baseline) if a[pixels]]
+        sums = [np.array([one[measure] * one[pixels] for one in side]) for side in zip(*pairs)]
+        found[measure] = mean_change([[tuple(sums)]]) if sums else None
+    return found
+
+
+def _result(held, errors, sources, mm_per_pixel):
+    geometry = {n: held.geometry_errors(n, sources) for n in held.frames} if held.truth else {}
     distance = {n: held.nearest_pose(n) for n in held.frames}
 
     def of(name, frame=None):
         if name not in held.avatars:
             return None
         found = [g[name] for n, g in geometry.items() if frame in (None, n)]
-        return errors.measures(name, frame) | {"geometry": mean_measures(found) if found else None}
+        return errors.measures(sources[name], frame) | {"geometry": mean_measures(found) if found else None}
 
     everything = {name: of(name) for name in NAMES} | {
         "parameters": {name: avatar.parameters_count() for name, avatar in held.avatars.items()},
         "frames": len(held.frames),
         "pose_distance_deg": mean_measures(list(distance.values())),
         "mm_per_pixel": mm_per_pixel,
+        "change": _changes(errors, sources, held.frames),
+        "intersections": held.intersecting(),
         "labels": "truth" if held.truth else "captured",
         "photometric": None if held.truth else held.photometric(),
     }

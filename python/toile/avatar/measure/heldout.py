@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from ...io.run import is_run, open_run
 from ...measure.truth import millimetres, open_truth
 from ...scene import HIDDEN, frame_ranges
 from ...surface.sampling import evenly
+from ..drive.layering import GarmentLayering
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import pose_distance
 from ..train.data import AvatarData
@@ -66,11 +67,15 @@ class HeldOut:
         if (folder / "baseline" / "avatar.json").exists():
             folders["baseline"] = folder / "baseline"
         self.device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        self.avatars, self.data = {}, {}
+        self.avatars, self.data, self.folders = {}, {}, folders
         for name, place in folders.items():
             self.avatars[name] = load_avatar(place).to(self.device)
             self.data[name] = self._data(place, name == "layered")
         self.shown = {name: name for name in folders}  # what pictures show, and the avatar of each
+        self.layering, self.intersections = None, {}  # by frame: pairs of triangles before and after untangling
+        if "layered" in self.avatars:
+            faces = self.registered.run.body_model.skin_faces
+            self.layering = GarmentLayering(self.avatars["layered"].layers, faces)
         self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}
         self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
@@ -133,24 +138,42 @@ class HeldOut:
         batch = {key: sample[key][None].to(self.device) for key in VIEW}
         return avatar.compose(shaded, batch, sample["image"].shape[-2:], shadow=False, samples=SAMPLES)[0]
 
+    def sources(self, errors):
+        """{avatar: what is shown of it that its figures are of}, given the PictureErrors of all that was shown."""
+        return {name: name for name in self.avatars}
+
     def _decode(self, name, sample):
-        """{layer: Decoded}: the frame encoded, the mean of its code decoded."""
+        """{layer: Decoded}: the frame encoded, the mean of its code decoded, garments out of the body."""
         avatar, frame = self.avatars[name], int(sample["frame"])
         batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
-        self._keep(name, frame, decoded)
-        return decoded
+        placed = self._keep(name, frame, decoded)
+        return {layer: replace(one, vertices=self._tensor(placed[layer])) for layer, one in decoded.items()}
+
+    def _tensor(self, V):
+        return torch.as_tensor(V, dtype=torch.float32, device=self.device)[None]
 
     def _keep(self, name, frame, decoded):
-        """The geometry of a frame, as what is shown first had it."""
+        """{layer: vertices (n,3)} of a frame, which no camera changes; the layered avatar's garments out of the body."""
         if frame not in self.decoded[name]:
+            if self.shown[name] == "layered":
+                decoded, *self.intersections[frame] = self.layering(decoded)
             self.decoded[name][frame] = {
                 layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()
             }
+        return self.decoded[name][frame]
+
+    def intersecting(self):
+        """Pairs of triangles of garments and what lies under them, over the decoded frames; None without an avatar of layers."""
+        if not self.intersections:
+            return None
+        before, left = np.sum(list(self.intersections.values()), axis=0)
+        return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
 
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
-        name, data = next(iter(self.data.items()))
+        of, data = next(iter(self.data.items()))
+        name = next(shown for shown, avatar in self.shown.items() if avatar == of)
         step, views = np.pi / max(len(data.cameras), 6), []
         up = self.registered.run.capture.scene.up
         for i in evenly(data.rows_of(frame), count):
@@ -176,10 +199,13 @@ class HeldOut:
         garments = list(self.garment_labels.values())
         return {name: photometric(data, garments) for name, data in self.data.items()}
 
-    def geometry_errors(self, frame):
-        """{avatar: {measure: mm}} of what was decoded in a frame."""
+    def geometry_errors(self, frame, sources):
+        """{avatar: {measure: mm}} of what was decoded in a frame; `sources` {avatar: what is shown of it}."""
         layers = {name: {layer.name: layer for layer in data.layers} for name, data in self.data.items()}
-        return {name: self.registered.errors(frame, self.decoded[name][frame], layers[name]) for name in self.avatars}
+        return {
+            name: self.registered.errors(frame, self.decoded[shown][frame], layers[name])
+            for name, shown in sources.items()
+        }
 
 
 class RegisteredRun:

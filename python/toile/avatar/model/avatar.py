@@ -242,10 +242,12 @@ class Avatar(nn.Module):
             for model in self._chosen(names)
         }
 
-    def unposed_garment(self, name, codes):
-        """Vertices (B,n,3) of a garment that its codes (B,Z) alone decide [m]."""
-        model = self.model(name)
-        return model.decode_shape(model.networks.features(None, None, codes), codes)
+    def unposed_by(self, name, codes):
+        """Vertices (B,n,3) of a layer that its codes (B,Z) decide [m]: alone of a garment, of a surface in the pose of rest."""
+        model, count = self.model(name), len(codes)
+        pose = codes.new_zeros(count, len(self.skeleton.J), 9)  # of R - 1
+        face = codes.new_zeros(count, *self.face_mean.shape) if hasattr(self, "face_mean") else None
+        return model.decode_shape(model.networks.features(pose, face, codes), codes)
 
     def _face_features(self, face, seen):
         return (face - self.face_mean) / FACE_SCALE * seen[..., None]

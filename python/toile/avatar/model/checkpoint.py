@@ -19,6 +19,7 @@ from ...errors import UserError
 from ...io.bounded import check_file, read_json, reason_of
 from ...io.camera import first_error
 from ...io.files import replace_file, save_record, write_text
+from ...scene import frame_ranges
 from ..settings import AvatarSettings
 from .assets import read_assets
 
@@ -119,6 +120,21 @@ def begin(folder, asked):
     return found.get("steps") is None
 
 
+def asked_before(folder):
+    """What AVATAR/avatar.json says was asked of a training, finished or not: its facts with `settings` as AvatarSettings; {} where
+    there is none."""
+    path = Path(folder) / "avatar.json"
+    facts = read_json(path, dict) if path.exists() else {}
+    return facts | {"settings": _settings(path, facts)} if facts else {}
+
+
+def _settings(path, facts):
+    try:
+        return AvatarSettings(**facts["settings"]) if isinstance(facts.get("settings"), dict) else None
+    except ValidationError as error:
+        raise first_error(path, error, "settings") from None
+
+
 def check_same(path, found, asked, prefix=""):
     """UserError that names the first thing in which what a file holds differs from what is asked."""
     for name, value in asked.items():
@@ -132,7 +148,9 @@ def check_same(path, found, asked, prefix=""):
 
 
 def shortened(value, length=60):
-    text = json.dumps(value)
+    """A value in words; frame numbers as ranges."""
+    numbers = isinstance(value, list) and value and all(type(one) is int for one in value)
+    text = f"frames {frame_ranges(sorted(value))}" if numbers else json.dumps(value)
     return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
@@ -171,10 +189,7 @@ def read_facts(folder):
     facts = read_json(path, dict)
     if facts.get("steps") is None:
         raise UserError(f"{path}: the training has not finished: the same `toile train` goes on with it")
-    try:
-        settings = AvatarSettings(**facts["settings"]) if isinstance(facts.get("settings"), dict) else None
-    except ValidationError as error:
-        raise first_error(path, error, "settings") from None
+    settings = _settings(path, facts)
     for name, kind in FACTS.items():
         if not isinstance(facts.get(name), kind):
             raise UserError(f"{path}: {name}: expected a {kind.__name__}, the file is not an avatar's")

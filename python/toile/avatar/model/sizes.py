@@ -40,8 +40,9 @@ def layer_parameters(kinds, settings, *scene):
         return sum(count(LayerNetworks(layer_sizes(kind, settings, *scene))) for kind in kinds)
 
 
-def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
-    """The baseline's settings: widths that give one surface as many parameters as `layers` together, within PARITY."""
+def matched_settings(layered, settings, layers, cameras, scene, joints, face_points=0):
+    """The baseline's `settings` with widths that give one surface as many parameters as `layers` have together by the settings
+    `layered`, within PARITY."""
 
     def widened(least):
         factor = least / settings.network.least_width
@@ -50,10 +51,10 @@ def matched_settings(settings, layers, cameras, scene, joints, face_points=0):
             update=dict(network=settings.network.model_copy(update=dict(width=width, least_width=least)))
         )
 
-    def parameters(kinds, settings, modes=settings.baseline_modes):
+    def parameters(kinds, settings, modes=settings.data.modes):
         return layer_parameters(kinds, settings, cameras, scene, joints, face_points, modes)
 
-    wanted = parameters([layer.kind for layer in layers], settings, max(map(modes_of, layers)))
+    wanted = parameters([layer.kind for layer in layers], layered, max(map(modes_of, layers)))
     widest = settings.network.least_width * (len(layers) + 1)
     found = min((widened(w) for w in range(1, widest + 1)), key=lambda s: abs(parameters(["surface"], s) - wanted))
     off = parameters(["surface"], found) / wanted - 1

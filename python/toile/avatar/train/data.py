@@ -40,7 +40,7 @@ class AvatarData(Dataset):
 
     `settings`: DataSettings. `folder`: where the cache goes, a folder a setting of it; at 512 texels and a crop of 320 x
     320 px it takes about 1 MB a sample. Frames are prepared on threads, each file is written whole, and a preparation that
-    was cut goes on. `layered=False`: the tracked surface alone, for the baseline. `progress(done, total)`.
+    was cut goes on. `known`: the frames whose cache it is, by default `frames`, which are some of them. `layered=False`: the tracked surface alone, for the baseline. `progress(done, total)`.
 
     A sample is a dict of float32 tensors, unless said, that torch's default collation stacks:
       frame, camera int64; rotations (K,3), translation (3,), face (q,3) with 0 where unseen, face_seen (q,)
@@ -53,7 +53,7 @@ class AvatarData(Dataset):
     Cameras without a picture of a frame give no sample of it. UserError: no frame has pictures; topologies and UVs that do not fit.
     """
 
-    def __init__(self, run, settings, folder, frames=None, layered=True, progress=None):
+    def __init__(self, run, settings, folder, frames=None, layered=True, progress=None, known=None):
         run = run if isinstance(run, Run) else open_run(run)
         self.run, self.capture, self.settings = run, run.capture, settings
         self.scene, self.J, self.parents = self.capture.scene, run.rest_joints, run.body_model.parents
@@ -71,6 +71,7 @@ class AvatarData(Dataset):
         self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
         names = list(self.capture.cameras)
         self.samples = [(n, names.index(name)) for n in self.frames for name in self.capture.pictured(n)]
+        self.known = self.frames if known is None else list(known)
         self.folder = Path(folder) / self._key(layered)
         self._prepare(progress or (lambda done, total: None))
         self._summarise()
@@ -111,7 +112,7 @@ class AvatarData(Dataset):
         digest = hashlib.sha256(json.dumps(parts).encode())
         digest.update(self.run.done.tobytes() + self.run.pose.rotations[:].tobytes())
         digest.update(json.dumps(self._pictures()).encode())
-        for number in (self.frames[0], self.frames[len(self.frames) // 2], self.frames[-1]):
+        for number in (self.known[0], self.known[len(self.known) // 2], self.known[-1]):
             for values in self._registered(number).values():
                 digest.update(values.tobytes())
         return digest.hexdigest()[:16]
@@ -119,7 +120,7 @@ class AvatarData(Dataset):
     def _pictures(self):
         """Sizes and times of the files that the samples are made of."""
         root = self.capture.root
-        folders = [root / "frames" / f"{n:06d}" / kind for n in self.frames for kind in ("images", "masks", "labels")]
+        folders = [root / "frames" / f"{n:06d}" / kind for n in self.known for kind in ("images", "masks", "labels")]
         return stamps(root, [path for folder in folders for path in files_under(folder)])
 
     @cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 import os
 import time
 from collections.abc import Callable
@@ -22,11 +22,10 @@ from ...pipeline.blocks import locked
 from ...scene import frame_ranges
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
-from ..model.assets import read_assets
 from ..model.avatar import Avatar
-from ..model.checkpoint import begin, read_facts, save_assets, save_avatar, topology
-from ..model.sizes import matched_settings
+from ..model.checkpoint import asked_before, begin, save_assets, save_avatar, topology
 from ..settings import AvatarSettings
+from .baseline import train_baseline
 from .data import AvatarData, shown_surfaces
 from .training import Training, draw
 
@@ -34,7 +33,6 @@ HELD_OUT = 0.1  # of the pictured frames, the last ones
 ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head")
 FITTED = 50  # frames that the crop is fitted to
 MARGIN = 4  # about the person in the crop [px of the capture]
-SCORED = 1 / 3  # of the last losses of a learning rate's trial
 
 
 @dataclass
@@ -53,7 +51,9 @@ def make_avatar(request, folder, baseline=False):
     """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
     begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
     run = open_run(request.run)
-    left_out = held_out(request.holdout, run.pictured, run.holdout, run.path)
+    left_out = asked_before(folder).get("holdout") if request.holdout is None else None
+    if left_out is None:
+        left_out = held_out(request.holdout, run.pictured, run.holdout, run.path)
     frames = [number for number in run.pictured if number not in left_out]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
@@ -68,7 +68,7 @@ def make_avatar(request, folder, baseline=False):
         job = TrainingJob(run, request, fabric, frames, left_out)
         job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
-            job.train_baseline(folder)
+            train_baseline(job, folder)
 
 
 @dataclass
@@ -80,6 +80,7 @@ class TrainingJob:
     fabric: Fabric
     frames: list[int]
     held: list[int]
+    known: list[int] | None = None  # frames whose cache is shared, by default these
 
     def train(self, folder, settings, title="", layered=True, cache=None, begun=None, seconds=None, **notes):
         """One avatar, layered or of one surface, in `seconds` from `begun` on where they are given."""
@@ -89,9 +90,8 @@ class TrainingJob:
             request.progress(f"{title} {stage}".strip(), *args)
 
         with fabric.rank_zero_first():
-            data = AvatarData(
-                self.run, settings.data, folder=cache or folder / "cache", frames=self.frames, layered=layered
-            )
+            place = cache or folder / "cache"
+            data = AvatarData(self.run, settings.data, place, self.frames, layered, known=self.known)
         torch.manual_seed(draw(settings.seed, "weights"))
         avatar = Avatar(settings, **{name: getattr(data, name) for name in ASSETS})
         facts = {
@@ -115,38 +115,6 @@ class TrainingJob:
         if fabric.is_global_zero:
             save_avatar(folder, avatar, facts | notes | {"architecture": avatar.describe(), "steps": steps})
         fabric.barrier()
-
-    def train_baseline(self, folder):
-        """The layered avatar's steps, with the learning rate that does best in short trials."""
-        layered, base = read_facts(folder), folder / "baseline"
-        steps = {f"{name}_steps": layered["steps"].get(name, 0) for name in ("body", "garment", "joint")}
-        assets = read_assets(folder, layered["settings"].data.texture_size)
-        points = 0 if assets["face_mean"] is None else len(assets["face_mean"])
-        data = layered["settings"].data.model_copy(update={"modes": layered["settings"].baseline_modes})
-        settings = layered["settings"].model_copy(update=steps | {"data": data})
-        settings = matched_settings(
-            settings, assets["layers"], assets["cameras"], assets["scene"], len(assets["J"]), points
-        )
-        short = {name: max(round(count * settings.baseline_search), 1) for name, count in steps.items()}
-        scores = {}
-        for factor in settings.baseline_lr:
-            rate, trial = settings.lr * factor, base / "search" / f"{factor:g}"
-            self.train(
-                trial, settings.model_copy(update=short | {"lr": rate}), f"trial {rate:g}", False, base / "cache"
-            )
-            scores[rate] = last_losses(trial)
-        best = min(scores, key=scores.get)
-        self.request.say(f"baseline: learning rate {best:g} of {', '.join(f'{rate:g}' for rate in scores)}")
-        searched = {f"{rate:g}": score for rate, score in scores.items()}
-        self.train(base, settings.model_copy(update={"lr": best}), "baseline", False, searched=searched)
-
-
-def last_losses(folder):
-    """Mean of the last losses of a training's last phase."""
-    lines = [json.loads(line) for line in (folder / "losses.jsonl").read_text(encoding="utf-8").splitlines()]
-    losses = [line["loss"] for line in lines if line["phase"] == lines[-1]["phase"]]
-    losses = losses[-max(round(len(losses) * SCORED), 1) :]
-    return sum(losses) / len(losses)
 
 
 def held_out(text, frames, own=(), of="the run"):
@@ -174,7 +142,7 @@ def fitting_scale(run, settings, frames):
             if len(uv):
                 width, height = np.ptp(uv, axis=0) + 2 * MARGIN
                 scale = max(scale, height / settings.image[0], width / settings.image[1])
-    return round(scale + 0.005, 2)
+    return math.ceil(100 * scale - 1e-6) / 100  # asked again of what it gave, it gives the same
 
 
 def start_fabric():
