@@ -98,6 +98,7 @@ def _size(run, one):
         "pictures": f"{studio['renderer']}, {studio['samples']} samples a pixel" if "samples" in studio else None,
         "pictured frames trained on": trained["frames"],
         "pictured frames held out": _span(trained["held_out"]),
+        "frames that registration holds out too": "-".join(map(str, run.get("held_out", ()))) or "none",
         "millimetres a pixel of the window": shown.get("mm_per_pixel"),
         "degrees a joint from a held-out pose to the nearest trained one": shown.get("pose_distance_deg"),
         "parameters, layered and single": " and ".join(str(n) for n in shown.get("parameters", {}).values()) or None,

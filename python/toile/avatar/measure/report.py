@@ -54,15 +54,15 @@ def _errors(everything):
     for measure, words in MEASURES.items():
         values = [everything[name][measure] for name in there]
         if any(value is not None for value in values):
-            rows.append([words, *values, *([_change(measure, *values)] if len(values) == 2 else [])])
+            rows.append([words, *values, *([_change(everything["change"].get(measure))] if len(values) == 2 else [])])
     return table(["", *(TITLES[name] for name in there), *(["change"] if len(there) == 2 else [])], rows)
 
 
-def _change(measure, layered, baseline):
-    """How the layered avatar's error differs from the baseline's, in words; only for squared errors."""
-    if not measure.endswith("mse") or layered is None or not baseline:
+def _change(found):
+    """How the layered avatar's error differs from the baseline's, in words, with its interval; only for squared errors."""
+    if not found:
         return ""
-    return f"{100 * (layered / baseline - 1):+.1f} %"
+    return f"{100 * found['change']:+.1f} % [{100 * found['low']:+.1f}, {100 * found['high']:+.1f}]"
 
 
 def _geometry(everything):
