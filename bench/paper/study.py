@@ -186,7 +186,9 @@ class Subject:
             yield row
         if paper.align != "none":
             row, other = (UNALIGNED, self.run) if paper.align == "all" else (ALIGNED, self._aligned())
-            self.avatar(place / slug(row), other, settings, steps=steps)
+            self.avatar(
+                place / slug(row), other, settings, baseline=True, steps=steps
+            )  # a pair of which neither is, or both are
             yield row
         self._zooms(full, place)
         yield from self._qualities(place, run)

@@ -116,11 +116,13 @@ def _span(frames):
 
 
 def against(found, how):
-    """Layered against single layer; a row a subject and seed, then what the goals say."""
+    """Layered against single layer; a row a subject and seed, of pairs with other alignment too, then what the goals say."""
     rows, met = [], []
     for name, subject in found.items():
         changes = []
-        for seed, one in subject["seeds"].items():
+        there = subject.get("ablations", {})
+        pairs = {row: there.get(slug(row), {}) for row in (UNALIGNED, ALIGNED)}
+        for seed, one in (subject["seeds"] | pairs).items():
             everything = one.get(how, {}).get("all")
             if not everything or not everything["baseline"]:
                 continue
@@ -131,7 +133,8 @@ def against(found, how):
             }
             intervals = everything.get("change") or {}
             sure = lambda measure: interval(intervals.get(measure)) or percent(change[measure])
-            changes.append(change | {"ssim": layered["ssim"] - baseline["ssim"]})
+            if seed not in pairs:
+                changes.append(change | {"ssim": layered["ssim"] - baseline["ssim"]})
             rows.append([
                 name, seed, baseline["mse"], baseline["ssim"], layered["mse"], layered["ssim"], sure("mse"),
                 baseline["band_mse"], layered["band_mse"], sure("band_mse"), sure("garment_mse"), sure("body_mse"),

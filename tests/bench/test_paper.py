@@ -6,7 +6,7 @@ import pytest
 
 from bench.paper.__main__ import small, with_values
 from bench.paper.page import write
-from bench.paper.results import SWITCHES, changed, slug
+from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
 from bench.paper.study import Paper, Subject, link, once
 from bench.paper.tables import against, collected, goals, tables
 from toile.avatar.measure.evaluation import COUNTED
@@ -115,6 +115,14 @@ def test_page_json_and_markdown_are_written_of_what_is_there(study):
     assert "Ablations, driven" in page and "http" not in page.replace("http-equiv", "")
     assert json.loads((study / "paper.json").read_text())["subjects"].keys() == {"logo", "loose"}
     assert "| logo | 0 | 100.0 | 0.8000 | 77.0 | 0.9000 | -23.0 % [-35.5, -10.5] |" in (study / "tables.md").read_text()
+
+
+def test_a_pair_with_other_alignment_is_a_row_of_its_own_and_meets_no_goal(study):
+    pair = study / "logo" / "ablations" / slug(UNALIGNED)
+    put(pair, driven=evaluation(0.99), reconstruction=evaluation(0.9))
+    driven = against(collected(study), "driven")
+    assert [row[1] for row in driven.rows if row[0] == "logo"] == [0, 1, UNALIGNED]
+    assert "logo, 2 seeds: MSE 22 % lower: yes" in driven.note
 
 
 def test_missing_measures_are_dashes():
