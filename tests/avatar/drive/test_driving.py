@@ -200,8 +200,9 @@ def test_an_untaught_model_errs_by_the_codes_variance():
 def test_what_cannot_be_driven_is_refused(sample_avatar, tmp_path):
     with pytest.raises(UserError, match="temporal.safetensors: the file is missing"):
         load_driver(sample_avatar)
-    with pytest.raises(UserError, match="no garment"):
-        train_temporal(sample_avatar / "baseline", TemporalSettings(steps=1))
+    alone = shutil.copytree(sample_avatar / "baseline", tmp_path / "alone")  # of the avatar whose garments read poses
+    with pytest.raises(UserError, match="holds no avatar"):
+        train_temporal(alone, TemporalSettings(steps=1))
     (tmp_path / "temporal.safetensors").write_bytes(b"rubbish")
     with pytest.raises(UserError, match="temporal.safetensors: not a file of toile's tensors"):
         load_driver(tmp_path)
