@@ -180,6 +180,8 @@ def test_bad_input_is_refused_with_the_reason(two_chunks, undisturbed, tmp_path)
         align(tmp_path, tmp_path / "out", QUICK)
     with pytest.raises(UserError, match="shard 3/2"):
         align(two_chunks, tmp_path / "out", QUICK, shard=(3, 2))
+    with pytest.raises(UserError, match="--holdout 48-49: .* was registered without"):
+        align(two_chunks, tmp_path / "out", QUICK, holdout="48-49")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").write_text("mine")
     with pytest.raises(UserError, match="not empty"):

@@ -69,8 +69,7 @@ def align(
 
     The same call on what was killed goes on where it stood. `shard` (i, n) takes every n-th chunk from the i-th on;
     whichever ends last writes the run. The bits depend on neither workers nor shards. `progress(stage, done, total)`. `scheduler`: of
-    running dask workers, which do the work. `holdout`, "A-B": frames that others take nothing of; by default those of the run,
-    and no others where it has some."""
+    running dask workers, which do the work. `holdout`, "A-B": the frames that others take nothing of, which are those of the run."""
     out, settings, progress = (
         everywhere(Path(out), scheduler),
         settings or AlignSettings(),
@@ -80,9 +79,11 @@ def align(
     run = open_run(everywhere(Path(run), scheduler))
     _check(run, out)
     span = agreed(holdout, run.holdout, run.path)
+    if span != run.holdout:
+        raise UserError(f"--holdout {words_of(span)}: {run.path} was registered without, register it with the same")
     if not apart(run.pictured, span):
         raise UserError(f"--holdout {words_of(span)}: no pictured frame is left to align by")
-    _begin(run, out, settings, span)
+    _begin(run, out, settings)
     results = FrameFolders(out / "slides", Status.of(out), "align")
     job = BlockJob(out, results, prepare, (run, out, settings, span), match, NEAR, "match", held(span))
     last = partial(write, run, out, results, progress, span)
@@ -105,7 +106,7 @@ def _check(run, out):
         raise UserError(f"{run.path}: no registered frame has pictures, prints cannot be aligned")
 
 
-def _begin(run, out, settings, span):
+def _begin(run, out, settings):
     """Makes OUT with its config.toml and the run's status lines, or checks that it is of the same run and settings."""
     from .. import __version__
 
@@ -114,7 +115,7 @@ def _begin(run, out, settings, span):
         "frames_ok": len(run.ok),
         "toile": __version__,
         "settings": settings.model_dump(mode="json"),
-    } | ({} if span == run.holdout else {"holdout": list(span)})
+    }
     place = place_of(out, capture_folder(run.path, check=False))
     claim(out, run.config | place | {"align": asked}, "this run was aligned from another run or with other settings")
     with locked(out):
@@ -210,7 +211,6 @@ def write(run, out, results, progress, span, prepared, pool) -> None:
     frames, written = run.ok, count(1)
 
     def slide(writer: RunWriter):
-        writer.hold_out(span)
         for wanted in blocks(frames, held(span)):
             slides = {name: _slides(prepared, results, name, wanted) for name in run.garments}
             with writer.together():

@@ -107,10 +107,6 @@ class RunWriter:
         os.replace(part, run / STORE)
         return RunWriter.of(run)
 
-    def hold_out(self, holdout: Span) -> None:
-        """The store says that nothing which other frames are made from has read these frames."""
-        self.group.attrs.update({"holdout": list(holdout)})
-
     def pending(self, frames: Iterable[int]) -> tuple[int, ...]:
         """Those of the frames that are neither ok nor failed."""
         done = self.group["done"][:]

@@ -1,10 +1,13 @@
 """What frames a training may see, and what the command refuses."""
 
+import json
+from types import SimpleNamespace
+
 import pytest
 
 from toile.avatar.command import own_options
 from toile.avatar.settings import PRESETS, AvatarSettings, preset
-from toile.avatar.train.make import held_out
+from toile.avatar.train.make import held_out, left_out_frames
 from toile.errors import UserError
 
 
@@ -27,6 +30,17 @@ def test_what_a_run_holds_out_is_held_out_of_the_avatar_and_nothing_else():
     for text in ("5-13", "none"):
         with pytest.raises(UserError, match=f"--holdout {text}: run was registered with --holdout 5-12"):
             held_out(text, frames, (5, 12), "run")
+
+
+@pytest.mark.parametrize(
+    "asked, run_holds, earlier, held",
+    [(None, (), [6], [6]), (None, (), None, [18]), ("12", (), [6], [12]), (None, (0, 5), [6], [0]), (None, (), [], [])],
+)
+def test_what_an_avatar_was_asked_for_stays_unless_the_run_holds_out_its_own(tmp_path, asked, run_holds, earlier, held):
+    if earlier is not None:
+        (tmp_path / "avatar.json").write_text(json.dumps({"holdout": earlier}))
+    run = SimpleNamespace(pictured=[0, 6, 12, 18], holdout=run_holds, path="run")
+    assert left_out_frames(asked, tmp_path, run) == held
 
 
 @pytest.mark.parametrize("text", ["x", "4-", "-4", "4-2", "1-5", "", "4,5"])

@@ -126,6 +126,7 @@ def evaluate_avatar(
         write_sheets(sheets_folder(folder, driven), drawn, errors.garments, (middle, held.unseen_views(middle)))
     result = _result(held, errors, sources, float(np.mean(spacing)))
     result["all"]["driven"] = held.summary(errors) if driven else None
+    result["all"]["intersections"] = held.intersecting()  # of the frames between the pictures too
     return result
 
 
@@ -168,7 +169,6 @@ def _result(held, errors, sources, mm_per_pixel):
         "pose_distance_deg": mean_measures(list(distance.values())),
         "mm_per_pixel": mm_per_pixel,
         "change": _changes(errors, sources, held.frames),
-        "intersections": held.intersecting(),
         "labels": "truth" if held.truth else "captured",
         "photometric": None if held.truth else held.photometric(),
     }

@@ -51,9 +51,7 @@ def make_avatar(request, folder, baseline=False):
     """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
     begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
     run = open_run(request.run)
-    left_out = asked_before(folder).get("holdout") if request.holdout is None else None
-    if left_out is None:
-        left_out = held_out(request.holdout, run.pictured, run.holdout, run.path)
+    left_out = left_out_frames(request.holdout, folder, run)
     frames = [number for number in run.pictured if number not in left_out]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
@@ -115,6 +113,15 @@ class TrainingJob:
         if fabric.is_global_zero:
             save_avatar(folder, avatar, facts | notes | {"architecture": avatar.describe(), "steps": steps})
         fabric.barrier()
+
+
+def left_out_frames(text, folder, run):
+    """The frames held out of the training of AVATAR `folder`: as asked by `text`; where that is None those of the run, and of one
+    that holds none out those that the avatar was asked for before, or by default."""
+    earlier = asked_before(folder).get("holdout")
+    if text is None and not run.holdout and earlier is not None:
+        return earlier
+    return held_out(text, run.pictured, run.holdout, run.path)
 
 
 def held_out(text, frames, own=(), of="the run"):
