@@ -72,6 +72,20 @@ def test_two_workers_give_the_bits_of_one(capture, undisturbed, tmp_path):
     assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
 
 
+@pytest.mark.slow(seconds=60)
+def test_one_two_and_four_workers_give_the_same_bits_of_four_blocks_with_a_garment(tmp_path):
+    capture, numbers = tmp_path / "capture", (49, 50, 51, 100, 101, 150)
+    shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "frames"))
+    for i, number in enumerate(numbers):
+        shutil.copytree(SAMPLE / "frames" / f"{i:06d}", capture / "frames" / f"{number:06d}")
+    made = []
+    for workers in (1, 2, 4):
+        assert pipeline.register(capture, tmp_path / f"{workers}", CONFIG, numbers, workers=workers).ok == numbers
+        made.append(arrays(tmp_path / f"{workers}"))
+    assert_same_bits(made[0], made[1])
+    assert_same_bits(made[0], made[2])
+
+
 def test_two_shards_give_the_bits_of_one_run(capture, undisturbed, tmp_path):
     first = pipeline.register(capture, tmp_path / "run", CONFIG, FRAMES, shard=(2, 2))
     assert first.pending == FRAMES and not first.ok and not (tmp_path / "run" / "registered.zarr").exists()

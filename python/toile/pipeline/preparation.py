@@ -27,7 +27,7 @@ from .identity import Identities
 from .samples import as_labels_see, samples_of
 from .template import Worn, template_from_scan, template_on_body
 
-LARGE = 1 << 25  # pixels of a frame above which what its thinned pictures say is gathered twice, not kept
+LARGE = 1 << 22  # pixels of a frame above which what its thinned pictures say is gathered twice, not kept
 
 
 @dataclass
