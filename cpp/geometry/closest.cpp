@@ -175,9 +175,15 @@ std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, dou
                                                    std::to_string(guesses[i]) + " of " +
                                                    std::to_string(state_->F.rows()));
     std::vector<SurfacePoint> out(static_cast<std::size_t>(points.rows()));
-    parallel_for(points.rows(), [&](std::int64_t i) {
-        out[static_cast<std::size_t>(i)] = closest(Vec3(points.row(i)), radius, guesses.size() > 0 ? guesses[i] : -1);
-    });
+    constexpr std::int64_t run = 256;  // points in a row often lie side by side: one's face is the next one's guess
+    parallel_for((points.rows() + run - 1) / run, [&](std::int64_t b) {
+        int last = -1;
+        for (std::int64_t i = b * run, end = std::min<std::int64_t>(points.rows(), i + run); i < end; ++i) {
+            SurfacePoint& hit = out[static_cast<std::size_t>(i)];
+            hit = closest(Vec3(points.row(i)), radius, guesses.size() > 0 ? guesses[i] : last);
+            if (hit.face >= 0) last = hit.face;
+        }
+    }, 1);
     return out;
 }
 

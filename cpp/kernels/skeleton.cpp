@@ -277,7 +277,8 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
     Stop stop = Stop::max_iterations;
     System system;
     Vertices before;
-    bool settled = false;  // the last step was taken within the final reach
+    std::vector<int> faces;  // of the scan, that the samples found last
+    bool settled = false;    // the last step was taken within the final reach
     double least = std::numeric_limits<double>::infinity();
     int idle = 0;
     for (int i = 0; i < o.max_iterations; ++i) {
@@ -291,7 +292,7 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
         before = Y;
         settled = reach <= o.reach;
         if (scan) {
-            problem.matches = scan->match(Y, vertex_normals(Y, model_.F), samples_, reach, o.min_cosine);
+            problem.matches = scan->match(Y, vertex_normals(Y, model_.F), samples_, reach, o.min_cosine, faces);
         }
         energies.push_back(descend(problem, state, damping, system).energy);
         if (settled) {
@@ -343,9 +344,10 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
             Problem problem(model_, joint_sigma_, joint_limit_, area_, frame, options_, true);
             problem.keypoint_robust = options_.keypoint_robust_sigmas;
             problem.surface_robust = options_.surface_robust;
+            std::vector<int> faces;
             if (scans[f])
                 problem.matches = scans[f]->match(results[f].V, vertex_normals(results[f].V, model_.F), samples_,
-                                                  options_.reach, options_.min_cosine);
+                                                  options_.reach, options_.min_cosine, faces);
             const System s = problem.linearise(state_of(results[f].pose, model_));
             const int P = problem.shape_start();
             const MatrixXd C = s.H.bottomLeftCorner(S, P).transpose();

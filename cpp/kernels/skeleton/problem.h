@@ -51,14 +51,17 @@ public:
           confidence_(confidence.size() ? confidence : Vector::Ones(V.rows())) {}
 
     /// Matches of samples within `reach` whose normals agree up to the scan's orientation, in order of the samples.
+    /// `face`: the faces found for the samples, -1 for none; those of a pose before save time and change nothing.
     std::vector<Match> match(const Vertices& Y, const Vertices& model_normals, const Indices& samples, double reach,
-                             double min_cosine) const {
+                             double min_cosine, std::vector<int>& face) const {
+        face.resize(static_cast<std::size_t>(samples.size()), -1);
         std::vector<Match> all(static_cast<std::size_t>(samples.size()));
         std::vector<double> cosine(all.size(), 0);
         parallel_for(samples.size(), [&](std::int64_t i) {
             const auto s = static_cast<std::size_t>(i);
             const int v = samples[i];
-            const SurfacePoint hit = index_.closest(Vec3(Y.row(v)), reach);
+            const SurfacePoint hit = index_.closest(Vec3(Y.row(v)), reach, face[s]);
+            face[s] = hit.face;
             all[s].vertex = hit.face < 0 ? -1 : v;
             if (hit.face < 0) return;
             Vec3 n = Vec3::Zero();
