@@ -124,6 +124,11 @@ void bind_sight(py::module_& m) {
         py::gil_scoped_release release;
         return view_edges(views, points, normals, labels, s, chosen);
     });
+    m.def("undistorted_view",
+          [](const Vertices& points, const Mat3& K, const Vector& distortion, const Eigen::Matrix4d& T) {
+        py::gil_scoped_release release;
+        return undistorted_view(points, {K, distortion, T});
+    });
     m.def("visibility",
           [](const Vertices& points, const Vertices& normals, const Mat3& K, const Vector& distortion,
              const Eigen::Matrix4d& T, const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "base/errors.h"
@@ -188,8 +189,13 @@ struct TileLists {
     }
 };
 
-/// Draws one triangle into the pixels [left, right] x [top, bottom].
-void draw(const Triangle& t, const DepthPlane& plane, int left, int right, int top, int bottom, RasterResult& image) {
+/// Draws one triangle of a face into the pixels [left, right] x [top, bottom]. Many cover no pixel centre, or none that
+/// nothing nearer covers: only of the others the plane is asked for.
+void draw(const Triangle& t, const Vertices& V, const Faces& F, const Camera& camera, int left, int right, int top,
+          int bottom, RasterResult& image) {
+    const double nearest =
+        std::max(camera.near_plane, std::min({V(F(t.face, 0), 2), V(F(t.face, 1), 2), V(F(t.face, 2), 2)}));
+    std::optional<DepthPlane> plane;
     std::array<std::int64_t, 3> row, step_x, step_y;  // edge functions, never negative inside
     for (std::size_t k = 0; k < 3; ++k) {
         const Corner &a = t.corner[k], &b = t.corner[(k + 1) % 3];
@@ -204,8 +210,9 @@ void draw(const Triangle& t, const DepthPlane& plane, int left, int right, int t
         std::int32_t* face = &image.face(i, 0);
         double* depth = &image.depth(i, 0);
         for (int j = left; j <= right; ++j) {
-            if ((e[0] | e[1] | e[2]) >= 0) {
-                const double z = plane.at(j + 0.5, i + 0.5);
+            if ((e[0] | e[1] | e[2]) >= 0 && nearest <= depth[j]) {
+                if (!plane) plane = depth_plane(V, F, t.face, camera);
+                const double z = plane->at(j + 0.5, i + 0.5);
                 if (z < depth[j] || (z == depth[j] && t.face < face[j])) {
                     depth[j] = z;
                     face[j] = t.face;
@@ -244,7 +251,7 @@ RasterResult raster(const Vertices& V, const Faces& F, const Mat3& K, int height
         const int x = static_cast<int>(tile % tiles.across) * TILE, y = static_cast<int>(tile / tiles.across) * TILE;
         for (std::size_t k = tiles.start[tile]; k < tiles.start[tile + 1]; ++k) {
             const Triangle& t = triangles[tiles.triangle[k]];
-            draw(t, depth_plane(V, F, t.face, camera), std::max<int>(t.left, x), std::min<int>(t.right, x + TILE - 1),
+            draw(t, V, F, camera, std::max<int>(t.left, x), std::min<int>(t.right, x + TILE - 1),
                  std::max<int>(t.top, y), std::min<int>(t.bottom, y + TILE - 1), image);
         }
     }, 1);

@@ -131,6 +131,23 @@ std::vector<Eye> eyes_of(const std::vector<View>& views, double tolerance, doubl
 
 }  // namespace
 
+Vertices undistorted_view(const Vertices& points, const Camera& camera) {
+    check_points("undistorted_view", "points", points);
+    check_camera("undistorted_view", camera);
+    const Mat3 R = camera.T_camera_world.topLeftCorner<3, 3>();
+    const Vec3 t = camera.T_camera_world.topRightCorner<3, 1>();
+    Vertices out(points.rows(), 3);
+    parallel_for(points.rows(), [&](std::int64_t i) {
+        constexpr double nearest = 1e-3;  // [m], what lies behind is not seen anyway
+        const Vec3 p = R * points.row(i).transpose() + t;
+        const double z = std::max(p[2], nearest);
+        double x = p[0] / z, y = p[1] / z;
+        distort(x, y, camera.distortion);
+        out.row(i) << x * z, y * z, p[2];
+    }, 4096);
+    return out;
+}
+
 Sight visibility(const Vertices& points, const Vertices& normals, const Camera& camera,
                  const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine) {
     require(points.rows() == normals.rows(), "visibility: normals has " + std::to_string(normals.rows()) +

@@ -14,6 +14,10 @@ struct Camera {
     Eigen::Matrix4d T_camera_world;  ///< rotation and translation
 };
 
+/// World points (n,3) in the camera's frame [m], moved across the view so that a camera without distortion sees each where
+/// this one does.
+Vertices undistorted_view(const Vertices& points, const Camera& camera);
+
 struct Sight {
     Matrix uv;         ///< (n,2) [px]
     Vector weight;     ///< (n,) cosine between normal and view where the point is visible, else 0

@@ -5,7 +5,7 @@ import numpy
 import numpy.typing
 import scipy.sparse
 import typing
-__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'DrapeOptions', 'DrapeResult', 'DrapeSolver', 'EdgeOptions', 'FuseOptions', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'OddsOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'StereoCamera', 'StereoOptions', 'StereoSolver', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'View', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cheapest_path', 'cotangent_laplacian', 'evidence_picture', 'face_areas', 'face_normals', 'fuse_depths', 'intersecting_pairs', 'mrf', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'soft_labels', 'stop_names', 'threads', 'unique_edges', 'vertex_components', 'vertex_normals', 'view_edges', 'view_odds', 'visibility', 'voronoi_mass', 'winding_number']
+__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'DrapeOptions', 'DrapeResult', 'DrapeSolver', 'EdgeOptions', 'FuseOptions', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'OddsOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'StereoCamera', 'StereoOptions', 'StereoSolver', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'View', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cheapest_path', 'cotangent_laplacian', 'evidence_picture', 'face_areas', 'face_normals', 'fuse_depths', 'intersecting_pairs', 'mrf', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'soft_labels', 'stop_names', 'threads', 'undistorted_view', 'unique_edges', 'vertex_components', 'vertex_normals', 'view_edges', 'view_odds', 'visibility', 'voronoi_mass', 'winding_number']
 class InputError(ValueError):
     pass
 class SolveError(RuntimeError):
@@ -1246,6 +1246,8 @@ def threads() -> int:
     """
     How many threads a kernel called from here may use; 1 in a forked child.
     """
+def undistorted_view(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 4]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"]:
+    ...
 def unique_edges(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 2]"]:
     ...
 def vertex_components(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg1: typing.SupportsInt | typing.SupportsIndex) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 1]"]:

@@ -42,6 +42,18 @@ def test_pixels_and_clearance_are_those_of_the_camera():
     assert (weight[~inside] == 0).all()
 
 
+def test_an_undistorted_view_shows_points_where_the_lens_does():
+    c, (points, _) = camera(), scene()
+    moved = kernels.undistorted_view(points, c.K, c.distortion, c.T_camera_world)
+    expected, z = c.project(points)
+    assert np.abs(moved[:, 2] - z).max() < 1e-12
+    pixels = (moved / moved[:, 2:]) @ c.K.T
+    front = z > 0.1
+    assert front.mean() > 0.9 and np.abs(pixels[:, :2] - expected)[front].max() < 1e-9
+    behind = kernels.undistorted_view([c.centre * 2], c.K, c.distortion, c.T_camera_world)
+    assert behind[0, 2] < 0 and np.isfinite(behind).all()
+
+
 def test_visible_is_what_faces_the_camera_and_lies_before_the_surface():
     c = camera()
     points = c.centre + np.outer([3.9, 4.0, 4.02, 4.1], (-c.centre) / np.linalg.norm(c.centre))

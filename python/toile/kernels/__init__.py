@@ -25,7 +25,7 @@ from .nricp_tracker import NricpTracker
 from .occlusion import ambient_occlusion
 from .raster import raster
 from .remesh import remesh
-from .sight import View, bilinear, evidence_picture, soft_labels, view_edges, view_odds, visibility
+from .sight import View, bilinear, evidence_picture, soft_labels, undistorted_view, view_edges, view_odds, visibility
 from .skeleton import SkeletonSolver, skeleton
 from .stereo import StereoSolver, fuse_depths
 from .stop import Stop
@@ -64,6 +64,7 @@ __all__ = [
     "raster",
     "remesh",
     "bilinear",
+    "undistorted_view",
     "visibility",
     "self_intersections",
     "set_threads",

@@ -10,6 +10,18 @@ from .._core import InputError
 from .arrays import Array, Floats, Pixels, as_floats, as_indices, as_pixels, as_vertices
 
 
+def undistorted_view(points: Array, K: Array, distortion: Array, T_camera_world: Array) -> Floats:
+    """World points (n,3) [m] in a camera's frame (n,3), moved across the view so that a camera without distortion sees each
+    where this one does: the lens' picture of a mesh, up to the bend inside one triangle. Camera as for `visibility`.
+    InputError for NaN."""
+    return _core.undistorted_view(
+        as_vertices("undistorted_view", "points", points),
+        as_floats("undistorted_view", "K", K, (3, 3)),
+        as_floats("undistorted_view", "distortion", distortion, (5,)),
+        as_floats("undistorted_view", "T_camera_world", T_camera_world, (4, 4)),
+    )
+
+
 def visibility(
     points: Array,
     normals: Array,

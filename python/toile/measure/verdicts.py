@@ -245,9 +245,7 @@ def _silhouettes(seen, cameras, layers):
     owner = np.append(np.repeat(np.arange(len(layers)), [len(layer.faces) for layer in layers]), -1)
     for name, step, mask in seen.views():
         camera = cameras[name]
-        p = camera.to_camera(V)
-        z = np.maximum(p[:, 2:], 1e-3)
-        moved = np.concatenate([camera.distort(p[:, :2] / z) * z, p[:, 2:]], axis=1)
+        moved = kernels.undistorted_view(V, camera.K, camera.distortion, camera.T_camera_world)
         K = camera.K / [[step], [step], [1]]
         yield owner[kernels.raster(moved, F, K, mask.shape).face], mask, float(np.median(z)) / K[0, 0]
 

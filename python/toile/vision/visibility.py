@@ -10,10 +10,7 @@ class DepthView:
 
     def __init__(self, camera, V, F):
         self.camera = camera
-        p = camera.to_camera(V)
-        z = np.maximum(p[:, 2:], 1e-3)
-        # the pinhole picture of moved vertices is the distorted picture, up to the bend inside one triangle
-        moved = np.concatenate([camera.distort(p[:, :2] / z) * z, p[:, 2:]], axis=1)
+        moved = kernels.undistorted_view(V, camera.K, camera.distortion, camera.T_camera_world)
         result = kernels.raster(moved, F, camera.K, camera.size)
         self.depth, self.face = result.depth, result.face
 
