@@ -43,31 +43,40 @@ def fit_colours(rgb, given, ids, error_share, iterations):
     What the place on the surface says is left out: where a patch is wrong for good, it repeats the error. A label that few
     pixels truly have is given to more of them by error: so the start counts of each colour only what errors do not explain.
     """
-    bins, own = colour_bins(rgb), np.eye(len(ids))[given]
-    of_colour = np.maximum(np.exp(_log_histograms(bins, own)) - _FLOOR, 0) * own.sum(0)
+    cell, pixels = np.unique(colour_bins(rgb) * len(ids) + given, return_counts=True)  # pixels that are alike are one
+    bins, own, pixels = cell // len(ids), np.eye(len(ids))[cell % len(ids)], pixels[:, None]
+    of_colour = np.maximum(np.exp(_log_histograms(bins, pixels * own)) - _FLOOR, 0) * (pixels * own).sum(0)
     of_colour /= np.maximum(of_colour.sum(1, keepdims=True), 1e-12)
     here = of_colour[bins]
-    wrong = max(error_share, float(np.quantile(1 - here.max(1), _CLEAR)))
-    others = np.where(here < here.max(1, keepdims=True), here, 0).mean(0) + 1e-6
+    wrong = max(error_share, _quantile(1 - here.max(1), pixels[:, 0], _CLEAR))
+    others = (pixels * np.where(here < here.max(1, keepdims=True), here, 0)).sum(0) / pixels.sum() + 1e-6
     posterior = np.maximum(here - wrong * others / others.sum(), 1e-6)
     posterior /= posterior.sum(1, keepdims=True)
     for _ in range(iterations):
-        model = ColourModel(ids, _log_histograms(bins, posterior))
-        others = (own * (1 - posterior)).sum(0) + 1e-6
+        model = ColourModel(ids, _log_histograms(bins, pixels * posterior))
+        others = (pixels * own * (1 - posterior)).sum(0) + 1e-6
         chance = wrong * others / others.sum()  # of each label to be given for another
-        place = posterior.mean(0) * np.where(own > 0, 1 - wrong, (own @ chance)[:, None])
+        shares = (pixels * posterior).sum(0) / pixels.sum()
+        place = shares * np.where(own > 0, 1 - wrong, (own @ chance)[:, None])
         posterior = place * np.exp(model.log_density[bins])
         posterior /= np.maximum(posterior.sum(1, keepdims=True), 1e-12)
-    return ColourModel(ids, _log_histograms(bins, posterior))
+    return ColourModel(ids, _log_histograms(bins, pixels * posterior))
 
 
-def _log_histograms(bins, share):
+def _quantile(values, counts, share):
+    """What this share of the values, each counted so often, stays below."""
+    order = np.argsort(values)
+    below = np.cumsum(counts[order])
+    return float(values[order][np.searchsorted(below, share * below[-1])])
+
+
+def _log_histograms(bins, weights):
     from scipy.ndimage import gaussian_filter
 
     count = int(np.prod(_BINS))
-    out = np.empty((count, share.shape[1]), np.float32)
-    for column in range(share.shape[1]):
-        h = np.bincount(bins, weights=share[:, column], minlength=count).reshape(_BINS)
+    out = np.empty((count, weights.shape[1]), np.float32)
+    for column in range(weights.shape[1]):
+        h = np.bincount(bins, weights=weights[:, column], minlength=count).reshape(_BINS)
         h = gaussian_filter(h, _BLUR, mode="nearest").ravel()
         out[:, column] = np.log((1 - _FLOOR) * h / max(h.sum(), 1e-12) * count + _FLOOR)
     return out
