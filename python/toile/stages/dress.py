@@ -17,7 +17,7 @@ from ..surface.loops import LoopMatch, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
-from ..vision.threads import parallel_map_with
+from ..vision.threads import parallel_map, parallel_map_with
 
 HANDS = "hand_left", "hand_right"  # segments of a body model
 
@@ -218,7 +218,8 @@ class Dresser:
         if traced:
             vertices = continued(t.rest, t.faces, vertices, self._free(vertices, cloth))
             garment = Mesh(vertices, t.faces)
-            matches = [trace_opening(garment, l, evidence, rivals, m, s.loop) for l, m in zip(t.loops, matches)]
+            trace = lambda of: trace_opening(garment, of[0], evidence, rivals, of[1], s.loop)
+            matches = parallel_map(trace, zip(t.loops, matches))
             vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches)
         confidence, distance = self._confidence(vertices, cloth)
         for loop, match in zip(t.loops, matches):
