@@ -247,7 +247,11 @@ def _silhouettes(seen, cameras, layers):
         camera = cameras[name]
         moved = kernels.undistorted_view(V, camera.K, camera.distortion, camera.T_camera_world)
         K = camera.K / [[step], [step], [1]]
-        yield owner[kernels.raster(moved, F, K, mask.shape).face], mask, float(np.median(z)) / K[0, 0]
+        yield (
+            owner[kernels.raster(moved, F, K, mask.shape).face],
+            mask,
+            float(np.median(np.maximum(moved[:, 2], 1e-3))) / K[0, 0],
+        )
 
 
 def _reach(pictures):
