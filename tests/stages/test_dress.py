@@ -83,7 +83,7 @@ def test_sleeve_of_wrong_size_is_refined_to_scan_and_openings(scene):
     model, person, frame, tracked, segmented, target, F = scene
     V, T = sleeve(0.110, 0.215, 0.79)
     template = prepare(
-        model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented, dark(frame))], DressSettings()
+        model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, segmented, lambda: dark(frame))], DressSettings()
     )
     result = Dresser(model, person, template, DressSettings()).dress(frame, tracked, segmented, dark(frame))
     distance = kernels.SurfaceIndex(target, F).closest(result.vertices)[3]
@@ -117,7 +117,7 @@ def test_frames_that_show_an_opening_cut_off_say_nothing_of_the_cloth_about_it(s
         matches = [LoopMatch(X[loop], np.ones(len(loop), bool), np.zeros(len(loop))) for loop in loops]
         results.append((Dressed(X, np.full(len(X), 2, np.uint8), {}), matches))
     monkeypatch.setattr(Dresser, "register", lambda self, *sample: results[sample[0].number])
-    samples = [(replace(frame, number=i), straight, segmented, dark(frame)) for i in range(len(ends))]
+    samples = [(replace(frame, number=i), straight, segmented, lambda: dark(frame)) for i in range(len(ends))]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its size
         rest = prepare(model, person, SLEEVE, 2, Mesh(V, T), samples, DressSettings()).rest
@@ -128,7 +128,7 @@ def test_a_loop_that_departs_from_its_opening_s_length_in_the_sampled_frames_is_
     """The far end of the sleeve is 1.8 times as wide as the frame showed it that made the template, as where a web joins it to
     what lies beside it; scan and openings agree with it all the same."""
     model, person, frame, tracked, segmented, target, F = scene
-    sample = (frame, tracked, segmented, dark(frame))
+    sample = (frame, tracked, segmented, lambda: dark(frame))
     template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.110, 0.215, 0.79)), [sample], DressSettings())
     lengths = [loop_length(curve.points) for curve in segmented.openings[2]]
     assert np.sort(template.opening_lengths) == pytest.approx(np.sort(lengths), rel=0.02)
@@ -164,11 +164,11 @@ def test_an_opening_cut_off_in_every_frame_is_no_good_though_the_template_was_fi
         cut_off = target + (share - 1) * near * (target - target[far].mean(0))
         shown = replace(segmented, openings={2: tuple(Curve(cut_off[loop], True) for loop in loops)})
         spoilt = replace(frame, scan=Mesh(cut_off, F))
-        sample = (spoilt, tracked, shown, dark(spoilt))
+        sample = (spoilt, tracked, shown, lambda spoilt=spoilt: dark(spoilt))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of its size
             template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.110, 0.215, 0.79)), [sample], DressSettings())
-        made = Dresser(model, person, template, DressSettings()).dress(*sample)
+        made = Dresser(model, person, template, DressSettings()).dress(*sample[:3], sample[3]())
         measures = {"scan_to_surface_mm": 1.0} | _openings(template, made.diagnostics)
         assert verdict(measures, VerdictSettings())[0] == told
 
@@ -178,9 +178,9 @@ def test_a_button_stays_rigid_at_the_cloth_at_rest_and_in_frames(scene):
     V, T = sleeve(0.110, 0.215, 0.79)
     B, G = box([0.012, 0.004, 0.012], [0, 0.113, 0.5])
     mesh = Mesh(np.concatenate([V, B]), np.concatenate([T, G + len(V)]).astype(np.int32))
-    sample = (frame, tracked, segmented, dark(frame))
+    sample = (frame, tracked, segmented, lambda: dark(frame))
     template = prepare(model, person, SLEEVE, 2, mesh, [sample], DressSettings())
-    dressed = Dresser(model, person, template, DressSettings()).dress(*sample)
+    dressed = Dresser(model, person, template, DressSettings()).dress(*sample[:3], sample[3]())
     plain = prepare(model, person, SLEEVE, 2, Mesh(V, T), [sample], DressSettings())
     assert len(template.loops) == 2 and len(dressed.vertices) == len(dressed.confidence) == len(V) + 8
     np.testing.assert_array_equal(template.rest[:-8], plain.rest)
@@ -240,7 +240,7 @@ def test_missing_loop_is_said(scene):
     V, T = sleeve(0.115)
     one = replace(segmented, openings={2: segmented.openings[2][:1]})
     with pytest.warns(UserWarning, match="no sampled frame shows loop"):
-        prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one, dark(frame))], DressSettings())
+        prepare(model, person, SLEEVE, 2, Mesh(V, T), [(frame, tracked, one, lambda: dark(frame))], DressSettings())
 
 
 def test_a_sleeve_finds_its_scan_from_a_pose_whose_end_is_8_cm_off(scene):
