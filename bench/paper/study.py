@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from toile.avatar.settings import AvatarSettings, TemporalSettings, preset
+from toile.avatar.train.make import held_out
 from toile.io.holdout import span_of
 from toile.io.run import is_run, open_run
 from toile.io.run_folder import capture_folder
@@ -100,7 +101,8 @@ class Subject:
         paper, opened = self.paper, open_capture(self.capture)
         if not self.given_run:
             numbers = frame_numbers(paper.frames, opened.frames)
-            settings = changed(config(paper.registration), holdout=span_of(paper.holdout or "none"))
+            span = span_held_out(paper.holdout, [n for n in numbers if opened.pictured(n)])
+            settings = changed(config(paper.registration), holdout=span)
             register(self.capture, self.run, settings, numbers, paper.progress, paper.workers)
         run, camera = open_run(self.run), next(iter(opened.cameras.values()))
         return {
@@ -228,6 +230,14 @@ class Subject:
             size = settings.data.image[0]
             once(folder / "speed.json", lambda: measure(folder, size, threads()), self.paper.say)
             yield quality
+
+
+def span_held_out(asked, pictured):
+    """First and last number of the frames that registration holds out: "A-B" as asked, or the last tenth of those with pictures."""
+    if asked is not None:
+        return span_of(asked)
+    held = held_out(None, pictured)
+    return (held[0], held[-1]) if held else ()
 
 
 def once(path, make, say):

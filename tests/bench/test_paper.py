@@ -7,7 +7,7 @@ import pytest
 from bench.paper.__main__ import small, with_values
 from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
-from bench.paper.study import Paper, Subject, link, once
+from bench.paper.study import Paper, Subject, link, once, span_held_out
 from bench.paper.tables import against, collected, goals, tables
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
@@ -123,6 +123,12 @@ def test_a_pair_with_other_alignment_is_a_row_of_its_own_and_meets_no_goal(study
     driven = against(collected(study), "driven")
     assert [row[1] for row in driven.rows if row[0] == "logo"] == [0, 1, UNALIGNED]
     assert "logo, 2 seeds: MSE 22 % lower: yes" in driven.note
+
+
+def test_registration_holds_out_what_training_does():
+    pictured = list(range(0, 240, 6))
+    assert span_held_out(None, pictured) == (216, 234) and span_held_out(None, [3]) == ()
+    assert span_held_out("30-60", pictured) == (30, 60) and span_held_out("none", pictured) == ()
 
 
 def test_missing_measures_are_dashes():
