@@ -19,7 +19,7 @@ from toile.pipeline.identity import Identities
 from toile.pipeline.plan import plan
 from toile.pipeline.reconstruct import MADE, reconstruct
 from toile.pipeline.run import register
-from toile.pipeline.scanning import kept_in, lacks_scan, make_scan, make_scans
+from toile.pipeline.scanning import kept_in, lacks_scan, load_libraries, make_scan, make_scans
 
 capture = test_reconstruct.capture  # of a ball: frame 0 with masks and keypoints, frame 1 without masks
 DRAFT = preset("draft")
@@ -94,6 +94,17 @@ def test_pictures_that_show_too_little_leave_a_frame_to_its_keypoints_or_fail_it
         make_scan(opened, 0, wanting, status, OF)
     assert "too little" in make_scans(opened, [0], wanting, status, OF)[0]
     assert not (tmp_path / "other" / "scans").exists()
+
+
+def test_the_surface_library_is_loaded_where_a_scan_will_be_made_and_else_not(capture, tmp_path, monkeypatch):
+    """By the main thread: a process where another loads it first aborts at its end."""
+    loaded, opened = [], kept_in(tmp_path, open_capture(capture))
+    monkeypatch.setattr("toile.pipeline.scanning.load_poisson", lambda: loaded.append(True))
+    load_libraries(opened, [1], DRAFT)
+    load_libraries(opened, [0], changed(DRAFT, {"make_scans": False}))
+    assert not loaded
+    load_libraries(opened, [0, 1], DRAFT)
+    assert loaded
 
 
 def test_where_no_sampled_frame_gives_a_scan_no_other_is_tried(capture, tmp_path, monkeypatch):

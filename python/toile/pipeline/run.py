@@ -106,6 +106,7 @@ def register(
     try:
         parts = blocks(frames, held(config.holdout))[shard[0] - 1 :: shard[1]]
         own = [number for block in parts for number in block]
+        scanning.load_libraries(capture, own, config)
         with locked(run):
             sample = partial(sampled_frames, capture, config.preparation_frames)
             request = request_of(run, capture, config, frames, own, sample, verify)

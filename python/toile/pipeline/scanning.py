@@ -16,7 +16,7 @@ from ..io.capture import Capture
 from ..io.files import replace_file, write_text
 from ..io.run_folder import scans_folder
 from ..io.status import Status
-from ..surface.poisson import check_poisson
+from ..surface.poisson import check_poisson, load_poisson
 from .blocks import raise_where_disk
 from .identity import Identities
 from .reconstruct import MADE, made_of
@@ -40,6 +40,12 @@ def lacks_scan(capture: Capture, number: int) -> bool:
         return len(shown.intersection(capture.pictured(number))) >= 2
     except UserError:
         return False
+
+
+def load_libraries(capture: Capture, numbers: Iterable[int], config: Config) -> None:
+    """In the main thread, before others make scans of any of these frames."""
+    if config.make_scans and any(lacks_scan(capture, number) for number in numbers):
+        load_poisson()
 
 
 def make_scan(capture: Capture, number: int, config: Config, status: Status, identities: Identities) -> None:

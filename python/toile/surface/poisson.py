@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from importlib.util import find_spec
 
 import numpy as np
@@ -31,6 +32,13 @@ def check_poisson():
     """UserError: what `poisson` needs is not installed."""
     if find_spec("pymeshlab") is None:
         raise UserError("scans need pymeshlab: pip install 'toile[stereo]'")
+
+
+def load_poisson():
+    """Loads the library of `poisson`, to be called in the main thread: a process where another thread loads it first aborts when
+    it ends (pymeshlab 2025.7.post1: malloc_consolidate)."""
+    if find_spec("pymeshlab") is not None:
+        import_module("pymeshlab")
 
 
 def keep_vertices(V, F, keep):
