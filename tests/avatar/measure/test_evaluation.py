@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.pictures import SHIRT, pictures
-from toile.avatar.measure.evaluation import PictureErrors
+from toile.avatar.measure.evaluation import COUNTED, PictureErrors
 from toile.errors import UserError
 from toile.measure.truth import mean_measures
 
@@ -21,8 +21,7 @@ MEASURES = {
     "garment_mse",
     "body_mse",
     "silhouette_mse",
-    "pixels",
-    "band_pixels",
+    *COUNTED.values(),
 }
 
 
@@ -42,7 +41,7 @@ def test_more_blur_is_worse_in_every_measure(shown):
     sums = errors(shown)
     sharp, blurred = sums.measures("layered"), sums.measures("baseline")
     assert sharp.keys() - {"cameras"} == MEASURES
-    for name in MEASURES - {"pixels", "band_pixels"}:
+    for name in MEASURES - set(COUNTED.values()):
         assert (sharp[name] < blurred[name]) == name.endswith("mse"), name
 
 
@@ -102,7 +101,7 @@ def test_without_a_garment_there_is_no_band(shown):
 def test_empty_foreground_is_null_in_json(shown):
     empty = [dataclasses.replace(p, mask=np.zeros_like(p.mask)) for p in shown]
     found = errors(empty).measures("layered")
-    assert all(found[name] is None for name in MEASURES - {"pixels", "band_pixels"}) and found["pixels"] == 0
+    assert all(found[name] is None for name in MEASURES - set(COUNTED.values())) and found["pixels"] == 0
     assert json.loads(json.dumps(found, allow_nan=False))["mse"] is None
 
 

@@ -79,7 +79,8 @@ class Driven(HeldOut):
 
     def sources(self, errors):
         rows = [row for row in LED if row in self.shown]
-        strongest = min(rows, key=lambda row: errors.measures(row)["mse"], default=None)
+        error = lambda row: np.inf if (mse := errors.measures(row)["mse"]) is None else mse  # None: no foreground
+        strongest = min(rows, key=error, default=None)
         return {name: strongest if name == "baseline" else name for name in self.avatars}
 
     def _decode(self, name, sample):
