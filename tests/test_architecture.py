@@ -48,7 +48,10 @@ DOORS = {
     "config/command",
     "io/command",
     "measure/command",
-    "pipeline/command",
+    "pipeline/commands/pictures",
+    "pipeline/commands/register",
+    "pipeline/commands/standing",
+    "pipeline/commands/tune",
     "view/command",
 }
 TORCH = {"avatar", "studio"}

@@ -11,7 +11,7 @@ from toile.config import from_options, preset
 from toile.errors import UserError
 from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
-from toile.pipeline.command import words
+from toile.pipeline.commands.standing import words
 from toile.pipeline.standing import standing
 
 

@@ -9,7 +9,7 @@ from tests.support.synthetic_run import copy_capture, true_run
 from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.run import open_run
-from toile.pipeline.command import tune as tune_command
+from toile.pipeline.commands.tune import tune as tune_command
 from toile.pipeline.tuning import tune
 from toile.pipeline.tuning.fit import LoopFit, diagnosis
 from toile.pipeline.tuning.forecast import in_one_process, on_workers

@@ -1,13 +1,16 @@
-"""The commands `toile inspect` and `toile doctor`."""
+"""The commands `toile evaluate`, `toile report`, `toile inspect` and `toile doctor`."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .. import speech
+from ..console import numbers_of, progress_bars, table
+from ..errors import UserError
 
 
 def inspect(
@@ -64,3 +67,85 @@ def doctor():
         typer.echo(f"  {word} {checked.name:<18} {checked.seconds:5.2f} s  {checked.against}: {error}")
     typer.echo("all kernels agree with their references" if sound else "something is wrong, see above")
     raise typer.Exit(0 if sound else 1)
+
+
+def evaluate(
+    path: Annotated[Path, typer.Argument(help="a run or an avatar")],
+    frames: Annotated[
+        str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    driven: Annotated[
+        bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
+    ] = False,
+    physics: Annotated[bool, typer.Option("--physics", help="with --driven: garments hang as cloth")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
+):
+    """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
+    if physics and not driven:
+        raise UserError("--physics: it drives an avatar: give --driven too")
+    result = measure(path, frames, run, driven, physics)
+    for warning in result.get("warnings", ()):
+        speech.warn(warning)
+    if as_json:
+        typer.echo(json.dumps(result, allow_nan=False))
+        return
+    for line in table(result["all"]):
+        typer.echo(line)
+    for frame in result["per_frame"]:
+        if frame.get("reasons"):
+            typer.echo(f"frame {frame['frame']}: {frame['verdict']}: {'; '.join(frame['reasons'])}")
+    speech.next_step("report", path)
+
+
+def report(
+    path: Annotated[Path, typer.Argument(help="a run or an avatar")],
+    out: Annotated[Path | None, typer.Option(help="default: report.html in that folder")] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")] = None,
+    driven: Annotated[
+        bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
+    ] = False,
+):
+    """Write one self-contained HTML page about a run or an avatar."""
+    if is_avatar(path):
+        from ..avatar.measure.report import write_avatar_report
+
+        with progress_bars() as progress:
+            options = dict(frames=numbers_of(frames), run=run, progress=progress, driven=driven)
+            speech.result(str(write_avatar_report(path, out, **options)))
+        return speech.next_step("view", path)
+    from .report import write_report
+
+    no_avatar(path, frames, run, driven)
+    with progress_bars() as progress:
+        written = write_report(path, out, progress=progress)
+    speech.result(str(written))
+    speech.next_step("view", path)
+
+
+def measure(path, frames, run, driven, physics=False):
+    """The evaluation of a run or of an avatar."""
+    if is_avatar(path):
+        from ..avatar.measure.evaluation import evaluate_avatar
+
+        with progress_bars() as progress:
+            return evaluate_avatar(path, numbers_of(frames), run, progress, driven=driven, physics=physics)
+    from .evaluate import evaluate as evaluate_run
+
+    no_avatar(path, frames, run, driven)
+    return evaluate_run(path)
+
+
+def is_avatar(path):
+    return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()  # a stopped training is told so
+
+
+def no_avatar(path, frames, run, driven):
+    """Refuses the options that are an avatar's."""
+    given = {f"--frames {frames}": frames is not None, f"--run {run}": run is not None, "--driven": driven}
+    for option, there in given.items():
+        if there:
+            raise UserError(f"{option}: {path} is no avatar, it has no avatar.json")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from tests.support.rig import ring_of_cameras
-from toile.cli import detector_of
 from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.image import write_image
 from toile.io.keypoints import read_keypoints
 from toile.io.skeletons import SKELETONS, rows_of
+from toile.pipeline.commands.pictures import detector_of
 from toile.pipeline.detect import confirmed, detect
 from toile.scene import Keypoints
 from toile.surface.keypoints import mirrored

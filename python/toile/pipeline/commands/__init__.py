@@ -1,0 +1,1 @@
+"""The commands that read a capture and make a run of it."""
