@@ -322,17 +322,13 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
     };
     std::vector<std::unique_ptr<ScanSurface>> scans(frames.size());
     std::vector<SkeletonResult> results(frames.size());
-    SkeletonOptions sparse = options_;
-    constexpr int share = 4;  // of the vertices do where the fit only starts another
-    sparse.surface_samples = (options_.surface_samples + share - 1) / share;
-    const SkeletonSolver first(model_, joint_sigma_, joint_limit_, vertex_weights_, sparse);
     each_frame([&](std::size_t f) {  // each by itself; the mean shape starts the joint solve
         scans[f] = surface_of(frames[f]);
-        results[f] = (S > 0 ? first : *this).solve_on(scans[f].get(), frames[f]);
+        results[f] = solve_on(scans[f].get(), frames[f]);
     });
-    if (S == 0) return results;
     Vector shape = Vector::Zero(S);
     for (const SkeletonResult& r : results) shape += r.pose.shape / static_cast<double>(frames.size());
+    if (S == 0) return results;
     SkeletonOptions fixed = options_;
     fixed.solve_shape = false;
     const SkeletonSolver poses(model_, joint_sigma_, joint_limit_, vertex_weights_, fixed);
