@@ -203,15 +203,16 @@ def test_masks_part_as_far_as_a_patch_of_one_reaches_beyond_the_other():
     assert parted(block, np.zeros_like(block), 0.005, 1e-4) == 0
 
 
-def outlined(**radii):
+def outlined(clothed=True, **radii):
     """(measures, verdict) of a ball of radius 0.5 m, whose upper half is cloth, judged by four cameras; `radii` {camera: of
-    the ball that its mask shows [m]}."""
+    the ball that its mask shows [m]}. Not `clothed`: it is one surface."""
     V, F = ball()
     cameras = ring_of_cameras(4)
     masks = {name: DepthView(camera, 2 * radii.get(name, 0.5) * V, F).face >= 0 for name, camera in cameras.items()}
     upper = (V[F][:, :, 2] > 0).all(1)
-    body, cap = layer(V, F[~upper]), dataclasses.replace(layer(V, F[upper]), name="cap")
-    found = agreement(glimpse(Frame(0, Mesh(V, F), masks=masks)), cameras, None, None, body, (cap,))
+    body, cap = layer(V, F[~upper] if clothed else F), dataclasses.replace(layer(V, F[upper]), name="cap")
+    seen = glimpse(Frame(0, Mesh(V, F), masks=masks))
+    found = agreement(seen, cameras, None, None, body, (cap,) if clothed else ())
     return found, verdict(
         {k: v for k, v in found.items() if k.endswith(("uncovered_mm", "overhang_mm"))} | LOOKED, SETTINGS
     )
@@ -233,6 +234,13 @@ def test_cloth_in_the_air_and_what_nothing_covers_are_said_where_two_cameras_sho
     found, (level, reasons) = outlined(**{a: 0.55, b: 0.55})
     assert found["uncovered_mm"] == pytest.approx(50, abs=8) and found["overhang_mm"] == 0
     assert level == DOUBTFUL and "beyond the silhouette" in reasons[0]
+
+
+def test_free_ends_of_cloth_are_no_fault_of_a_surface_that_is_tracked_alone():
+    a, b, *_ = ring_of_cameras(4)
+    found, judged = outlined(False, **{a: 0.55, b: 0.55})
+    assert "uncovered_mm" not in found and judged == (GOOD, [])
+    assert outlined(False, **{a: 0.45, b: 0.45})[1][0] == DOUBTFUL
 
 
 def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them():

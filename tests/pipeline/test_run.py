@@ -132,7 +132,7 @@ def test_store_is_laid_out_to_the_letter(run):
     assert group.metadata.zarr_format == 3
     attributes = group.attrs.asdict()
     assert (
-        set(attributes) == {"version", "scene", "joint_names", "body_model", "identity"}
+        set(attributes) == {"version", "scene", "joint_names", "body_model", "identity", "holdout"}
         and len(attributes["joint_names"]) == K
     )
     assert [x["name"] for x in attributes["scene"]["garments"]] == ["tshirt"]

@@ -56,8 +56,8 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     on the scan. scan_to_surface_mm, surface_to_scan_mm: mean, and what 95 % stay below (_p95_mm); the second to the
     scan's points with their normals. keypoint_px: of the model's keypoints and those detected, all cameras, median and
     p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. uncovered_mm, overhang_mm: how
-    far a mask reaches beyond the silhouette, by PATCH or more, and the silhouette beyond the mask, the second largest over
-    the cameras; NAME.cloth_overhang_mm: how far of the silhouette what a garment shows. Of a garment NAME:
+    far a mask reaches beyond the silhouette (where there are garments), by PATCH or more, and the silhouette beyond the mask,
+    the second largest over the cameras; NAME.cloth_overhang_mm: how far of the silhouette what a garment shows. Of a garment NAME:
     NAME.garment_observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95. What only
     one of two lacks, the scan by a hole or the body by clutter, is no fault: two_sided_mm and NAME.garment_mm are the
     smaller of the two means. apart: for the same reason the smaller of the shares of scan and surface that lie more than
@@ -80,7 +80,8 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     if len(seen.mask_views):
         shown = list(_silhouettes(seen, cameras, (body, *garments)))
         out["silhouette_iou"] = float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))
-        out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
+        if garments:  # a surface tracked alone lacks sleeves' ends and hems that hang free
+            out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
         out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in shown)
         for i, garment in enumerate(garments, 1):
             out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in shown)

@@ -14,7 +14,7 @@ import signal
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import cloudpickle
@@ -31,8 +31,8 @@ from .threads import one_blas_thread
 BEGUN, ENDED = -1, -2  # in place of a value's
 SMALL = 1024  # bytes of a value that is sent while its task goes on
 UNSEEN = 10  # workers lost before a task was heard of
-SILENT = logging.CRITICAL + 1
 WAIT = 30.0  # s for a scheduler to answer
+PARTING = 5.0  # s for farewells to ended workers
 SILENCE = 20.0  # s; dask forgets a lost worker after 15
 PATIENT = {"distributed.comm.timeouts.tcp": "300s"}  # a machine with too much to do is not a dead one
 LOCAL = PATIENT | {
@@ -104,7 +104,8 @@ class Cluster:
                     yielded[i] += 1
                     yield pickle.loads(told[1])
         finally:
-            self.client.cancel(list(under_way.values()))
+            if self.client.status == "running":  # not where the generator is left to the end of the process
+                self.client.cancel(list(under_way.values()))
 
     def _hear(self):
         """What comes next. dask gives a worker up that dies before its start has ended: in silence it is asked for anew."""
@@ -131,14 +132,15 @@ class Cluster:
             self.client.unregister_worker_plugin(self.name)
         elif at_once:
             for handler in logging.getLogger("distributed").handlers:
-                handler.setLevel(SILENT)  # that ended processes do not answer is no news
+                handler.addFilter(lambda _: False)  # ended processes do not answer: no news; dask resets mere levels
             for nanny in self.own.workers.values():
                 nanny.close_gracefully()  # dask would start another
                 if nanny.pid:
                     os.kill(nanny.pid, signal.SIGKILL)
-        self.client.close()
-        if self.own is not None:
-            self.own.close()
+        for opened in (self.client, self.own):
+            if opened is not None:
+                with suppress(TimeoutError):  # dask's farewells wait for what has ended, at times
+                    opened.close(timeout=PARTING if at_once else 2 * WAIT)
 
 
 def local_cluster(count: int) -> LocalCluster:
@@ -151,7 +153,7 @@ def local_cluster(count: int) -> LocalCluster:
             dashboard_address=None,
             security=True,  # other users of this machine are none of the family
             scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
-            silence_logs=SILENT,
+            silence_logs=logging.CRITICAL + 1,
         )
 
 
