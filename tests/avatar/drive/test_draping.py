@@ -91,3 +91,9 @@ def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, t
     cloth_file(spoiled, "tshirt").unlink()
     with pytest.raises(UserError, match="its run .*gone is not there"):
         ensure_cloths(spoiled, run=tmp_path / "gone")
+    retrained = tmp_path / "retrained"
+    shutil.copytree(avatar_folder, retrained)
+    with open(retrained / "avatar.json", "a") as file:
+        file.write("\n")
+    with pytest.raises(UserError, match="its run .*gone is not there"):  # what was measured for another is not taken
+        ensure_cloths(retrained, run=tmp_path / "gone")

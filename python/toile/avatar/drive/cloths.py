@@ -10,7 +10,8 @@ import torch
 
 from ... import kernels
 from ...errors import UserError
-from ...io.files import save_record
+from ...io.files import identity_of, save_record
+from ...io.inputs import contents
 from ...io.run import is_run, open_run
 from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
@@ -25,7 +26,8 @@ MEASURED = 10  # frames whose distances from the body are measured
 
 
 def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None):
-    """Makes AVATAR/cloth.NAME.npz of every garment, unless they are there; `run`: where the run is now.
+    """Makes AVATAR/cloth.NAME.npz of every garment, unless they are there and made of this avatar as it is trained; `run`: where
+    the run is now.
 
     Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body, at least
     LEAST_MARGIN. Residual: the mean over frames of registered less simulated vertices, both unposed; of a row of neighbours
@@ -36,7 +38,8 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None):
     names = [layer["name"] for layer in facts["architecture"]["layers"] if layer["kind"] == "garment"]
     if not names:
         raise UserError(f"{folder}: no garment, nothing that could hang")
-    if all(cloth_file(folder, name).exists() for name in names):
+    identity = "".join(contents(Path(folder) / file) for file in ("avatar.json", "avatar.safetensors"))
+    if all(identity_of(cloth_file(folder, name)) == identity for name in names):
         return
     path = Path(run or facts["run"])
     if not is_run(path):
@@ -47,7 +50,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None):
     cloths = {name: _at_rest(run, driven, name, frames[rows]) for name in names}
     left = _left_over(run, driven, cloths, _stretches(rows, frames), progress)
     for name in names:
-        save_record(cloth_file(folder, name), replace(cloths[name], residual=left[name]))
+        save_record(cloth_file(folder, name), replace(cloths[name], residual=left[name]), identity)
 
 
 def _at_rest(run, driven, name, frames):
