@@ -201,7 +201,8 @@ def shortest_turn(a, b):
     a, b = a / np.linalg.norm(a), np.asarray(b) / np.linalg.norm(b)
     axis = np.cross(a, b)
     if np.linalg.norm(axis) < 1e-9:
-        return Rotation.identity() if a @ b > 0 else Rotation.from_rotvec(np.pi * np.roll(a, 1))
+        across = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+        return Rotation.from_rotvec((a @ b < 0) * np.pi * across / np.linalg.norm(across))
     return Rotation.from_rotvec(np.arctan2(np.linalg.norm(axis), a @ b) * axis / np.linalg.norm(axis))
 
 
