@@ -12,6 +12,7 @@ from pathlib import Path
 import dask
 import pytest
 
+from tests.support.processes import hears_ctrl_c
 from toile import kernels
 from toile.errors import UserError
 from toile.pipeline.threads import kernel_threads
@@ -210,7 +211,8 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_workers_end_at_once_with_their_parent_and_say_nothing(tmp_path, how):
     (tmp_path / "program.py").write_text(PROGRAM.format(root=str(Path(__file__).parents[2])))
-    child = subprocess.Popen([sys.executable, tmp_path / "program.py"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    program, pipe = [sys.executable, tmp_path / "program.py"], subprocess.PIPE
+    child = subprocess.Popen(program, stdout=pipe, stderr=pipe, preexec_fn=hears_ctrl_c)
     pids = [int(child.stdout.readline()) for _ in range(2)]
     child.send_signal(how)
     said, start = child.communicate(timeout=30)[1].decode(), time.monotonic()

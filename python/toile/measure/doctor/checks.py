@@ -178,6 +178,16 @@ def skeleton():
     return kernels.SurfaceIndex(V, model.f).closest(found.V)[3].mean()
 
 
+def drape():
+    V, F = sheet()
+    body_V, body_F = ball()
+    i, j = kernels.unique_edges(F).T
+    far = body_V - [0, 0, 50]
+    cloth = kernels.DrapeSolver(F, len(V), np.linalg.norm(V[i] - V[j], axis=1), body_F, len(far))
+    cloth.start(V, far, settle=0)
+    return np.abs(cloth.step(far, 0.5).V - V + [0, 0, 9.81 * 0.5**2 / 2]).max()
+
+
 def inner():
     model, V, rotations, translation = posed_body()
     covered = np.isin(np.arange(len(V)), model.segments["torso"])
@@ -269,6 +279,7 @@ CHECKS: dict[str, tuple[Callable[[], float], str, float]] = {
     "untangle": (untangle, "no triangles of cloth and body meet [pairs]", 0),
     "nricp": (nricp, "a known bend comes back [m]", 2e-3),
     "skeleton": (skeleton, "a posed body comes back [m]", 2e-3),
+    "drape": (drape, "a sheet in free fall [m]", 5e-3),
     "inner": (inner, "a body under a shirt keeps its bare skin [m]", 2e-3),
     "raster": (raster, "rays through pixels [m]", 1e-9),
     "visibility": (visibility, "the half of a sphere that faces the camera [share]", 0),
