@@ -12,6 +12,11 @@ from .. import speech
 from ..console import numbers_of, progress_bars, table
 from ..errors import UserError
 
+RunOrAvatar = Annotated[Path, typer.Argument(help="a run or an avatar")]
+OfAvatar = Annotated[str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")]
+ItsRun = Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")]
+Driven = Annotated[bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")]
+
 
 def inspect(
     capture: Path,
@@ -70,14 +75,10 @@ def doctor():
 
 
 def evaluate(
-    path: Annotated[Path, typer.Argument(help="a run or an avatar")],
-    frames: Annotated[
-        str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")
-    ] = None,
-    run: Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")] = None,
-    driven: Annotated[
-        bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
-    ] = False,
+    path: RunOrAvatar,
+    frames: OfAvatar = None,
+    run: ItsRun = None,
+    driven: Driven = False,
     physics: Annotated[bool, typer.Option("--physics", help="with --driven: garments hang as cloth")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ):
@@ -99,15 +100,11 @@ def evaluate(
 
 
 def report(
-    path: Annotated[Path, typer.Argument(help="a run or an avatar")],
+    path: RunOrAvatar,
     out: Annotated[Path | None, typer.Option(help="default: report.html in that folder")] = None,
-    frames: Annotated[
-        str | None, typer.Option(help="of an avatar: 1-50,60; default: what its training held out")
-    ] = None,
-    run: Annotated[Path | None, typer.Option(help="of an avatar: its run, if that was moved")] = None,
-    driven: Annotated[
-        bool, typer.Option("--driven", help="an avatar by poses and face alone, as an animation is")
-    ] = False,
+    frames: OfAvatar = None,
+    run: ItsRun = None,
+    driven: Driven = False,
 ):
     """Write one self-contained HTML page about a run or an avatar."""
     if is_avatar(path):

@@ -177,7 +177,9 @@ class Dresser:
         self.model, self.person, self.settings, self.over = body_model, person, settings, over
         self.whole, self.attachments = template, Attachments(template.faces, len(template.rest))
         self.template = template = self.attachments.cloth_of(template)
-        self.girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
+        self.girths = None  # of a template that is being fitted nothing is compared
+        if template.flares is not None:
+            self.girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
         self.known = np.concatenate(template.loops).astype(np.int32)
         self.biharmonic = kernels.BiharmonicSolver(
             template.rest, template.faces, self.known, **settings.biharmonic.model_dump()
@@ -301,7 +303,7 @@ class Dresser:
             for name, loop, shown in zip(t.loop_names, t.loops, t.opening_lengths):
                 if shown > 0:
                     out[f"loop_length.{name}"] = float(loop_length(vertices[loop]) / shown)
-        if t.flares is not None:
+        if self.girths is not None:
             shares = _flares(vertices, t.loops, self.girths) / t.flares
             out |= {f"loop_share.{name}": float(x) for name, x in zip(t.loop_names, shares) if np.isfinite(x)}
         out["hand_contact"] = float(max(self._touching(vertices, tracked), default=0.0))
