@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from toile import speech
+
 SLOW = 60  # seconds that a slow test takes which says nothing else
 
 
@@ -42,6 +44,13 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip(f"the real data are not beside this checkout ({folder.parent.name}/data)")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def in_words():
+    """A command that a test calls with --json or --quiet leaves its process speaking so: the next test hears words again."""
+    yield
+    speech.speak()
 
 
 @pytest.fixture

@@ -21,12 +21,6 @@ SAMPLE = ROOT / "data_samples" / "tshirt-talk"
 SILENT = {"settings", "doctor", "completion"}  # commands that log nothing
 
 
-@pytest.fixture(autouse=True)
-def in_words():
-    yield
-    speech.speak()
-
-
 def toile(monkeypatch, *arguments):
     """The exit code of `toile ARGUMENTS` in this process; what was printed is for capsys."""
     monkeypatch.setattr("sys.argv", ["toile", *map(str, arguments)])
