@@ -13,6 +13,7 @@ from toile.avatar.measure.intervals import mean_change
 from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
 
 GOAL = -0.22  # change of the driven squared error, each subject and seed
+LAYERS = "layers, by the temporal model"
 PAPER = "The paper's three subjects: -25.7 %, -29.1 %, -21.9 %; SSIM +0.0096, +0.0113, +0.0071."
 HOWS = {
     "driven": "Driven by pose and face alone",
@@ -172,26 +173,27 @@ def relative(value, reference):
 
 
 def drivers(found):
-    """The single layer by each of what could drive it, the strongest first, beside the layers over the same pictures."""
+    """The layers, and the single layer by each of what could drive it, the strongest first, over the same pictures."""
     rows = []
     for name, seed, driven in _driven(found):
         by = driven["driven"]["baseline_rows"]
         if by:
-            layered = by["layered"]
-            each = {row: by[row] for row in sorted(by.keys() - {"pictures", "layered"}, key=lambda row: by[row]["mse"])}
-            rows += [
-                [name, seed, row, one["mse"], one.get("least_mse"), one.get("largest_mse"), one["ssim"], one["band_mse"],
-                 layered["mse"], percent(relative(layered["mse"], one["mse"])), by["pictures"]]
-                for row, one in each.items()
-            ]  # fmt: skip
+            singles = sorted(by.keys() - {"pictures", "layered"}, key=lambda row: by[row]["mse"])
+            for row in ("layered", *singles):
+                one, change = by[row], by[row].get("change") or {}
+                rows.append([
+                    name, seed, LAYERS if row == "layered" else row, *(one.get(m) for m in ("mse", "least_mse", "largest_mse")),
+                    *(one.get(m) for m in ("ssim", "band_mse", "garment_mse", "body_mse")),
+                    *(interval(change.get(m)) for m in ("mse", "band_mse", "garment_mse", "body_mse")), by["pictures"],
+                ])  # fmt: skip
     head = (
-        "subject", "seed", "the single layer driven by", "MSE", "least draw", "largest", "SSIM", "band: MSE", "layered: MSE",
-        "change of MSE", "pictures",
+        "subject", "seed", "driven by", "MSE", "least draw", "largest", "SSIM", "band: MSE", "on garments", "on the body",
+        "layers' change of MSE", "in the band", "on garments", "on the body", "pictures",
     )  # fmt: skip
     note = (
-        "Over the pictures that show all rows; of a Gaussian the medians over its draws. Temporal model: the one that drives the "
-        "layers' garments, taught on the single layer's own codes. The other tables are against the strongest of temporal model, "
-        "mean code and code zero, over all pictures."
+        "Over the pictures that show all rows; of a Gaussian the medians over its draws, and the mean change. Temporal model: the "
+        "one that drives the layers' garments, taught on the single layer's own codes. The other tables are against the strongest "
+        "of temporal model, mean code and code zero, over all pictures."
     )
     return Table("What drives the single layer", head, rows, note if rows else "")
 

@@ -21,6 +21,7 @@ def evaluation(mse=1.0, band=1.0, body=1.0):
     layered = baseline | {"mse": 100 * mse, "band_mse": band and 100 * band, "body_mse": 100 * body, "ssim": 0.9}
     motion = {"tshirt": {"acceleration_mm": 1.0, "true_acceleration_mm": 2.0, "jitter_mm": 3.0}}
     by = {"mean code": {"mse": 110.0}, "temporal model": {"mse": 100.0}, "layered": {"mse": 88.0}}
+    by["mean code"]["change"] = {"mse": {"change": -0.2, "low": -0.3, "high": -0.1}}
     by["unit Gaussian"] = {"mse": 120.0, "draws": 16, "least_mse": 101.0, "largest_mse": 150.0}
     rows = {row: {"ssim": 0.8, "band_mse": 9.0} | one for row, one in by.items()} | {"pictures": 4}
     pairs = {"intersections": {"before": 30, "left": 0, "frames": 6}}
@@ -100,8 +101,9 @@ def test_every_table_has_its_rows(study):
     assert rows["Texture alignment"][1] == ["logo", "tshirt", "error to the anchors' mean", 4.0, 2.0, "-50.0 %"]
     assert rows["Intersections"][0] == ["logo", 0, 6, 30, 5.0, 0] and len(rows["Quality presets"]) == 1
     single = rows["What drives the single layer"]
-    assert [row[2] for row in single[:3]] == ["temporal model", "mean code", "unit Gaussian"]
-    assert single[1][8:10] == [88.0, "-20.0 %"] and single[2][4:6] == [101.0, 150.0]
+    assert [row[2] for row in single[1:4]] == ["temporal model", "mean code", "unit Gaussian"]
+    assert single[0][2:4] == ["layers, by the temporal model", 88.0] and single[3][4:6] == [101.0, 150.0]
+    assert single[2][10] == "-20.0 % [-30.0, -10.0]" and single[1][10] is None
     assert made["What was run"].head == ("", "logo, seed 0", "logo, seed 1", "loose, seed 0")
     assert (
         rows["What was run"][0][1] == "9 of 10 at 30 a second, draft"
@@ -184,8 +186,8 @@ def test_the_small_study_runs_goes_on_and_is_one_page(tmp_path, monkeypatch):
         study(stop)
     study(lambda *_: None)
     titles = [table.title for table in tables(collected(tmp_path))]
-    assert titles == ["What was run", "Driven by pose and face alone", "Reconstruction: the frame itself is encoded",
-                      "The baseline's code, drawn from the unit Gaussian", "Ablations, driven", "Temporal models",
+    assert titles == ["What was run", "Over all subjects and seeds", "Driven by pose and face alone", "What drives the single layer",
+                      "Reconstruction: the frame itself is encoded", "Ablations, driven", "Temporal models",
                       "Texture alignment", "Intersections"]  # fmt: skip
     page = (tmp_path / "index.html").read_text()
     assert page.count("<img") >= 10 and "src='data:image/jpeg" in page

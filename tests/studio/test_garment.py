@@ -54,6 +54,12 @@ def test_checks_find_what_breaks_a_bound(body, cut):
     assert fine["strain_max"] == 0 and fine["self_pairs"] == 0
     with pytest.raises(truth.TruthRejected, match="frame 3: .* intersect"):
         truth.check_frame("shirt", V - [0, 0.03, 0], F, V - [0, 0.03, 0], edges, body.rest, body.skin_faces, hands, 3)
+    low = V - [0, 0.03, 0]
+    pierced = truth.check_frame("shirt", low, F, low, edges, body.rest, body.skin_faces, hands, 3, allowed=10**6)[
+        "pairs"
+    ]
+    with pytest.raises(truth.TruthRejected, match=f"{pierced} triangle pairs"):
+        truth.check_frame("shirt", low, F, low, edges, body.rest, body.skin_faces, hands, 3, allowed=pierced - 1)
     with pytest.raises(truth.TruthRejected, match="strain"):
         truth.check_frame("shirt", V, F, 0.7 * V, edges, body.rest, body.skin_faces, hands, 0)
     jump = np.stack([body.rest, body.rest, body.rest + [0, 0, 0.3]])

@@ -49,6 +49,9 @@ class StudioOptions(Settings):
         "name",
         "other: a cut of its own; scan: cut from the first frame; settled: the true garment; or an .obj",
     )
+    pairs: int = setting(
+        0, "count", "intersecting triangles of a garment and what is under it that a frame may keep", ge=0
+    )
     trousers: bool = setting(False, "switch", "a garment of their own, cut from the body, under the shirt")
     wear: str = setting("", "name", "garments joined by +, inner to outer, instead of garment and trousers")
     hard: Hard = Hard()

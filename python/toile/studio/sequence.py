@@ -163,7 +163,8 @@ class Sequence:
         """Each garment against the body and the garments under it; the worst of all."""
         under, faces, found = vertices.astype(np.float64), self.body.skin_faces, []
         for s, V, edges in zip(self.settled, split(garment.astype(np.float64), self.settled), self._edges):
-            found.append(checks.check_frame(s.name, V, s.faces, s.rest, edges, under, faces, self._hands, number))
+            worn = s.name, V, s.faces, s.rest, edges
+            found.append(checks.check_frame(*worn, under, faces, self._hands, number, self.options.pairs))
             under, faces = np.concatenate([under, V]), np.concatenate([faces, s.faces + len(under)])
         return {name: worst(f[name] for f in found) for name, worst in checks.WORST.items()}
 
@@ -188,7 +189,7 @@ class Sequence:
 
 def summary(per_frame):
     """Worst frame of each figure."""
-    worst = {k: max(f[k] for f in per_frame) for k in ("strain_p99", "strain_max", "self_pairs")}
+    worst = {k: max(f[k] for f in per_frame) for k in ("strain_p99", "strain_max", "self_pairs", "pairs")}
     return worst | {
         "clearance_min_mm": min(f["clearance_mm"] for f in per_frame),
         "hand_cloth_min_mm": min(f["hand_cloth_mm"] for f in per_frame),

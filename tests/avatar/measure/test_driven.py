@@ -84,6 +84,11 @@ def test_what_is_stated_of_the_baseline_is_its_strongest_row(held):
     assert held.shown_in(1).keys() == {"layered", "temporal model", "mean code", "code zero"}
 
 
+def test_draws_are_shown_by_every_camera(held):
+    for cameras in (4, 6, 8, 10, 12):  # samples run over the cameras first
+        assert {i % cameras for i in range(16 * cameras) if held.shown_in(i) is held.shown} == set(range(cameras))
+
+
 def test_the_json_has_the_shape_of_the_reconstruction_s(folder):
     printed = CliRunner().invoke(app, ["evaluate", str(folder), "--frames", "1-3", "--driven", "--json"])
     assert printed.exit_code == 0, printed.output
@@ -103,6 +108,11 @@ def test_the_json_has_the_shape_of_the_reconstruction_s(folder):
     change = found["all"]["change"]["mse"]
     assert change["change"] == pytest.approx(found["all"]["layered"]["mse"] / found["all"]["baseline"]["mse"] - 1)
     assert change["low"] <= change["change"] <= change["high"]
+    mean = rows["mean code"]
+    assert mean["change"]["mse"]["change"] == pytest.approx(rows["layered"]["mse"] / mean["mse"] - 1)
+    drawn = rows["own Gaussian"]
+    ends = [rows["layered"]["mse"] / drawn[end] - 1 for end in ("largest_mse", "least_mse")]
+    assert ends[0] <= drawn["change"]["mse"]["change"] <= ends[1] and "change" not in rows["layered"]
     assert all(value > 0 for value in driven["motion"]["tshirt"].values())
     assert found["all"]["layered"]["geometry"]["garment"]["tshirt"]["surface_mm"] > 0
     page = write_avatar_report(folder, driven=True).read_text(encoding="utf-8")

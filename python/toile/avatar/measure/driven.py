@@ -21,7 +21,7 @@ from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_
 from .heldout import VIEW, HeldOut
 
 LED = (TEMPORAL, MEAN, ZERO)  # rows of every picture; those drawn at random are of some
-COMPARED = 12  # every which picture shows all rows
+COMPARED = 7  # every which picture shows all rows; prime, so that few numbers of cameras see some of them only
 STATED = ("mse", "ssim", "band_mse", "garment_mse", "body_mse", "silhouette_mse")
 
 
@@ -127,12 +127,16 @@ class Driven(HeldOut):
 
     def _rows(self, errors):
         """{row: STATED} over the pictures that show all rows: of a Gaussian the medians over its draws, with the least and the
-        largest `mse`, and "layered" over the same. "pictures": how many."""
+        largest `mse`, and "layered" over the same. change: of the layered avatar against the row, the mean over its draws.
+        "pictures": how many."""
         common = set.intersection(*(set(errors.pictures[name]) for name in self.shown))
         found = {}
         for row in dict.fromkeys(map(kind_of, self.shown)):
-            each = [errors.measures(name, pictures=common) for name in self.shown if kind_of(name) == row]
+            names = [name for name in self.shown if kind_of(name) == row]
+            each = [errors.measures(name, pictures=common) for name in names]
             found[row] = {m: _median([one[m] for one in each]) for m in STATED}
+            if row != "layered" and "layered" in self.shown:
+                found[row]["change"] = errors.change("layered", names, common)
             if row in (UNIT, OWN):
                 mse = [one["mse"] for one in each]
                 found[row] |= {"draws": len(mse), "least_mse": min(mse), "largest_mse": max(mse)}

@@ -59,6 +59,18 @@ class PictureErrors:
         by_camera = {c: _measures(s for (_, d), s in chosen.items() if d == c) for c in sorted({c for _, c in chosen})}
         return _measures(chosen.values()) | {"cameras": by_camera}
 
+    def change(self, name, others, pictures=None):
+        """{measure: {change, low, high}} of an avatar's squared errors against those of `others`, the mean over these, see
+        `mean_change`; None where no frame has such pixels. `pictures`: over these alone."""
+        frames = sorted({frame for frame, _ in (self.pictures[name] if pictures is None else pictures)})
+        of = {row: [self.measures(row, frame, pictures) for frame in frames] for row in (name, *others)}
+        found = {}
+        for measure, pixels in COUNTED.items():
+            there = [i for i, one in enumerate(of[name]) if one[pixels]]
+            sums = {row: np.array([each[i][measure] * each[i][pixels] for i in there]) for row, each in of.items()}
+            found[measure] = mean_change([[(sums[name], sums[other]) for other in others]]) if there else None
+        return found
+
 
 def _measures(pictures):
     """mse, ssim, psnr over the foreground, the same as band_*, garment_mse, body_mse; None where there is no pixel."""
@@ -139,20 +151,6 @@ def _as_stated(picture, sources):
     return replace(picture, rendered={name: picture.rendered[shown] for name, shown in sources.items()})
 
 
-def _changes(errors, sources, frames):
-    """{measure: {change, low, high}} of the layered avatar's squared errors against the baseline's, see `mean_change`; None where
-    one of them is missing."""
-    if len(sources) < 2:
-        return None
-    layered, baseline = ([errors.measures(sources[name], n) for n in frames] for name in NAMES)
-    found = {}
-    for measure, pixels in COUNTED.items():
-        pairs = [(a, b) for a, b in zip(layered, baseline) if a[pixels]]
-        sums = [np.array([one[measure] * one[pixels] for one in side]) for side in zip(*pairs)]
-        found[measure] = mean_change([[tuple(sums)]]) if sums else None
-    return found
-
-
 def _result(held, errors, sources, mm_per_pixel):
     geometry = {n: held.geometry_errors(n, sources) for n in held.frames} if held.truth else {}
     distance = {n: held.nearest_pose(n) for n in held.frames}
@@ -168,7 +166,7 @@ def _result(held, errors, sources, mm_per_pixel):
         "frames": len(held.frames),
         "pose_distance_deg": mean_measures(list(distance.values())),
         "mm_per_pixel": mm_per_pixel,
-        "change": _changes(errors, sources, held.frames),
+        "change": errors.change(sources["layered"], [sources["baseline"]]) if len(sources) == 2 else None,
         "labels": "truth" if held.truth else "captured",
         "photometric": None if held.truth else held.photometric(),
     }
