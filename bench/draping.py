@@ -14,12 +14,15 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from toile import kernels
-from toile.avatar.drive.cloths import CLEARANCE, LEAD, LEAST_MARGIN
-from toile.avatar.drive.draping import BENDING
+from toile.avatar.drive.residual import moving, teach
+from toile.avatar.settings import ClothSettings
 from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh
+from toile.surface.sampling import spread_points
 
 FPS, NEIGHBOURS = 30, 8  # skinning weights are means over so many vertices of the body
+POINTS = 256  # of the cloth, that tell a pose by where they are carried
+CLOTH = ClothSettings()
 
 
 class Sequence:
@@ -81,9 +84,22 @@ def hung(s, start, teach):
     i, j = kernels.unique_edges(s.F).T
     lengths = np.linalg.norm(s.X[:teach, i] - s.X[:teach, j], axis=2).mean(0)
     clear = [kernels.signed_distance(s.X[t], s.B[t], s.body_F) for t in range(0, teach, max(1, teach // 5))]
-    margin = max(LEAST_MARGIN, np.percentile(clear, CLEARANCE))
+    margin = max(CLOTH.least_margin, np.percentile(clear, CLOTH.clearance))
     clear_V = kernels.untangle(start, s.F, s.B[0], s.body_F).V
-    return kernels.drape(clear_V, s.F, lengths, s.B, s.body_F, 1 / FPS, margin=margin, bending=BENDING)
+    return kernels.drape(clear_V, s.F, lengths, s.B, s.body_F, 1 / FPS, margin=margin, **CLOTH.solver())
+
+
+def carried(s, shape):
+    """Poses (T,2P) of frames as avatar/model/carried.py has them: points of a shape (n,3) skinned, brought near to it by a rigid
+    motion, and where up is; with their velocities."""
+    at = spread_points(shape, POINTS)
+    still, up, found = shape[at] - shape[at].mean(0), np.array([0, 0, 1.0]), []
+    for t in range(len(s.X)):
+        points = s.pose(shape, t)[at]
+        turn = Rotation.align_vectors(still, points - points.mean(0))[0]
+        tilt = np.sqrt(np.square(still).sum(1).mean()) * (turn.apply(up) - up)
+        found.append(np.r_[(turn.apply(points - points.mean(0)) - still).ravel() / np.sqrt(POINTS), tilt])
+    return moving(np.array(found), np.arange(len(s.X)) / FPS)
 
 
 def row(name, s, Y, teach):
@@ -100,25 +116,27 @@ def main():
     parser.add_argument("capture", type=Path)
     parser.add_argument("--teach", type=int, default=10)
     args = parser.parse_args()
-    s, teach = Sequence(args.capture), args.teach
+    s, count = Sequence(args.capture), args.teach
     frames, unposed = range(len(s.X)), np.stack([s.unpose(V, t) for t, V in enumerate(s.X)])
-    mean, foretold = unposed[:teach].mean(0), ridge(s, unposed, teach)
-    Y = hung(s, s.pose(mean, 0), teach)
+    mean, foretold = unposed[:count].mean(0), ridge(s, unposed, count)
+    Y = hung(s, s.pose(mean, 0), count)
     loose = np.stack([s.unpose(V, t) for t, V in enumerate(Y)])
-    settled = slice(min(LEAD, teach // 2), teach)
-    residual = (unposed[settled] - loose[settled]).mean(0)
-    shown = np.stack([s.pose(loose[t] + residual, t) for t in frames])
+    settled, poses = slice(min(CLOTH.lead, count // 2), count), carried(s, mean)
+    residual = teach(poses[settled], loose[settled], unposed[settled])
+    shift = residual.registered - residual.simulated
+    shown = np.stack([s.pose(residual.add(loose[t], poses[t]), t) for t in frames])
     untangler = kernels.UntangleSolver(s.F, len(mean), s.body_F, len(s.B[0]))
     out = np.stack([untangler.solve(V, B).V for V, B in zip(shown, s.B)])
-    print(f"| {len(s.X) - teach} frames after {teach} | mean | 95 % | worst | acceleration | pairs | own pairs |")
+    print(f"| {len(s.X) - count} frames after {count} | mean | 95 % | worst | acceleration | pairs | own pairs |")
     print("|---" * 7 + "|")
     rows = {
         "truth": s.X, "mean shape, skinned": np.stack([s.pose(mean, t) for t in frames]),
-        "ridge regression": np.stack([s.pose(foretold[t], t) for t in frames]), "cloth": Y, "cloth and residual": shown,
+        "ridge regression": np.stack([s.pose(foretold[t], t) for t in frames]), "cloth": Y,
+        "cloth and mean residual": np.stack([s.pose(loose[t] + shift, t) for t in frames]), "cloth and residual": shown,
         "the same, moved out of the body": out,
     }  # fmt: skip
     for name, V in rows.items():
-        print(row(name, s, V, teach), flush=True)
+        print(row(name, s, V, count), flush=True)
 
 
 if __name__ == "__main__":

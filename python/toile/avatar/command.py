@@ -93,16 +93,23 @@ def animate(
     physics: Annotated[bool, typer.Option("--physics", help="garments hang as cloth on the body")] = False,
     workers: Workers = 1,
     scheduler: Scheduler = None,
+    config: ConfigFile = None,
+    changes: Changes = None,
 ):
     """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
+    from ..config import from_options
     from ..console import numbers_of, progress_bars
     from .drive.animate import animate as run_animation
+    from .settings import AnimateSettings
 
+    settings = from_options(lambda _: AnimateSettings(), None, config, changes)
+    if (config or changes) and not physics:
+        raise UserError("--set, --config: they are of cloth: give --physics too")
     with progress_bars() as progress:
         if physics:
             from .drive.cloths import ensure_cloths
 
-            ensure_cloths(avatar, progress=progress)
+            ensure_cloths(avatar, progress=progress, settings=settings.cloth)
         options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler, physics=physics)
         done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, **options)
     for warning in done.warnings:

@@ -149,6 +149,35 @@ class TemporalSettings(Settings):
     seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
 
 
+class ClothSettings(Settings):
+    """Garments as cloth that hangs, and how they are measured on the training frames."""
+
+    bending: float = setting(
+        1e-6, "N m", "resistance to bending, of jersey: stiffer cloth hangs in fewer folds than shirts do", ge=0
+    )
+    stretch: float = setting(500.0, "N/m", "resistance to stretch", gt=0)
+    density: float = setting(0.2, "kg/m^2", "of the cloth", gt=0)
+    friction: float = setting(0.6, "1", "Coulomb's coefficient between cloth and body", ge=0)
+    substep: float = setting(1 / 1500, "s", "longest time between two sweeps over the cloth's constraints", gt=0)
+    lead: int = setting(15, "count", "frames in which cloth forgets how it began, at most half of those in a row", ge=0)
+    clearance: float = setting(
+        5.0, "1", "percentile of the registered distances that cloth keeps from the body", ge=0, le=100
+    )
+    least_margin: float = setting(0.001, "m", "that it keeps at least", gt=0)
+    measured: int = setting(10, "count", "frames whose distances from the body are measured, at most", ge=1)
+    taught: int = setting(400, "count", "frames that teach the residual, at most", ge=1)
+
+    def solver(self):
+        """Options of kernels.DrapeSolver."""
+        return self.model_dump(include={"bending", "stretch", "density", "friction", "substep"})
+
+
+class AnimateSettings(Settings):
+    """What `toile animate` can be asked for besides its options."""
+
+    cloth: ClothSettings = ClothSettings()
+
+
 class TrainSettings(AvatarSettings):
     """What `toile train` can be asked for: the avatar's settings, and those of --temporal."""
 

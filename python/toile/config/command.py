@@ -42,7 +42,7 @@ Row = tuple[Listed, dict[str, Any]]  # a setting, and the presets in which it ha
 def commands() -> dict[str, tuple[Callable[[str], Settings], tuple[str, ...]]]:
     """The settings of a quality by command, and the command's qualities."""
     from ..align.settings import AlignSettings
-    from ..avatar.settings import PRESETS, train_preset
+    from ..avatar.settings import PRESETS, AnimateSettings, train_preset
     from ..studio.options import StudioOptions
     from .presets import QUALITIES, preset
     from .stereo import SCAN_PRESETS, scan_preset
@@ -52,6 +52,7 @@ def commands() -> dict[str, tuple[Callable[[str], Settings], tuple[str, ...]]]:
         "reconstruct": (scan_preset, tuple(SCAN_PRESETS)),
         "align": (lambda _: AlignSettings(), ("standard",)),
         "train": (train_preset, tuple(PRESETS)),
+        "animate": (lambda _: AnimateSettings(), ("standard",)),
         "studio": (lambda _: StudioOptions(), ("standard",)),
     }
 

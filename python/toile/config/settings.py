@@ -8,7 +8,24 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-UNITS = ("m", "m^2", "cm^-2", "mm", "px", "rad", "s", "nat^-1", "sigma", "count", "1", "name", "switch")
+UNITS = (
+    "m",
+    "m^2",
+    "cm^-2",
+    "mm",
+    "px",
+    "rad",
+    "s",
+    "nat^-1",
+    "N m",
+    "N/m",
+    "kg/m^2",
+    "sigma",
+    "count",
+    "1",
+    "name",
+    "switch",
+)
 
 
 class Settings(BaseModel):

@@ -1,6 +1,7 @@
 """Garments that hang as cloth on a driven avatar: what is measured of them, that they follow, what is refused."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ import pytest
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
 from toile.avatar.drive.draping import cloth_file, load_cloths
+from toile.avatar.drive.residual import Residual
 from toile.avatar.drive.teaching import train_temporal
-from toile.avatar.settings import TemporalSettings
+from toile.avatar.settings import ClothSettings, TemporalSettings
 from toile.errors import UserError
+from toile.io.files import save_record
 from toile.io.mesh import read_mesh
 from toile.io.run import open_run
 from toile.kernels import intersecting_pairs, unique_edges
@@ -85,8 +88,19 @@ def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, t
     assert path.stat().st_mtime_ns == before
     spoiled = tmp_path / "avatar"
     shutil.copytree(avatar_folder, spoiled)
-    np.savez(cloth_file(spoiled, "tshirt"), lengths=np.ones(3), margin=np.nan, residual=np.zeros((2, 3)))
-    with pytest.raises(UserError, match="cloth.tshirt.npz: residual"):
+    cloth, residual = load_cloths(spoiled, driven.avatar.layers)["tshirt"], Residual.none(2)
+    for spoilt, said in [
+        (replace(cloth, margin=np.nan), "margin is not finite"),
+        (replace(cloth, residual=residual), "residual.registered is float64 .2, 3., expected"),
+        (replace(cloth, residual=replace(cloth.residual, weights=np.zeros((1, 2)))), "residual.weights is float64"),
+        (replace(cloth, settings={"bending": -1.0}), "bending"),
+        (replace(cloth, settings={"bent": 1.0}), "bent"),
+    ]:
+        save_record(cloth_file(spoiled, "tshirt"), spoilt)
+        with pytest.raises(UserError, match=f"cloth.tshirt.npz: {said}"):
+            load_cloths(spoiled, driven.avatar.layers)
+    np.savez(cloth_file(spoiled, "tshirt"), lengths=np.ones(3), margin=0.1, residual=np.zeros((2, 3)))
+    with pytest.raises(UserError, match="cloth.tshirt.npz: residual.registered is missing"):
         load_cloths(spoiled, driven.avatar.layers)
     cloth_file(spoiled, "tshirt").unlink()
     with pytest.raises(UserError, match="its run .*gone is not there"):
@@ -97,3 +111,16 @@ def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, t
         file.write("\n")
     with pytest.raises(UserError, match="its run .*gone is not there"):  # what was measured for another is not taken
         ensure_cloths(retrained, run=tmp_path / "gone")
+
+
+def test_other_settings_of_cloth_are_measured_anew_and_move_it(avatar_folder, driven, sample_run, tmp_path):
+    stiff = tmp_path / "stiff"
+    shutil.copytree(avatar_folder, stiff)
+    ensure_cloths(stiff, settings=ClothSettings(bending=1e-3))
+    hung = DrivenAvatar(stiff, sample_run, physics=True)
+    assert load_cloths(stiff, driven.avatar.layers)["tshirt"].asked.bending == 1e-3
+    ensure_cloths(stiff, run=tmp_path / "gone")  # of any settings
+    with pytest.raises(UserError, match="its run .*gone is not there"):
+        ensure_cloths(stiff, run=tmp_path / "gone", settings=ClothSettings())
+    shown = [d.draping.at(1, d.geometry(1), d.unseen(1)) and d.draping.fallen["tshirt"] for d in (driven, hung)]
+    assert np.linalg.norm(shown[0] - shown[1], axis=1).mean() > 1e-4

@@ -77,8 +77,8 @@ class DrivenAvatar:
 
     def draped(self, cloths, rows):
         """A Draping of these rows of the motion."""
-        times = self.motion.frames[rows] / self.motion.fps
-        return Draping(self.avatar, cloths, self.layering, times, lambda k: self.geometry(rows[k]))
+        times, rotations = self.motion.frames[rows] / self.motion.fps, self.motion.rotations[rows]
+        return Draping(self.avatar, cloths, self.layering, times, rotations, lambda k: self.geometry(rows[k]))
 
     def hold(self, motion, seed=0):
         """Takes another motion in place of the one there was."""

@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pydantic import ValidationError
 
 from ...errors import UserError
+from ...io.camera import first_error
 from ...io.files import load_record
 from ...kernels import DrapeSolver
 from ..model.assets import CheckedArrays
+from ..settings import ClothSettings
+from .residual import Residual, moving
 
 GRAVITY = 9.81  # [m/s^2], against the scene's up
-BENDING = 1e-6  # [N m], of jersey: stiffer cloth hangs in fewer folds than shirts do
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,12 @@ class Cloth:
 
     lengths: np.ndarray  # (e,) of its edges at rest [m]
     margin: float  # [m] kept from the body
-    residual: np.ndarray  # (n,3) what physics leaves unexplained: registered less simulated vertices, unposed [m]
+    residual: Residual
+    settings: dict  # of ClothSettings, what it was measured with
+
+    @property
+    def asked(self):
+        return ClothSettings(**self.settings)
 
 
 def cloth_file(folder, name):
@@ -39,22 +47,39 @@ def load_cloths(folder, layers):
         path = cloth_file(folder, layer.name)
         if not path.exists():
             raise UserError(f"{path}: the file is missing: `toile animate --physics` makes it while the run is there")
-        found[layer.name] = cloth = load_record(path, Cloth)
-        fields = CheckedArrays(path, vars(cloth))
-        fields.get("lengths", (None,)), fields.get("residual", (len(layer.rest), 3)), fields.get("margin", ())
+        found[layer.name] = cloth = load_record(path, Cloth, residual=Residual)
+        check_cloth(path, cloth, len(layer.rest))
     return found
+
+
+def check_cloth(path, cloth, n):
+    """UserError names the field of a Cloth that does not fit a garment of n vertices."""
+    residual = vars(cloth.residual) if isinstance(cloth.residual, Residual) else {}
+    fields = CheckedArrays(path, vars(cloth) | {f"residual.{name}": value for name, value in residual.items()})
+    fields.get("lengths", (None,)), fields.get("margin", ())
+    fields.get("residual.registered", (n, 3)), fields.get("residual.simulated", (n, 3))
+    fields.get("residual.reach", ()), fields.get("residual.share", ())
+    poses, modes = fields.get("residual.poses", (None, None)), fields.get("residual.modes", (None, n, 3))
+    fields.get("residual.weights", (len(poses), len(modes)))
+    try:
+        ClothSettings(**(cloth.settings or {}))
+    except ValidationError as error:
+        raise first_error(path, error) from None
 
 
 class Draping:
     """Garments of `avatar` as the cloths {name: Cloth}, inner to outer, over the layers under them.
 
-    `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins; `times` (T,) [s] of the
-    frames. Cloth begins at rest on the first frame, out of the body by `layering`, and settles there.
+    `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins; `times` (T,) [s] and
+    `rotations` (T,K,3) of the frames. Cloth begins at rest on the first frame, out of the body by `layering`, and settles
+    there.
     """
 
-    def __init__(self, avatar, cloths, layering, times, frame):
+    def __init__(self, avatar, cloths, layering, times, rotations, frame):
         self.avatar, self.cloths, self.layering, self.times, self.frame = avatar, cloths, layering, times, frame
         self.row, self.solvers, self.fallen, self.strain = None, {}, {}, 0.0
+        rotations = torch.as_tensor(rotations, dtype=torch.float32, device=avatar.up.device)
+        self.poses = moving(avatar.carried(rotations).cpu().numpy(), times)
 
     @torch.no_grad()
     def at(self, i, decoded, batch):
@@ -64,14 +89,15 @@ class Draping:
         while self.row < i:
             self._go_on(decoded if self.row + 1 == i else self.frame(self.row + 1))
         transforms = self.avatar.skeleton(batch["rotations"], batch["translation"])
-        return decoded | {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
+        shown = {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
+        return decoded | shown
 
     def _shown(self, name, V, decoded, transforms):
         """The residual added, where the body carries it."""
         skin, like = self.avatar.model(name).skin, decoded.vertices
-        residual = torch.as_tensor(self.cloths[name].residual).to(like)
-        unposed = skin.unpose(like.new_tensor(V)[None], *transforms)
-        return replace(decoded, vertices=skin.pose(unposed + residual, *transforms))
+        unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
+        unposed = like.new_tensor(self.cloths[name].residual.add(unposed, self.poses[self.row]))
+        return replace(decoded, vertices=skin.pose(unposed[None], *transforms))
 
     def _begin(self, decoded):
         clear = self.layering(decoded)[0]
@@ -95,7 +121,7 @@ class Draping:
 
     def _solver(self, layer, under_F, under_n):
         cloth, gravity = self.cloths[layer.name], -GRAVITY * self.avatar.up.cpu().numpy().astype(np.float64)
-        options = dict(gravity=gravity, margin=float(cloth.margin), bending=BENDING)
+        options = cloth.asked.solver() | {"gravity": gravity, "margin": float(cloth.margin)}
         return DrapeSolver(layer.faces, len(layer.rest), cloth.lengths, under_F, under_n, **options)
 
 

@@ -13,7 +13,6 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ..drive.cloths import LEAD
 from ..drive.draping import Draping, load_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
@@ -32,13 +31,15 @@ class Driven(HeldOut):
         super().__init__(folder, frames, run)
         run = self.registered.run
         self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
-        self.led = [n for n in run.ok if n < self.frames[0]][-LEAD:] if physics else []
+        cloths = load_cloths(folder, self.avatars["layered"].layers) if physics and "layered" in self.avatars else {}
+        lead = max((cloth.asked.lead for cloth in cloths.values()), default=0)
+        self.led = [n for n in run.ok if n < self.frames[0]][-lead:] if lead else []
         self.latents, self.driver, self.measured, self.draping, self.shown = {}, None, {}, None, {}
         if "layered" in self.avatars:
             avatar, self.shown["layered"] = self.avatars["layered"], "layered"
             self.latents["layered"] = self._garment_codes(folder, avatar)
             if physics:
-                self.draping = self._draping(load_cloths(folder, avatar.layers))
+                self.draping = self._draping(cloths)
         if "baseline" in self.avatars:
             self._baseline_codes(run)
         self.decoded = {name: {} for name in self.shown}
@@ -56,11 +57,10 @@ class Driven(HeldOut):
 
     def _draping(self, cloths):
         """Cloth of the layered avatar over the span, begun some frames before it."""
-        frames = self.led + self.span
-        times = np.array(frames) / self.registered.run.scene.fps
-        return Draping(
-            self.avatars["layered"], cloths, self.layering, times, lambda k: self._posed("layered", frames[k])
-        )
+        frames, run = self.led + self.span, self.registered.run
+        times, rotations = np.array(frames) / run.scene.fps, np.stack([run.pose.at(n)[0] for n in frames])
+        decoded = lambda k: self._posed("layered", frames[k])
+        return Draping(self.avatars["layered"], cloths, self.layering, times, rotations, decoded)
 
     def _posed(self, name, frame):
         """{layer: Decoded} of a frame by its codes alone, without textures."""

@@ -1,0 +1,126 @@
+"""What physics leaves unexplained of a garment, learnt over the poses of the training (docs/method/drape.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FEWEST = 4  # frames: of fewer the means alone are kept
+FOLDS = 4  # stretches of the frames, each left out once to choose what the poses are worth
+MODES = 64  # of the shapes, at most
+SCALES = (0.25, 0.5, 1.0, 2.0)  # of the usual distance between two poses: what `reach` may be
+NOISES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # over the kernel's variance
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+SPAN = 1 / 6  # [s] over which a pose's change counts like the pose itself
+
+
+@dataclass(frozen=True)
+class Residual:
+    """A garment's registered vertices from simulated ones s (n,3), both unposed, and a pose p (P,) in metres:
+
+    x = registered + a (s - simulated) + sum_j k_j weights_j modes,  k_j = exp(-|p - poses_j|^2 / (2 reach^2)),
+    a = 1 - (1 - share) max_j k_j.
+
+    Near the training's poses it trusts physics by `share` and the poses for the rest (kriging); far from all of them what is
+    left is s and the mean residual.
+    """
+
+    registered: np.ndarray  # (n,3) mean of the training frames
+    simulated: np.ndarray  # (n,3) the same
+    poses: np.ndarray  # (T,P) that taught; none where means alone are kept
+    reach: float  # [m]
+    share: float
+    weights: np.ndarray  # (T,k)
+    modes: np.ndarray  # (k,n,3)
+
+    @classmethod
+    def none(cls, n):
+        """Physics alone, of n vertices."""
+        return cls._means(np.zeros((n, 3)), np.zeros((n, 3)))
+
+    @classmethod
+    def _means(cls, registered, simulated):
+        return cls(
+            registered, simulated, np.zeros((0, 0)), 1.0, 1.0, np.zeros((0, 0)), np.zeros((0, *registered.shape))
+        )
+
+    def add(self, simulated, pose):
+        """(n,3) where the cloth is taken to be, unposed."""
+        swing = simulated - self.simulated
+        if not len(self.poses):
+            return self.registered + swing
+        near = similar(pose[None], self.poses, self.reach)
+        part = 1 - (1 - self.share) * near.max()
+        return self.registered + part * swing + np.tensordot((near @ self.weights)[0], self.modes, 1)
+
+
+def teach(poses, simulated, registered):
+    """A Residual of T frames in a row: poses (T,P), vertices (T,n,3) simulated and registered, all unposed.
+
+    reach, noise and share are those that leave the least squared error on FOLDS stretches left out in turn; where none beats
+    the means, the means are kept.
+    """
+    means = Residual._means(registered.mean(0), simulated.mean(0))
+    if len(poses) < FEWEST:
+        return means
+    poses = np.asarray(poses, np.float64)
+    u, s = ((x - x.mean(0)).reshape(len(x), -1) for x in (registered, simulated))
+    basis = principal(np.concatenate([u, s]))
+    u, s = u @ basis.T, s @ basis.T
+    best = chosen(poses, s, u)
+    if best is None:
+        return means
+    reach, noise, share = best
+    K = similar(poses, poses, reach)
+    weights = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s)
+    modes = basis.reshape(-1, *registered.shape[1:])
+    return Residual(means.registered, means.simulated, poses, reach, share, weights, modes)
+
+
+def chosen(poses, s, u):
+    """(reach, noise, share) for coordinates s, u (T,k) of simulated and registered shapes, or None for their means alone."""
+    usual = np.median(distances(poses, poses)[np.triu_indices(len(poses), 1)])
+    errors = {}
+    for out in np.array_split(np.arange(len(poses)), FOLDS):
+        kept = np.setdiff1d(np.arange(len(poses)), out)
+        about, swing, swung = u[kept].mean(0), s[out] - s[kept].mean(0), s[kept] - s[kept].mean(0)
+        add(errors, None, about + swing - u[out])
+        for reach in usual * np.array(SCALES) if usual > 0 else ():
+            near = similar(poses[out], poses[kept], reach)
+            values, vectors = np.linalg.eigh(similar(poses[kept], poses[kept], reach))
+            for noise in NOISES:
+                solve = near @ (vectors / (values + noise)) @ vectors.T
+                for share in SHARES:
+                    part = 1 - (1 - share) * near.max(1, keepdims=True)
+                    told = about + part * swing + solve @ (u[kept] - about - share * swung)
+                    add(errors, (float(reach), noise, share), told - u[out])
+    return min(errors, key=errors.get)
+
+
+def add(errors, key, error):
+    errors[key] = errors.get(key, 0.0) + float(np.square(error).sum())
+
+
+def principal(x):
+    """(k,D) directions in which rows (T,D) vary, at most MODES."""
+    values, vectors = np.linalg.eigh(x @ x.T)
+    kept = np.flatnonzero(values > 1e-9 * values[-1])[-MODES:]
+    return (vectors[:, kept] / np.sqrt(values[kept])).T @ x
+
+
+def similar(a, b, reach):
+    """(A,B) Gaussian kernel of poses (A,P) and (B,P)."""
+    return np.exp(-0.5 * np.square(distances(a, b) / reach))
+
+
+def distances(a, b):
+    squares = np.square(a).sum(1)[:, None] + np.square(b).sum(1) - 2 * a @ b.T
+    return np.sqrt(np.maximum(squares, 0))
+
+
+def moving(features, times):
+    """(T,2P) poses and how they change: features (T,P) [m] at `times` (T,) [s], beside their velocities times SPAN."""
+    features = np.asarray(features, np.float64)
+    dt = np.diff(times, prepend=times[0] - 1)[:, None]
+    return np.concatenate([features, SPAN * np.diff(features, axis=0, prepend=features[:1]) / dt], axis=1)

@@ -1,0 +1,69 @@
+"""What is learnt over the poses of a training beside physics: near them it is used, far from them physics is left."""
+
+import numpy as np
+
+from toile.avatar.drive.residual import FEWEST, Residual, moving, teach
+
+RNG = np.random.default_rng(3)
+MODES = RNG.normal(size=(2, 30, 3)) * 0.01
+
+
+def sequence(T, swing=1.0):
+    """Poses (T,2) on a circle, cloth that follows them exactly, and a simulation of `swing` times its motion, 2 cm too low."""
+    a = np.linspace(0, 4 * np.pi, T)
+    poses = 0.1 * np.stack([np.cos(a), np.sin(a)], 1)
+    worn = 0.3 + np.tensordot(poses * 10, MODES, 1)
+    hung = worn.mean(0) + swing * (worn - worn.mean(0)) - np.array([0, 0, 0.02])
+    return poses, hung, worn
+
+
+def error(residual, poses, hung, worn):
+    return np.abs(np.stack([residual.add(s, p) for s, p in zip(hung, poses)]) - worn).max()
+
+
+def test_where_physics_is_right_but_for_its_mean_that_alone_is_added():
+    poses, hung, worn = sequence(40)
+    found = teach(poses, hung, worn)
+    assert error(found, poses, hung, worn) < 1e-3
+    far = found.add(hung[3] + 0.05, np.array([9.0, 9.0]))
+    assert np.allclose(far, hung[3] + 0.05 + [0, 0, 0.02], atol=1e-12)
+
+
+def test_what_physics_gets_wrong_is_learnt_near_the_poses_and_left_to_physics_far_from_them():
+    poses, hung, worn = sequence(60, swing=-0.5)
+    found, means = teach(poses, hung, worn), Residual._means(worn.mean(0), hung.mean(0))
+    between = (poses[1:] + poses[:-1]) / 2, (hung[1:] + hung[:-1]) / 2, (worn[1:] + worn[:-1]) / 2
+    assert error(found, *between) < 0.1 * error(means, *between)
+    assert np.allclose(found.add(hung[5], np.array([9.0, 9.0])), means.add(hung[5], poses[5]), atol=1e-12)
+
+
+def test_poses_that_say_nothing_are_not_believed():
+    poses, hung, worn = sequence(40)
+    found = teach(RNG.normal(size=poses.shape), hung, worn + 0.001 * RNG.normal(size=worn.shape))
+    means = Residual._means(found.registered, found.simulated)
+    new = RNG.normal(size=(20, 2))
+    shown = [np.stack([r.add(s, p) for s, p in zip(hung, new)]) for r in (found, means)]
+    assert np.abs(shown[0] - shown[1]).max() < 0.003
+
+
+def test_few_frames_and_still_ones_keep_their_means():
+    poses, hung, worn = sequence(FEWEST - 1)
+    assert len(teach(poses, hung, worn).poses) == 0
+    still = teach(np.zeros((8, 2)), np.repeat(hung[:1], 8, 0), np.repeat(worn[:1], 8, 0))
+    assert np.allclose(still.add(hung[0], np.zeros(2)), worn[0])
+
+
+def test_order_of_vertices_and_rigid_shifts_change_nothing():
+    poses, hung, worn = sequence(30, swing=0.3)
+    order, shift = RNG.permutation(30), np.array([1.0, -2.0, 0.5])
+    plain, moved = teach(poses, hung, worn), teach(poses, hung[:, order] + shift, worn[:, order] + shift)
+    at = hung[7] + 0.01
+    assert np.allclose(plain.add(at, poses[7])[order] + shift, moved.add(at[order] + shift, poses[7]), atol=1e-9)
+
+
+def test_a_pose_is_told_with_its_velocity_whatever_the_rate():
+    times = np.arange(0, 1, 0.1)
+    features = np.stack([2 * times, 0 * times], 1)
+    found = moving(features, times)
+    assert np.allclose(found[1:, 2], 2 / 6) and np.allclose(found[:, 3], 0) and found[0, 2] == 0
+    assert np.allclose(moving(features[::2], times[::2])[1:], found[2::2])
