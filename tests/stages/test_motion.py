@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.support.bending_tube import VERTICES, posed, smoother
-from toile.scene import HIDDEN, OBSERVED
-from toile.stages.motion import Roughness, Strengths, _smoothing, strength_of
+from toile.scene import HIDDEN, INTERPOLATED, OBSERVED
+from toile.stages.motion import Roughness, Smoother, Strengths, _smoothing, strength_of
 
 RNG = np.random.default_rng(5)
 
@@ -57,7 +57,9 @@ def test_noise_of_a_still_body_falls_by_the_dense_solution(smoother):
     weight = RNG.uniform(0.1, 1, (T, VERTICES))
     d = _smoothing(weight, s, second(noise))
     for v in (0, 7, 50):
-        expected = np.linalg.solve(np.diag(weight[:, v]) + s * D.T @ D, -s * D.T @ D @ noise[:, v])
+        w = weight[:, v]
+        M = np.diag(s * np.maximum.reduce([w[:-2], w[1:-1], w[2:]]))
+        expected = np.linalg.solve(np.diag(w) + D.T @ M @ D, -D.T @ M @ D @ noise[:, v])
         assert np.allclose(d[:, v], expected, atol=1e-12)
     after = shirts(smoother.smooth(posed(smoother, np.zeros(T), 0, noise), strengths(s)))
     assert np.abs(second(after)).mean() < 0.25 * np.abs(second(noise)).mean()
@@ -82,6 +84,33 @@ def test_a_frame_that_misplaced_an_observed_vertex_counts_little(smoother):
     wrong[5, 3] = [0, 0, 0.1]
     after = shirts(smoother.smooth(posed(smoother, np.zeros(11), 0, wrong), strengths(1)))[:, 3]
     assert np.linalg.norm(after - smoother.templates[0].rest[3] - [0, 0, 1], axis=1).max() < 0.01
+
+
+def test_what_no_frame_knows_well_is_smoothed_no_more_than_what_all_know(smoother):
+    """A step at the end, as of cloth that the last frames place elsewhere: it must not be carried off along a line."""
+    step = np.where(np.arange(11)[:, None, None] > 7, 0.03, 0.0) * np.ones((VERTICES, 3))
+    seen, hidden = (
+        shirts(smoother.smooth(posed(smoother, np.zeros(11), 0, step, known), strengths(5)))
+        for known in (OBSERVED, HIDDEN)
+    )
+    assert np.allclose(hidden, seen, atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.7, 1.3])
+def test_a_loop_cut_off_or_run_over_in_some_frames_is_laid_by_the_others(smoother, share):
+    """Elsewhere the loop hangs free of the scan; in these frames it lies on the border of a web."""
+    template = smoother.templates[0]
+    far = np.flatnonzero(template.rest[:, 2] == template.rest[:, 2].max())
+    narrowed = np.zeros((12, VERTICES, 3))
+    confidence = np.full((12, VERTICES), OBSERVED)
+    confidence[:, far] = INTERPOLATED
+    for t in (4, 9):
+        narrowed[t, far, :2] = (share - 1) * template.rest[far, :2]
+        confidence[t, far] = OBSERVED
+    frames = posed(smoother, np.zeros(12), 0, narrowed, confidence)
+    smoother = Smoother(smoother.model, smoother.person, (replace(template, loops=(far,)),), smoother.settings)
+    off = np.linalg.norm(shirts(smoother.smooth(frames, strengths(3))) - template.rest - [0, 0, 1], axis=2)
+    assert off.max() < 0.1 * np.linalg.norm(narrowed, axis=2).max()
 
 
 @pytest.mark.parametrize("noise, acceleration", [(2e-5, 2e-5), (1e-5, 4e-5), (2e-5, 1e-5)])

@@ -32,6 +32,21 @@ class MotionSettings(Settings):
     outlier: float = setting(
         4.0, "sigma", "a place this far from where its neighbours in time put it counts half", gt=0
     )
+    whole_opening: float = setting(
+        0.9,
+        "1",
+        "a loop shorter than this share of what other frames show, or as much longer, was laid on no whole opening",
+        gt=0,
+        le=1,
+    )
+    whole_rank: float = setting(
+        0.6,
+        "1",
+        "of the lengths that frames show of a loop, from the shortest to the longest: the one that is whole",
+        ge=0,
+        le=1,
+    )
+    loop_reach: float = setting(0.05, "m", "cloth this near to such a loop counts as hidden in that frame", ge=0)
 
 
 class InnerSettings(Settings):

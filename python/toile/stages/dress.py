@@ -13,7 +13,7 @@ from ..surface.curves import isolines, pieces
 from ..surface.extension import continued
 from ..surface.girth import Girths
 from ..surface.loop_names import name_loops
-from ..surface.loops import LoopMatch, loop_length, match_loops
+from ..surface.loops import LoopMatch, astray, beside_loops, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
@@ -99,26 +99,18 @@ def _personalise(model, person, template, samples, settings, over):
         samples,
     )
     lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
-    astray = _astray(lengths, settings.whole_rank, settings.whole_opening)
+    wrong = np.stack([astray(of, settings.whole_rank, settings.whole_opening) for of in lengths.T], axis=1)
     shown = _medians(lengths)
     total, weight = 0, 0
-    for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, astray):
+    for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, wrong):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
-        about = _about(template, np.flatnonzero(loops), settings.free_reach)
+        about = beside_loops(template.rest, [template.loops[i] for i in np.flatnonzero(loops)], settings.free_reach)
         w = ((dressed.confidence == OBSERVED) & ~about)[:, None]
         total, weight = total + w * (rest - template.rest), weight + w
     stay = settings.covered_weight if over else settings.unseen_weight
     shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
     _report_fit(template, shown, settings)
     return replace(template, rest=template.rest + shift, opening_lengths=shown)
-
-
-def _about(template, loops, reach):
-    """Which vertices (g,) lie within `reach` [m] of one of these loops at rest."""
-    from scipy.spatial import cKDTree
-
-    on = template.rest[np.concatenate([template.loops[i] for i in loops])] if len(loops) else np.zeros((0, 3))
-    return cKDTree(on).query(template.rest, distance_upper_bound=reach)[0] < reach
 
 
 def _filled(template, shift, weight, stiffness, stay):
@@ -133,17 +125,6 @@ def _filled(template, shift, weight, stiffness, stay):
 
 def _observed_length(match: LoopMatch, least):
     return loop_length(match.target) if match.observed.mean() > least else np.nan
-
-
-def _astray(lengths, rank, share):
-    """Which lengths (s,l) are shorter than this share of the one at that rank (0..1, of its column), or as much longer."""
-    whole = np.array(
-        [
-            np.quantile(column[np.isfinite(column)], rank, method="nearest") if np.isfinite(column).any() else 0
-            for column in lengths.T
-        ]
-    )
-    return (lengths < share * whole) | (lengths * share > whole)
 
 
 def _medians(lengths):

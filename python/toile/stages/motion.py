@@ -3,9 +3,11 @@
 Each frame is registered alone, so that its surfaces slide a little otherwise than the frame's before. Here a vertex is
 taken as its displacement y_t from the posed model, in axes that turn with the body there, and moves by
 
-    d = argmin  sum_t w_t |d_t|^2 + strength sum_t |D2 (y + d)_t|^2,     D2 x_t = x_{t-1} - 2 x_t + x_{t+1},
+    d = argmin  sum_t w_t |d_t|^2 + strength sum_t m_t |D2 (y + d)_t|^2,     D2 x_t = x_{t-1} - 2 x_t + x_{t+1},
 
-a Whittaker smoother (Eilers, A perfect smoother, 2003) whose `strength` the sequence itself tells, see `strength_of`. An
+a Whittaker smoother (Eilers, A perfect smoother, 2003) whose `strength` the sequence itself tells, see `strength_of`; m_t is the
+largest of w_{t-1}, w_t, w_{t+1}: an ill-known place follows well-known ones beside it, but where all are ill known none is
+carried off along a straight line. An
 observed vertex is known better across the surface, where the scan lies, than along it: the two have strengths of their
 own. Joint angles are smoothed alike, as small turns from the angles found."""
 
@@ -20,8 +22,6 @@ import numpy as np
 from .. import kernels
 from ..kernels.arrays import Floats
 from ..scene import (
-    HIDDEN,
-    INTERPOLATED,
     OBSERVED,
     BodyModel,
     Dressed,
@@ -30,6 +30,7 @@ from ..scene import (
     Tracked,
     blended_transforms,
 )
+from ..surface.loops import astray, beside_loops, loop_length
 
 Layers = tuple[Tracked, dict[str, Dressed]]  # of one frame
 LAGS = (1, 2)
@@ -132,8 +133,7 @@ class Smoother:
         V, confidence = _positions(frames, name)
         y, normals = self._local(name, turns, moves, V)
         strength = strength * [1.0, self.settings.across_share]
-        parts = _parted(_second(y), normals[1:-1])
-        trust = np.select([confidence == OBSERVED, confidence == INTERPOLATED, confidence == HIDDEN], self._weights)
+        parts, trust = _parted(_second(y), normals[1:-1]), self._trust(name, V, confidence)
         d = sum(_smoothing(trust, s, a) for s, a in zip(strength, parts))
         if strength.any():  # a vertex that would be moved far was misplaced in that frame (Cauchy's weight)
             outlying = np.einsum("tni,tni->tn", d, d) / (self.settings.outlier**2 * (noise**2).sum())
@@ -143,9 +143,16 @@ class Smoother:
             V[t] += np.einsum("nij,nj->ni", _axes(self._transforms(name, turns[t], moves[t])[0]), d[t])
         return V
 
-    @property
-    def _weights(self):
-        return [1.0, self.settings.interpolated_weight, self.settings.hidden_weight]
+    def _trust(self, name, V, confidence):
+        """Weights (T,n) of vertices (T,n,3) by their confidence. In a frame where a loop of a garment is much shorter or longer
+        than in the others, what lies about it counts as hidden: its opening was cut off there, or run over."""
+        s = self.settings
+        trust = np.array([s.hidden_weight, s.interpolated_weight, 1.0])[confidence]
+        for loop in () if name is None else self._template(name).loops:
+            rest, lengths = self._template(name).rest, np.array([loop_length(v[loop]) for v in V])
+            wrong = np.ix_(astray(lengths, s.whole_rank, s.whole_opening), beside_loops(rest, [loop], s.loop_reach))
+            trust[wrong] = np.minimum(trust[wrong], s.hidden_weight)
+        return trust
 
     def _template(self, name):
         return next(t for t in self.templates if t.name == name)
@@ -243,20 +250,20 @@ def _squares(second, seen=None):
 
 def _smoothing(weight, strength, a):
     """d (T,n,c), the argmin of this module's head, from weights (T,n) or (T,1) and second differences a (T-2,n,c):
-    (W + s D'D) d = - s D'a by LDL' of five bands, all vertices side by side."""
-    T = len(weight)
-    D = np.diff(np.eye(T), 2, axis=0)
-    H = strength * D.T @ D
-    z = np.tensordot(-strength * D.T, a, 1)
-    pivot, below, beyond = np.empty_like(weight), np.zeros_like(weight), np.zeros_like(weight)
+    (W + s D'M D) d = - s D'M a by LDL' of five bands, all vertices side by side."""
+    T, M = len(weight), strength * np.maximum(np.maximum(weight[:-2], weight[1:-1]), weight[2:])
+    ended = lambda x: np.concatenate([np.zeros_like(x[:1])] * 2 + [x] + [np.zeros_like(x[:1])] * 2)
+    M, Ma = ended(M), ended(M[..., None] * a)
+    first, second, third = (slice(k, k + T) for k in range(3))  # the differences whose last, middle, first place is t
+    z = 2 * Ma[second] - Ma[first] - Ma[third]
+    pivot, below, beyond = weight + M[first] + 4 * M[second] + M[third], -2 * (M[first] + M[second]), M[first].copy()
     for t in range(T):
-        pivot[t] = weight[t] + H[t, t]
         if t > 1:
-            beyond[t] = H[t, t - 2] / pivot[t - 2]
+            beyond[t] /= pivot[t - 2]
             pivot[t] -= beyond[t] ** 2 * pivot[t - 2]
             z[t] -= beyond[t][:, None] * z[t - 2]
         if t > 0:
-            below[t] = (H[t, t - 1] - (beyond[t] * pivot[t - 2] * below[t - 1] if t > 1 else 0)) / pivot[t - 1]
+            below[t] = (below[t] - (beyond[t] * pivot[t - 2] * below[t - 1] if t > 1 else 0)) / pivot[t - 1]
             pivot[t] -= below[t] ** 2 * pivot[t - 1]
             z[t] -= below[t][:, None] * z[t - 1]
     z /= pivot[..., None]

@@ -21,6 +21,22 @@ def loop_length(points):
     return float(np.linalg.norm(np.roll(points, -1, 0) - points, axis=1).sum())
 
 
+def astray(lengths, rank, share):
+    """Which lengths (s,) of one loop, NaN where unknown, are shorter than this share of the one at that rank (0..1), or as
+    much longer."""
+    known = lengths[np.isfinite(lengths)]
+    whole = np.quantile(known, rank, method="nearest") if len(known) else 0
+    return (lengths < share * whole) | (lengths * share > whole)
+
+
+def beside_loops(V, loops, reach):
+    """Which of points V (n,3) lie within `reach` [m] of one of these loops, indices of them."""
+    from scipy.spatial import cKDTree
+
+    on = np.concatenate([V[loop] for loop in loops]) if len(loops) else np.zeros((0, 3))
+    return cKDTree(on).query(V, distance_upper_bound=reach)[0] < reach
+
+
 def match_loops(loops, curves, settings):
     """Moves closed loops [(k,3)] onto openings [Curve], both with the garment on their left.
 
