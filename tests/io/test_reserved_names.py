@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from toile.errors import UserError
-from toile.io.capture import RESERVED, open_capture
+from toile.io.capture import open_capture
+from toile.io.scene_file import RESERVED
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 

@@ -10,75 +10,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import UserError, first_line
 from ..kernels.arrays import Anything
-from ..scene import Camera, Frame, Garment, Mesh, Scene, Vote
+from ..scene import Camera, Frame, Mesh, Scene, Vote
 from .body import model_in_capture
-from .bounded import read_toml
-from .camera import first_error, read_cameras
+from .camera import read_cameras
 from .image import check_image, read_image
 from .keypoints import read_keypoints, read_keypoints3d
-from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 from .mesh import read_mesh
+from .scene_file import METRES, beside_network, inside, read_scene
 from .template import read_template, texture_files
 from .votes import read_votes
 
-# garment names that name an array of the store, or another layer of an avatar
-RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS, "body", "surface"})
-METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 VOTES = "votes.json"
 MODES = {"labels": "L", "masks": "L", "images": "RGB"}  # of a frame's pictures, as Pillow names them
-BESIDE_NETWORKS = ("pipeline.json", "config.json", "preprocessor_config.json")
-KINDS, ALONE = (
-    ("images", "masks", "labels"),
-    ("scan.ply", "keypoints.json", "keypoints3d.json"),
-)  # what a frame may have
+KINDS = ("images", "masks", "labels")  # folders that a frame may have
+ALONE = ("scan.ply", "keypoints.json", "keypoints3d.json")  # files that a frame may have
 CHECKED = 3  # frames that are read before a run begins
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class _SceneTable(_Table):
-    name: str
-    fps: float = Field(default=30, gt=0, le=100_000, allow_inf_nan=False)
-    units: str = "m"
-    up: str = "z"
-    keypoints: str = ""
-    segmenter: str = ""
-
-
-class _BodyTable(_Table):
-    model: str = "anny"
-
-
-class _FaceTable(_Table):
-    keypoints: bool = True
-
-
-class _GarmentTable(_Table):
-    name: str = Field(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)
-    template: str = ""
-    label: str
-    prints: bool = False
-
-
-class _CamerasTable(_Table):
-    file: str = "cameras.json"
-    view_dependent: bool = False
-
-
-class _SceneFile(_Table):
-    scene: _SceneTable
-    body: _BodyTable = _BodyTable()
-    face: _FaceTable | None = None
-    labels: dict[str, int] = {}
-    garment: list[_GarmentTable] = []
-    cameras: _CamerasTable = _CamerasTable()
 
 
 @dataclass(frozen=True)
@@ -238,17 +188,10 @@ def _pictures_in(folder: Path) -> list[Path]:
 def open_capture(path: Path | str) -> Capture:
     """Opens and validates a capture folder. UserError: one line that names the file and the field."""
     root = Path(path)
-    file = root / "scene.toml"
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; a capture is a folder with scene.toml, cameras.json and frames/")
-    if not os.path.lexists(file):
-        raise UserError(f"{file}: the file is missing: the folder is no capture; `toile import` makes one")
-    try:
-        table = _SceneFile(**read_toml(file))
-    except ValidationError as error:
-        raise first_error(file, error) from None
-    scene = _scene(root, file, table)
-    cameras = _cameras(root, table.cameras.file, METRES[scene.units])
+    scene, cameras_file = read_scene(root)
+    cameras = _cameras(root, cameras_file, METRES[scene.units])
     frames = tuple(
         sorted(int(p.name) for p in (root / "frames").glob("*") if p.is_dir() and re.fullmatch(r"\d{6}", p.name))
     )
@@ -258,12 +201,12 @@ def open_capture(path: Path | str) -> Capture:
     found = {g.name: read_template(root / g.template, g.name) for g in with_file}
     templates = {name: _scaled(t.mesh, METRES[scene.units]) for name, t in found.items()}
     warnings = tuple(warning for t in found.values() for warning in t.warnings)
-    named = [table.cameras.file, *(g.template for g in with_file)]
+    named = [cameras_file, *(g.template for g in with_file)]
     named += [scene.body_model] if scene.body_model.endswith(".npz") else []
     named += [scene.segmenter, *beside_network(root, scene.segmenter)] if scene.segmenter else []
     drawn = {g.name: texture_files(root, root / g.template) for g in with_file if g.prints}
     named += [os.path.relpath(path, os.path.realpath(root)) for paths in drawn.values() for path in paths]
-    files = tuple(path for path in (file, *(root / name for name in (*named, VOTES))) if path.exists())
+    files = tuple(path for path in (root / "scene.toml", *(root / name for name in (*named, VOTES))) if path.exists())
     votes = read_votes(root / VOTES, scene.labels) if os.path.lexists(root / VOTES) else ()
     textures = {name: paths[-1] for name, paths in drawn.items() if paths}
     kept = {name: t.kept for name, t in found.items()}
@@ -318,74 +261,9 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
             )
 
 
-def _scene(root: Path, file: Path, table: Any) -> Scene:
-    if table.scene.units not in METRES:
-        raise UserError(f"{file}: scene.units: '{table.scene.units}', expected one of {', '.join(METRES)}")
-    if table.scene.up not in ("x", "y", "z"):
-        raise UserError(f"{file}: scene.up: '{table.scene.up}', expected x, y or z")
-    for name, label in table.labels.items():
-        if not 0 < label < 256:
-            raise UserError(f"{file}: labels.{name} = {label}: ids are 1 to 255, 0 is the background")
-    if len(set(table.labels.values())) < len(table.labels):
-        raise UserError(f"{file}: labels: two names share one id")
-    names = [g.name for g in table.garment]
-    for i, garment in enumerate(table.garment):
-        if garment.label not in table.labels:
-            raise UserError(f"{file}: garment.{i}.label: '{garment.label}' is not in [labels]")
-        if garment.name in RESERVED:
-            raise UserError(
-                f"{file}: garment.{i}.name: '{garment.name}' is reserved, it names a layer or array of a run"
-            )
-        if names.index(garment.name) != i:
-            raise UserError(f"{file}: garment.{i}.name: '{garment.name}' stands there twice")
-        if "template" in garment.model_fields_set:
-            _inside(root, file, f"garment.{i}.template", garment.template)
-    if table.body.model.endswith(".npz"):
-        _inside(root, file, "body.model", table.body.model)
-    elif table.body.model != "anny":
-        raise UserError(f"{file}: body.model: '{table.body.model}' is neither a packaged model (anny) nor a .npz file")
-    if table.scene.keypoints:
-        if not table.scene.keypoints.endswith(".onnx"):
-            raise UserError(
-                f"{file}: scene.keypoints: '{table.scene.keypoints}' is no .onnx file; a program is never taken from a "
-                "capture, name it by `toile detect --detector`"
-            )
-        _inside(root, file, "scene.keypoints", table.scene.keypoints)
-    if table.scene.segmenter:
-        _check_segmenter(root, file, table.scene.segmenter, table.labels)
-    return Scene(
-        table.scene.name,
-        table.scene.fps,
-        table.scene.units,
-        table.scene.up,
-        table.body.model,
-        dict(table.labels),
-        tuple(Garment(g.name, g.template, g.label, g.prints) for g in table.garment),
-        bool(table.face and table.face.keypoints),
-        table.cameras.view_dependent,
-        table.scene.keypoints,
-        table.scene.segmenter,
-    )
-
-
-def _check_segmenter(root: Path, file: Path, name: str, labels: dict[str, int]) -> None:
-    if not labels:
-        raise UserError(f"{file}: scene.segmenter: the scene has no [labels] that it could give")
-    if not name.endswith(".onnx"):
-        raise UserError(f"{file}: scene.segmenter: '{name}' is no .onnx file")
-    for path in (name, *beside_network(root, name)):
-        _inside(root, file, "scene.segmenter", path)
-
-
-def beside_network(root: Path, name: str) -> list[str]:
-    """Files of the capture, as paths inside it, that may say what a network's file does not."""
-    beside = [Path(name).with_suffix(".toml"), *(Path(name).with_name(other) for other in BESIDE_NETWORKS)]
-    return [str(path) for path in beside if os.path.lexists(root / path)]
-
-
 def _cameras(root: Path, name: str, metres: float) -> dict[str, Camera]:
     """Cameras where the capture has pictures or keypoints; scans alone need none."""
-    path = _inside(root, root / "scene.toml", "cameras.file", name)
+    path = inside(root, root / "scene.toml", "cameras.file", name)
     needed = any((root / "frames").glob("*/images/*")) or any((root / "frames").glob("*/keypoints.json"))
     return read_cameras(path, metres) if needed or path.exists() else {}
 
@@ -394,15 +272,3 @@ def _scaled(mesh: Mesh, metres: float) -> Mesh:
     if metres == 1:
         return mesh
     return replace(mesh, vertices=mesh.vertices * metres)
-
-
-def _inside(root: Path, file: Path, field: str, name: str) -> Path:
-    """The path inside the capture, refused when it leaves it or is missing (cameras may be)."""
-    if not name.isprintable():
-        raise UserError(f"{file}: {field}: {name!r} is no path")
-    path = Path(os.path.realpath(root / name))  # a circle of links leaves it as it is
-    if not path.is_relative_to(os.path.realpath(root)):
-        raise UserError(f"{file}: {field}: '{name}' leaves the capture")
-    if field != "cameras.file" and not path.is_file():
-        raise UserError(f"{file}: {field}: no file '{name}' in the capture")
-    return path

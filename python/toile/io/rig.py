@@ -14,11 +14,11 @@ from ..errors import UserError
 from ..kernels.arrays import Floats
 from ..scene import Camera
 from .calibration import KINDS, find_calibration, read_calibration
-from .capture import METRES
 from .films import film_count
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
 from .places import Placed, files_of, folder_of, numbered, place, placed
+from .scene_file import METRES
 from .skeletons import SKELETONS
 
 SHOWN = 3  # names in a message

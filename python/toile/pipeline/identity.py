@@ -16,8 +16,9 @@ import numpy as np
 
 from ..config import Config
 from ..io.bounded import read_json
-from ..io.capture import VOTES, Capture, beside_network
+from ..io.capture import VOTES, Capture
 from ..io.inputs import contents
+from ..io.scene_file import beside_network
 from ..scene import Camera, Vote
 
 

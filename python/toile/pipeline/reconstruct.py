@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import UserError, first_line
-from ..io.capture import METRES
 from ..io.files import replace_file
 from ..io.importing import link
 from ..io.keypoints import keypoints3d_json, read_keypoints
 from ..io.mesh import write_mesh
+from ..io.scene_file import METRES
 from ..scene import Mesh, Points3D
 from ..stages.reconstruct import triangulate
 from ..stages.stereo import scan

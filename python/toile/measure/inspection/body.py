@@ -32,7 +32,7 @@ def check_units(tall: float, units: str) -> Finding | None:
     """`tall` is a stature as the scene's `units` make it."""
     if not np.isfinite(tall) or STATURE[0] <= tall <= STATURE[1]:
         return None
-    from ...io.capture import METRES
+    from ...io.scene_file import METRES
 
     raw = tall / METRES[units]
     fits = next((name for name, many in UNITS.items() if STATURE[0] * many <= raw <= STATURE[1] * many), None)
