@@ -32,10 +32,7 @@ BOUNDS = {  # of each measure with scans, and of the frame from pictures alone
     "visible_mm": (2, 8),
 }
 WITH_SCANS, FROM_PICTURES = ({name: both[k] for name, both in BOUNDS.items()} for k in (0, 1))
-HELD_OUT = (
-    5,
-    5,
-)  # first and last frame that the avatar is not trained on, and its registration does not read for others
+HELD_OUT = (5, 5)  # first and last frame that is kept apart: no other frame is made with it, nor is the avatar
 LEAST = {"label_iou tshirt": 0.95}
 
 

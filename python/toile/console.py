@@ -33,7 +33,7 @@ Scheduler = Annotated[
 ]
 Holdout = Annotated[
     str | None,
-    typer.Option("--holdout", metavar="A-B", help="frames that nothing which other frames are made from reads; none"),
+    typer.Option("--holdout", metavar="A-B", help="frames kept apart: no other frame is made with them; none"),
 ]
 EVERY = 30.0  # s between lines of progress where there is no terminal
 EVERY_JSON = 1.0  # s between a stage's lines for machines

@@ -35,8 +35,8 @@ QUICK = AlignSettings(
 
 
 @pytest.fixture(scope="module")
-def two_chunks(sample_run, tmp_path_factory):
-    """The registered frames 0..3 renumbered 48..51, so that they lie in two chunks; frame 49 has no pictures."""
+def two_blocks(sample_run, tmp_path_factory):
+    """The registered frames 0..3 renumbered 48..51, so that they lie in two blocks; frame 49 has no pictures."""
     root = tmp_path_factory.mktemp("align")
     run, capture = root / "run", root / "capture"
     shutil.copytree(sample_run, run)
@@ -52,9 +52,9 @@ def two_chunks(sample_run, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(two_chunks, tmp_path_factory):
+def undisturbed(two_blocks, tmp_path_factory):
     out = tmp_path_factory.mktemp("align") / "aligned"
-    outcome = align(two_chunks, out, QUICK)
+    outcome = align(two_blocks, out, QUICK)
     assert outcome.whole and outcome.matched == (48, 50, 51) and outcome.between == (49,) and not outcome.failed
     return out
 
@@ -77,8 +77,8 @@ def assert_same_bits(once, twice):
         assert np.array_equal(once[name], twice[name], equal_nan=once[name].dtype.kind == "f"), name
 
 
-def test_an_aligned_run_differs_in_its_garments_alone(two_chunks, undisturbed):
-    before, after = arrays(two_chunks), arrays(undisturbed)
+def test_an_aligned_run_differs_in_its_garments_alone(two_blocks, undisturbed):
+    before, after = arrays(two_blocks), arrays(undisturbed)
     moved = {"garment/tshirt/vertices", "confidence/tshirt"}
     assert before.keys() == after.keys()
     for name in before.keys() - moved:
@@ -87,7 +87,7 @@ def test_an_aligned_run_differs_in_its_garments_alone(two_chunks, undisturbed):
     assert (step.max(1) > 1e-4).all() and step.max() < 0.08
     config = tomllib.loads((undisturbed / "config.toml").read_text())
     assert (
-        config["align"]["run"] == str(two_chunks.resolve())
+        config["align"]["run"] == str(two_blocks.resolve())
         and config["align"]["settings"]["lattice_spacing"] == QUICK.lattice_spacing
     )
     stages = json.loads((undisturbed / "diagnostics" / "000050.json").read_text())
@@ -103,29 +103,29 @@ def test_textures_before_and_after_are_reported(undisturbed):
     assert "error after" in page and "<script" not in page and len(list((undisturbed / "alignment").glob("*.png"))) == 4
 
 
-def test_shards_give_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
-    second = align(two_chunks, tmp_path / "run", QUICK, shard=(2, 2))
+def test_shards_give_the_same_bits(two_blocks, undisturbed, tmp_path, unreported):
+    second = align(two_blocks, tmp_path / "run", QUICK, shard=(2, 2))
     assert not second.whole and second.pending == (48,)
-    assert align(two_chunks, tmp_path / "run", QUICK, shard=(1, 2)).whole
+    assert align(two_blocks, tmp_path / "run", QUICK, shard=(1, 2)).whole
     assert_same_bits(undisturbed, tmp_path / "run")
 
 
-def test_a_stopped_alignment_goes_on_with_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
+def test_a_stopped_alignment_goes_on_with_the_same_bits(two_blocks, undisturbed, tmp_path, unreported):
     def stop(stage, done, total):
         if stage == "match" and done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        align(two_chunks, tmp_path / "run", QUICK, progress=stop)
+        align(two_blocks, tmp_path / "run", QUICK, progress=stop)
     assert not (tmp_path / "run" / "registered.zarr").exists()
-    assert align(two_chunks, tmp_path / "run", QUICK).whole
+    assert align(two_blocks, tmp_path / "run", QUICK).whole
     assert_same_bits(undisturbed, tmp_path / "run")
 
 
-def test_eight_blas_threads_give_the_same_bits(two_chunks, undisturbed, tmp_path, unreported):
+def test_eight_blas_threads_give_the_same_bits(two_blocks, undisturbed, tmp_path, unreported):
     seen = set()
     with threadpool_limits(8, "blas"):
-        align(two_chunks, tmp_path / "run", QUICK, progress=lambda *_: seen.add(most_blas_threads()))
+        align(two_blocks, tmp_path / "run", QUICK, progress=lambda *_: seen.add(most_blas_threads()))
     assert seen == {1}
     assert_same_bits(undisturbed, tmp_path / "run")
 
@@ -146,15 +146,15 @@ def test_slides_between_pictures_are_smooth_and_pass_through_what_was_measured()
     assert np.allclose(over_time([3], [still], range(6), 30, AlignSettings()), 1)
 
 
-def test_align_opens_a_run_once(two_chunks, tmp_path, monkeypatch, unreported):
+def test_align_opens_a_run_once(two_blocks, tmp_path, monkeypatch, unreported):
     opened = []
     real = toile.io.run.open_run
     for module in (toile.io.run, toile.align.run):
         monkeypatch.setattr(module, "open_run", lambda path: (opened.append(Path(path)), real(path))[1])
     captures = []
     monkeypatch.setattr(toile.io.run, "open_capture", lambda path: (captures.append(path), open_capture(path))[1])
-    align(two_chunks, tmp_path / "out", QUICK)
-    assert opened == [two_chunks, tmp_path / "out"]  # the second for the report of what was made
+    align(two_blocks, tmp_path / "out", QUICK)
+    assert opened == [two_blocks, tmp_path / "out"]  # the second for the report of what was made
     assert len(captures) == 1
 
 
@@ -171,26 +171,26 @@ def test_align_and_all_its_modules_import_without_torch():
     assert done.returncode == 0 and int(done.stdout) > 8, done.stderr
 
 
-def test_bad_input_is_refused_with_the_reason(two_chunks, undisturbed, tmp_path):
+def test_bad_input_is_refused_with_the_reason(two_blocks, undisturbed, tmp_path):
     with pytest.raises(UserError, match="folder of its own"):
-        align(two_chunks, two_chunks, QUICK)
+        align(two_blocks, two_blocks, QUICK)
     with pytest.raises(UserError, match="other settings"):
-        align(two_chunks, undisturbed, QUICK.model_copy(update={"slide_strain": 0.2}))
+        align(two_blocks, undisturbed, QUICK.model_copy(update={"slide_strain": 0.2}))
     with pytest.raises(UserError, match="no registered.zarr"):
         align(tmp_path, tmp_path / "out", QUICK)
     with pytest.raises(UserError, match="shard 3/2"):
-        align(two_chunks, tmp_path / "out", QUICK, shard=(3, 2))
+        align(two_blocks, tmp_path / "out", QUICK, shard=(3, 2))
     with pytest.raises(UserError, match="--holdout 48-49: .* was registered without"):
-        align(two_chunks, tmp_path / "out", QUICK, holdout="48-49")
+        align(two_blocks, tmp_path / "out", QUICK, holdout="48-49")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").write_text("mine")
     with pytest.raises(UserError, match="not empty"):
-        align(two_chunks, tmp_path / "full", QUICK)
+        align(two_blocks, tmp_path / "full", QUICK)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_without_garments_or_with_frames_to_come_is_refused(two_chunks, tmp_path):
-    bare = shutil.copytree(two_chunks, tmp_path / "bare")
+def test_a_run_without_garments_or_with_frames_to_come_is_refused(two_blocks, tmp_path):
+    bare = shutil.copytree(two_blocks, tmp_path / "bare")
     group = zarr.open_group(str(bare / "registered.zarr"), mode="r+")
     group["done"][2] = 0
     with pytest.raises(UserError, match="pending"):
@@ -200,8 +200,8 @@ def test_a_run_without_garments_or_with_frames_to_come_is_refused(two_chunks, tm
         align(bare, tmp_path / "out", QUICK)
 
 
-def test_the_command_line_reports_what_it_did(two_chunks, undisturbed, capsys, monkeypatch):
-    monkeypatch.setattr("sys.argv", ["toile", "align", str(two_chunks), str(two_chunks)])
+def test_the_command_line_reports_what_it_did(two_blocks, undisturbed, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["toile", "align", str(two_blocks), str(two_blocks)])
     with pytest.raises(SystemExit) as stopped:
         cli.main()
     assert stopped.value.code == 1 and "folder of its own" in capsys.readouterr().err

@@ -18,7 +18,7 @@ def align(
     scheduler: Scheduler = None,
     holdout: Holdout = None,
     shard: Annotated[
-        str, typer.Option(help="i/n: every n-th chunk from the i-th on; give all n, in any order or at once")
+        str, typer.Option(help="i/n: every n-th block from the i-th on; give all n, in any order or at once")
     ] = "1/1",
     config: ConfigFile = None,
     changes: Changes = None,

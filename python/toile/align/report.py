@@ -56,7 +56,7 @@ def write_report(run, aligned, frames, progress):
 
 
 class _Textures:
-    """One garment's textures over frames [(colours (T,T,3) uint8, seen (T,T))]; anchors: which frames are in the first chunk."""
+    """One garment's textures over frames [(colours (T,T,3) uint8, seen (T,T))]; anchors: which frames are in the first block."""
 
     def __init__(self, textures, anchors):
         self.colours, self.seen = (np.stack(x) for x in zip(*textures))

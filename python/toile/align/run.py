@@ -1,9 +1,9 @@
 """`toile align RUN RUN2`: a run whose garments have slid along their surfaces until their prints lie as in the anchors.
 
-prepare   the reference print of each garment            match   every pictured frame, in chunks of 50 frame numbers
-write     the new run, once all chunks are done           report  the textures before and after
+prepare   the reference print of each garment            match   every pictured frame, in blocks of 50 frame numbers
+write     the new run, once all blocks are done           report  the textures before and after
 
-Chunks share nothing but the reference, so that shards and workers may take any of them; results lie in RUN2/slides, so that
+Blocks share nothing but the reference, so that shards and workers may take any of them; results lie in RUN2/slides, so that
 a killed alignment goes on with the same bits.
 """
 
@@ -67,7 +67,7 @@ def align(
 ) -> Alignment:
     """Aligns the garments of a registered run into the run `out`; returns an Alignment. UserError: it cannot be done.
 
-    The same call on what was killed goes on where it stood. `shard` (i, n) takes every n-th chunk from the i-th on;
+    The same call on what was killed goes on where it stood. `shard` (i, n) takes every n-th block from the i-th on;
     whichever ends last writes the run. The bits depend on neither workers nor shards. `progress(stage, done, total)`. `scheduler`: of
     running dask workers, which do the work. `holdout`, "A-B": the frames that others take nothing of, which are those of the run."""
     out, settings, progress = (
@@ -228,7 +228,7 @@ def write(run, out, results, progress, span, prepared, pool) -> None:
 
 
 def _slides(prepared, results, name, wanted):
-    """Of one chunk's frames, None where none of them was matched."""
+    """Of one block's frames, None where none of them was matched."""
     known = [number for number in wanted if results.whole(number)]
     slides = [_matched(results, number, name).d for number in known]
     return over_time(known, slides, wanted, prepared.run.capture.scene.fps, prepared.settings)

@@ -24,7 +24,9 @@ def train(
     steps: Annotated[str | None, typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
     holdout: Annotated[
         str | None,
-        typer.Option(help="A-B, frames never trained on; default those of the run, else the last tenth; none"),
+        typer.Option(
+            metavar="A-B", help="frames never trained on; default those of the run, else the last tenth; none"
+        ),
     ] = None,
     baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
     temporal: Annotated[

@@ -19,7 +19,7 @@ def settings(
         str | None, typer.Argument(help="a command, a stage or a group: align, dress, dress.loop; default all")
     ] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="as the page of the documentation")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="as JSON")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ) -> None:
     """List the settings with defaults, units and meanings: what --set NAME=VALUE and --config change."""
     tables = chosen(stage)

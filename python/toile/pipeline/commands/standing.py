@@ -43,7 +43,7 @@ def plan(capture: Path):
 
 def status(
     run: Path,
-    as_json: Annotated[bool, typer.Option("--json", help="only JSON on stdout")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ):
     """Say how a run stands, also while processes and shards work at it: done, failed, verdicts, time left, how to go on."""
     found = standing(run)
