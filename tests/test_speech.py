@@ -192,7 +192,7 @@ def test_bash_completes_commands_and_options(tmp_path):
     script = """eval "$(toile completion bash)"
     COMP_WORDS=(toile regi); COMP_CWORD=1; _toile_completion toile; echo "${COMPREPLY[@]}"
     COMP_WORDS=(toile register --qua); COMP_CWORD=2; _toile_completion toile; echo "${COMPREPLY[@]}" """
-    said = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=complete(tmp_path), timeout=60)
+    said = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=complete(tmp_path), timeout=300)
     assert said.stdout.splitlines() == ["register", "--quality"] and said.stderr == ""
 
 
@@ -233,5 +233,5 @@ def test_what_the_other_shells_ask_is_answered(monkeypatch, capsys, tmp_path, sh
     assert toile(monkeypatch, "completion", shell) == 0
     script = capsys.readouterr().out
     assert shell in SHELLS and all(name in script for name in asked)  # the script asks so
-    found = subprocess.run(["toile"], capture_output=True, text=True, env=complete(tmp_path, **asked), timeout=60)
+    found = subprocess.run(["toile"], capture_output=True, text=True, env=complete(tmp_path, **asked), timeout=300)
     assert "register" in found.stdout and "report" not in found.stdout and found.returncode == 0

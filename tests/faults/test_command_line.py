@@ -5,13 +5,12 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import typer
 
-from tests.support.processes import hears_ctrl_c
+from tests.support.processes import PATIENCE, hears_ctrl_c, wait_until
 from toile import cli
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -89,12 +88,9 @@ def test_ctrl_c_stops_with_one_line_that_says_how_to_go_on(tmp_path):
     program = [sys.executable, "-m", "toile", *arguments]
     with open(tmp_path / "said", "w") as said:
         child = subprocess.Popen(program, stderr=said, stdout=said, start_new_session=True, preexec_fn=hears_ctrl_c)
-        deadline = time.monotonic() + 120
-        while not (tmp_path / "run" / "config.toml").exists() and time.monotonic() < deadline:
-            assert child.poll() is None
-            time.sleep(0.02)
+        wait_until((tmp_path / "run" / "config.toml").exists, child)
         os.killpg(child.pid, signal.SIGINT)
-        assert child.wait(60) == 130
+        assert child.wait(PATIENCE) == 130
     last = (tmp_path / "said").read_text().strip().splitlines()[-1]
     assert last == f"toile: stopped; go on with: toile {' '.join(arguments)}"
     assert "Traceback" not in (tmp_path / "said").read_text()

@@ -14,7 +14,7 @@ import psutil
 import pytest
 import zarr
 
-from tests.support.processes import hears_ctrl_c
+from tests.support.processes import PATIENCE, hears_ctrl_c, wait_until
 from toile import cli, console
 from toile.config import preset
 from toile.errors import UserError
@@ -102,10 +102,7 @@ def test_killed_workers_leave_a_run_that_goes_on_with_the_same_bits(capture, und
     )
     (tmp_path / "program.py").write_text(code)
     child = subprocess.Popen([sys.executable, tmp_path / "program.py"], start_new_session=True)
-    deadline = time.monotonic() + 120
-    while not any((tmp_path / "run" / "work").glob("frames/*/whole")) and time.monotonic() < deadline:
-        assert child.poll() is None, "the run ended before it could be killed"
-        time.sleep(0.02)
+    wait_until(lambda: any((tmp_path / "run" / "work").glob("frames/*/whole")), child)
     os.kill(child.pid, signal.SIGKILL)
     child.wait()
     assert not (tmp_path / "run" / "registered.zarr").exists()
@@ -133,7 +130,7 @@ def test_two_processes_at_once_on_one_run_both_end_well_with_the_same_bits(captu
     settings = ["--quality", "draft", "--set", "preparation_frames=1"]
     command = [sys.executable, "-m", "toile", "register", str(capture), str(tmp_path / "run"), *settings]
     both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
-    said = [process.communicate(timeout=600)[1] for process in both]
+    said = [process.communicate(timeout=PATIENCE)[1] for process in both]
     assert [process.returncode for process in both] == [0, 0], said
     assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
 
@@ -161,12 +158,9 @@ def test_ctrl_c_ends_the_workers_too_and_says_how_to_go_on(capture, tmp_path):
         child = subprocess.Popen(
             [sys.executable, "-m", "toile", *arguments], stdout=said, stderr=said, preexec_fn=hears_ctrl_c
         )
-        deadline = time.monotonic() + 120
-        while not (tmp_path / "run" / "work").exists() and time.monotonic() < deadline:
-            assert child.poll() is None, "the run ended before it could be stopped"
-            time.sleep(0.02)
+        wait_until((tmp_path / "run" / "work").exists, child)
         os.kill(child.pid, signal.SIGINT)  # the workers get none
-        assert child.wait(60) == 130
+        assert child.wait(PATIENCE) == 130
     told = (tmp_path / "said").read_text()
     assert told.strip().splitlines()[-1] == f"toile: stopped; go on with: toile {' '.join(arguments)}"
     assert "Traceback" not in told

@@ -168,13 +168,12 @@ def test_the_function_is_the_solver_frame_after_frame():
     assert np.array_equal(kernels.drape(V, F, edge_lengths(V, F), bodies, body_F, FRAME, friction=0.4), expected)
 
 
-def test_the_number_of_threads_changes_no_bit():
+def test_the_number_of_threads_changes_no_bit(threads):
     (V, F), body = sheet(across=90, along=90, height=0.21), ball()
-    threads, found = kernels.threads(), []
+    found = []
     for count in (1, 4):
-        kernels.set_threads(count)
+        threads(count)
         found.append(fallen(V, F, *body, seconds=3 * FRAME))
-    kernels.set_threads(threads)
     assert np.array_equal(*found)
 
 

@@ -15,7 +15,7 @@ from tests.support.kernel_calls import CALLS, ball, bits
 from toile import kernels
 from toile.vision.threads import parallel_map
 
-SECONDS = 60  # a child that waits for threads that are not there waits for ever
+SECONDS = 300  # a child that waits for threads that are not there waits for ever
 
 
 def in_forked_child(function):

@@ -71,13 +71,12 @@ def test_reach_bounds_what_casts_shade():
     assert ambient_occlusion(V, F, reach=0.6)[220] < 1
 
 
-def test_it_is_the_same_for_any_threads_and_turns_with_the_seed():
+def test_it_is_the_same_for_any_threads_and_turns_with_the_seed(threads):
     V, F = together(sheet(), ball(0.5, [0, 0, 1.0]))
     answers = []
     for n in (1, 2, 3, 8):
-        kernels.set_threads(n)
+        threads(n)
         answers.append(ambient_occlusion(V, F, rays=33))
-    kernels.set_threads(2)
     assert all(np.array_equal(answers[0], a) for a in answers)
     assert not np.array_equal(answers[0], ambient_occlusion(V, F, rays=33, seed=1))
 

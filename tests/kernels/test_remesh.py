@@ -56,7 +56,7 @@ def test_a_closed_surface_stays_closed_and_creases_stay():
     assert mesh.is_watertight and mesh.volume == pytest.approx(0.008, rel=1e-6)
 
 
-def test_scale_place_and_threads_change_nothing(tube):
+def test_scale_place_and_threads_change_nothing(tube, threads):
     V, F = tube
     X, G = remesh(V, F, 0.02)
     large, H = remesh(1024 * V, F, 1024 * 0.02)  # a power of two changes no bit
@@ -65,14 +65,10 @@ def test_scale_place_and_threads_change_nothing(tube):
     assert len(far) == pytest.approx(len(X), rel=0.02) and sides(far, H).mean() == pytest.approx(
         sides(X, G).mean(), rel=0.01
     )
-    before = kernels.threads()
-    try:
-        for threads in (1, 3):
-            kernels.set_threads(threads)
-            again = remesh(V, F, 0.02)
-            assert np.array_equal(again[0], X) and np.array_equal(again[1], G)
-    finally:
-        kernels.set_threads(before)
+    for count in (1, 3):
+        threads(count)
+        again = remesh(V, F, 0.02)
+        assert np.array_equal(again[0], X) and np.array_equal(again[1], G)
 
 
 def test_isolated_vertices_and_repeated_faces_do_not_count(tube):

@@ -108,15 +108,11 @@ def test_a_black_camera_among_others_does_no_harm():
     assert np.isfinite(error).mean() > 0.9 and np.nanmedian(error) < 0.12  # one pair is left
 
 
-def test_bits_do_not_depend_on_threads(plane):
-    threads = kernels.threads()
-    try:
-        for n in (1, 2):
-            kernels.set_threads(n)
-            result = kernels.StereoSolver(CAMERAS).solve(PICTURES, None, RANGES)
-            assert all(a.tobytes() == b.tobytes() for a, b in zip(result, plane))
-    finally:
-        kernels.set_threads(threads)
+def test_bits_do_not_depend_on_threads(plane, threads):
+    for n in (1, 2):
+        threads(n)
+        result = kernels.StereoSolver(CAMERAS).solve(PICTURES, None, RANGES)
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(result, plane))
 
 
 def test_cameras_may_differ_in_size():

@@ -105,14 +105,12 @@ def test_profiles_of_one_colour_or_out_of_sight_say_nothing():
     assert kernels.view_edges([camera.view], points, normals, LABELS, s, **EDGES)[:, 1].max() < 1e-12
 
 
-def test_the_number_of_threads_is_no_matter():
+def test_the_number_of_threads_is_no_matter(threads):
     cameras, (points, normals) = [Camera(k) for k in range(3)], scene(3000)
-    rival, before = np.zeros(len(points), int), kernels.threads()
-    found = []
+    rival, found = np.zeros(len(points), int), []
     for count in (1, 3):
-        kernels.set_threads(count)
+        threads(count)
         found.append(kernels.view_odds([c.view for c in cameras], points, normals, LABELS, 1, rival, free=True, **ODDS))
-    kernels.set_threads(before)
     assert np.array_equal(*found)
 
 

@@ -165,7 +165,7 @@ def test_pictures_are_decoded_when_they_come_into_sight_and_texts_stay_texts(lon
     assert browser.run("document.getElementById('detail').textContent").count(EVIL) == 1
     assert browser.run("document.querySelectorAll('img[src=x]').length") == 0
     waiting = browser.run("[...document.images].filter(i => !i.src).length")
-    browser.run("(async () => { scrollTo(0, document.body.scrollHeight); for (let k = 0; k < 50 &&"
+    browser.run("(async () => { scrollTo(0, document.body.scrollHeight); for (let k = 0; k < 2000 &&"
                 " [...document.querySelectorAll('.bad:last-child img')].some(i => !i.src); k++) await new Promise(r => setTimeout(r, 50)); })()")  # fmt: skip
     assert browser.run("[...document.images].filter(i => !i.src).length") < waiting
     captions = browser.run("[...document.querySelectorAll('.bad:last-child figcaption')].map(f => f.textContent)")
@@ -216,7 +216,7 @@ def test_five_thousand_frames_are_under_20_mb_and_few_rows_are_elements(five_tho
     rows = "[...document.querySelectorAll('#table tr[data-row]')].map(r => +r.getAttribute('aria-rowindex'))"
     shown = browser.run(  # drawn with the next picture, which a busy machine may be late with
         "(async () => { document.getElementById('scroll').scrollTop = 28 * 4000;"
-        f" for (let i = 0; i < 100 && Math.min(...{rows}) < 1000; i++) await new Promise(r => setTimeout(r, 100));"
+        f" for (let i = 0; i < 1000 && Math.min(...{rows}) < 1000; i++) await new Promise(r => setTimeout(r, 100));"
         f" return {rows}; }})()"
     )
     assert len(shown) < 100 and min(shown) > 3900 and max(shown) < 4100

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from toile import kernels
 from toile.config import QUALITIES, preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
@@ -63,9 +62,9 @@ def test_a_trial_sees_two_places_of_a_long_job(tries, monkeypatch):
 
 
 @pytest.mark.slow(seconds=120)
-def test_budget_is_kept_by_a_real_run(tmp_path):
+def test_budget_is_kept_by_a_real_run(tmp_path, threads):
     """Within 30 %: others on the machine take what they take between the trial and the run."""
-    kernels.set_threads(2)
+    threads(2)
     capture = open_capture(SAMPLE)
     quality, expected, errors = budget.choose(capture, capture.frames, 60)
     trial = budget.tried(capture, tmp_path / "run", preset(quality), capture.frames)

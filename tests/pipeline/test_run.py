@@ -4,13 +4,13 @@ import json
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zarr
 
+from tests.support.processes import wait_until
 from toile.config import preset
 from toile.io.capture import open_capture
 from toile.measure.evaluate import evaluate
@@ -145,10 +145,7 @@ def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
         f"pipeline.register(Path({str(SAMPLE)!r}), Path({str(out)!r}), preset('standard').model_copy(update={{'preparation_frames': 2}}), {FRAMES})"
     )
     child = subprocess.Popen([sys.executable, "-c", code])
-    deadline = time.monotonic() + 120
-    while not (out / "work" / "frames" / "000000" / "whole").exists() and time.monotonic() < deadline:
-        assert child.poll() is None, "the run ended before it could be killed"
-        time.sleep(0.02)
+    wait_until((out / "work" / "frames" / "000000" / "whole").exists, child)
     child.kill()
     child.wait()
     assert not (out / "registered.zarr").exists()

@@ -97,14 +97,11 @@ def test_slid_vertices_cut_no_corners(matcher):
     assert np.abs(surface.curved_points_at(surface.rest, *surface.slid(0 * d)) - surface.rest).max() < 1e-12
 
 
-def test_a_slide_does_not_depend_on_threads(matcher):
-    kept, found = kernels.threads(), []
-    try:
-        for count in (1, 2, 3, 8):
-            kernels.set_threads(count)
-            found.append(slide_of(matcher, lambda p: dots(p, 0.01), dots).d)
-    finally:
-        kernels.set_threads(kept)
+def test_a_slide_does_not_depend_on_threads(matcher, threads):
+    found = []
+    for count in (1, 2, 3, 8):
+        threads(count)
+        found.append(slide_of(matcher, lambda p: dots(p, 0.01), dots).d)
     assert all(np.array_equal(found[0], d) for d in found)
 
 

@@ -75,7 +75,7 @@ class Browser:
             self.errors.append(f"{said['entry']['text']} {said['entry'].get('url', '')}")
         return found
 
-    def open(self, address, ready, seconds=60):
+    def open(self, address, ready, seconds=300):
         """Goes to a page and waits until the expression `ready` holds."""
         self.ask("Page.navigate", url=address)
         end = time.monotonic() + seconds

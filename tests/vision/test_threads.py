@@ -5,13 +5,12 @@ import time
 
 import pytest
 
-from toile import kernels
 from toile.vision.threads import parallel_map_with
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_a_tool_serves_one_item_at_a_time_and_results_keep_their_order(count):
-    made, before = [], kernels.threads()
+def test_a_tool_serves_one_item_at_a_time_and_results_keep_their_order(count, threads):
+    made = []
 
     def work(lock, item):
         assert lock.acquire(blocking=False), "two items at one tool"
@@ -23,9 +22,6 @@ def test_a_tool_serves_one_item_at_a_time_and_results_keep_their_order(count):
         made.append(threading.Lock())
         return made[-1]
 
-    kernels.set_threads(count)
-    try:
-        assert parallel_map_with(make, work, range(20)) == [i * i for i in range(20)]
-    finally:
-        kernels.set_threads(before)
+    threads(count)
+    assert parallel_map_with(make, work, range(20)) == [i * i for i in range(20)]
     assert 1 <= len(made) <= count
