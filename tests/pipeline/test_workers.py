@@ -12,7 +12,7 @@ from pathlib import Path
 import dask
 import pytest
 
-from tests.support.processes import hears_ctrl_c
+from tests.support.processes import PATIENCE, hears_ctrl_c, wait_until
 from toile import kernels
 from toile.errors import UserError
 from toile.pipeline.threads import kernel_threads
@@ -68,8 +68,7 @@ def test_large_values_come_whole_and_in_their_order(pool):
 def held(folder, prepared, item):
     """Goes on once what it has yielded was seen."""
     yield item
-    while not (folder / f"seen{item}").exists():
-        time.sleep(0.01)
+    wait_until((folder / f"seen{item}").exists)
     yield item
 
 
@@ -78,13 +77,15 @@ def test_what_is_yielded_comes_while_its_item_goes_on(pool, tmp_path):
         (tmp_path / f"seen{item}").touch()
 
 
-def where(prepared, item):
-    time.sleep(0.2)
+def where(folder, prepared, item):
+    """Goes on once two workers have begun, however late one of them is."""
+    (folder / f"{os.getpid()}-{threading.get_ident()}").touch()
+    wait_until(lambda: len(list(folder.iterdir())) > 1)
     yield prepared["process"], prepared["thread"], os.getpid(), threading.get_ident(), kernels.threads()
 
 
-def test_the_cores_are_shared_and_each_worker_prepares_for_itself(pool):
-    found = set(pool.each(where, ITEMS))
+def test_the_cores_are_shared_and_each_worker_prepares_for_itself(pool, tmp_path):
+    found = set(pool.each(partial(where, tmp_path), ITEMS))
     assert len(found) == 2 and os.getpid() not in {process for process, *_ in found}
     assert all((process, thread) == (here, now) for process, thread, here, now, _ in found)
     assert {threads for *_, threads in found} == {max(kernels.threads() // 2, 1)}
@@ -148,31 +149,35 @@ def test_what_a_worker_raises_is_raised_here(pool):
         list(pool.each(fails, [1, 2]))
 
 
-def test_a_running_scheduler_does_the_same_and_forgets_it_after(running):
+def test_a_running_scheduler_does_the_same_and_forgets_it_after(running, tmp_path):
     with Workers(1, prepare, True, scheduler=running.scheduler_address) as pool:
         assert sorted(pool.each(steps, ITEMS)) == expected()
-        found = set(pool.each(where, ITEMS))
+        found = set(pool.each(partial(where, tmp_path), ITEMS))
         (worker,) = running.workers.values()
         assert any(name.startswith("toile-") for name in worker.plugins)
     assert len(found) == 2 and all((process, thread) == (here, now) for process, thread, here, now, _ in found)
     assert not any(name.startswith("toile-") for name in worker.plugins)
 
 
+STEPS = 10_000
+
+
 def endless(folder, prepared, item):
-    for k in range(1000):
-        (folder / f"{k}").touch()
-        yield k
-        time.sleep(0.02)
+    try:
+        for k in range(STEPS):
+            (folder / "made").write_text(str(k + 1))
+            yield k
+            time.sleep(0.02)
+    finally:
+        (folder / "left").touch()
 
 
 def test_a_running_scheduler_s_workers_stop_where_the_job_is_stopped(running, tmp_path):
     with pytest.raises(KeyboardInterrupt), Workers(1, prepare, True, scheduler=running.scheduler_address) as pool:
         for _ in pool.each(partial(endless, tmp_path), [1]):
             raise KeyboardInterrupt
-    time.sleep(0.2)
-    made = len(list(tmp_path.iterdir()))
-    time.sleep(0.2)
-    assert len(list(tmp_path.iterdir())) == made < 100
+    wait_until((tmp_path / "left").exists)
+    assert int((tmp_path / "made").read_text()) < STEPS
 
 
 def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch):
@@ -199,7 +204,7 @@ from toile.pipeline.workers import Workers
 
 def work(prepared, item):
     yield os.getpid()
-    time.sleep(60)
+    time.sleep({seconds})
 
 if __name__ == "__main__":
     with Workers(2, prepare, True) as pool:
@@ -210,15 +215,13 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_workers_end_at_once_with_their_parent_and_say_nothing(tmp_path, how):
-    (tmp_path / "program.py").write_text(PROGRAM.format(root=str(Path(__file__).parents[2])))
+    (tmp_path / "program.py").write_text(PROGRAM.format(root=str(Path(__file__).parents[2]), seconds=2 * PATIENCE))
     program, pipe = [sys.executable, tmp_path / "program.py"], subprocess.PIPE
     child = subprocess.Popen(program, stdout=pipe, stderr=pipe, preexec_fn=hears_ctrl_c)
     pids = [int(child.stdout.readline()) for _ in range(2)]
     child.send_signal(how)
-    said, start = child.communicate(timeout=30)[1].decode(), time.monotonic()
-    while any(alive(pid) for pid in pids) and time.monotonic() < start + 10:
-        time.sleep(0.05)
-    assert not any(alive(pid) for pid in pids)
+    said = child.communicate(timeout=PATIENCE)[1].decode()
+    wait_until(lambda: not any(alive(pid) for pid in pids))
     if how == signal.SIGINT:
         assert said.count("Traceback") == 1 and said.endswith("\nKeyboardInterrupt\n")
     else:
@@ -233,13 +236,20 @@ def alive(pid):
         return False
 
 
-def test_workers_that_dask_has_given_up_are_asked_for_anew(monkeypatch):
+def test_workers_that_are_slow_to_start_again_are_waited_for_and_those_given_up_are_asked_for_anew(monkeypatch):
     from toile.pipeline import cluster
 
-    monkeypatch.setattr(cluster, "SILENCE", 0.5)
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": "100ms"}), Workers(2, prepare, True) as pool:
+    monkeypatch.setattr(cluster, "SILENCE", PATIENCE)
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1ms"}), Workers(2, prepare, True) as pool:
         assert sorted(pool.each(steps, ITEMS)) == expected()
-        for nanny in pool._cluster().own.workers.values():
+        own = pool._cluster().own
+        nannies = list(own.workers.values())
+        for nanny in nannies:
+            os.kill(nanny.pid, signal.SIGKILL)
+        assert sorted(pool.each(steps, ITEMS)) == expected() and list(own.workers.values()) == nannies
+        monkeypatch.setattr(cluster, "SILENCE", 0.5)
+        for nanny in nannies:
+            wait_until(lambda: nanny.pid)
             nanny.close_gracefully()
             os.kill(nanny.pid, signal.SIGKILL)
-        assert sorted(pool.each(steps, ITEMS)) == expected()
+        assert sorted(pool.each(steps, ITEMS)) == expected() and not set(own.workers.values()) & set(nannies)

@@ -21,6 +21,7 @@ import cloudpickle
 import dask
 from distributed import Client, LocalCluster, get_worker
 from distributed.client import FutureCancelledError
+from distributed.deploy.cluster import Cluster as DaskCluster
 from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
@@ -33,7 +34,7 @@ SMALL = 1024  # bytes of a value that is sent while its task goes on
 UNSEEN = 10  # workers lost before a task was heard of
 WAIT = 30.0  # s for a scheduler to answer
 PARTING = 5.0  # s for farewells to ended workers
-SILENCE = 20.0  # s; dask forgets a lost worker after 15
+SILENCE = 20.0  # s without news, after which workers that are gone are asked for anew
 PATIENT = {"distributed.comm.timeouts.tcp": "300s"}  # a machine with too much to do is not a dead one
 LOCAL = PATIENT | {
     "distributed.worker.profile.enabled": False,
@@ -114,7 +115,7 @@ class Cluster:
                 return self.heard.get(timeout=SILENCE)
             except queue.Empty:
                 if self.own is not None:
-                    self.own.scale(len(self.own.worker_spec))
+                    self.own.loop.add_callback(self.own.replace_those_gone)
 
     def _values(self, future):
         """What a task has yielded; None where its worker was lost."""
@@ -143,10 +144,26 @@ class Cluster:
                     opened.close(timeout=PARTING if at_once else 2 * WAIT)
 
 
-def local_cluster(count: int) -> LocalCluster:
+class Processes(LocalCluster):
+    """Worker processes, each with a nanny that starts it again where it is lost."""
+
+    def _update_worker_status(self, op: str, msg: Any) -> None:
+        """Only notes it: SpecCluster ends a nanny whose process is not back after 15 s, which a busy machine needs for it."""
+        DaskCluster._update_worker_status(self, op, msg)
+
+    def replace_those_gone(self) -> None:
+        """Starts nannies anew whose process has ended for good. Of the event loop's thread."""
+        for name, nanny in list(self.workers.items()):
+            if nanny.pid is None:
+                self.loop.add_callback(nanny.close)
+                del self.workers[name]
+        self.scale(len(self.worker_spec))
+
+
+def local_cluster(count: int) -> Processes:
     """Processes of one task each, which only this process can talk to."""
     with dask.config.set(LOCAL), without_ctrl_c():
-        return LocalCluster(
+        return Processes(
             n_workers=count,
             threads_per_worker=1,
             memory_limit=0,  # dask would end workers that others may not need to be ended
