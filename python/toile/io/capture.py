@@ -165,13 +165,14 @@ class Capture:
         return {name: paths[name] for name in self.cameras if name in paths}
 
     def _check_ids(self, path: Path, labels: Anything) -> None:
-        strange = np.ones(256, bool)
-        strange[[0, *self.scene.labels.values()]] = False
-        if strange[labels].any():
-            raise UserError(f"{path}: label id {labels[strange[labels]].min()} is not in scene.toml's [labels]")
+        strange = labels.tobytes().translate(None, bytes([0, *self.scene.labels.values()]))
+        if strange:
+            raise UserError(f"{path}: label id {min(strange)} is not in scene.toml's [labels]")
 
     def _check_height(self, path: Path, scan: Mesh) -> None:
-        extent = float(np.ptp(scan.vertices[np.unique(scan.faces)], axis=0).max())
+        used = np.zeros(len(scan.vertices), bool)
+        used[scan.faces] = True
+        extent = float(np.ptp(scan.vertices[used], axis=0).max())
         if not HEIGHT[0] <= extent <= HEIGHT[1]:
             raise UserError(
                 f'{path}: the scan is {extent:.4g} m large with [scene] units = "{self.scene.units}"; '

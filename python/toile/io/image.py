@@ -45,7 +45,8 @@ def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
         _check_size(path, image, size)
         if mode == "L" and image.mode not in ("L", "P", "1"):
             raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
-        return np.array(image if mode == "L" and image.mode == "P" else image.convert(mode))
+        as_it_is = image.mode == mode or (mode == "L" and image.mode == "P")
+        return np.array(image if as_it_is else image.convert(mode))
 
 
 def check_image(path: Path, size: tuple[int, int]) -> None:

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -183,8 +184,8 @@ class Dresser:
         The garment is fitted; its ends that lie off the scan go on as what lies on it leads; each loop is laid on the opening
         that the pictures show along it, which may hang free of the scan, and the garment is fitted again. Before the first
         fit loops are laid on the scan's openings: without pictures all, else those that `_first` names."""
-        t, s = self.template, self.settings
-        V, F = _scan_of(frame, tracked, self.model)
+        t, s, scan = self.template, self.settings, evidence.scan
+        V, F = scan.vertices, scan.faces
         posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
         rivals = Rivals(V, F, segmented, t.label, self.over)
         openings = _openings_of(segmented, t.label, V, F, rivals)
@@ -196,15 +197,16 @@ class Dresser:
         if inside.sum() < s.min_faces:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
-        cloth = Mesh(V, F[inside], confidence=None if frame.scan is None else frame.scan.confidence)
+        cloth = Mesh(V, F[inside], confidence=scan.confidence)
+        to_cloth = partial(cloth.index.closest, radius=s.observed_distance)
         vertices = self._fitted(self.solver, cloth, start, first)
         if traced:
-            vertices = continued(t.rest, t.faces, vertices, self._free(vertices, cloth))
+            vertices = continued(t.rest, t.faces, vertices, self._free(vertices, to_cloth))
             garment = Mesh(vertices, t.faces)
             trace = lambda of: trace_opening(garment, of[0], evidence, rivals, of[1], s.loop)
             matches = parallel_map(trace, zip(t.loops, matches))
             vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches)
-        confidence, distance = self._confidence(vertices, cloth)
+        confidence, distance = self._confidence(vertices, to_cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
         diagnostics = self._diagnostics(vertices, matches, unclaimed, tracked, confidence, distance, start)
@@ -223,12 +225,13 @@ class Dresser:
             first.append(nothing if stays else match)
         return first
 
-    def _free(self, vertices, cloth):
-        """Which vertices (n,) lie off the labelled scan about a loop that lies on it in part."""
+    def _free(self, vertices, to_cloth):
+        """Which vertices (n,) lie off the labelled scan about a loop that lies on it in part. `to_cloth(points)`: what of
+        that scan lies within `observed_distance`, as its index says it."""
         from scipy.spatial import cKDTree
 
         s, free = self.settings, np.zeros(len(vertices), bool)
-        off = cloth.index.closest(vertices)[3] > s.observed_distance
+        off = to_cloth(vertices)[0] < 0
         for loop in self.template.loops:
             if 1 - off[loop].mean() > s.loop.min_observed:
                 near = cKDTree(vertices[loop]).query(vertices[off], distance_upper_bound=s.free_reach)[0]
@@ -254,12 +257,12 @@ class Dresser:
         seen = [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop.min_observed]
         return seen + [(l, m.target) for l, m in pairs if self.over and not m.observed.any()]
 
-    def _confidence(self, vertices, cloth):
+    def _confidence(self, vertices, to_cloth):
         """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""
         from scipy.spatial import cKDTree
 
         s = self.settings
-        _, _, _, distance = cloth.index.closest(vertices)
+        distance = to_cloth(vertices)[3]
         seen = distance < s.observed_distance
         confidence = np.where(seen, OBSERVED, HIDDEN).astype(np.uint8)
         if seen.any() and not seen.all():
@@ -298,7 +301,7 @@ class Dresser:
         for hand in self.hands:
             V = tracked.vertices[hand]
             about = V[((V > low) & (V < high)).all(1)]
-            yield (garment.index.closest(about)[3] < reach).sum() / len(V) if len(about) else 0.0
+            yield (garment.index.closest(about, reach)[3] < reach).sum() / len(V) if len(about) else 0.0
 
 
 def _metric(sides):
@@ -327,12 +330,6 @@ def crumpling(rest, posed, V, F):
         "stretch_p95": float(stretch[order][np.searchsorted(share, 0.95)]),
         "flipped_share": float(area[against].sum() / area.sum()),
     }
-
-
-def _scan_of(frame, tracked, model):
-    if frame.scan is None:
-        return tracked.vertices, model.f
-    return frame.scan.vertices, frame.scan.faces
 
 
 def _openings_of(segmented, label, V, F, rivals):

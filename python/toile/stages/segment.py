@@ -9,7 +9,7 @@ from .. import kernels
 from ..errors import UserError
 from ..scene import Mesh, Segmented
 from ..surface.curves import Curve, isolines, pieces, resample, smooth, tangents
-from ..surface.operators import adjacency, sides
+from ..surface.operators import adjacency
 from ..vision.colours import ColourModel, fit_colours
 from ..vision.completion import complete_labels
 from ..vision.evidence import (
@@ -93,7 +93,7 @@ def _count(votes, frame, views, tracked, faces, ids, settings):
 
 def _prior(votes, faces, settings):
     """Probabilities (n,L) of the labels by votes (n,L) of a vertex and its neighbours."""
-    prior = _with_neighbours(votes, faces) + 1e-9
+    prior = _with_neighbours(votes, kernels.unique_edges(faces)) + 1e-9
     prior = prior / prior.sum(1, keepdims=True) + settings.prior_floor
     return prior / prior.sum(1, keepdims=True)
 
@@ -223,9 +223,9 @@ def _fit_colours(pixels, ids, settings):
     return fit_colours(rgb, given.astype(np.int64), ids, settings.label_error_share, settings.colour_iterations)
 
 
-def _with_neighbours(values, F, rounds=1):
-    """Sums of values (n, ...) over each vertex and its neighbours, `rounds` times."""
-    A = adjacency(sides(F), len(values))
+def _with_neighbours(values, edges, rounds=1):
+    """Sums of values (n, ...) over each vertex and its neighbours along edges (e,2), `rounds` times."""
+    A = adjacency(edges, len(values))
     for _ in range(rounds):
         values = values + A @ values
     return values
@@ -272,16 +272,12 @@ def _solve_labels(cost, mesh, colour, settings):
 def _dissolve_islands(labels, mesh, settings, likelihood=None, seen=None):
     """Regions of one label smaller than `min_region` [m^2] take the label around them, if they touch one. So do those up to
     `doubted_region` whose colours, of log likelihoods (n,L) where they are `seen` (n,), are rather that label's."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     V, F, edges = mesh.vertices, mesh.faces, mesh.edges
     area = np.bincount(F.ravel(), np.repeat(kernels.face_areas(V, F) / 3, 3), minlength=len(V))
     labels = labels.copy()
     for _ in range(2):
         same = labels[edges[:, 0]] == labels[edges[:, 1]]
-        graph = coo_matrix((np.ones(same.sum()), edges[same].T), shape=(len(V),) * 2)
-        _, part = connected_components(graph, directed=False)
+        part = kernels.vertex_components(edges[same][:, [0, 1, 1]], len(V))
         areas = np.bincount(part, area)
         least = settings.min_region if likelihood is None else max(settings.min_region, settings.doubted_region)
         small = (areas < least)[part]
@@ -316,7 +312,7 @@ def _refine_border(labels, column, evidence, settings):
     scan, own = evidence.scan, settings.opening
     V, F, inside = scan.vertices, scan.faces, labels == column
     distance = np.where(inside, own.ramp, -own.ramp)
-    soft, whole = _with_neighbours(np.stack([inside, np.ones(len(V))], 1), F, 2).T
+    soft, whole = _with_neighbours(np.stack([inside, np.ones(len(V))], 1), scan.edges, 2).T
     soft = soft / whole
     coarse = [c for c in isolines(V, F, soft) if c.length > own.min_length]
     outside = np.flatnonzero(~inside)

@@ -30,7 +30,9 @@ def isolines(V, F, value, level=0.5):
     ab, ca = np.sort(np.stack([a, b], 1), 1), np.sort(np.stack([c, a], 1), 1)
     # one high corner lies left of ab -> ca, one low corner left of ca -> ab
     start, end = np.where(one[:, None], ab, ca), np.where(one[:, None], ca, ab)
-    edges, index = np.unique(np.concatenate([start, end]), axis=0, return_inverse=True)
+    ends = np.concatenate([start, end]).astype(np.int64)
+    key, index = np.unique(ends[:, 0] * len(V) + ends[:, 1], return_inverse=True)
+    edges = np.stack(np.divmod(key, len(V)), 1)
     start, end = index.ravel()[: len(start)], index.ravel()[len(start) :]
     t = (level - value[edges[:, 0]]) / (value[edges[:, 1]] - value[edges[:, 0]])
     points = V[edges[:, 0]] + t[:, None] * (V[edges[:, 1]] - V[edges[:, 0]])

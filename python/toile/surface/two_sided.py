@@ -25,7 +25,7 @@ class TwoSided:
         from scipy.spatial import cKDTree
 
         of_scan = cKDTree(V[self.looks], balanced_tree=False, compact_nodes=False).query(self.points)[0]
-        of_surface = self.scan.index.closest(V[self.looks[:: max(len(self.looks) // SURFACE_POINTS, 1)]])[3]
+        of_surface = self.scan.index.closest(V[self.looks[:: max(len(self.looks) // SURFACE_POINTS, 1)]], 2 * FAR)[3]
         sides = of_scan, of_surface
         near = float(np.mean([np.minimum(side, 2 * FAR).mean() for side in sides]))
         return near, float(min((side > FAR).mean() for side in sides))
