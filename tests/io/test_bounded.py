@@ -42,6 +42,16 @@ def test_npz_comes_back_to_the_bit_and_only_what_is_asked(tmp_path):
     assert list(read_npz(tmp_path / "x.npz", names=("a",))) == ["a"]
 
 
+def test_every_kind_of_plain_array_comes_back_as_numpy_reads_it(tmp_path):
+    by_columns = np.asfortranarray(np.arange(6.0).reshape(2, 3))
+    given = {"columns": by_columns, "one": np.array(3.5), "text": np.array("a b"), "none": np.zeros((0, 3), np.int32)}
+    np.savez(tmp_path / "a.npz", **given)
+    found, plain = read_npz(tmp_path / "a.npz"), np.load(tmp_path / "a.npz")
+    for name, array in found.items():
+        np.testing.assert_array_equal(array, plain[name], strict=True)
+        assert array.flags.writeable and array.flags.f_contiguous == plain[name].flags.f_contiguous
+
+
 def test_an_archive_that_would_inflate_beyond_the_bound_is_not_inflated(tmp_path):
     path = archive(tmp_path / "bomb.npz", a=b"\0" * 10_000_000)
     assert path.stat().st_size < 20_000
