@@ -1,6 +1,11 @@
 """What commands show of their work where there is no terminal."""
 
-from toile.console import ProgressLines, duration
+from pathlib import Path
+
+import pytest
+
+from toile.console import ProgressLines, duration, garments_of
+from toile.errors import UserError
 
 
 def test_a_log_gets_the_first_and_the_last_line_and_one_in_a_while_with_the_time_left(capsys):
@@ -32,3 +37,20 @@ def test_a_quiet_log_says_nothing(capsys):
 
 def test_durations_are_said_in_words():
     assert [duration(s) for s in (40, 720, 12600)] == ["40 s", "12 min", "3.5 h"]
+
+
+def test_garments_are_read_as_a_name_and_the_avatar_that_each_is_taken_of():
+    assert garments_of(None) == {}
+    given = ["tshirt=runs/a=b", "trousers=other"]
+    assert garments_of(given) == {"tshirt": Path("runs/a=b"), "trousers": Path("other")}
+
+
+@pytest.mark.parametrize("text", ["tshirt", "tshirt=", "=other", ""])
+def test_a_garment_without_a_name_or_an_avatar_is_refused(text):
+    with pytest.raises(UserError, match=f"^--garment {text}: expected NAME=OTHER"):
+        garments_of([text])
+
+
+def test_a_garment_that_is_given_twice_is_refused():
+    with pytest.raises(UserError, match="^--garment tshirt=b: tshirt is given twice"):
+        garments_of(["tshirt=a", "tshirt=b"])

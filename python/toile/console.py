@@ -46,6 +46,10 @@ Changes = Annotated[
         "--set", metavar="NAME=VALUE", help="one setting, above --config; repeatable. `toile settings` lists them"
     ),
 ]
+Garments = Annotated[
+    list[str] | None,
+    typer.Option("--garment", metavar="NAME=OTHER", help="wears the garment NAME of the avatar OTHER; repeatable"),
+]
 
 SHELLS = ("bash", "zsh", "fish")
 COMPLETE = "_TOILE_COMPLETE"  # the variable by which a shell asks what could stand there
@@ -91,6 +95,21 @@ def numbers_of(text: str | None) -> tuple[int, ...] | None:
     if text is None:
         return None
     return tuple(dict.fromkeys(n for first, last in ranges(text) for n in range(first, last + 1)))
+
+
+def garments_of(given: Iterable[str] | None) -> dict[str, Path]:
+    """["tshirt=OTHER"] -> {"tshirt": Path("OTHER")}, {} for None."""
+    found: dict[str, Path] = {}
+    for text in given or ():
+        name, _, other = text.partition("=")
+        if not name or not other:
+            raise UserError(
+                f"--garment {shown(text)}: expected NAME=OTHER, a garment and the avatar that it is taken of"
+            )
+        if name in found:
+            raise UserError(f"--garment {shown(text)}: {shown(name)} is given twice")
+        found[name] = Path(other)
+    return found
 
 
 def frame_numbers(text: str | None, available: Iterable[int], step: int = 1) -> tuple[int, ...]:

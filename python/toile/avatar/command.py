@@ -10,7 +10,7 @@ from typing import Annotated, get_args
 import typer
 
 from .. import speech
-from ..console import SEEDS, Changes, ConfigFile, Scheduler, Workers
+from ..console import SEEDS, Changes, ConfigFile, Garments, Scheduler, Workers
 from ..errors import UserError
 
 
@@ -93,6 +93,7 @@ def animate(
     meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
     seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
     physics: Annotated[bool, typer.Option("--physics", help="garments hang as cloth on the body")] = False,
+    garment: Garments = None,
     workers: Workers = 1,
     scheduler: Scheduler = None,
     config: ConfigFile = None,
@@ -100,19 +101,21 @@ def animate(
 ):
     """Drive an avatar by a motion: pictures, meshes and a film, every garment out of the body."""
     from ..config import from_options
-    from ..console import numbers_of, progress_bars
+    from ..console import garments_of, numbers_of, progress_bars
     from .drive.animate import animate as run_animation
     from .settings import AnimateSettings
 
     settings = from_options(lambda _: AnimateSettings(), None, config, changes)
     if (config or changes) and not physics:
         raise UserError("--set, --config: they are of cloth: give --physics too")
+    garments = garments_of(garment)
     with progress_bars() as progress:
         if physics:
-            from .drive.cloths import ensure_cloths
+            from .drive.cloths import ensure_worn
 
-            ensure_cloths(avatar, progress=progress, settings=settings.cloth)
+            ensure_worn(avatar, garments, progress, settings.cloth)
         options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler, physics=physics)
+        options["garments"] = garments
         done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, **options)
     for warning in done.warnings:
         speech.warn(warning)

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from .. import speech
+from ..console import Garments, garments_of
+from ..errors import UserError
 
 
 def view(
@@ -16,6 +18,7 @@ def view(
     motion: Annotated[
         Path | None, typer.Option(help="of an avatar: a run, a .bvh file or an .npz; default its training poses")
     ] = None,
+    garment: Garments = None,
     port: Annotated[int, typer.Option(help="of the page; default a free one", min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option(help="open it in a browser")] = True,
 ):
@@ -25,7 +28,14 @@ def view(
     from .server import serve
     from .shown import Shown
 
-    server = serve([Shown(p, posable(p, motion)) for p in (path, beside) if p is not None], port)
+    garments = garments_of(garment)
+    if garments and not is_avatar(path):
+        raise UserError(f"--garment: {path} is no avatar")
+    shown = [
+        Shown(path, posable(path, motion, garments)),
+        *([Shown(beside, posable(beside, motion))] if beside else []),
+    ]
+    server = serve(shown, port)
     address = f"http://127.0.0.1:{server.server_address[1]}/"
     speech.result(f"{address}  (only from this machine; Ctrl-C ends it)", address=address)
     if browser:
@@ -38,10 +48,14 @@ def view(
         server.server_close()
 
 
-def posable(path, motion=None):
-    """The PosedAvatar of an avatar's folder, None of any other."""
-    if not (path / "avatar.json").exists():
+def is_avatar(path):
+    return (path / "avatar.json").exists()
+
+
+def posable(path, motion=None, garments=()):
+    """The PosedAvatar of an avatar's folder, in `garments` {name: folder of another avatar}; None of any other folder."""
+    if not is_avatar(path):
         return None
     from ..avatar.drive.posing import PosedAvatar
 
-    return PosedAvatar(path, motion)
+    return PosedAvatar(path, motion, garments)

@@ -37,6 +37,7 @@ from ..model.poses import pose_distance
 from .draping import Draping, load_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
+from .lending import lend
 
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
 ORBIT = 10.0  # seconds of a camera's way about the person
@@ -56,8 +57,9 @@ class Animation:
 class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
-    def __init__(self, folder, motion, device=None, seed=0, physics=False):
-        """`motion`: a Motion, or the path of one. `physics`: garments hang as cloth, see `ensure_cloths`."""
+    def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=()):
+        """`motion`: a Motion, or the path of one. `physics`: garments hang as cloth, see `ensure_worn`. `garments` {name: folder of
+        the avatar whose garment it wears}."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
@@ -67,18 +69,27 @@ class DrivenAvatar:
         if not isinstance(motion, Motion):
             motion = read_motion(motion, self.model, J, scene.fps, poses["translation"].mean(0))
         self.motion = motion
+        self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
         self.layering = GarmentLayering(self.avatar.layers, self.model.skin_faces)
         self.draping = None
         if physics:
-            self.draping = self.draped(load_cloths(folder, self.avatar.layers), np.arange(len(motion)))
+            self.draping = self.draped(self._cloths(), np.arange(len(motion)))
+
+    def _cloths(self):
+        lent = {one.name for one in self.lent}
+        found = load_cloths(self.folder, [layer for layer in self.avatar.layers if layer.name not in lent])
+        for one in self.lent:
+            found |= one.cloth()
+        return found
 
     def draped(self, cloths, rows):
         """A Draping of these rows of the motion."""
         times, rotations = self.motion.frames[rows] / self.motion.fps, self.motion.rotations[rows]
-        return Draping(self.avatar, cloths, self.layering, times, rotations, lambda k: self.geometry(rows[k]))
+        readers = dict.fromkeys(cloths, self.avatar) | {one.name: one.lender for one in self.lent}
+        return Draping(self.avatar, cloths, self.layering, times, rotations, lambda k: self.geometry(rows[k]), readers)
 
     def hold(self, motion, seed=0):
         """Takes another motion in place of the one there was."""
@@ -86,8 +97,15 @@ class DrivenAvatar:
         self.latents = self._latents(seed)
 
     def _latents(self, seed):
+        """{layer: (T,Z)} by the temporal models of those that they were taught with."""
+        face_mean = getattr(self.avatar, "face_mean", None)
+        face_mean = None if face_mean is None else face_mean.cpu()
+        return self._own_latents(seed) | {one.name: one.latents(self.motion, face_mean) for one in self.lent}
+
+    def _own_latents(self, seed):
         """{layer: (T,Z)} by the temporal model; of a single-layer baseline without one a draw from the unit Gaussian."""
-        count, kinds = len(self.motion), {layer.name: layer.kind for layer in self.avatar.layers}
+        count, lent = len(self.motion), {one.name for one in self.lent}
+        kinds = {layer.name: layer.kind for layer in self.avatar.layers if layer.name not in lent}
         if "surface" in kinds.values() and not (self.folder / FILE).exists():
             generator = torch.Generator().manual_seed(seed)
             sizes = {name: self.avatar.model(name).code_size for name in kinds}
@@ -107,15 +125,24 @@ class DrivenAvatar:
         found = []
         if self.motion.missing:
             found.append(f"the motion lacks {', '.join(self.motion.missing)}: they rest")
+        found += self._far_from(poses, "the training's")
+        for one in self.lent:
+            found += [
+                *one.warnings,
+                *self._far_from(one.poses, f"those that {one.name} of {one.folder} was taught with"),
+            ]
+        return found
+
+    def _far_from(self, poses, whose):
         distance = np.array([pose_distance(r, poses["rotations"]).min() for r in self.motion.rotations])
         far = distance > FAR * poses["usual"]
-        if far.any():
-            worst = int(distance.argmax())
-            found.append(
-                f"{far.sum()} of {len(distance)} poses are far from the training's: frame {self.motion.frames[worst]} is "
-                f"{distance[worst]:.1f} degrees a joint from the nearest, training poses are {poses['usual']:.1f} from one another"
-            )
-        return found
+        if not far.any():
+            return []
+        worst = int(distance.argmax())
+        return [
+            f"{far.sum()} of {len(distance)} poses are far from {whose}: frame {self.motion.frames[worst]} is "
+            f"{distance[worst]:.1f} degrees a joint from the nearest, training poses are {poses['usual']:.1f} from one another"
+        ]
 
     def batch(self, i, camera, index=-1):
         """Frame i seen by a camera, `index` among the avatar's own, as `Avatar.decode` takes it."""
@@ -173,10 +200,10 @@ class Shot:
     meshes: bool
 
     @classmethod
-    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics):
+    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics, garments):
         """UserError: what is asked does not fit the avatar."""
         with one_thread():
-            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics)
+            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments)
         rows = chosen_rows(driven.motion.frames, frames)
         return cls(driven, rows, camera_path(driven, camera, height), out, meshes)
 
@@ -217,11 +244,13 @@ def animate(
     workers=1,
     scheduler=None,
     physics=False,
+    garments=(),
 ):
     """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
     pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
-    turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_cloths`. `workers` processes share the frames, or those of a running dask `scheduler`.
+    turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_worn`. `garments` {name: folder of another avatar}: those
+    that it wears of others. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
     whole = Path(out).resolve()
     out = whole.with_name(f".{whole.name}.part")
@@ -231,7 +260,8 @@ def animate(
     paths = [everywhere(Path(path), scheduler) for path in (folder, motion)]
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
-    asked = frames, camera, height, meshes, seed, physics
+    lent = {name: everywhere(Path(path), scheduler) for name, path in dict(garments).items()}
+    asked = frames, camera, height, meshes, seed, physics, lent
     with Workers(workers, Shot.of, *paths, out, *asked, scheduler=scheduler) as pool:
         pool.start()
         shot = pool.prepared()
@@ -243,6 +273,9 @@ def animate(
     done = Animation(len(rows), before, left, tuple(driven.warnings))
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
     facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
+    facts["garments"] = {
+        one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent
+    }
     write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
     out.replace(whole)
     return done

@@ -60,6 +60,14 @@ def made_of(folder, settings):
     return trained + (settings.model_dump_json() if settings else "")
 
 
+def ensure_worn(folder, garments, progress=lambda stage, done, total: None, settings=None):
+    """`ensure_cloths` of all that AVATAR `folder` wears: its own, and `garments` {name: folder of another avatar}."""
+    own = {layer["name"] for layer in read_facts(folder)["architecture"]["layers"] if layer["kind"] == "garment"}
+    folders = [folder] if own - set(garments) or not garments else []
+    for one in dict.fromkeys([*folders, *garments.values()]):
+        ensure_cloths(one, progress=progress, settings=settings)
+
+
 def _at_rest(run, driven, name, frames, settings):
     """Cloth of a garment without a residual."""
     garment, model = run.garments[name], driven.model
@@ -92,7 +100,7 @@ def _left_over(run, driven, cloths, stretches, teachers, progress):
             if row not in teachers:
                 continue
             transforms = driven.avatar.skeleton(batch["rotations"], batch["translation"])
-            poses.append(draping.poses[k])
+            poses.append(next(iter(draping.poses.values()))[k])  # all of one reader
             for name, V in draping.fallen.items():
                 both = np.stack([V, run.garments[name].vertices.at(int(driven.motion.frames[row]))])
                 both = torch.as_tensor(both, dtype=torch.float32, device=driven.device)

@@ -71,15 +71,16 @@ class Draping:
     """Garments of `avatar` as the cloths {name: Cloth}, inner to outer, over the layers under them.
 
     `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins; `times` (T,) [s] and
-    `rotations` (T,K,3) of the frames. Cloth begins at rest on the first frame, out of the body by `layering`, and settles
+    `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth begins at rest on the first frame, out of the body by `layering`, and settles
     there.
     """
 
-    def __init__(self, avatar, cloths, layering, times, rotations, frame):
+    def __init__(self, avatar, cloths, layering, times, rotations, frame, readers):
         self.avatar, self.cloths, self.layering, self.times, self.frame = avatar, cloths, layering, times, frame
         self.row, self.solvers, self.fallen, self.strain = None, {}, {}, 0.0
-        rotations = torch.as_tensor(rotations, dtype=torch.float32, device=avatar.up.device)
-        self.poses = moving(avatar.carried(rotations).cpu().numpy(), times)
+        rotations = torch.as_tensor(rotations, dtype=torch.float32)
+        read = {one: moving(one.carried(rotations.to(one.up.device)).cpu().numpy(), times) for one in readers.values()}
+        self.poses = {name: read[readers[name]] for name in cloths}
 
     @torch.no_grad()
     def at(self, i, decoded, batch):
@@ -96,7 +97,7 @@ class Draping:
         """The residual added, where the body carries it."""
         skin, like = self.avatar.model(name).skin, decoded.vertices
         unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
-        unposed = like.new_tensor(self.cloths[name].residual.add(unposed, self.poses[self.row]))
+        unposed = like.new_tensor(self.cloths[name].residual.add(unposed, self.poses[name][self.row]))
         return replace(decoded, vertices=skin.pose(unposed[None], *transforms))
 
     def _begin(self, decoded):

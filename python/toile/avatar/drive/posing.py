@@ -35,15 +35,17 @@ TURNS = {
 
 class PosedAvatar:
     """An avatar trained with --temporal: `clip`, whose frames are those of `motion` (the path of a run, a BVH or an .npz) or,
-    without one, count its training poses; and `turns`, names of what can be turned. Threads may ask at once."""
+    without one, count its training poses; and `turns`, names of what can be turned. `garments`: as DrivenAvatar takes them. Threads may ask at
+    once."""
 
-    def __init__(self, folder, motion=None):
+    def __init__(self, folder, motion=None, garments=()):
         if motion is None:
             poses = training_poses(folder)
             numbers = np.arange(len(poses["rotations"]))
-            self.driven = DrivenAvatar(folder, Motion(numbers, poses["rotations"], poses["translation"], None, FPS))
+            motion_of = Motion(numbers, poses["rotations"], poses["translation"], None, FPS)
+            self.driven = DrivenAvatar(folder, motion_of, garments=garments)
         else:
-            self.driven = DrivenAvatar(folder, motion)
+            self.driven = DrivenAvatar(folder, motion, garments=garments)
         self.motion = self.driven.motion
         self.flowing = None if motion is None else self.driven.latents  # of garments that follow the motion over time
         self.model, avatar = self.driven.model, self.driven.avatar

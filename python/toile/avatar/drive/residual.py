@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +44,10 @@ class Residual:
         return cls(
             registered, simulated, np.zeros((0, 0)), 1.0, 1.0, np.zeros((0, 0)), np.zeros((0, *registered.shape))
         )
+
+    def moved(self, by):
+        """Of a garment on another body, where its rest vertices lie `by` (n,3) from what they were."""
+        return replace(self, registered=self.registered + by, simulated=self.simulated + by)
 
     def add(self, simulated, pose):
         """(n,3) where the cloth is taken to be, unposed."""

@@ -60,7 +60,9 @@ class Driven(HeldOut):
         frames, run = self.led + self.span, self.registered.run
         times, rotations = np.array(frames) / run.scene.fps, np.stack([run.pose.at(n)[0] for n in frames])
         decoded = lambda k: self._posed("layered", frames[k])
-        return Draping(self.avatars["layered"], cloths, self.layering, times, rotations, decoded)
+        layered = self.avatars["layered"]
+        readers = dict.fromkeys(cloths, layered)
+        return Draping(layered, cloths, self.layering, times, rotations, decoded, readers)
 
     def _posed(self, name, frame):
         """{layer: Decoded} of a frame by its codes alone, without textures."""
