@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
 from toile.io.files import load_record, save_record
+from toile.io.motion import Motion
 from toile.surface.layers import Layer
 
 
@@ -145,6 +147,28 @@ def test_what_cannot_be_worn_is_refused(monkeypatch, own, other, up, said):
     monkeypatch.setattr(lending, "load_avatar", lambda folder: lender)
     with pytest.raises(UserError, match=said):
         lending.lend(wearer, {"jacket": "other"}, "own", BODY.faces)
+
+
+@pytest.mark.parametrize("fps, stride", [(30, 6), (60, 3), (24, 8), (500, 1)])
+def test_its_model_reads_poses_as_far_apart_in_time_and_faces_as_they_differ_from_the_mean(monkeypatch, fps, stride):
+    """Taught on poses 6 frames apart, by a person whose face lies 1 cm higher in the head's frame."""
+    read = {}
+
+    def track(avatar, frames, rotations, face, stride):
+        read.update(face=face, stride=stride)
+
+    monkeypatch.setattr(lending, "make_track", track)
+    monkeypatch.setattr(
+        lending, "load_driver", lambda folder: (SimpleNamespace(latents=lambda track: {"shirt": "codes"}), 6, {})
+    )
+    mean, up = torch.zeros(2, 3), torch.tensor([0, 0, 0.01])
+    lender = SimpleNamespace(scene=SimpleNamespace(fps=fps), face_mean=mean + up)
+    motion = Motion(np.arange(1), np.zeros((1, 3, 3)), np.zeros((1, 3)), np.full((1, 2, 3), 0.5), 30.0)
+    lent = lending.Lent("shirt", Path("other"), lender, 0.0)
+    assert lent.latents(motion, mean) == "codes"
+    assert read["stride"] == stride and np.allclose(read["face"], [0.5, 0.5, 0.51])
+    lent.latents(motion, torch.zeros(5, 3))  # of other points: a face that rests
+    assert read["face"] is None
 
 
 def test_a_folder_without_an_avatar_is_refused(owner, sample_run, tmp_path):
