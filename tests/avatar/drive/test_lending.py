@@ -164,7 +164,7 @@ def test_its_model_reads_poses_as_far_apart_in_time_and_faces_as_they_differ_fro
     mean, up = torch.zeros(2, 3), torch.tensor([0, 0, 0.01])
     lender = SimpleNamespace(scene=SimpleNamespace(fps=fps), face_mean=mean + up)
     motion = Motion(np.arange(1), np.zeros((1, 3, 3)), np.zeros((1, 3)), np.full((1, 2, 3), 0.5), 30.0)
-    lent = lending.Lent("shirt", Path("other"), lender, 0.0)
+    lent = lending.Lent("shirt", Path("other"), lender, None, 0.0)
     assert lent.latents(motion, mean) == "codes"
     assert read["stride"] == stride and np.allclose(read["face"], [0.5, 0.5, 0.51])
     lent.latents(motion, torch.zeros(5, 3))  # of other points: a face that rests
@@ -177,5 +177,5 @@ def test_a_folder_without_an_avatar_is_refused(owner, sample_run, tmp_path):
 
 
 def test_a_garment_that_hardly_fits_is_warned_of():
-    said = lending.Lent("tshirt", Path("small"), None, 0.2).warnings
+    said = lending.Lent("tshirt", Path("small"), None, None, 0.2).warnings
     assert said == ["tshirt of small hardly fits: edges stretched by more than 20 %"]

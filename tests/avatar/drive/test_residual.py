@@ -67,3 +67,10 @@ def test_a_pose_is_told_with_its_velocity_whatever_the_rate():
     found = moving(features, times)
     assert np.allclose(found[1:, 2], 2 / 6) and np.allclose(found[:, 3], 0) and found[0, 2] == 0
     assert np.allclose(moving(features[::2], times[::2])[1:], found[2::2])
+
+
+def test_on_another_body_a_garment_moved_by_its_refit_is_corrected_alike():
+    poses, hung, worn = sequence(40, swing=0.5)
+    found, by = teach(poses, hung, worn), RNG.normal(size=worn[0].shape) * 0.1
+    for pose in (poses[7], np.array([9.0, 9.0])):
+        assert np.allclose(found.moved(by).add(hung[7] + by, pose), found.add(hung[7], pose) + by, atol=1e-12)
