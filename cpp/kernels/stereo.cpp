@@ -221,7 +221,7 @@ void write_maps(const std::vector<View>& views, const std::vector<Field>& fields
         const Window window = search.window(x, y);
         if (window.variance < std::pow(PLAIN * options.noise, 2))
             return leave(window.mean > WHITE || window.mean < BLACK ? Hole::saturated : Hole::untextured);
-        const Plane& plane = fields[c].cells[pixel].plane;
+        const Plane& plane = fields[c].planes[pixel];
         const Opinion opinion = search.opinion(window, x, y, plane);
         if (!(opinion.colour < options.max_cost)) return leave(Hole::unmatched);
         int agree = 0;
@@ -251,11 +251,6 @@ StereoSolver::StereoSolver(std::vector<StereoCamera> cameras, const StereoOption
 
 StereoMaps StereoSolver::solve(const StereoPictures& pictures, const Matrix& ranges) const {
     check_pictures(cameras_, pictures, ranges);
-    const std::size_t count = cameras_.size() * pictures.height * pictures.width;
-    constexpr float none = std::numeric_limits<float>::quiet_NaN();
-    StereoMaps maps{std::vector<float>(count, none), std::vector<float>(3 * count, none), std::vector<float>(count, 0),
-                    std::vector<std::uint8_t>(count, static_cast<std::uint8_t>(Hole::masked))};
-
     const int levels = level_count(cameras_, options_);
     std::vector<std::vector<View>> pyramid = make_pyramid(cameras_, pictures, levels);
     std::vector<View>& coarsest = pyramid.back();
@@ -299,7 +294,15 @@ StereoMaps StereoSolver::solve(const StereoPictures& pictures, const Matrix& ran
         }
         publish(fields);
     }
-    for (std::size_t c = 0; c < fields.size(); ++c) write_maps(pyramid[0], fields, c, finest, options_, pictures, maps);
+    for (Field& field : fields) field.cells = {};  // `planes` are the same: room for the maps
+    const std::size_t count = cameras_.size() * pictures.height * pictures.width;
+    constexpr float none = std::numeric_limits<float>::quiet_NaN();
+    StereoMaps maps{std::vector<float>(count, none), std::vector<float>(3 * count, none), std::vector<float>(count, 0),
+                    std::vector<std::uint8_t>(count, static_cast<std::uint8_t>(Hole::masked))};
+    for (std::size_t c = 0; c < fields.size(); ++c) {
+        write_maps(pyramid[0], fields, c, finest, options_, pictures, maps);
+        fields[c].bends = {};
+    }
     return maps;
 }
 

@@ -45,8 +45,9 @@ def scan(images, masks, cameras, settings):
     if len(points.points) < 100:
         raise UserError(f"the pictures agree on {len(points.points)} points: no surface is found")
     pixel = np.nanmedian([np.nanmedian(z) / c.K[0, 0] for z, c in zip(maps.depth, seen) if np.isfinite(z).any()])
-    surface = _surface(points, seen, cut, pixel, settings.surface)
-    return Scanned(surface, points, *_shares(maps.hole, cut))
+    shares = _shares(maps.hole, cut)
+    del maps  # the surface needs the room
+    return Scanned(_surface(points, seen, cut, pixel, settings.surface), points, *shares)
 
 
 def _sure(points, least):
