@@ -108,9 +108,19 @@ def test_a_loop_cut_off_or_run_over_in_some_frames_is_laid_by_the_others(smoothe
         narrowed[t, far, :2] = (share - 1) * template.rest[far, :2]
         confidence[t, far] = OBSERVED
     frames = posed(smoother, np.zeros(12), 0, narrowed, confidence)
-    smoother = Smoother(smoother.model, smoother.person, (replace(template, loops=(far,)),), smoother.settings)
-    off = np.linalg.norm(shirts(smoother.smooth(frames, strengths(3))) - template.rest - [0, 0, 1], axis=2)
+    for t, (_, dressed) in enumerate(frames):
+        length = share if t in (4, 9) else 1.0
+        dressed["sleeve"] = replace(
+            dressed["sleeve"], diagnostics={"loop_length.far": 1.1 * length, "loop_share.far": length}
+        )
+    looped = replace(template, loops=(far,), loop_names=("far",))
+    smoothed = Smoother(smoother.model, smoother.person, (looped,), smoother.settings).smooth(frames, strengths(3))
+    off = np.linalg.norm(shirts(smoothed) - template.rest - [0, 0, 1], axis=2)
     assert off.max() < 0.1 * np.linalg.norm(narrowed, axis=2).max()
+    for _, dressed in smoothed:  # what is said of the loop is said of where it is laid
+        assert dressed["sleeve"].diagnostics["loop_length.far"] == pytest.approx(1.1, rel=0.04)
+        assert dressed["sleeve"].diagnostics["loop_share.far"] == pytest.approx(1, rel=0.04)
+    assert frames[4][1]["sleeve"].diagnostics["loop_share.far"] == share
 
 
 @pytest.mark.parametrize("noise, acceleration", [(2e-5, 2e-5), (1e-5, 4e-5), (2e-5, 1e-5)])

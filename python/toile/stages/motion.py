@@ -108,12 +108,9 @@ class Smoother:
         for t, (tracked, dressed) in enumerate(frames):
             face = self._face(tracked, turns[t], moves[t])
             pose = {"rotations": turns[t], "translation": moves[t], "face": face}
-            made = [_moved(layer, s[t]) for layer, s in zip((tracked, *self._garments(dressed)), surfaces)]
-            out.append((replace(made[0], **pose), {g.name: d for g, d in zip(self.templates, made[1:])}))
+            cloth = {g.name: _told(g, dressed[g.name], v[t]) for g, v in zip(self.templates, surfaces[1:])}
+            out.append((replace(_moved(tracked, surfaces[0][t]), **pose), cloth))
         return out
-
-    def _garments(self, dressed):
-        return [dressed[t.name] for t in self.templates]
 
     def _smooth_pose(self, tracked, strength):
         """Rotation vectors (T,K,3) and translations (T,3)."""
@@ -204,6 +201,17 @@ def _moved(layer, vertices):
     """The Tracked or Dressed with other vertices, which tells how far they were moved."""
     moved = float(1e3 * np.linalg.norm(vertices - layer.vertices, axis=1).mean())
     return replace(layer, vertices=vertices, diagnostics=layer.diagnostics | {"smoothed_mm": moved})
+
+
+def _told(template, dressed, vertices):
+    """The Dressed with other vertices; what is said of its loops' lengths holds of them. The girths that these are held
+    against lie farther off and hardly change."""
+    moved = _moved(dressed, vertices)
+    for name, loop in zip(template.loop_names, template.loops):
+        grown = loop_length(vertices[loop]) / max(loop_length(dressed.vertices[loop]), 1e-9)
+        for key in {f"loop_length.{name}", f"loop_share.{name}"} & moved.diagnostics.keys():
+            moved.diagnostics[key] *= grown
+    return moved
 
 
 def _axes(A):
