@@ -82,6 +82,11 @@ void check_camera(const Mat3& K, int height, int width, const RasterOptions& opt
             "raster: near_plane is " + std::to_string(options.near_plane) + ", expected a positive distance");
 }
 
+/// What no pixel of the face lies before.
+double nearest_depth(const Vertices& V, const Faces& F, Eigen::Index f, const Camera& camera) {
+    return std::max(camera.near_plane, std::min({V(F(f, 0), 2), V(F(f, 1), 2), V(F(f, 2), 2)}));
+}
+
 /// The corners start at the lowest vertex index, so that copies of a face get the same bits however they are turned.
 DepthPlane depth_plane(const Vertices& V, const Faces& F, Eigen::Index f, const Camera& camera) {
     int first = 0;
@@ -106,8 +111,9 @@ std::int64_t edge_function(const Corner& a, const Corner& b, std::int64_t px, st
     return (std::int64_t{b.x} - a.x) * (py - a.y) - (std::int64_t{b.y} - a.y) * (px - a.x);
 }
 
-/// Adds the image triangle (a, b, c), all of face f or a piece of it, unless it covers no pixel centre for certain.
-void add_triangle(Corner a, Corner b, Corner c, Eigen::Index f, const Camera& camera, std::vector<Triangle>& out) {
+/// Gives the image triangle (a, b, c), all of face f or a piece of it, unless it covers no pixel centre for certain.
+template <class Give>
+void give_triangle(Corner a, Corner b, Corner c, Eigen::Index f, const Camera& camera, Give&& give) {
     const auto [left, right] = pixel_range(std::min({a.x, b.x, c.x}), std::max({a.x, b.x, c.x}), camera.width);
     const auto [top, bottom] = pixel_range(std::min({a.y, b.y, c.y}), std::max({a.y, b.y, c.y}), camera.height);
     if (left > right || top > bottom) return;
@@ -115,11 +121,12 @@ void add_triangle(Corner a, Corner b, Corner c, Eigen::Index f, const Camera& ca
     if (area == 0) return;
     if (area < 0) std::swap(b, c);
     const auto pixel = [](int i) { return static_cast<std::int16_t>(i); };
-    out.push_back({{a, b, c}, pixel(left), pixel(right), pixel(top), pixel(bottom), static_cast<std::int32_t>(f)});
+    give(Triangle{{a, b, c}, pixel(left), pixel(right), pixel(top), pixel(bottom), static_cast<std::int32_t>(f)});
 }
 
 /// Sutherland-Hodgman. Each cut runs from the kept end to the lost one, so the two faces of an edge get the same point.
-void add_clipped(const Vertices& V, const Faces& F, Eigen::Index f, const Camera& camera, std::vector<Triangle>& out) {
+template <class Give>
+void give_clipped(const Vertices& V, const Faces& F, Eigen::Index f, const Camera& camera, Give&& give) {
     std::vector<Vec3> polygon{V.row(F(f, 0)), V.row(F(f, 1)), V.row(F(f, 2))}, next;
     for (std::size_t k = 0; k < camera.inside.size() && !polygon.empty(); ++k, polygon.swap(next)) {
         next.clear();
@@ -136,28 +143,47 @@ void add_clipped(const Vertices& V, const Faces& F, Eigen::Index f, const Camera
     }
     if (polygon.size() < 3) return;
     for (std::size_t i = 2; i < polygon.size(); ++i)
-        add_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), f, camera,
-                     out);
+        give_triangle(camera.project(polygon[0]), camera.project(polygon[i - 1]), camera.project(polygon[i]), f, camera,
+                      give);
 }
 
-std::vector<Triangle> visible_triangles(const Vertices& V, const Faces& F, const Camera& camera) {
-    const auto n = static_cast<std::size_t>(V.rows());
-    std::vector<Corner> corner(n);
-    std::vector<char> kept(n);
-    parallel_for(V.rows(), [&](std::int64_t v) {
-        const Vec3 p = V.row(v);
-        kept[v] = camera.keeps(p);
-        if (kept[v]) corner[v] = camera.project(p);
-    }, 4096);
-    std::vector<std::vector<Triangle>> blocks(static_cast<std::size_t>((F.rows() + FACE_BLOCK - 1) / FACE_BLOCK));
-    parallel_for(static_cast<std::int64_t>(blocks.size()), [&](std::int64_t b) {
-        for (std::int64_t f = b * FACE_BLOCK, end = std::min<std::int64_t>(F.rows(), f + FACE_BLOCK); f < end; ++f) {
-            const int i = F(f, 0), j = F(f, 1), k = F(f, 2);
-            if (kept[i] && kept[j] && kept[k])
-                add_triangle(corner[i], corner[j], corner[k], f, camera, blocks[b]);
+/// A mesh and where its vertices lie in a picture.
+class Projected {
+public:
+    Projected(const Vertices& V, const Faces& F, const Camera& camera)
+        : V_(V), F_(F), camera_(camera), corner_(static_cast<std::size_t>(V.rows())), kept_(corner_.size()) {
+        parallel_for(V.rows(), [&](std::int64_t v) {
+            const Vec3 p = V.row(v);
+            kept_[v] = camera.keeps(p);
+            if (kept_[v]) corner_[v] = camera.project(p);
+        }, 4096);
+    }
+
+    /// Gives the image triangles of faces [begin, end).
+    template <class Give>
+    void each_triangle(Eigen::Index begin, Eigen::Index end, Give&& give) const {
+        for (Eigen::Index f = begin; f < end; ++f) {
+            const int i = F_(f, 0), j = F_(f, 1), k = F_(f, 2);
+            if (kept_[i] && kept_[j] && kept_[k])
+                give_triangle(corner_[i], corner_[j], corner_[k], f, camera_, give);
             else
-                add_clipped(V, F, f, camera, blocks[b]);
+                give_clipped(V_, F_, f, camera_, give);
         }
+    }
+
+private:
+    const Vertices& V_;
+    const Faces& F_;
+    const Camera& camera_;
+    std::vector<Corner> corner_;
+    std::vector<char> kept_;
+};
+
+std::vector<Triangle> visible_triangles(const Projected& mesh, Eigen::Index faces) {
+    std::vector<std::vector<Triangle>> blocks(static_cast<std::size_t>((faces + FACE_BLOCK - 1) / FACE_BLOCK));
+    parallel_for(static_cast<std::int64_t>(blocks.size()), [&](std::int64_t b) {
+        mesh.each_triangle(b * FACE_BLOCK, std::min<Eigen::Index>(faces, (b + 1) * FACE_BLOCK),
+                           [&](const Triangle& t) { blocks[b].push_back(t); });
     }, 1);
     std::size_t count = 0;
     for (const auto& block : blocks) count += block.size();
@@ -189,12 +215,11 @@ struct TileLists {
     }
 };
 
-/// Draws one triangle of a face into the pixels [left, right] x [top, bottom]. Many cover no pixel centre, or none that
-/// nothing nearer covers: only of the others the plane is asked for.
+/// Draws one triangle of a face into the pixels [left, right] x [top, bottom]. Many cover no pixel centre: only of the others
+/// the depth is asked for, and only of those that nothing nearer covers the plane.
 void draw(const Triangle& t, const Vertices& V, const Faces& F, const Camera& camera, int left, int right, int top,
           int bottom, RasterResult& image) {
-    const double nearest =
-        std::max(camera.near_plane, std::min({V(F(t.face, 0), 2), V(F(t.face, 1), 2), V(F(t.face, 2), 2)}));
+    std::optional<double> nearest;
     std::optional<DepthPlane> plane;
     std::array<std::int64_t, 3> row, step_x, step_y;  // edge functions, never negative inside
     for (std::size_t k = 0; k < 3; ++k) {
@@ -210,18 +235,36 @@ void draw(const Triangle& t, const Vertices& V, const Faces& F, const Camera& ca
         std::int32_t* face = &image.face(i, 0);
         double* depth = &image.depth(i, 0);
         for (int j = left; j <= right; ++j) {
-            if ((e[0] | e[1] | e[2]) >= 0 && nearest <= depth[j]) {
-                if (!plane) plane = depth_plane(V, F, t.face, camera);
-                const double z = plane->at(j + 0.5, i + 0.5);
-                if (z < depth[j] || (z == depth[j] && t.face < face[j])) {
-                    depth[j] = z;
-                    face[j] = t.face;
+            if ((e[0] | e[1] | e[2]) >= 0) {
+                if (!nearest) nearest = nearest_depth(V, F, t.face, camera);
+                if (*nearest <= depth[j]) {
+                    if (!plane) plane = depth_plane(V, F, t.face, camera);
+                    const double z = plane->at(j + 0.5, i + 0.5);
+                    if (z < depth[j] || (z == depth[j] && t.face < face[j])) {
+                        depth[j] = z;
+                        face[j] = t.face;
+                    }
                 }
             }
             for (std::size_t k = 0; k < 3; ++k) e[k] += step_x[k];
         }
         for (std::size_t k = 0; k < 3; ++k) row[k] += step_y[k];
     }
+}
+
+/// Draws in parallel, each tile of the picture by one thread.
+void draw_by_tiles(const Projected& mesh, const Vertices& V, const Faces& F, const Camera& camera,
+                   RasterResult& image) {
+    const std::vector<Triangle> triangles = visible_triangles(mesh, F.rows());
+    const TileLists tiles(triangles, camera);
+    parallel_for(static_cast<std::int64_t>(tiles.across) * tiles.down, [&](std::int64_t tile) {
+        const int x = static_cast<int>(tile % tiles.across) * TILE, y = static_cast<int>(tile / tiles.across) * TILE;
+        for (std::size_t k = tiles.start[tile]; k < tiles.start[tile + 1]; ++k) {
+            const Triangle& t = triangles[tiles.triangle[k]];
+            draw(t, V, F, camera, std::max<int>(t.left, x), std::min<int>(t.right, x + TILE - 1),
+                 std::max<int>(t.top, y), std::min<int>(t.bottom, y + TILE - 1), image);
+        }
+    }, 1);
 }
 
 /// Barycentrics of the point of depth z on the ray of pixel centre (u, v), cut to the face.
@@ -243,18 +286,14 @@ RasterResult raster(const Vertices& V, const Faces& F, const Mat3& K, int height
     check_mesh("raster", V, F, "vertices_camera", "F");
     check_camera(K, height, width, options);
     const Camera camera(K, height, width, options.near_plane);
-    const std::vector<Triangle> triangles = visible_triangles(V, F, camera);
-    const TileLists tiles(triangles, camera);
+    const Projected mesh(V, F, camera);
     RasterResult image{FaceImage::Constant(height, width, -1),
                        Matrix::Constant(height, width, std::numeric_limits<double>::infinity()), Vertices(0, 3)};
-    parallel_for(static_cast<std::int64_t>(tiles.across) * tiles.down, [&](std::int64_t tile) {
-        const int x = static_cast<int>(tile % tiles.across) * TILE, y = static_cast<int>(tile / tiles.across) * TILE;
-        for (std::size_t k = tiles.start[tile]; k < tiles.start[tile + 1]; ++k) {
-            const Triangle& t = triangles[tiles.triangle[k]];
-            draw(t, V, F, camera, std::max<int>(t.left, x), std::min<int>(t.right, x + TILE - 1),
-                 std::max<int>(t.top, y), std::min<int>(t.bottom, y + TILE - 1), image);
-        }
-    }, 1);
+    if (thread_count() == 1)  // in any order the same pixels: as the faces come
+        mesh.each_triangle(0, F.rows(),
+                           [&](const Triangle& t) { draw(t, V, F, camera, t.left, t.right, t.top, t.bottom, image); });
+    else
+        draw_by_tiles(mesh, V, F, camera, image);
     if (!options.barycentric) return image;
     image.barycentric = Vertices::Zero(static_cast<Eigen::Index>(height) * width, 3);
     parallel_for(height, [&](std::int64_t i) {
