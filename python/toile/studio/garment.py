@@ -172,7 +172,7 @@ def read_shirt(path):
     import trimesh
 
     if not Path(path).is_file():
-        raise UserError(f"studio: garment {path!r}: no such file; must be newton, cut, or an .obj")
+        raise UserError(f"studio: garment {path!r}: no such file; expected newton, cut, or an .obj")
     mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
     V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
     if not 0.3 < np.ptp(V[:, 2]) < 1.5:

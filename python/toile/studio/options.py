@@ -62,24 +62,24 @@ class StudioOptions(Settings):
         except ValidationError as error:
             first = error.errors()[0]
             name = ".".join(map(str, first["loc"]))
-            what = first["msg"].replace("Input should be", "must be").replace("Value error, ", "")
+            what = first["msg"].replace("Input should be", "expected").replace("Value error, ", "")
             raise UserError(f"studio: {name} is {first['input']!r}, {what}" if name else what) from None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.subject not in SIZES:
-            raise UserError(f"studio: subject is {self.subject!r}, must be one of {', '.join(SIZES)}")
+            raise UserError(f"studio: subject is {self.subject!r}, expected one of {', '.join(SIZES)}")
         parts = self.truth.split("+")
         if self.truth not in ("plain", "hard") and not set(parts) <= set(PARTS):
             known = f'plain, hard, or some of {", ".join(PARTS)} joined by "+"'
-            raise UserError(f"studio: truth is {self.truth!r}, must be {known}")
+            raise UserError(f"studio: truth is {self.truth!r}, expected {known}")
         worn = self.wear.split("+") if self.wear else []
         if not set(worn) <= set(CUTS) or len(set(worn)) < len(worn):
             raise UserError(
-                f'studio: wear is {self.wear!r}, must be some of {", ".join(CUTS)} joined by "+", each once'
+                f'studio: wear is {self.wear!r}, expected some of {", ".join(CUTS)} joined by "+", each once'
             )
         if self.template not in TEMPLATES and not self.template.lower().endswith(".obj"):
-            raise UserError(f"studio: template is {self.template!r}, must be {', '.join(TEMPLATES)} or an .obj")
+            raise UserError(f"studio: template is {self.template!r}, expected {', '.join(TEMPLATES)} or an .obj")
         self._check_motion()
         return self
 
@@ -89,7 +89,7 @@ class StudioOptions(Settings):
         parts = self.motion.split("+")
         if not set(parts) <= set(MOTIONS):
             known = f'{", ".join(MOTIONS)}, some joined by "+", or a .bvh file'
-            raise UserError(f"studio: motion is {self.motion!r}, must be {known}")
+            raise UserError(f"studio: motion is {self.motion!r}, expected {known}")
         if len(parts) > 1 and self.frames < len(parts) * JOIN:
             raise UserError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")
 

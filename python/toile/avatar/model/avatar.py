@@ -71,7 +71,7 @@ class LayerModel(nn.Module):
         modes = np.zeros((0, *layer.rest.shape)) if layer.modes is None else layer.modes
         self.register_buffer("modes", torch.as_tensor(modes, dtype=torch.float32).flatten(1), persistent=False)
         self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
-        self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
+        self.skin, self.sampler = Skin(layer), UvSampler(layer)
         self.geometry_texels = TexelValues(geometry_map, layer.faces)
         self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None

@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from ...errors import UserError
-from ...surface.uv import sampling_matrix
+from ...surface.uv import vertices_of_uvs
 
 
 def grid(uv):
@@ -18,10 +18,10 @@ def grid(uv):
 class UvSampler(nn.Module):
     """Reads maps at the vertices of a layer: the mean over a vertex' UVs."""
 
-    def __init__(self, layer, size):
+    def __init__(self, layer):
         super().__init__()
         n = len(layer.rest)
-        _, vertex = sampling_matrix(layer, 2)
+        vertex = vertices_of_uvs(layer)
         used = vertex >= 0
         if (np.bincount(vertex[used], minlength=n) == 0).any():
             missing = int(np.flatnonzero(np.bincount(vertex[used], minlength=n) == 0)[0])
