@@ -19,6 +19,8 @@ from .errors import UserError
 FRAMES = 1_000_000  # frame numbers have six digits
 WORKERS = 1024
 SEEDS = 2**32  # seeds are below
+Frames = Annotated[str | None, typer.Option("--frames", help="frame numbers, inclusive ranges: 1-50,60")]
+Step = Annotated[int, typer.Option("--step", help="every n-th of those frames", min=1)]
 Workers = Annotated[
     int,
     typer.Option(

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import speech
+from ..console import Frames, Step
 
 KINDS_HELP = (
     "opencv, colmap, metashape, qualisys, pose2sim, lists: a calibration with pictures about it; "
@@ -31,8 +32,8 @@ def import_capture(
     fps: Annotated[
         float | None, typer.Option(help="frames a second; default the data set's, or 30", min=1e-3, max=100_000)
     ] = None,
-    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
-    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    frames: Frames = None,
+    step: Step = 1,
     offset: Annotated[
         list[str] | None, typer.Option(metavar="CAMERA=N", help="frame 0 is that camera's number N; repeatable")
     ] = None,
@@ -81,8 +82,8 @@ def export(
     layers: Annotated[
         str | None, typer.Option(help="names such as inner,tshirt; default the body and all garments")
     ] = None,
-    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
-    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    frames: Frames = None,
+    step: Step = 1,
     motion: Annotated[
         str | None,
         typer.Option(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ... import speech
-from ...console import Changes, ConfigFile, Scheduler, Workers, frame_numbers, progress_bars
+from ...console import Changes, ConfigFile, Frames, Scheduler, Step, Workers, frame_numbers, progress_bars
 from ...errors import UserError
 
 
@@ -19,9 +19,9 @@ def detect(
     ] = None,
     model: Annotated[Path | None, typer.Option(help="a network of keypoints, an ONNX file")] = None,
     labels: Annotated[
-        str | None, typer.Option(help="label images instead, labels/CAMERA.png, by a network of labels: an ONNX file")
+        Path | None, typer.Option(help="label images instead, labels/CAMERA.png, by a network of labels: an ONNX file")
     ] = None,
-    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
+    frames: Frames = None,
     again: Annotated[
         bool, typer.Option("--again", help="also frames that have keypoints.json, or label images")
     ] = False,
@@ -85,8 +85,8 @@ def reconstruct(
     capture: Path,
     out: Annotated[Path, typer.Argument(help="a new capture: all of CAPTURE, and scans; goes on with what is there")],
     quality: Annotated[str | None, typer.Option(help="draft, standard (the default) or fine")] = None,
-    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
-    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    frames: Frames = None,
+    step: Step = 1,
     workers: Workers = 1,
     scheduler: Scheduler = None,
     config: ConfigFile = None,

@@ -13,8 +13,10 @@ from ... import speech
 from ...console import (
     Changes,
     ConfigFile,
+    Frames,
     Holdout,
     Scheduler,
+    Step,
     Workers,
     frame_numbers,
     numbers_of,
@@ -35,8 +37,8 @@ def register(
     run: Path,
     quality: Annotated[str | None, typer.Option(help="draft, or standard (the default)")] = None,
     budget: Annotated[float | None, typer.Option(help="seconds a frame: the finest quality that keeps to them")] = None,
-    frames: Annotated[str | None, typer.Option(help="frame numbers, inclusive ranges: 1-50,60")] = None,
-    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    frames: Frames = None,
+    step: Step = 1,
     workers: Workers = 1,
     scheduler: Scheduler = None,
     shard: Annotated[

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from ... import speech
-from ...console import Changes, ConfigFile, frame_numbers, progress_bars
+from ...console import Changes, ConfigFile, Step, frame_numbers, progress_bars
 
 
 def tune(
@@ -21,7 +21,7 @@ def tune(
         list[str] | None, typer.Option(help="one to try, repeatable; default draft and standard")
     ] = None,
     frames: Annotated[str | None, typer.Option(help="of the job: inclusive ranges 1-50,60; default all")] = None,
-    step: Annotated[int, typer.Option(help="every n-th of those frames", min=1)] = 1,
+    step: Step = 1,
     workers: Annotated[
         list[int] | None, typer.Option(help="also forecast so many processes of one core each; repeatable", min=1)
     ] = None,
