@@ -32,7 +32,7 @@ def test_the_page_of_the_documentation_is_the_settings_own():
 def test_every_command_lists_all_its_settings(monkeypatch, capsys):
     assert run_cli(monkeypatch, "settings", "--json") == 0
     tables = json.loads(capsys.readouterr().out)
-    assert list(tables) == ["register", "reconstruct", "align", "train", "studio"]
+    assert list(tables) == ["register", "reconstruct", "align", "train", "animate", "studio"]
     assert [row["name"] for row in tables["register"]] == [one.name for one in listed(Config())]
     spacing = next(row for row in tables["register"] if row["name"] == "track.scan_spacing")
     assert spacing["default"] == 0 and spacing["presets"] == {"draft": preset("draft").track.scan_spacing}
