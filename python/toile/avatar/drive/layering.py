@@ -9,6 +9,10 @@ import torch
 from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
+PATIENT = {
+    "max_depth": 0.2,
+    "max_iterations": 300,
+}  # options of kernels.UntangleSolver: parts of a limb's width are crossed
 
 
 class GarmentLayering:
@@ -19,12 +23,16 @@ class GarmentLayering:
         self.garments = [layer for layer in layers if layer.kind == "garment"]
         sizes = [(layer.name, layer.faces, len(layer.rest)) for layer in self.garments]
         self.layering = Layering(skin_faces, len(self.body.rest), sizes, MARGIN)
+        self.patient = Layering(skin_faces, len(self.body.rest), sizes, MARGIN, **PATIENT)
 
     def __call__(self, decoded):
-        """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left)."""
-        found = self.layering.solve(
-            _points(decoded[self.body.name]), {g.name: _points(decoded[g.name]) for g in self.garments}
-        )
+        """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left). What keeps pairs, as where the body
+        runs through itself, is tried once more with patience; the fewer pairs count."""
+        body, cloth = _points(decoded[self.body.name]), {g.name: _points(decoded[g.name]) for g in self.garments}
+        found = self.layering.solve(body, cloth)
+        if found.intersections_left:
+            again = self.patient.solve(body, cloth)
+            found = min(found, again, key=lambda f: f.intersections_left)
         moved = dict(decoded)
         for name, V in found.vertices.items():
             posed = torch.tensor(V, dtype=torch.float32, device=decoded[name].vertices.device)[None]
