@@ -135,6 +135,23 @@ def test_fused_points_lie_on_the_plane_and_no_pixel_begins_a_point_again(plane):
     assert len(alone.points) > len(fused.points)
 
 
+def test_a_surface_that_most_cameras_with_a_depth_there_contradict_is_none():
+    cameras = scene.cameras(5, size=(64, 80))
+    depth = np.array([scene.hits(camera)[0] for camera in cameras])
+    for c in (3, 4):  # two cameras share a surface 5 cm before the true one
+        to_plane = cameras[c].centre @ scene.NORMAL
+        depth[c] *= (to_plane - 0.05) / to_plane
+    normal = np.broadcast_to(scene.NORMAL, (*depth.shape, 3))
+    fuse = lambda cameras, depth: (
+        kernels.fuse_depths(cameras, depth, normal[: len(depth)], np.full(depth.shape, 0.9)).points
+    )
+    false = lambda points: (points @ scene.NORMAL > 0.04).sum()
+    assert false(fuse(cameras[3:], depth[3:])) > 1000  # nobody contradicts them
+    points = fuse(cameras, depth)
+    inner = np.abs(points[:, :2]).max(1) < 0.1  # where all five look
+    assert inner.sum() > 500 and np.abs(points[inner] @ scene.NORMAL).max() < 1e-6
+
+
 @pytest.mark.parametrize(
     ("match", "change"),
     [

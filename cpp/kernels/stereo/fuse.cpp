@@ -11,6 +11,8 @@ namespace {
 
 using Vec3f = Eigen::Vector3f;
 
+constexpr double FACING = 0.2;  // cosine between a point's normal and the direction to a camera that may judge it
+
 /// A camera's maps, and which of its pixels have gone into a point.
 struct Map {
     Mat3 K, inverse, R;
@@ -57,6 +59,22 @@ struct Mean {
     }
 };
 
+/// Of the cameras that face a point and have a depth there, do at least as many say that it lies on their surface as not?
+bool upheld(const std::vector<Map>& maps, const Vec3& p, const Vec3& n, double agreement) {
+    int agree = 0, others = 0;
+    for (const Map& map : maps) {
+        const Vec3 q = map.R * p + map.t, uv = map.K * q / q[2];
+        const double cosine = n.dot((map.centre - p).normalized());
+        if (!(cosine > FACING && q[2] > 0 && uv[0] >= 0 && uv[1] >= 0 && uv[0] < map.width && uv[1] < map.height))
+            continue;
+        const double depth = map.depth[map.index(static_cast<int>(uv[0]), static_cast<int>(uv[1]))];
+        if (!(depth > 0)) continue;
+        const double apart = std::abs(depth - q[2]) * cosine * map.K(0, 0) / q[2];  // across the surface [px]
+        ++(apart < agreement ? agree : others);
+    }
+    return agree >= others;
+}
+
 }  // namespace
 
 FusedPoints fuse_depths(const std::vector<StereoCamera>& cameras, const float* depth, const float* normal,
@@ -93,6 +111,7 @@ FusedPoints fuse_depths(const std::vector<StereoCamera>& cameras, const float* d
                     joined.emplace_back(s, there);
                 }
                 if (mean.views < options.min_views) continue;
+                if (!upheld(maps, mean.point / mean.weight, mean.normal.normalized(), options.agreement)) continue;
                 for (const auto& [s, pixel] : joined) maps[s].used[pixel] = 1;
                 found.push_back(mean);
             }

@@ -44,7 +44,7 @@ class SurfaceSettings(Settings):
     """The scan: a screened Poisson surface of the points, cut where nothing supports it. A pixel is as large as it is at the
     points' middle depth."""
 
-    least_confidence: float = setting(0.65, "1", "a point that is less sure counts for nothing", ge=0, le=1)
+    least_confidence: float = setting(0.0, "1", "a point that is less sure counts for nothing", ge=0, le=1)
     cell: float = setting(1.5, "px", "of the Poisson octree", gt=0)
     largest_depth: int = setting(11, "count", "of that octree, at most", ge=4, le=14)
     reach: float = setting(2.0, "px", "a vertex farther from every point is cut away", gt=0)

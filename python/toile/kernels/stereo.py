@@ -84,7 +84,8 @@ class StereoSolver:
 
 def fuse_depths(cameras: Sequence[Any], depth: Array, normal: Array, confidence: Array, **options: Any) -> Points:
     """Points of depth maps as `StereoSolver` gives them: each the mean of the pixels of several cameras that lie on one
-    surface, weighted by their confidence; a pixel that has gone into a point begins none of its own.
+    surface, weighted by their confidence; a pixel that has gone into a point begins none of its own. Of the cameras that face a
+    point and have a depth there, at least as many agree as not.
 
     depth (C,H,W), normal (C,H,W,3), confidence (C,H,W). Options: agreement=1.0 (distance between surfaces up to which pixels
     are of one point, in pixels' sizes there), min_cosine=0.5 (of their normals), min_views=2 (cameras that a point needs).
