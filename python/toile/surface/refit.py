@@ -12,7 +12,7 @@ from .attachments import Attachments
 from .operators import sides, umbrella_laplacian
 
 REACH = 0.3  # [m] over which the skeleton's say fades against the garment's own shape
-CLEARANCE = 0.002  # [m] asked off the body, less where the garment lay nearer to its owner's
+CLEARANCE = 0.005  # [m] asked off the body, less where the garment lay nearer to its owner's
 ROUNDS = 30
 STILL = 1e-4  # [m] a round that moves no vertex farther is the last
 
