@@ -88,7 +88,7 @@ def load(frames, workers, seconds):
     options = dict(threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None, memory_limit=0)
     start = time.perf_counter()
     dask.config.set({"distributed.comm.timeouts.tcp": "300s"})
-    with LocalCluster(n_workers=workers, silence_logs=logging.ERROR, **options) as cluster:
+    with LocalCluster(n_workers=workers, silence_logs=logging.CRITICAL + 1, **options) as cluster:
         started = time.perf_counter() - start
         found = asleep(frames, seconds, scheduler=cluster.scheduler_address)
     blocks = -(-frames // BLOCK)

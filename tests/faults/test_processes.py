@@ -176,7 +176,7 @@ def test_retry_gives_failed_frames_again_and_no_others(capture, undisturbed, tmp
     scan.write_bytes(whole)
     made, make = [], pipeline.first_stages
     monkeypatch.setattr(
-        pipeline, "first_stages", lambda limit, prepared, n, *rest: (made.append(n), make(limit, prepared, n, *rest))[1]
+        pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest))[1]
     )
     assert pipeline.register(tmp_path / "capture", tmp_path / "run", CONFIG, FRAMES, retry=True).ok == FRAMES
     after = arrays(tmp_path / "run")
@@ -204,7 +204,7 @@ def test_a_wrong_frame_is_told_ends_with_2_and_is_given_again_where_asked(captur
     scan.write_bytes(whole)
     made, make = [], pipeline.first_stages
     monkeypatch.setattr(
-        pipeline, "first_stages", lambda limit, prepared, n, *rest: (made.append(n), make(limit, prepared, n, *rest))[1]
+        pipeline, "first_stages", lambda prepared, n, *rest: (made.append(n), make(prepared, n, *rest))[1]
     )
     assert not pipeline.register(folder, run, CONFIG, FRAMES, retry="wrong").wrong
     assert made == [50] and np.array_equal(arrays(run)["done"], [1, 1, 1, 1])

@@ -40,9 +40,24 @@ def test_a_run_under_way_says_its_pace_and_what_is_left(begun):
     assert found.pace == pytest.approx(1 / 20) and found.seconds_left == pytest.approx(120) and found.silence == 5
     first, progress, failed, again = words(begun, found)
     assert first == f"{begun}: 0 of 10 frames registered (0 good, 0 doubtful, 0 wrong), 1 failed"
-    assert progress == "  the first pass: 4 of 10 frames, 3 a minute: about 2 min left of it, then the last pass"
+    assert progress == "  the first pass: 4 of 10 frames, 3 a minute: about 2 min left of it, then the last passes"
     assert failed == "  frame 7: failed: frames/000007: keypoints.json: no keypoint"
     assert again == f"  where it was stopped it goes on with: toile register 'my capture' {begun}"
+
+
+def test_the_last_passes_are_named_and_who_makes_them(begun):
+    results = FrameFolders(begun / "work" / "frames", Status.of(begun), "frame")
+    for frame in (*range(8, 13), 20):
+        results.folder(frame).mkdir()
+        results.end(frame)
+    assert standing(begun).last_pass is None
+    with results.status.timing(9, stage="fuse"):
+        pass
+    found = standing(begun)
+    assert (found.passed, found.waiting) == (9, 0)
+    alone = "one process makes them, with its workers; shards that find it at work wait"
+    told = ["the last passes: 1 of 10 frames", f"{alone}; so far: the body under the garments, from all frames"]
+    assert [line.strip() for line in words(begun, found)[1:3]] == told
 
 
 @pytest.mark.parametrize("jump", [-1e8, 1e8])

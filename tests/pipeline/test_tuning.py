@@ -20,17 +20,19 @@ SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
 
 def trial(frames, begin=3.0, follow=1.0):
-    """A trial of frames whose first pass takes as long as their stages say, on a core and a half."""
+    """A trial of frames whose first pass takes as long as their stages say, and 0.5 s each in the last ones, which begin with
+    2 s for all of them; on a core and a half."""
     begun = alone(frames)
     stages = {n: {"track": begin if n in begun else follow, "inner": 9.0} for n in frames}
     wall = sum(of["track"] for of in stages.values())
-    costs = Cost(10.0, 15.0), Cost(wall, 1.5 * wall), Cost(0.5 * len(frames), 0.75 * len(frames))
+    last = Cost(2 + 0.5 * len(frames), 3 + 0.75 * len(frames))
+    costs = Cost(10.0, 15.0), Cost(wall, 1.5 * wall), last, Cost(0.5, 0.75)
     return Trial("draft", Path("run"), tuple(frames), *costs, 10**9, 2e5, 1e6, 5 * 10**6, stages)
 
 
 def test_frames_are_tried_at_places_over_the_whole_sequence_with_those_after_them():
     found = sampled(range(100, 1100))
-    assert len(found) == 15 and found[:3] == (100, 101, 102) and found[-3:] == (1097, 1098, 1099)
+    assert len(found) == 17 and found[:6] == (100, 101, 102, 103, 104, 349) and found[-3:] == (1097, 1098, 1099)
     assert sampled(range(7)) == tuple(range(7)) and sampled([5]) == (5,)
 
 
@@ -41,24 +43,24 @@ def test_frames_begin_alone_at_blocks_and_after_gaps():
 def test_a_job_of_the_trials_own_frames_takes_what_the_trial_took():
     frames = (0, 1, 2, 100, 101, 102, 200, 201, 202, 300, 301, 302, 397, 398, 399)
     found = in_one_process(trial(frames), frames)
-    assert found.seconds == pytest.approx(10 + (5 * 3 + 10 * 1) + 0.5 * 15)
+    assert found.seconds == pytest.approx(10 + (5 * 3 + 10 * 1) + 2 + 0.5 * 15)
     assert found.disk == 5 * 10**6 + 15 * 10**6 and found.passing == 15 * 2 * 10**5 and found.memory == 10**9
 
 
 def test_frames_that_follow_one_another_cost_less_than_those_that_begin():
     whole = in_one_process(trial(sampled(range(400))), range(400))
-    assert whole.seconds == pytest.approx(10 + 8 * 3 + 392 * 1 + 0.5 * 400)
+    assert whole.seconds == pytest.approx(10 + 8 * 3 + 392 * 1 + 2 + 0.5 * 400)
     apart = in_one_process(trial(sampled(range(400))), range(0, 2000, 5))
-    assert apart.seconds == pytest.approx(10 + 400 * 3 + 0.5 * 400)
+    assert apart.seconds == pytest.approx(10 + 400 * 3 + 2 + 0.5 * 400)
 
 
 def test_workers_take_whole_blocks():
     tried = trial(sampled(range(200)))
     one, two, four, eight = (on_workers(tried, range(200), count) for count in (1, 2, 4, 8))
-    assert one.seconds - 15 == pytest.approx(2 * (two.seconds - 15)) == pytest.approx(4 * (four.seconds - 15))
+    assert one.seconds - 18 == pytest.approx(2 * (two.seconds - 18)) == pytest.approx(4 * (four.seconds - 18))
     assert eight.seconds == pytest.approx(four.seconds) and eight.memory == 8 * one.memory
-    assert on_workers(tried, range(150), 2).seconds - 15 == pytest.approx(
-        2 / 3 * (on_workers(tried, range(150), 1).seconds - 15)
+    assert on_workers(tried, range(150), 2).seconds - 18 == pytest.approx(
+        2 / 3 * (on_workers(tried, range(150), 1).seconds - 18)
     )
 
 

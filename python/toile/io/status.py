@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,21 @@ class Status:
                 file.seek(-1, os.SEEK_END)
                 text = text if file.read(1) == b"\n" else f"\n{text}"  # a full disk or a kill cut the last line
             file.write(text.encode())
+
+    @contextmanager
+    def timing(self, frames: int, **line: Any) -> Iterator[Callable[[], None]]:
+        """Adds the line with what the block took, `seconds` and the processor's, `cpu`, where it ends well. It is given a
+        function to call as each of its frames ends: from the first end to the last call one of them takes `each_seconds`
+        and `each_cpu`, without what is built with the first."""
+        marks = [(time.perf_counter(), time.process_time())]
+        ends = lambda: marks.append((time.perf_counter(), time.process_time()))
+        yield ends
+        ends()
+        span = lambda i, j, k: marks[j][k] - marks[i][k]
+        line |= {"frames": frames, "seconds": span(0, -1, 0), "cpu": span(0, -1, 1)}
+        if frames > 1 and len(marks) > 3:
+            line |= {"each_seconds": span(1, -2, 0) / (frames - 1), "each_cpu": span(1, -2, 1) / (frames - 1)}
+        self.add(**line, ok=True)
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """All whole lines; a run that was killed may have left the last one cut."""

@@ -235,7 +235,7 @@ class _Evaluation:
     def _seconds(self):
         total, frames = defaultdict(float), defaultdict(set)
         for entry in self.run.status.lines():
-            if entry.get("ok"):
+            if entry.get("ok") and "frame" in entry:
                 total[entry["stage"]] += entry["seconds"]
                 frames[entry["stage"]].add(entry["frame"])
         return {stage: total[stage] / len(frames[stage]) for stage in total}

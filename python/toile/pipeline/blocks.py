@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -24,6 +24,7 @@ from ..io.files import write_text
 from ..io.locks import locked
 from ..io.status import Status
 from ..kernels import InputError, SolveError
+from .deadlines import Deadline
 from .overlap import overlapped
 from .stopping import stoppable
 from .threads import kernel_threads
@@ -79,6 +80,25 @@ class FrameFolders:
         same = self.identity is None or found.get("identity") == self.identity(frame)
         return str(found["reason"]) if same and "reason" in found else None
 
+    def timed(self, frame: int, limit: float | None, begin: Callable) -> Iterator:
+        """The steps of `begin()`, which makes a frame; within the limit [s], where there is one."""
+        return iter(begin() or ()) if limit is None else self._deadline(frame, limit).within(begin)
+
+    def late(self, frames: Iterable[int], limit: float | None) -> dict[int, str]:
+        """Those of the frames that have ended a process by their limit, and why."""
+        missed = {frame: self._deadline(frame, limit).missed() for frame in frames} if limit is not None else {}
+        return {frame: why for frame, why in missed.items() if why is not None}
+
+    def fail_late(self, frames: Iterable[int], limit: float | None) -> None:
+        """Those of the frames that have ended a process by their limit have failed."""
+        for frame, why in self.late(frames, limit).items():
+            if self.reason(frame) is None:
+                self.fail(frame, TimeoutError(why))
+
+    def _deadline(self, frame, limit):
+        mark = self.identity(frame) if self.identity else f"{frame:06d}"
+        return Deadline(limit, self.folder(frame) / "late.txt", mark)
+
     def fail(self, frame: int, error: Exception) -> None:
         """Records that a frame failed, whatever raised; of what no bad file explains, the traceback too. What the disk
         refuses is raised again: it is the run's."""
@@ -99,7 +119,8 @@ class BlockJob:
     again in every worker. `make(prepared, frame, previous, folders)` makes one frame's results in its folder, and may yield
     between its steps: while one frame takes a step, the next takes those before it, see `overlapped`. `previous` is the frame
     before it whose results give temporal state, or None: what that frame's steps up to the same one have left is there. `reach`: how many numbers that one may lie back.
-    `title`: what progress calls it. `apart`: frames that others take no state from, nor they from others. Functions are named in modules, and arguments pickle: they go to other processes."""
+    `title`: what progress calls it. `apart`: frames that others take no state from, nor they from others. `limit` [s]: a frame
+    fails that takes longer, and is made by a process beside this one, which can be ended. Functions are named in modules, and arguments pickle: they go to other processes."""
 
     folder: Path
     results: FrameFolders
@@ -109,15 +130,18 @@ class BlockJob:
     reach: int
     title: str
     apart: Sequence[int] = ()
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
 class Block:
-    """Frame numbers in order, of which those in `wanted` are to be made; `alone`: one at a time."""
+    """Frame numbers in order, of which those in `wanted` are to be made; `alone`: one at a time; `late`: how many of them
+    have ended a process by their limit."""
 
     numbers: tuple[int, ...]
     wanted: frozenset[int]
     alone: bool = False
+    late: int = 0
 
     def left(self, results: FrameFolders) -> list[int]:
         """Those that are still to be made."""
@@ -144,7 +168,7 @@ def run_job(
     busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
     with (
         kernel_threads(max(kernels.threads(), workers)),
-        Workers(busy, job.prepare, *job.arguments, scheduler=scheduler) as pool,
+        Workers(busy, job.prepare, *job.arguments, scheduler=scheduler, apart=job.limit is not None) as pool,
     ):
         with locked(job.folder):
             if whole():
@@ -152,7 +176,8 @@ def run_job(
             pool.start()
             prepared, wanted = pool.prepared(progress), set(left() if left else frames)
         items = [Block(numbers, frozenset(wanted.intersection(numbers))) for numbers in own]
-        make, lost = partial(_make_block, job.make, job.reach, job.results), partial(_after_death, job.results)
+        make = partial(_make_block, job.make, job.reach, job.results, job.limit)
+        lost = partial(_after_death, job.results, job.limit)
         for i, _ in enumerate(pool.each(make, items, lost)):
             progress(job.title, i + 1, sum(map(len, own)))
         with locked(job.folder):
@@ -168,16 +193,18 @@ def check_shares(workers: int, shard: tuple[int, int], scheduler: str | None = N
         raise UserError(f"shard {shard[0]}/{shard[1]}: expected 1 <= i <= n")
 
 
-def _make_block(make, reach, results, prepared, block):
+def _make_block(make, reach, results, limit, prepared, block):
     """One block's frames, in their order and several under way at once; yields each number when it is behind."""
     place = {number: i for i, number in enumerate(block.numbers)}
+    results.fail_late(block.left(results), limit)
     whole, left = [number for number in block.numbers if results.whole(number)], block.left(results)
 
     def begin(number, before):
         earlier = [n for n in whole if place[n] < place[number]] + ([] if before is None else [before])
         last = max(earlier, key=place.get, default=None)
         near = last is not None and 0 < number - last <= reach
-        yield from make(prepared, number, last if near else None, results) or ()
+        steps = partial(make, prepared, number, last if near else None, results)
+        yield from results.timed(number, limit, steps)
 
     yield from (number for number in block.numbers if number not in left)
     with stoppable():
@@ -189,10 +216,13 @@ def _make_block(make, reach, results, prepared, block):
             yield number
 
 
-def _after_death(results, block, deaths):
+def _after_death(results, limit, block, deaths):
     """The block as it is tried again. First its frames are made alone, so that it shows which one ends its worker; that one
-    fails when it has cost LIVES of them."""
+    fails when it has cost LIVES of them. Of one that was ended by its limit that is known at once."""
     left = block.left(results)
+    late = len(results.late(block.numbers, limit))
+    if late > block.late:
+        return replace(block, late=late)
     if block.alone and deaths >= LIVES and left:
         results.fail(left[0], UserError(killed(deaths)))
     return replace(block, alone=True)

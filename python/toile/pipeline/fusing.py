@@ -9,28 +9,57 @@ from functools import partial
 from pathlib import Path
 
 from ..io.files import load_record, save_record
+from ..io.status import Status
 from ..scene import InnerShape
 from ..stages.inner import Gathered
+from .blocks import Progress
 from .workers import Workers
 
 
-def fuse(blocks: Sequence[Sequence[int]], load: Callable, folder: Path, prepared, pool: Workers) -> InnerShape:
+def fuse(
+    blocks: Sequence[Sequence[int]],
+    load: Callable,
+    folder: Path,
+    prepared,
+    pool: Workers,
+    status: Status,
+    progress: Progress,
+) -> InnerShape:
     """The InnerShape of these blocks of frame numbers. `load(prepared, number)` gives a frame's Tracked, Segmented and
-    {garment: Dressed}; `folder` is this function's own. `prepared.fusion` is a stages.inner.Fusion, of each process."""
-    fusion = prepared.fusion
+    {garment: Dressed}; `folder` is this function's own. `prepared.fusion` is a stages.inner.Fusion, of each process. How
+    many passes over all frames it takes shows as it goes on."""
+    fusion, passes = prepared.fusion, 0
     while not fusion.done:
+        passes += 1
         shutil.rmtree(folder, ignore_errors=True)  # what a killed process left
-        done = pool.each(partial(_gather, fusion.guess, load, folder), list(enumerate(blocks)))
-        fusion.step(_in_order(done, folder))
+        done = pool.each(partial(_gather, fusion.guess, load, folder, status), list(enumerate(blocks)))
+        fusion.step(_in_order(_told(done, blocks, partial(progress, f"fuse, pass {passes}")), folder))
     shutil.rmtree(folder, ignore_errors=True)
     return fusion.shape()
 
 
-def _gather(guess, load, folder, prepared, block):
+def _gather(guess, load, folder, status, prepared, block):
     """Writes what one (index, numbers) says at a guess, and yields its index."""
-    index, numbers = block
-    save_record(_part(folder, index), prepared.fusion.gather(guess, (load(prepared, number) for number in numbers)))
+    (index, numbers), fusion = block, prepared.fusion
+    with status.timing(len(numbers), stage="fuse") as ends:
+        save_record(_part(folder, index), fusion.gather(guess, _loaded(load, prepared, numbers, ends)))
     yield index
+
+
+def _loaded(load, prepared, numbers, ends):
+    """The frames; of each it is told when the next one is asked for."""
+    for number in numbers:
+        yield load(prepared, number)
+        ends()
+
+
+def _told(done, blocks, progress):
+    """The indices, each told as so many frames of all."""
+    behind, total = 0, sum(map(len, blocks))
+    for index in done:
+        behind += len(blocks[index])
+        progress(behind, total)
+        yield index
 
 
 def _in_order(done: Iterable[int], folder: Path) -> Iterator[Gathered]:

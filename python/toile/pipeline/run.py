@@ -85,7 +85,8 @@ def register(
     is whole. Files are compared by name, size and time, with `verify` by their contents. `workers` processes share the
     work, or those of a running dask `scheduler` (tcp://HOST:PORT). `shard` (i, n) takes every n-th block from the i-th on, on its own or beside other shards of the run; whichever
     ends last finishes the run. `retry` gives frames again: "failed" (or True), "wrong" those too that are judged wrong,
-    "worst:20" the worst by their evidence, or frame numbers. A frame fails that takes longer than `frame_limit` [s]. `keep`:
+    "worst:20" the worst by their evidence, or frame numbers. A frame fails that takes longer than `frame_limit` [s], whether it ends or not: a
+    process beside this one makes the frames then, where `workers` do not, and is ended with a stage that hangs. `keep`:
     what passes between the stages stays in RUN/work, so that a changed setting redoes only what depends on it. The bits
     depend on neither workers nor shards. UserError: no such setting (the message names the nearest), or the capture, or a run
     folder that holds something else, cannot be used; nothing is left behind.
@@ -152,9 +153,9 @@ def _register(capture, run, config, request, own, progress, crew, retry, frame_l
         try_again(run, again(stored, own, results, retry, config.verdict))
         damaged = stored.reopen_damaged(own)
     title = "track, segment, dress" if capture.scene.garments else "track"
-    arguments, make = (capture, run, config, identities), partial(first_stages, frame_limit)
-    job = BlockJob(run, results, prepare, arguments, make, 1, title, held(config.holdout))
-    last = partial(last_stages, stored, results, progress, keep)
+    arguments = capture, run, config, identities
+    job = BlockJob(run, results, prepare, arguments, first_stages, 1, title, held(config.holdout), frame_limit)
+    last = partial(last_stages, stored, results, progress, keep, frame_limit)
     run_job(job, frames, lambda: stored.whole, last, workers, shard, stored.left, progress, scheduler)
     notes = *request.notes, *(f"frame {number}: made again: {reason}" for number, reason in damaged.items())
     return replace(outcome_of(stored, results), notes=notes)
@@ -163,14 +164,14 @@ def _register(capture, run, config, request, own, progress, crew, retry, frame_l
 # Every frame: track, segment, dress -----------------------------------------------------------------------------------
 
 
-def first_stages(limit, prepared, number, previous, results) -> Iterator[None]:
+def first_stages(prepared, number, previous, results) -> Iterator[None]:
     """Makes a frame's Tracked, Segmented and Dressed, a step each; the frame `previous` gives temporal state. What is there
     of an earlier try and made of the same stays."""
     capture, folder, identities = prepared.capture, results.folder(number), prepared.identities
     before = None if previous is None else results.folder(previous)
     if not note_of(results.root.parent.parent, number).exists():
         note_frame(results.root.parent.parent, capture, number)
-    clock = Clock(limit)
+    clock = Clock()
     asked = partial(identities.step, frame=number, previous=previous)
     kept = lambda name, stage: identity_of(folder / name, whole=True) == asked(stage)
     scanning.make_scan(capture, number, prepared.config, results.status, identities)
@@ -206,18 +207,15 @@ def first_stages(limit, prepared, number, previous, results) -> Iterator[None]:
 
 
 class Clock:
-    """The seconds of a frame's stages. UserError: `limit` is over when one of them ends."""
+    """The seconds of a frame's stages."""
 
-    def __init__(self, limit=None):
-        self.limit, self.seconds = limit, {}
+    def __init__(self):
+        self.seconds = {}
 
     def timed(self, stage, make):
         start = time.perf_counter()
         result = make()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
-        total = sum(self.seconds.values())
-        if self.limit is not None and total > self.limit:
-            raise UserError(f"{stage}: the frame took {total:.1f} s so far, --frame-limit {self.limit:g}")
         return result
 
 
@@ -229,7 +227,7 @@ def _load_segmented(path):
 # Once all are dressed: smoothing, the inner layer, and the store ------------------------------------------------------
 
 
-def last_stages(stored, results, progress, keep, prepared, pool) -> None:
+def last_stages(stored, results, progress, keep, limit, prepared, pool) -> None:
     """The body under the garments, the garments out of it, and every frame's arrays to the store."""
     run, scene, frames = stored.run, prepared.capture.scene, stored.frames
     good = [number for number in frames if results.whole(number)]
@@ -237,14 +235,17 @@ def last_stages(stored, results, progress, keep, prepared, pool) -> None:
         if any(garment.prints for garment in scene.garments):
             slide(partial(_load_dressed, results), good, _slid(results, prepared), prepared, pool, progress)
         if prepared.config.motion.temporal:
-            smooth(partial(_load_slid, results), good, _smoothed(results, prepared), prepared, pool)
+            smooth(partial(_load_slid, results), good, _smoothed(results, prepared), prepared, pool, progress)
         if scene.garments:
-            fused, identity = partial(_fuse, run, good, results, prepared, pool), prepared.identities.stages["inner"]
+            fused, identity = (
+                partial(_fuse, run, good, results, prepared, pool, progress),
+                prepared.identities.stages["inner"],
+            )
             kept(prepared.folder / "inner.npz", InnerShape, fused, identity)
     with naming(stored.folder / STORE):
         writer = _store(stored, prepared)
         left = [number for number in frames if number not in stored.behind(stored.folder)]
-        for i, _ in enumerate(pool.each(partial(_finish, stored, results), writer.groups(left))):
+        for i, _ in enumerate(pool.each(partial(_finish, stored, results, limit), writer.groups(left))):
             progress("inner" if scene.garments else "store", len(frames) - len(left) + i + 1, len(frames))
         writer.write_diagnostics(diagnostics_of(run, frames, results.status))
         stored.install()
@@ -265,7 +266,7 @@ def _store(stored, prepared):
     return writer
 
 
-def _fuse(run, good, results, prepared, pool):
+def _fuse(run, good, results, prepared, pool, progress):
     """The InnerShape of all frames that are whole and not held out."""
     good = apart(good, prepared.config.holdout)
     if not good:
@@ -273,7 +274,8 @@ def _fuse(run, good, results, prepared, pool):
     results.status.forget("inner")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        shape = fuse(blocks(good), partial(_load_results, results), run / "work" / "fusion", prepared, pool)
+        load, folder = partial(_load_results, results), run / "work" / "fusion"
+        shape = fuse(blocks(good), load, folder, prepared, pool, results.status, progress)
     for warning in caught:
         results.status.add(stage="inner", ok=False, warning=str(warning.message))
     return shape
@@ -312,43 +314,54 @@ def _load_results(results, prepared, number):
     return tracked, segmented, dressed
 
 
-def _finish(stored, results, prepared, numbers):
+def _finish(stored, results, limit, prepared, numbers):
     """Solves the inner layer of these frames and writes them to the store, each file once; yields each number. Those that
     the run's own store has are taken over from there."""
     run, writer, made = stored.run, RunWriter.of(stored.folder), {}
     there = stored.behind(run) if stored.folder != run else frozenset()
-    with stoppable(), writer.together():
-        for number in (number for number in numbers if number in there):
-            writer.copy(number, RunWriter.of(run))
-            yield number
-        numbers = [number for number in numbers if number not in there]
-        for number, error in overlapped(lambda number, _: _last_stage(prepared, number, results, made), numbers):
-            if error is not None:
-                results.fail(number, error)
-            if number in made:
-                found, (measures, level, reasons) = made.pop(number)
-                words = {"evidence": measures, "verdict": level, "reasons": reasons}
-                write_diagnostics(run, number, _measured(*found) | words)
-                writer.write(number, *found, verdict=level, identity=stored.identity(number))
-            else:
-                write_diagnostics(run, number, {"reason": results.reason(number)})
-                writer.fail(number, stored.identity(number))
-            yield number
+    layers = prepared.inner if prepared.templates else None  # made before the clock starts
+    with results.status.timing(len(numbers), stage="store") as ends, stoppable():
+        with writer.together():
+            for number in (number for number in numbers if number in there):
+                writer.copy(number, RunWriter.of(run))
+                yield number
+            numbers = [number for number in numbers if number not in there]
+            results.fail_late(numbers, limit)
+            make = partial(_last_stage, prepared, layers, results, made)
+            for number, error in overlapped(lambda n, _: results.timed(n, limit, partial(make, n)), numbers):
+                if error is not None:
+                    results.fail(number, error)
+                _write(stored, writer, results, number, made.pop(number, None))
+                ends()
+                yield number
+        ends()
 
 
-def _last_stage(prepared, number, results, made) -> Iterator[None]:
+def _write(stored, writer, results, number, made):
+    """A frame to the store, and what is said of it; None: it failed."""
+    if made is None:
+        write_diagnostics(stored.run, number, {"reason": results.reason(number)})
+        writer.fail(number, stored.identity(number))
+        return
+    found, (measures, level, reasons) = made
+    words = {"evidence": measures, "verdict": level, "reasons": reasons}
+    write_diagnostics(stored.run, number, _measured(*found) | words)
+    writer.write(number, *found, verdict=level, identity=stored.identity(number))
+
+
+def _last_stage(prepared, layers, results, made, number) -> Iterator[None]:
     """(Tracked, Segmented, {garment: Dressed}, Inner) of a frame, only the first without garments, and what is judged of it,
     into `made`; nothing of a frame that failed."""
-    if not results.whole(number):
+    if not results.whole(number) or results.reason(number) is not None:
         return
     found = _load_results(results, prepared, number)
-    if prepared.templates:
+    if layers is not None:
         start = time.perf_counter()
-        body = prepared.inner.body(*found)
+        body = layers.body(*found)
         seconds = time.perf_counter() - start
         yield
         start = time.perf_counter()
-        layer = prepared.inner.layered(body, *found)
+        layer = layers.layered(body, *found)
         seconds += time.perf_counter() - start
         results.status.add(frame=number, stage="inner", seconds=seconds, ok=True)
         found = (*found, layer)

@@ -15,11 +15,18 @@ from ..io.files import identity_of, load_record, save_record
 from ..io.holdout import apart, held
 from ..scene import Dressed, Tracked
 from ..stages.motion import Strengths, strength_of
-from .blocks import BLOCK, FrameFolders, blocks
+from .blocks import BLOCK, FrameFolders, Progress, blocks
 from .workers import Workers
 
 
-def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepared, pool: Workers) -> None:
+def smooth(
+    load: Callable,
+    numbers: Sequence[int],
+    smoothed: FrameFolders,
+    prepared,
+    pool: Workers,
+    progress: Progress = lambda stage, done, total: None,
+) -> None:
     """Smooths the frames `numbers` into the folders of `smoothed`; `load(prepared, number)` gives a frame's Tracked and
     {garment: Dressed}. Frames that do not follow one another say nothing of each other, nor do those held out and the others. `prepared.smoother` is a
     stages.motion.Smoother, of each process."""
@@ -27,14 +34,19 @@ def smooth(load: Callable, numbers: Sequence[int], smoothed: FrameFolders, prepa
     known, held_out = apart(numbers, span), held(span)
     kept, identity = prepared.folder / "strengths.npz", prepared.identities.stages["motion"]
     if identity_of(kept) != identity:
-        gathered = dict(pool.each(partial(_gather, load), list(enumerate(blocks(known)))))
+        gathered = {}
+        for index, rough in pool.each(partial(_gather, load, smoothed.status), list(enumerate(blocks(known)))):
+            gathered[index] = rough
+            progress("flicker", sum(len(blocks(known)[i]) for i in gathered), len(known))
         total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
         save_record(kept, strength_of(total, settings.max_strength), identity)
     left = [own for own in blocks(numbers, held_out) if not all(map(smoothed.whole, own))]
     beside = lambda own: [number for number in numbers if number in held_out] if own[0] in held_out else known
     around = [(own, _around(beside(own), own[0] // BLOCK, settings.margin)) for own in left]
-    for _ in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
-        pass
+    done = 0
+    for count in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
+        done += count
+        progress("smooth", done, sum(map(len, left)))
 
 
 def load_layers(folder: Path, templates, slid: Path | None = None) -> tuple[Tracked, dict[str, Dressed]]:
@@ -60,30 +72,34 @@ def _consecutive(numbers):
     return [numbers[a:b] for a, b in pairwise([0, *cuts, len(numbers)])]
 
 
-def _gather(load, prepared, block):
+def _gather(load, status, prepared, block):
     """Yields what one (index, numbers) says of its roughness."""
     index, numbers = block
     total = prepared.smoother.nothing()
-    for run in _consecutive(numbers):
-        total += prepared.smoother.gather([load(prepared, n) for n in run])
+    with status.timing(len(numbers), stage="flicker"):
+        for run in _consecutive(numbers):
+            total += prepared.smoother.gather([load(prepared, n) for n in run])
     yield index, total
 
 
 def _smooth(load, smoothed, strengths, prepared, block):
-    """Writes one block's frames, given (its numbers, those with its margins); yields its first number."""
+    """Writes one block's frames, given (its numbers, those with its margins); yields how many."""
     own, around = block
     for run in _consecutive(around):
         wanted = sorted(set(run) & set(own))
-        start = time.perf_counter()
+        start, used = time.perf_counter(), time.process_time()
         if wanted:
             frames = [load(prepared, n) for n in run]
             made = dict(zip(run, prepared.smoother.smooth(frames, strengths)))
         for number in wanted:
             _save(smoothed, number, *made[number])
         for number in wanted:
-            seconds = (time.perf_counter() - start) / len(wanted)
-            smoothed.status.add(frame=number, stage=smoothed.stage, seconds=seconds, ok=True)
-    yield own[0]
+            took = {
+                "seconds": (time.perf_counter() - start) / len(wanted),
+                "cpu": (time.process_time() - used) / len(wanted),
+            }
+            smoothed.status.add(frame=number, stage=smoothed.stage, **took, ok=True)
+    yield len(own)
 
 
 def _save(smoothed, number, tracked, dressed):

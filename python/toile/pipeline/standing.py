@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..errors import UserError
 from ..io.layout import DOUBTFUL, FAILED, OK, WRONG
@@ -13,6 +15,14 @@ from ..io.run_folder import config_file, read_config, read_diagnostics
 from ..io.status import Status
 from .blocks import FrameFolders
 
+LAST_PASSES = {  # by what their lines are called
+    "prints": "prints slide",
+    "flicker": "flicker is measured",
+    "motion": "smoothing",
+    "fuse": "the body under the garments, from all frames",
+    "inner": "inner layer and store",
+    "verdict": "inner layer and store",
+}
 WINDOW = 600.0  # s before the last frame over which its pace is measured
 
 
@@ -20,7 +30,8 @@ WINDOW = 600.0  # s before the last frame over which its pace is measured
 class Standing:
     """`frames` asked for; those `registered`, of which `doubtful` and `wrong` {frame: reasons}; `failed` {frame: reason};
     `passed`: through the first pass and not in the store yet; `waiting`: not begun, or in hand. `pace` of the pass that is
-    under way [frames/s], None where two frames have not ended yet; `silence` since the last line [s]."""
+    under way [frames/s], None where two frames have not ended yet; `silence` since the last line [s]; `last_pass`: which of the
+    last passes has made something, where the first one is behind."""
 
     capture: str
     frames: tuple[int, ...]
@@ -32,6 +43,7 @@ class Standing:
     waiting: int
     pace: float | None
     silence: float | None
+    last_pass: str | None = None
 
     @property
     def whole(self) -> bool:
@@ -71,23 +83,26 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
         else:
             waiting += 1
     registered = tuple(frame for frame in frames if stored.get(frame) == OK)
+    lines = list(status.lines())
     first = "align" if aligned else "track"
-    pace, last = pace_of(status, first if waiting else "verdict")
+    pace, last = pace_of(lines, first if waiting else "verdict")
+    named = [LAST_PASSES[line["stage"]] for line in lines if line.get("ok") and line.get("stage") in LAST_PASSES]
+    last_pass = named[-1] if named and passed and not waiting else None
     silence = None if last is None else max((time.time() if now is None else now) - last, 0.0)
     judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
     if opened is not None and opened.verdict is not None:
         for frame, level in zip(opened.frames.tolist(), opened.verdict.tolist()):
             if level in judged and stored[frame] == OK:
                 judged[level][frame] = "; ".join(read_diagnostics(run, frame).get("reasons", ()))
-    told = judged[DOUBTFUL], judged[WRONG], failed, passed, waiting, pace, silence
+    told = judged[DOUBTFUL], judged[WRONG], failed, passed, waiting, pace, silence, last_pass
     return Standing(str(config.get("capture")), tuple(frames), registered, *told)
 
 
-def pace_of(status: Status, stage: str) -> tuple[float | None, float | None]:
-    """Frames a second that left a stage over the last WINDOW, by all processes; and the time of the last line [s]. Of times
+def pace_of(lines: Iterable[dict[str, Any]], stage: str) -> tuple[float | None, float | None]:
+    """From the lines of a status, frames a second that left a stage over the last WINDOW, by all processes; and the time of the last line [s]. Of times
     on the other side of a clock's jump nothing is told."""
     times, last = [], None
-    for line in status.lines():
+    for line in lines:
         at = line.get("time")
         if isinstance(at, (int, float)):
             last = at

@@ -45,15 +45,18 @@ def killed(deaths: int) -> str:
 
 class Workers:
     """This process, `count` others on this machine, or the workers of `scheduler` (tcp://HOST:PORT, or the .json file that
-    `dask scheduler --scheduler-file` writes). Each has what `prepare(*arguments)` gives there.
+    `dask scheduler --scheduler-file` writes). Each has what `prepare(*arguments)` gives there. `apart`: not this process,
+    though one is enough: an item may cost its process.
 
     As a context, numpy's BLAS has one thread here as it has there. Processes start when first needed, or with `start`. They
     are spawned, not forked: OpenMP's threads do not survive a fork. They end when their parent does. Where one is lost,
     another takes its place and makes what it was about again.
     """
 
-    def __init__(self, count: int, prepare: Callable, *arguments: Any, scheduler: str | None = None):
-        self.count, self.scheduler = count, scheduler
+    def __init__(
+        self, count: int, prepare: Callable, *arguments: Any, scheduler: str | None = None, apart: bool = False
+    ):
+        self.count, self.scheduler, self.apart = count, scheduler, apart
         self.prepare, self.arguments = prepare, arguments
         self._prepared: list[Any] = []
         self._opening: Future[Cluster] | None = None
@@ -68,7 +71,7 @@ class Workers:
 
     def start(self) -> None:
         """Starts the processes, which takes seconds, while this one goes on."""
-        if self._opening is None and (self.count > 1 or self.scheduler is not None):
+        if self._opening is None and (self.count > 1 or self.apart or self.scheduler is not None):
             self._open()
 
     def resize(self, count: int) -> None:
@@ -89,7 +92,7 @@ class Workers:
         What a lost worker was about is made again, and of what it had yielded nothing is yielded twice: the generator yields
         as often as before. `lost(item, deaths)` gives the item that is tried then, or raises; it is called with the number
         of workers that the item has cost so far, counted anew after LIVES."""
-        if self.scheduler is None and (self.count == 1 or len(items) < 2):
+        if self.scheduler is None and not self.apart and (self.count == 1 or len(items) < 2):
             for item in items:
                 yield from function(self.prepared(), item)
         else:

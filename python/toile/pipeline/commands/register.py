@@ -51,7 +51,7 @@ def register(
         ),
     ] = None,
     frame_limit: Annotated[
-        float | None, typer.Option(help="seconds after which a frame fails, looked at when a stage of it ends")
+        float | None, typer.Option(help="seconds after which a frame fails; a stage that hangs is ended")
     ] = None,
     keep: Annotated[
         bool, typer.Option(help="keep RUN/work, so that a changed setting redoes only what depends on it")

@@ -16,6 +16,7 @@ from ...io.run_folder import read_config
 from ..outcome import Outcome
 from ..standing import Standing, standing
 
+ALONE = "one process makes them, with its workers; shards that find it at work wait"
 QUIET = 120.0  # s without a line after which it is said that nothing happens
 
 
@@ -64,16 +65,18 @@ def words(run: Path | str, found: Standing, most: int = 20) -> list[str]:
     ]
     if not found.whole:
         behind = len(found.frames) - found.waiting
-        what = "the first pass" if found.waiting else "the last pass"
+        what = "the first pass" if found.waiting else "the last passes"
         done = behind if found.waiting else behind - found.passed
         left = found.seconds_left
         pace = f", {60 * found.pace:.3g} a minute" if found.pace else ""
         rest = (
             ""
             if left is None
-            else f": about {duration(left)} left{' of it, then the last pass' if found.waiting else ''}"
+            else f": about {duration(left)} left{' of it, then the last passes' if found.waiting else ''}"
         )
         lines.append(f"  {what}: {done} of {len(found.frames)} frames{pace}{rest}")
+        if not found.waiting:
+            lines.append(f"  {ALONE}{f'; so far: {found.last_pass}' if found.last_pass else ''}")
         if found.silence is None:
             lines.append("  no frame has ended yet: what all frames need is being made")
     if not found.whole and found.silence is not None and found.silence > QUIET:

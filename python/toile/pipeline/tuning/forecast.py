@@ -26,8 +26,8 @@ class Forecast:
 
 def seconds_a_frame(trial: Trial, numbers: Sequence[int]) -> float:
     """On this machine, with its cores as threads of one process; what is prepared for all is not counted."""
-    first = trial.first.wall * _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
-    return first / len(numbers) + trial.last.wall / len(trial.frames)
+    first, last = _passes(trial, numbers, "wall")
+    return (first + last) / len(numbers)
 
 
 def in_one_process(trial: Trial, numbers: Sequence[int]) -> Forecast:
@@ -37,11 +37,23 @@ def in_one_process(trial: Trial, numbers: Sequence[int]) -> Forecast:
 
 def on_workers(trial: Trial, numbers: Sequence[int], workers: int) -> Forecast:
     """On workers of one core each, here or elsewhere: each takes whole blocks, what all need is made once before."""
-    share = _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
-    first, last = trial.first.cpu * share, trial.last.cpu * len(numbers) / len(trial.frames)
+    first, last = _passes(trial, numbers, "cpu")
+    alike = _once(trial, "cpu")  # each of them builds it
     parts = [len(block) for block in blocks(numbers)]
     most = max(sum(sorted(parts, reverse=True)[i::workers]) for i in range(min(workers, len(parts))))
-    return _forecast(trial, numbers, workers, trial.prepare.cpu + (first + last) * most / len(numbers))
+    shared = (first + last - alike) * most / len(numbers)
+    return _forecast(trial, numbers, workers, trial.prepare.cpu + alike + shared)
+
+
+def _passes(trial, numbers, clock):
+    """The seconds of the first pass and of the last ones, by the `clock` of a Cost."""
+    first = getattr(trial.first, clock) * _frames_worth(trial, numbers) / _frames_worth(trial, trial.frames)
+    return first, _once(trial, clock) + len(numbers) * getattr(trial.each, clock)
+
+
+def _once(trial, clock):
+    """What the last passes take however many frames there are."""
+    return max(getattr(trial.last, clock) - len(trial.frames) * getattr(trial.each, clock), 0.0)
 
 
 def _forecast(trial, numbers, workers, seconds):

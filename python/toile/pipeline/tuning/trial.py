@@ -19,7 +19,9 @@ from ..blocks import BLOCK
 from ..run import register
 
 PLACES, TOGETHER = 5, 3  # of the sequence, and frames at each: the later ones have one before them
+FIRST = 5  # frames at the first place: fewer in a row say nothing of flicker, and nothing would be smoothed
 FIRST_STAGES = ("reconstruct", "track", "segment", "dress")  # of the first pass
+LAST_STAGES = ("prints", "flicker", "motion", "fuse", "store")  # of the last passes, what grows with the frames
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Cost:
 
 @dataclass(frozen=True)
 class Trial:
-    """What registering `frames` took: what is prepared for all, the first pass, the rest; `peak` memory, what passes between
+    """What registering `frames` took: what is prepared for all, the first pass, the rest, and `each`, what of the rest
+    a frame adds; `peak` memory, what passes between
     the stages in RUN/work, `kept` of the run itself, each [bytes], the latter two a frame; `stages` [s] a frame."""
 
     quality: str
@@ -41,6 +44,7 @@ class Trial:
     prepare: Cost
     first: Cost
     last: Cost
+    each: Cost
     peak: int
     work: float
     kept: float
@@ -49,9 +53,9 @@ class Trial:
 
 
 def sampled(numbers: Sequence[int], places: int = PLACES) -> tuple[int, ...]:
-    """Frames at so many places spread over the sequence, TOGETHER from each on; all of a short one."""
+    """Frames at so many places spread over the sequence, TOGETHER from each on, FIRST from the first; all of a short one."""
     starts = evenly(range(max(len(numbers) - TOGETHER + 1, 1)), places)
-    return tuple(sorted({n for at in starts for n in numbers[at : at + TOGETHER]}))
+    return tuple(sorted({n for at in starts for n in numbers[at : at + (TOGETHER if at else FIRST)]}))
 
 
 def alone(numbers: Sequence[int]) -> set[int]:
@@ -79,12 +83,25 @@ def _registered(capture, run, config, frames, threads):
     opened = open_run(run)
     kept, work = _framed_bytes(opened), _bytes(run / "work")
     rest = _bytes(run) - work - kept
-    stages = {number: {} for number in frames}
-    for line in opened.status.lines():
+    stages, lines = {number: {} for number in frames}, list(opened.status.lines())
+    for line in lines:
         if line.get("ok") and line.get("frame") in stages and "seconds" in line:
             stages[line["frame"]][line["stage"]] = line["seconds"]
     count = len(frames)
-    return Trial(config.quality, run, frames, *spans, _peak(), work / count, kept / count, rest, stages)
+    return Trial(
+        config.quality, run, frames, *spans, growing(lines, count), _peak(), work / count, kept / count, rest, stages
+    )
+
+
+def growing(lines, count):
+    """What a frame adds to the last passes; what is built for all of them, or with the first one, is not counted."""
+    grown = [line for line in lines if line.get("ok") and line.get("stage") in LAST_STAGES and "seconds" in line]
+    return Cost(*(sum(_of_frames(line, clock) for line in grown) / count for clock in ("seconds", "cpu")))
+
+
+def _of_frames(line, clock):
+    whole = line.get(clock, line["seconds"])
+    return line["frames"] * line[f"each_{clock}"] if f"each_{clock}" in line else whole
 
 
 def _now():
