@@ -35,7 +35,7 @@ def test_the_example_asks_slurm_for_workers_of_one_thread(monkeypatch):
     for line in ("-p cpu", "-n 1", "--cpus-per-task=16", "--mem=60G", "-t 08:00:00"):
         assert f"#SBATCH {line}\n" in script
     command = script.splitlines()[-1]
-    assert asked[0][2] in command and "--nworkers 16 --nthreads 1 " in command
+    assert all(f"{words} " in command for words in (asked[0][2], "--nworkers 16", "--nthreads 1"))
     assert command.rindex("--memory-limit 0") > command.index("--memory-limit")  # the last one counts
 
 
