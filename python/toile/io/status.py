@@ -39,8 +39,12 @@ class Status:
         """Adds the line with what the block took, `seconds` and the processor's, `cpu`, where it ends well. It is given a
         function to call as each of its frames ends: from the first end to the last call one of them takes `each_seconds`
         and `each_cpu`, without what is built with the first."""
-        marks = [(time.perf_counter(), time.process_time())]
-        ends = lambda: marks.append((time.perf_counter(), time.process_time()))
+        now = lambda: (time.perf_counter(), time.process_time())
+        marks = [now()]
+
+        def ends() -> None:
+            marks.append(now())
+
         yield ends
         ends()
         span = lambda i, j, k: marks[j][k] - marks[i][k]
