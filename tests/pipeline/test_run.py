@@ -167,7 +167,7 @@ def test_a_scene_without_a_garment_runs_neither_segment_dress_nor_inner(bare, tm
         "confidence/track",
     }  # fmt: skip
     stages = {json.loads(line)["stage"] for line in (tmp_path / "run" / "status.jsonl").read_text().splitlines()}
-    assert stages == {"reconstruct", "track", "motion", "verdict"}
+    assert stages == {"reconstruct", "track", "flicker", "motion", "verdict", "store"}
 
 
 def test_one_bad_frame_is_recorded_and_the_others_finish(bare, tmp_path):
