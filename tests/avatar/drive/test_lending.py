@@ -72,7 +72,7 @@ def test_codes_textures_and_folds_are_the_garments_own(owner, worn, sample_run):
     ours, theirs = (driven.decode(1, driven.unseen(1))[0]["tshirt"].mean_texture for driven in (worn, own))
     assert torch.equal(ours, theirs)
     folds = [driven.geometry(1)["tshirt"].unposed - driven.avatar.model("tshirt").rest for driven in (worn, own)]
-    assert torch.allclose(*folds, atol=1e-6) and folds[0].abs().max() > 1e-3
+    assert torch.allclose(*folds, atol=1e-6) and folds[0].abs().max() > 1e-4
 
 
 def test_on_another_body_it_keeps_its_lengths_and_lies_outside(worn, owner, sample_run):
