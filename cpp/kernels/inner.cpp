@@ -22,11 +22,14 @@ Vector from_hidden(const Vector& visible, const Adjacency& neighbours, const Ver
     const Eigen::Index n = visible.size();
     Vector distance = Vector::Constant(n, kNone);
     std::priority_queue<std::pair<double, int>, std::vector<std::pair<double, int>>, std::greater<>> queue;
-    for (Eigen::Index v = 0; v < n; ++v)
-        if (visible[v] < 0.5) {
-            distance[v] = 0;
-            queue.emplace(0.0, static_cast<int>(v));
-        }
+    for (Eigen::Index v = 0; v < n; ++v) {
+        if (visible[v] >= 0.5) continue;
+        distance[v] = 0;
+        const auto begin = neighbours.index.begin();
+        const bool edge = std::any_of(begin + neighbours.start[v], begin + neighbours.start[v + 1],
+                                      [&](int w) { return visible[w] >= 0.5; });
+        if (edge) queue.emplace(0.0, static_cast<int>(v));
+    }
     while (!queue.empty()) {
         const auto [d, v] = queue.top();
         queue.pop();
@@ -75,8 +78,8 @@ void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyM
     check_points("inner", name + ".translation", f.translation);
     check_points("inner", name + ".tracked", f.tracked);
     for (Eigen::Index v = 0; v < n; ++v)
-        require(f.visible[v] >= 0 && f.visible[v] <= 1,
-                "inner: " + name + ".visible[" + std::to_string(v) + "] must lie in [0, 1]");
+        if (!(f.visible[v] >= 0 && f.visible[v] <= 1))
+            throw InputError("inner: " + name + ".visible[" + std::to_string(v) + "] must lie in [0, 1]");
     for (std::size_t g = 0; g < f.garments.size(); ++g)
         check_mesh("inner", f.garments[g].V, f.garments[g].F, name + ".garments[" + std::to_string(g) + "].V",
                    name + ".garments[" + std::to_string(g) + "].F");

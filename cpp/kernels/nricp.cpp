@@ -303,6 +303,7 @@ NricpSolver::NricpSolver(const Vertices& V, const Faces& given, const NricpOptio
     s.N = vertex_normals(s.V, F);
     const Vector area = area_shares(s.V, F), seen = area.cwiseProduct(visible_vertices(s.V, F, s.N, options.exposure));
     s.borders = TemplateBorders(s.V, s.N, F, seen);
+    if (options.border_weight <= 0) s.borders.curves.clear();  // nothing pulls: the scan's are not looked for
     const GeodesicGraph surface(s.V, F);
     for (std::size_t level = options.large_motion ? 0 : 1; level < options.relative_radii.size(); ++level)
         if (options.iterations[level] > 0) {

@@ -38,8 +38,8 @@ constexpr double largest = 1e30, smallest = 1e-30;
 
 void check_scale(const char* name, const Vertices& V) {
     for (Eigen::Index i = 0; i < V.rows(); ++i)
-        require(V.row(i).cwiseAbs().maxCoeff() <= largest,
-                std::string("untangle: ") + name + "[" + std::to_string(i) + "] lies beyond 1e30");
+        if (!(V.row(i).cwiseAbs().maxCoeff() <= largest))
+            throw InputError(std::string("untangle: ") + name + "[" + std::to_string(i) + "] lies beyond 1e30");
 }
 
 void check_span(double span) { require(span >= smallest, "untangle: the faces of body_V span less than 1e-30"); }

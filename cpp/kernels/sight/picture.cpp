@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <string>
@@ -94,15 +95,17 @@ std::vector<float> evidence_picture(const LabelImage& image, const std::vector<s
                                     const float* likelihood, const std::uint8_t* rgb, double blur, double empty_blur) {
     const std::vector<float> soft = soft_labels(image, ids, blur), empty = soft_labels(image, {0}, empty_blur);
     const auto L = static_cast<std::int64_t>(ids.size()), channels = 2 * L + 4, n = image.height * image.width;
+    std::array<float, 256> share;
+    for (std::size_t value = 0; value < share.size(); ++value) share[value] = static_cast<float>(value) / 255;
     std::vector<float> out(static_cast<std::size_t>(n * channels));
     for (std::int64_t i = 0; i < n; ++i) {
         float* to = &out[i * channels];
         if (likelihood && clear[i]) {
-            std::copy(likelihood, likelihood + L, to);
+            for (std::int64_t l = 0; l < L; ++l) to[l] = likelihood[l];
             likelihood += L;
         }
-        std::copy(&soft[i * L], &soft[i * L] + L, to + L);
-        for (int c = 0; rgb && c < 3; ++c) to[2 * L + c] = static_cast<float>(rgb[3 * i + c]) / 255;
+        for (std::int64_t l = 0; l < L; ++l) to[L + l] = soft[i * L + l];
+        for (int c = 0; rgb && c < 3; ++c) to[2 * L + c] = share[rgb[3 * i + c]];
         to[channels - 1] = empty[i];
     }
     return out;
