@@ -21,6 +21,9 @@ MEASURES = {
     "garment_mse",
     "body_mse",
     "silhouette_mse",
+    "ms_ssim",
+    "gradient_similarity",
+    "legibility",
     *COUNTED.values(),
 }
 

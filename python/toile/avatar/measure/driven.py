@@ -21,7 +21,9 @@ from .heldout import VIEW, HeldOut
 
 LED = (TEMPORAL, MEAN, ZERO)  # rows of every picture; those drawn at random are of some
 COMPARED = 7  # every which picture shows all rows; prime, so that few numbers of cameras see some of them only
-STATED = ("mse", "ssim", "band_mse", "garment_mse", "body_mse", "silhouette_mse")
+STATED = (
+    "mse", "ssim", "band_mse", "garment_mse", "body_mse", "silhouette_mse", "ms_ssim", "gradient_similarity", "legibility",
+)  # fmt: skip
 
 
 class Driven(HeldOut):

@@ -18,6 +18,7 @@ from ...measure.truth import mean_measures
 from ...surface.sampling import evenly
 from .intervals import mean_change
 from .metrics import ErrorSums, errors_over, pixel_sets, squared_error, ssim_map
+from .perception import SeenSums, seen
 from .sheet import write_sheets
 
 SHOWN = 3  # frames whose pictures are drawn
@@ -32,7 +33,7 @@ class PictureErrors:
     """Errors of pictures, by avatar, frame and camera. `garments`: label ids; of several with `names`, each by itself too."""
 
     def __init__(self, garments, names=()):
-        self.garments, self.pictures = tuple(garments), defaultdict(dict)
+        self.garments, self.pictures, self.seen = tuple(garments), defaultdict(dict), defaultdict(dict)
         self.each = dict(zip(names, self.garments)) if len(self.garments) > 1 else {}
 
     def add(self, picture):
@@ -47,17 +48,23 @@ class PictureErrors:
             image = np.where(mask, np.clip(image, 0, 1), captured)
             maps = squared_error(image, captured), ssim_map(image, captured)
             sums = {pixels: errors_over(*maps, where) for pixels, where in sets.items()}
-            self.pictures[name][picture.frame, picture.camera] = sums
+            key = picture.frame, picture.camera
+            self.pictures[name][key] = sums
+            self.seen[name][key] = seen(image, captured, sets["all"], sets["garment"], picture.mm_per_pixel)
 
     def measures(self, name, frame=None, pictures=None):
         """Over all frames or one, and under "cameras" over each camera's pictures of them; `pictures`: of these alone."""
-        chosen = {
-            key: sums
-            for key, sums in self.pictures[name].items()
-            if frame in (None, key[0]) and (pictures is None or key in pictures)
-        }
-        by_camera = {c: _measures(s for (_, d), s in chosen.items() if d == c) for c in sorted({c for _, c in chosen})}
-        return _measures(chosen.values()) | {"cameras": by_camera}
+        chosen = [
+            key for key in self.pictures[name] if frame in (None, key[0]) and (pictures is None or key in pictures)
+        ]
+        by_camera = {c: self._measures(name, [k for k in chosen if k[1] == c]) for c in sorted({c for _, c in chosen})}
+        return self._measures(name, chosen) | {"cameras": by_camera}
+
+    def _measures(self, name, keys):
+        total = SeenSums()
+        for key in keys:
+            total.add(self.seen[name][key])
+        return _measures(self.pictures[name][key] for key in keys) | total.measures
 
     def change(self, name, others, pictures=None):
         """{measure: {change, low, high}} of an avatar's squared errors against those of `others`, the mean over these, see
@@ -105,7 +112,8 @@ def evaluate_avatar(
     one line that names what is missing.
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
-    garment's border with the rest of the foreground; garment_mse, body_mse: the garments, and the rest outside the
+    garment's border with the rest of the foreground; ms_ssim, gradient_similarity, legibility: what people see of it, see
+    `perception`; garment_mse, body_mse: the garments, and the rest outside the
     band; garments: where there are several, the MSE of each; silhouette_mse: within 5 px of the silhouette; cameras; geometry
     against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or

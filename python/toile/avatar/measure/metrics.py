@@ -61,13 +61,18 @@ def ssim_map(a, b):
     Gaussian weights of 11x11 with sigma 1.5 and mirrored borders, population covariances, C1 = 0.01^2, C2 = 0.03^2 for
     a range of 1 (equation 13 of Wang et al. 2004).
     """
+    luminance, structure = similarity_maps(a, b)
+    return (luminance * structure).mean(-1)
+
+
+def similarity_maps(a, b):
+    """Luminance, and contrast with structure, each (H,W,C): the two factors of `ssim_map` in each channel."""
     a, b = (np.atleast_3d(np.asarray(x, dtype=np.float64)) for x in (a, b))
     if a.shape != b.shape:
         raise ValueError(f"ssim_map: a has shape {a.shape}, b has {b.shape}")
     ma, mb = _blur(a), _blur(b)
     va, vb, cov = _blur(a * a) - ma * ma, _blur(b * b) - mb * mb, _blur(a * b) - ma * mb
-    value = (2 * ma * mb + C1) * (2 * cov + C2) / ((ma**2 + mb**2 + C1) * (va + vb + C2))
-    return value.mean(-1)
+    return (2 * ma * mb + C1) / (ma**2 + mb**2 + C1), (2 * cov + C2) / (va + vb + C2)
 
 
 def _blur(x):

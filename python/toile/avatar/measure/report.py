@@ -20,6 +20,9 @@ MEASURES = {  # name in the JSON: what it says, in the order of the table
     "ssim": "SSIM, foreground",
     "band_ssim": "\u2026 within 10 px of the garment's border",
     "psnr": "PSNR [dB], foreground",
+    "ms_ssim": "SSIM at five scales, foreground",
+    "gradient_similarity": "likeness of edges, foreground",
+    "legibility": "correlation of prints after the best shift of up to 1 cm",
 }
 TITLES = {"layered": "layered", "baseline": "single layer"}
 PLOTTED = ("mse", "band_mse")
