@@ -95,10 +95,10 @@ void bind_geometry(py::module_& m) {
         .def("solve", &checked_solve, py::call_guard<py::gil_scoped_release>())
         .def_property_readonly("factorisations", &CholeskyFactor::factorisations)
         .def_property_readonly("analyses", &CholeskyFactor::analyses);
-    py::class_<SurfaceIndex>(m, "SurfaceIndex")
+    py::class_<SurfaceIndex, std::shared_ptr<SurfaceIndex>>(m, "SurfaceIndex")
         .def(py::init([](const Vertices& V, const Faces& F) {
         check_mesh("SurfaceIndex", V, F);
-        return std::make_unique<SurfaceIndex>(V, F);
+        return std::make_shared<SurfaceIndex>(V, F);
     }),
              free)
         .def_property_readonly("V", &SurfaceIndex::vertices)

@@ -1,6 +1,9 @@
 #include "kernels/skeleton.h"
 
+#include <optional>
+
 #include "bind/common.h"
+#include "geometry/closest.h"
 
 namespace toile::bind {
 
@@ -33,14 +36,15 @@ void bind_skeleton(py::module_& m) {
     py::class_<SkeletonFrame>(m, "SkeletonFrame")
         .def(py::init([](Vertices V, Faces F, Indices index, Vertices points, Vector sigma,
                          std::vector<SkeletonPose> start, std::vector<SkeletonPose> previous, Vector clothed,
-                         Vector scan_confidence) {
+                         Vector scan_confidence, std::optional<std::shared_ptr<SurfaceIndex>> scan_index) {
         return SkeletonFrame{std::move(V),
                              std::move(F),
                              {std::move(index), std::move(points), std::move(sigma)},
                              std::move(start),
                              std::move(previous),
                              std::move(clothed),
-                             std::move(scan_confidence)};
+                             std::move(scan_confidence),
+                             scan_index.value_or(nullptr)};
     }));
     py::class_<SkeletonResult>(m, "SkeletonResult")
         .def_property_readonly("rotations", [](const SkeletonResult& r) { return r.pose.rotations; })

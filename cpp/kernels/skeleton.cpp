@@ -152,8 +152,8 @@ void check_frame(const SkeletonFrame& f, const BodyModel& model) {
             "skeleton: clothed has " + std::to_string(f.clothed.size()) + " entries, the model " +
                 std::to_string(model.v_template.rows()) + " vertices");
     for (Eigen::Index v = 0; v < f.clothed.size(); ++v)
-        require(f.clothed[v] >= 0 && f.clothed[v] <= 1,
-                "skeleton: clothed[" + std::to_string(v) + "] must lie in [0, 1]");
+        if (!(f.clothed[v] >= 0 && f.clothed[v] <= 1))
+            throw InputError("skeleton: clothed[" + std::to_string(v) + "] must lie in [0, 1]");
 }
 
 /// A vertex's share of the area of all samples, so that the energy does not know how densely the model is sampled.
@@ -194,8 +194,8 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
                 std::to_string(model_.v_template.rows()) + " vertices");
     std::vector<int> seen;
     for (Eigen::Index v = 0; v < vertex_weights_.size(); ++v) {
-        require(std::isfinite(vertex_weights_[v]) && vertex_weights_[v] >= 0,
-                "skeleton: vertex_weights[" + std::to_string(v) + "] must not be negative");
+        if (!(std::isfinite(vertex_weights_[v]) && vertex_weights_[v] >= 0))
+            throw InputError("skeleton: vertex_weights[" + std::to_string(v) + "] must not be negative");
         if (vertex_weights_[v] > 0) seen.push_back(static_cast<int>(v));
     }
     const SkeletonOptions& o = options_;
@@ -216,6 +216,7 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
     samples_.resize(static_cast<Eigen::Index>((seen.size() + stride - 1) / stride));
     for (Eigen::Index i = 0; i < samples_.size(); ++i) samples_[i] = seen[static_cast<std::size_t>(i) * stride];
     area_ = area_shares(model_, vertex_weights_, samples_);
+    faces_of_ = vertex_faces(model_.F, model_.v_template.rows());
 }
 
 namespace {
@@ -234,8 +235,7 @@ SkeletonResult result_of(const BodyModel& model, const Problem& problem, const B
 }
 
 std::unique_ptr<ScanSurface> surface_of(const SkeletonFrame& frame) {
-    return frame.scan_F.rows() ? std::make_unique<ScanSurface>(frame.scan_V, frame.scan_F, frame.scan_confidence)
-                               : nullptr;
+    return frame.scan_F.rows() ? std::make_unique<ScanSurface>(frame) : nullptr;
 }
 
 /// The frame, checked, without the faces of its scan that nothing vouches for.
@@ -292,7 +292,8 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
         before = Y;
         settled = reach <= o.reach;
         if (scan) {
-            problem.matches = scan->match(Y, vertex_normals(Y, model_.F), samples_, reach, o.min_cosine, faces);
+            const Vertices normals = sample_normals(Y, model_.F, faces_of_, samples_);
+            problem.matches = scan->match(Y, normals, samples_, reach, o.min_cosine, faces);
         }
         energies.push_back(descend(problem, state, damping, system).energy);
         if (settled) {
@@ -346,8 +347,9 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
             problem.surface_robust = options_.surface_robust;
             std::vector<int> faces;
             if (scans[f])
-                problem.matches = scans[f]->match(results[f].V, vertex_normals(results[f].V, model_.F), samples_,
-                                                  options_.reach, options_.min_cosine, faces);
+                problem.matches =
+                    scans[f]->match(results[f].V, sample_normals(results[f].V, model_.F, faces_of_, samples_), samples_,
+                                    options_.reach, options_.min_cosine, faces);
             const System s = problem.linearise(state_of(results[f].pose, model_));
             const int P = problem.shape_start();
             const MatrixXd C = s.H.bottomLeftCorner(S, P).transpose();

@@ -12,13 +12,17 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "../base/stop.h"
 #include "../geometry/body_jacobian.h"
+#include "../geometry/topology.h"
 
 namespace toile {
+
+class SurfaceIndex;
 
 namespace skeleton {
 class ScanSurface;
@@ -67,6 +71,8 @@ struct SkeletonFrame {
     std::vector<SkeletonPose> previous;  ///< frames before, newest first: none, one (held) or two (extrapolated)
     Vector clothed;                      ///< (n,) in [0,1], or empty: vertices under cloth
     Vector scan_confidence;  ///< per scan vertex >= 0, or empty: 1 everywhere. Faces with a corner at 0 are not there
+    std::shared_ptr<const SurfaceIndex>
+        scan_index;  ///< of scan_V and scan_F, where the caller has one: saves making it
 };
 
 struct SkeletonResult {
@@ -82,8 +88,8 @@ struct SkeletonResult {
 };
 
 /// Keeps the model, the vertices that look for the scan and their shares of area. Nothing is factorised across steps: the
-/// normal equations are dense, of some hundred unknowns, and change with every step; a scan's tree of boxes and normals
-/// are made once a solve, and for all rounds of `solve_shared`. Nothing is written while it solves.
+/// normal equations are dense, of some hundred unknowns, and change with every step; a scan's tree of boxes, where it comes
+/// without one, and normals are made once a solve, and for all rounds of `solve_shared`. Nothing is written while it solves.
 class SkeletonSolver {
 public:
     /// joint_sigma (K,) [rad]: spread of each joint about rest; 0 locks it at its start, infinity frees it.
@@ -104,7 +110,8 @@ private:
     Vector joint_sigma_, joint_limit_, vertex_weights_;
     SkeletonOptions options_;
     Indices samples_;
-    Vector area_;  // (n,) shares of the samples, which sum to 1
+    Vector area_;         // (n,) shares of the samples, which sum to 1
+    Adjacency faces_of_;  // of each vertex
 };
 
 }  // namespace toile

@@ -602,7 +602,7 @@ class SkeletonPose:
     def __setstate__(self, arg0: tuple) -> None:
         ...
 class SkeletonFrame:
-    def __init__(self, arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 1]"], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg4: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg5: collections.abc.Sequence[SkeletonPose], arg6: collections.abc.Sequence[SkeletonPose], arg7: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg8: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]) -> None:
+    def __init__(self, arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 1]"], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg4: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg5: collections.abc.Sequence[SkeletonPose], arg6: collections.abc.Sequence[SkeletonPose], arg7: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg8: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"], arg9: SurfaceIndex | None) -> None:
         ...
 class SkeletonResult:
     def __getstate__(self) -> tuple[SkeletonPose, typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"], str, int, list[float], float, int, float]:

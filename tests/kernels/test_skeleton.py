@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.smpl import JOINTS, smpl_fields
 from toile.io.body import load_body_model
-from toile.kernels import InputError, SkeletonSolver, vertex_normals
+from toile.kernels import InputError, SkeletonSolver, SurfaceIndex, vertex_normals
 from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA, by_prefix
 
 MOVING = {
@@ -169,6 +169,16 @@ def test_bits_do_not_depend_on_threads(model, solver, truth, threads):
         results.append(solver.solve(truth.scan, truth.faces, keypoints(model, truth, 0.005)))
     for r in results[1:]:
         assert np.array_equal(r.V, results[0].V) and r.energy == results[0].energy
+
+
+def test_a_scans_own_index_changes_nothing(model, solver, truth):
+    seen, twice = keypoints(model, truth, 0.005), np.concatenate([truth.faces, truth.faces])
+    plain = solver.solve(truth.scan, truth.faces, seen)
+    index, doubled = SurfaceIndex(truth.scan, truth.faces), SurfaceIndex(truth.scan, twice)
+    elsewhere = SurfaceIndex(truth.scan + 1, truth.faces)
+    for faces, given in ((truth.faces, index), (twice, doubled), (truth.faces, elsewhere)):
+        found = solver.solve(truth.scan, faces, seen, scan_index=given)
+        assert np.array_equal(found.V, plain.V) and found.energy == plain.energy
 
 
 def test_bad_input_is_refused_by_name(model, solver, truth):

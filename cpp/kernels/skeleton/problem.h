@@ -1,5 +1,6 @@
 // One frame's least-squares problem of the skeleton kernel: matches to the scan, residuals and their derivatives.
 #pragma once
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -44,11 +45,30 @@ struct Match {
 inline double robust_value(double r2, double c) { return r2 / (1 + r2 / (c * c)); }
 inline double robust_weight(double r2, double c) { return 1 / ((1 + r2 / (c * c)) * (1 + r2 / (c * c))); }
 
+/// Unit normals (n,3) at the vertices `at`, the bits of `vertex_normals`, and zero at the others; `faces_of` each vertex.
+inline Vertices sample_normals(const Vertices& V, const Faces& F, const Adjacency& faces_of, const Indices& at) {
+    constexpr double cancelled = 1e-12;  // a share of the faces' area that rounding leaves where they face each other
+    Vertices N = Vertices::Zero(V.rows(), 3);
+    parallel_for(at.size(), [&](std::int64_t i) {
+        const int v = at[i];
+        Vec3 sum = Vec3::Zero();
+        double area = 0;
+        for (int k = faces_of.start[v]; k < faces_of.start[v + 1]; ++k) {
+            const auto face = F.row(faces_of.index[k]);
+            const Vec3 a = V.row(face[0]), b = V.row(face[1]), c = V.row(face[2]), n = (b - a).cross(c - a);
+            for (int corner = 0; corner < 3; ++corner)
+                if (face[corner] == v) sum += n, area += n.norm();
+        }
+        if (const double length = sum.norm(); length > cancelled * area) N.row(v) = (sum / length).transpose();
+    });
+    return N;
+}
+
 class ScanSurface {
 public:
-    ScanSurface(const Vertices& V, const Faces& F, const Vector& confidence)
-        : index_(V, distinct_faces(F, V.rows())), normals_(vertex_normals(V, index_.faces())),
-          confidence_(confidence.size() ? confidence : Vector::Ones(V.rows())) {}
+    explicit ScanSurface(const SkeletonFrame& frame)
+        : index_(index_of(frame)), normals_(vertex_normals(index_->vertices(), index_->faces())),
+          confidence_(frame.scan_confidence.size() ? frame.scan_confidence : Vector::Ones(frame.scan_V.rows())) {}
 
     /// Matches of samples within `reach` whose normals agree up to the scan's orientation, in order of the samples.
     /// `face`: the faces found for the samples, -1 for none; those of a pose before save time and change nothing.
@@ -60,15 +80,16 @@ public:
         parallel_for(samples.size(), [&](std::int64_t i) {
             const auto s = static_cast<std::size_t>(i);
             const int v = samples[i];
-            const SurfacePoint hit = index_.closest(Vec3(Y.row(v)), reach, face[s]);
+            const SurfacePoint hit = index_->closest(Vec3(Y.row(v)), reach, face[s]);
             face[s] = hit.face;
             all[s].vertex = hit.face < 0 ? -1 : v;
             if (hit.face < 0) return;
             Vec3 n = Vec3::Zero();
-            for (int c = 0; c < 3; ++c) n += hit.barycentric[c] * normals_.row(index_.faces()(hit.face, c)).transpose();
+            for (int c = 0; c < 3; ++c)
+                n += hit.barycentric[c] * normals_.row(index_->faces()(hit.face, c)).transpose();
             all[s].point = hit.point;
             all[s].normal = n.normalized();
-            all[s].confidence = confidence_at(confidence_, index_.faces().row(hit.face), hit.barycentric);
+            all[s].confidence = confidence_at(confidence_, index_->faces().row(hit.face), hit.barycentric);
             cosine[s] = all[s].normal.dot(model_normals.row(v));
             const double along = std::abs(all[s].normal.dot(Vec3(Y.row(v)) - hit.point));
             if (hit.distance > 0.005 && along < 0.5 * hit.distance) all[s].vertex = -1;  // beyond the border of a hole
@@ -86,7 +107,16 @@ public:
     }
 
 private:
-    SurfaceIndex index_;
+    /// The frame's own where it is of the same faces, each once.
+    static std::shared_ptr<const SurfaceIndex> index_of(const SkeletonFrame& frame) {
+        const Faces F = distinct_faces(frame.scan_F, frame.scan_V.rows());
+        const auto& own = frame.scan_index;
+        const bool same = own && own->vertices().rows() == frame.scan_V.rows() && own->faces().rows() == F.rows() &&
+                          own->faces() == F && own->vertices() == frame.scan_V;
+        return same ? own : std::make_shared<const SurfaceIndex>(frame.scan_V, F);
+    }
+
+    std::shared_ptr<const SurfaceIndex> index_;
     Vertices normals_;
     Vector confidence_;
 };

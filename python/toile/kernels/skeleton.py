@@ -10,6 +10,7 @@ from .. import _core
 from .._core import InputError, SkeletonResult
 from .arrays import Array, Floats, Ints, as_faces, as_floats, as_vertices
 from .body import BodyArrays
+from .geometry import SurfaceIndex
 from .rebuilt import Rebuilt
 
 Pose = Any  # (rotations, translation, shape), or an object with these names
@@ -111,6 +112,7 @@ class SkeletonSolver(Rebuilt):
         previous: Iterable[Pose] = (),
         clothed: Array | None = None,
         scan_confidence: Array | None = None,
+        scan_index: SurfaceIndex | None = None,
     ) -> SkeletonResult:
         """Pose and shape of one frame.
 
@@ -120,13 +122,15 @@ class SkeletonSolver(Rebuilt):
         solve begins at the keypoints, or, with none either, at rest in the middle of the scan. previous: up to two
         earlier frames like `start`, newest first, for the temporal term. clothed (n,) in [0,1]: vertices under cloth;
         where the scan lies outside them it pulls with `cloth_fit` only. scan_confidence (m,) >= 0: the scan pulls by its
-        confidence there, 1 without; faces with a corner at 0 are as though they were not there.
+        confidence there, 1 without; faces with a corner at 0 are as though they were not there. scan_index: that of
+        scan_V and scan_F, where there is one: it saves time and changes nothing.
 
         -> .rotations (K,3) [rad], .translation (3,) [m], .shape (S,), .V (n,3) [m], .joints (K,3) [m], .stop
         (`Stop`: "converged", "max_iterations", "unmatched": no scan within reach), .iterations, .energy (per iteration),
         .rms [m] and .matched of the surface, .keypoint_rms [m]. Raises InputError (argument, index) and SolveError.
         """
-        return self._solver.solve(self._frame(scan_V, scan_F, keypoints, start, previous, clothed, scan_confidence))
+        frame = self._frame(scan_V, scan_F, keypoints, start, previous, clothed, scan_confidence, scan_index)
+        return self._solver.solve(frame)
 
     def solve_shared(self, frames: Sequence[Mapping[str, Any]], rounds: int = 4) -> list[SkeletonResult]:
         """One shape for several frames; `frames` are dicts of `solve`'s arguments. -> [SkeletonResult], equal `.shape`.
@@ -144,6 +148,7 @@ class SkeletonSolver(Rebuilt):
         previous: Iterable[Pose] = (),
         clothed: Array | None = None,
         scan_confidence: Array | None = None,
+        scan_index: SurfaceIndex | None = None,
     ) -> Any:
         has_scan = scan_F is not None and len(scan_F)
         V = np.zeros((0, 3)) if scan_V is None else as_vertices("skeleton", "scan_V", scan_V)
@@ -166,6 +171,7 @@ class SkeletonSolver(Rebuilt):
             np.zeros(0)
             if scan_confidence is None
             else as_floats("skeleton", "scan_confidence", scan_confidence, (len(V),)),
+            None if scan_index is None else scan_index._index,
         )
 
     def _keypoints(self, keypoints: Any) -> tuple[Ints, Floats, Floats]:

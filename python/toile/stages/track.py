@@ -288,6 +288,7 @@ def _evidence(frame, points):
         "scan_V": None if scan is None else scan.vertices,
         "scan_F": None if scan is None else scan.faces,
         "scan_confidence": None if scan is None else scan.confidence,
+        "scan_index": None if scan is None else scan.index,
         "keypoints": points,
     }
 

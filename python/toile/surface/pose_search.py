@@ -102,9 +102,10 @@ class PoseSearch:
         s = self.settings
         scan = thinned(without_ground(scan, self.up, s.ground_height, s.ground_share), s.scan_spacing)
         measure = TwoSided(scan, self.looks)
+        seen = {"scan_confidence": scan.confidence, "scan_index": scan.index}
 
         def fitted(start):
-            fit = self.solver.solve(scan.vertices, scan.faces, start=start, scan_confidence=scan.confidence)
+            fit = self.solver.solve(scan.vertices, scan.faces, start=start, **seen)
             return QuickFit(*measure(fit.V), fit)
 
         if near is not None and near[0] is not None:

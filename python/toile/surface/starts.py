@@ -37,7 +37,8 @@ class Starts:
             V, matched = followed
             confidence = np.where(matched > self.settings.least_match, OBSERVED, HIDDEN)
             yield (*self.poser.pose(V, confidence, points, before[:2]), self.person.shape), V
-        near = self.quick.solve(scan.vertices, scan.faces, start=before, scan_confidence=scan.confidence)
+        seen = {"scan_confidence": scan.confidence, "scan_index": scan.index}
+        near = self.quick.solve(scan.vertices, scan.faces, start=before, **seen)
         yield (np.asarray(near.rotations), np.asarray(near.translation), self.person.shape), None
 
     def _followed(self, scan, V, measure):
