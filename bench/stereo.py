@@ -113,8 +113,8 @@ def outer_surface(capture, number):
     return Mesh(V, F), np.array([names.get(int(i), "other") for i in label])
 
 
-def seen_samples(surface, kind, cameras):
-    """Points (n,3) of the surface, even by area, that enough cameras see, and what they show (n,)."""
+def seen_samples(surface, kind, cameras, least=SEEN_BY):
+    """Points (n,3) of the surface, even by area, that at least so many cameras see, and what they show (n,)."""
     rng = np.random.default_rng(0)
     area = kernels.face_areas(surface.vertices, surface.faces)
     face = rng.choice(len(area), SAMPLES, p=area / area.sum())
@@ -125,7 +125,7 @@ def seen_samples(surface, kind, cameras):
         depth = kernels.raster(camera.to_camera(surface.vertices), surface.faces, camera.K, camera.size).depth
         uv = camera.K, camera.distortion, camera.T_camera_world
         count += kernels.visibility(points, normals, *uv, depth, TOLERANCE, MIN_COSINE)[1] > 0
-    seen = count >= SEEN_BY
+    seen = count >= least
     return points[seen], kind[face][seen]
 
 

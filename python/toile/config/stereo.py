@@ -16,8 +16,8 @@ class MatchSettings(Settings):
     sources: int = setting(4, "count", "other cameras that a picture is compared with", ge=1, le=16)
     best: int = setting(2, "count", "of these the best count, pixel by pixel", ge=1)
     max_angle: float = setting(1.2, "rad", "between two cameras, beyond which they are not compared", gt=0)
-    coarsest: int = setting(400, "px", "longer side of the coarsest level, at most", ge=16)
-    start_iterations: int = setting(6, "count", "of PatchMatch on the coarsest level, by the pictures alone", ge=0)
+    coarsest: int = setting(800, "px", "longer side of the coarsest level, at most", ge=16)
+    start_iterations: int = setting(3, "count", "of PatchMatch on the coarsest level, by the pictures alone", ge=0)
     coarse_iterations: int = setting(2, "count", "on every level but the finest", ge=0)
     iterations: int = setting(2, "count", "on the finest level", ge=0)
     refinements: int = setting(2, "count", "of depth and slopes on the bent surface, two Gauss-Newton steps each", ge=0)
@@ -75,13 +75,12 @@ class ScanConfig(Settings):
 SCAN_PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "stereo.reduction": 2,
-        "stereo.match.start_iterations": 3,
+        "stereo.match.coarsest": 400,
         "stereo.match.iterations": 1,
         "stereo.match.refinements": 1,
     },
     "standard": {},
     "fine": {
-        "stereo.match.coarsest": 800,
         "stereo.match.start_iterations": 8,
     },
 }
