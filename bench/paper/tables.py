@@ -19,6 +19,7 @@ HOWS = {
     "driven": "Driven by pose and face alone",
     "reconstruction": "Reconstruction: the frame itself is encoded",
 }
+SEEN = {"ms_ssim": "SSIM at five scales", "gradient_similarity": "edges", "legibility": "legibility of prints"}
 BAND_GAIN, PARITY = -0.20, 0.05  # reconstruction: in the band; on the body alone, or the baseline is a straw man
 
 
@@ -71,7 +72,14 @@ def _jsons(folder):
 
 def tables(found):
     """All tables that have a row."""
-    made = [sizes(found), means(found), against(found, "driven"), drivers(found), against(found, "reconstruction")]
+    made = [
+        sizes(found),
+        means(found),
+        against(found, "driven"),
+        drivers(found),
+        against(found, "reconstruction"),
+        visible(found),
+    ]
     made += [ablations(found), windows(found), alignment(found), intersections(found), qualities(found)]
     return [table for table in made if table.rows]
 
@@ -172,6 +180,26 @@ def relative(value, reference):
     return None if value is None or not reference else value / reference - 1
 
 
+def visible(found):
+    """Layered against single layer by what people see of a picture."""
+    rows = []
+    for how, words in HOWS.items():
+        for name, subject in found.items():
+            for seed, one in subject["seeds"].items():
+                everything = one.get(how, {}).get("all")
+                if everything and everything["baseline"]:
+                    pair = everything["baseline"], everything["layered"]
+                    rows.append([words, name, seed, *(each.get(measure) for measure in SEEN for each in pair)])
+    head = (
+        "",
+        "subject",
+        "seed",
+        *(f"{who}: {words}" for words in SEEN.values() for who in ("single layer", "layered")),
+    )
+    note = "Of 1. A print is legible by its correlation with the captured one after the best shift of up to 1 cm, 5 cm at a time."
+    return Table("What people see", head, rows, note if rows else "")
+
+
 def drivers(found):
     """The layers, and the single layer by each of what could drive it, the strongest first, over the same pictures."""
     rows = []
@@ -183,11 +211,11 @@ def drivers(found):
                 one, change = by[row], by[row].get("change") or {}
                 rows.append([
                     name, seed, LAYERS if row == "layered" else row, *(one.get(m) for m in ("mse", "least_mse", "largest_mse")),
-                    *(one.get(m) for m in ("ssim", "band_mse", "garment_mse", "body_mse")),
+                    *(one.get(m) for m in ("ssim", *SEEN, "band_mse", "garment_mse", "body_mse")),
                     *(interval(change.get(m)) for m in ("mse", "band_mse", "garment_mse", "body_mse")), by["pictures"],
                 ])  # fmt: skip
     head = (
-        "subject", "seed", "driven by", "MSE", "least draw", "largest", "SSIM", "band: MSE", "on garments", "on the body",
+        "subject", "seed", "driven by", "MSE", "least draw", "largest", "SSIM", *SEEN.values(), "band: MSE", "on garments", "on the body",
         "layers' change of MSE", "in the band", "on garments", "on the body", "pictures",
     )  # fmt: skip
     note = (

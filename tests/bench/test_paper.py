@@ -17,8 +17,14 @@ MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "silhouette_mse", "ssi
 
 def evaluation(mse=1.0, band=1.0, body=1.0):
     """One whose layered avatar differs from the baseline (100) by these factors; it has no garment in the band if None."""
-    baseline = dict.fromkeys(MEASURES, 100.0) | {"ssim": 0.8}
-    layered = baseline | {"mse": 100 * mse, "band_mse": band and 100 * band, "body_mse": 100 * body, "ssim": 0.9}
+    baseline = dict.fromkeys(MEASURES, 100.0) | {"ssim": 0.8, "legibility": 0.5}
+    layered = baseline | {
+        "mse": 100 * mse,
+        "band_mse": band and 100 * band,
+        "body_mse": 100 * body,
+        "ssim": 0.9,
+        "legibility": 0.7,
+    }
     motion = {"tshirt": {"acceleration_mm": 1.0, "true_acceleration_mm": 2.0, "jitter_mm": 3.0}}
     by = {"mean code": {"mse": 110.0}, "temporal model": {"mse": 100.0}, "layered": {"mse": 88.0}}
     by["mean code"]["change"] = {"mse": {"change": -0.2, "low": -0.3, "high": -0.1}}
@@ -103,7 +109,10 @@ def test_every_table_has_its_rows(study):
     single = rows["What drives the single layer"]
     assert [row[2] for row in single[1:4]] == ["temporal model", "mean code", "unit Gaussian"]
     assert single[0][2:4] == ["layers, by the temporal model", 88.0] and single[3][4:6] == [101.0, 150.0]
-    assert single[2][10] == "-20.0 % [-30.0, -10.0]" and single[1][10] is None
+    assert single[2][13] == "-20.0 % [-30.0, -10.0]" and single[1][13] is None
+    seen = made["What people see"]
+    assert seen.head[7:] == ("single layer: legibility of prints", "layered: legibility of prints")
+    assert [row[1:3] for row in seen.rows[:2]] == [["logo", 0], ["logo", 1]] and seen.rows[0][7:] == [0.5, 0.7]
     assert made["What was run"].head == ("", "logo, seed 0", "logo, seed 1", "loose, seed 0")
     assert (
         rows["What was run"][0][1] == "9 of 10 at 30 a second, draft"
