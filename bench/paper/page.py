@@ -12,8 +12,9 @@ from toile.measure.page import document, figure
 from toile.measure.page import table as html_table
 from toile.pipeline.blocks import locked
 
+from .cells import text
 from .results import write_json
-from .tables import collected, tables, text
+from .tables import collected, tables
 
 SHEETS = {"driven": "driven by pose and face alone", "sheets": "reconstructed"}
 

@@ -35,3 +35,10 @@ def changed(settings, **updates):
         for name, value in updates.items()
     }
     return settings.model_copy(update=nested)
+
+
+def driven_of(found):
+    for name, subject in found.items():
+        for seed, one in subject["seeds"].items():
+            if "driven" in one:
+                yield name, seed, one["driven"]["all"]

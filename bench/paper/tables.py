@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,9 @@ import numpy as np
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.measure.intervals import mean_change
 
-from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, read, slug
+from .cells import Table, interval, percent, relative
+from .parts import ablations, alignment, intersections, qualities, windows
+from .results import ALIGNED, UNALIGNED, driven_of, read, slug
 
 GOAL = -0.22  # change of the driven squared error, each subject and seed
 LAYERS = "layers, by the temporal model"
@@ -21,34 +22,6 @@ HOWS = {
 }
 SEEN = {"ms_ssim": "SSIM at five scales", "gradient_similarity": "edges", "legibility": "legibility of prints"}
 BAND_GAIN, PARITY = -0.20, 0.05  # reconstruction: in the band; on the body alone, or the baseline is a straw man
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of texts and numbers; None is a dash."""
-
-    title: str
-    head: tuple[str, ...]
-    rows: list[list]
-    note: str = ""
-
-    def markdown(self):
-        lines = [f"## {self.title}", "", f"| {' | '.join(self.head)} |", "|---" * len(self.head) + "|"]
-        lines += [f"| {' | '.join(text(value) for value in row)} |" for row in self.rows]
-        return "\n".join([*lines, "", self.note]).rstrip() + "\n"
-
-
-def text(value):
-    """A cell: four digits of a similarity, one of an error, as many as it takes."""
-    if value is None:
-        return "-"
-    if not isinstance(value, float):
-        return str(value)
-    return f"{value:.4f}" if abs(value) < 1 else f"{value:.2f}" if abs(value) < 20 else f"{value:.1f}"
-
-
-def percent(change):
-    return None if change is None else f"{100 * change:+.1f} %"
 
 
 def collected(out):
@@ -176,10 +149,6 @@ def _at_most(value, bound):
     return None if value is None else value <= bound
 
 
-def relative(value, reference):
-    return None if value is None or not reference else value / reference - 1
-
-
 def visible(found):
     """Layered against single layer by what people see of a picture."""
     rows = []
@@ -203,7 +172,7 @@ def visible(found):
 def drivers(found):
     """The layers, and the single layer by each of what could drive it, the strongest first, over the same pictures."""
     rows = []
-    for name, seed, driven in _driven(found):
+    for name, seed, driven in driven_of(found):
         by = driven["driven"]["baseline_rows"]
         if by:
             singles = sorted(by.keys() - {"pictures", "layered"}, key=lambda row: by[row]["mse"])
@@ -250,130 +219,3 @@ def _sums(result, measure, pixels):
     if not frames:
         return None
     return tuple(np.array([f[side][measure] * f[side][pixels] for f in frames]) for side in ("layered", "baseline"))
-
-
-def interval(change):
-    """A change with its 95 % interval."""
-    if not change:
-        return None
-    low, high = (f"{100 * change[end]:+.1f}" for end in ("low", "high"))
-    return f"{percent(change['change'])} [{low}, {high}]"
-
-
-def _driven(found):
-    for name, subject in found.items():
-        for seed, one in subject["seeds"].items():
-            if "driven" in one:
-                yield name, seed, one["driven"]["all"]
-
-
-def ablations(found):
-    """The full avatar and each without one part."""
-    rows = []
-    for name, subject in found.items():
-        there = subject["ablations"]
-        named = {
-            row: there[slug(row)] for row in (*SWITCHES, UNALIGNED, ALIGNED) if "driven" in there.get(slug(row), {})
-        }
-        if not named:
-            continue
-        for row, one in {FULL: full_of(subject), **named}.items():
-            if "driven" in one:
-                rows.append([name, row, *_errors(one["driven"]["all"])])
-    head = (
-        "subject", "avatar", "MSE", "SSIM", "garments", "band", "near the silhouette", "garment's surface [mm]",
-        "correspondence [mm]", "jitter",
-    )  # fmt: skip
-    note = "Jitter: mean second difference of the error of the garment's vertices [mm a frame²]."
-    return Table("Ablations, driven", head, rows, note)
-
-
-def full_of(subject):
-    """The avatar that ablations are compared with: one of their steps, or the first seed's."""
-    return subject["ablations"].get(FULL) or next(iter(subject["seeds"].values()), {})
-
-
-def _errors(everything):
-    layered = everything["layered"]
-    garments = list(((layered["geometry"] or {}).get("garment") or {}).values())
-    motion = list(everything["driven"]["motion"].values())
-    mean = lambda values: float(np.mean(values)) if values and None not in values else None
-    return [
-        *(layered[m] for m in ("mse", "ssim", "garment_mse", "band_mse", "silhouette_mse")),
-        mean([g["surface_mm"] for g in garments]), mean([g["correspondence_mm"] for g in garments]),
-        mean([m["jitter_mm"] for m in motion]),
-    ]  # fmt: skip
-
-
-def windows(found):
-    """Lengths of the window, and the damped model."""
-    rows = []
-    for name, subject in found.items():
-        there = subject["ablations"]
-        lengths = sorted((int(row[1:]), row) for row in there if row[0] == "L" and row[1:].isdigit())
-        for row in [*(row for _, row in lengths), DAMPED]:
-            if "driven" not in there.get(row, {}):
-                continue
-            everything, temporal = there[row]["driven"]["all"], there[row]["temporal"]
-            layered = everything["layered"]
-            for garment, motion in everything["driven"]["motion"].items():
-                rows.append([
-                    name, garment, row, layered["mse"], layered["ssim"], layered["garment_mse"], temporal["code_error"],
-                    temporal.get("held_out"), motion["acceleration_mm"], motion["true_acceleration_mm"], motion["jitter_mm"],
-                ])  # fmt: skip
-    head = (
-        "subject", "garment", "model", "MSE", "SSIM", "MSE on garments", "codes' error, trained", "held out", "acceleration",
-        "true", "jitter",
-    )  # fmt: skip
-    note = (
-        "L: poses that the window model sees; damped: the second-order model. Codes' error over their variance in training. "
-        "Acceleration: mean second difference of the garment's vertices [mm a frame²]; jitter: the same of their error."
-    )
-    return Table("Temporal models", head, rows, note)
-
-
-def alignment(found):
-    """What aligning did to unwrapped textures."""
-    rows = []
-    for name, subject in found.items():
-        for garment, one in (subject["aligned"] or {}).get("garments", {}).items():
-            for measure, words in (
-                ("texture_std", "standard deviation"),
-                ("anchor_error", "error to the anchors' mean"),
-            ):
-                before, after = one["before"][measure], one["after"][measure]
-                rows.append([name, garment, words, before, after, percent(relative(after, before))])
-    return Table("Texture alignment", ("subject", "garment", "unwrapped texture", "before", "after", "change"), rows)
-
-
-def intersections(found):
-    """Triangle pairs of garments and what lies under them, as driven and after `untangle`."""
-    rows = []
-    for name, seed, driven in _driven(found):
-        pairs = driven["intersections"]
-        if pairs:
-            rows.append(
-                [name, seed, pairs["frames"], pairs["before"], pairs["before"] / pairs["frames"], pairs["left"]]
-            )
-    return Table("Intersections", ("subject", "seed", "frames", "pairs before untangle", "a frame", "pairs left"), rows)
-
-
-def qualities(found):
-    """Quality presets after the same time of training."""
-    rows = []
-    for name, subject in found.items():
-        for row, one in subject["ablations"].items():
-            if row.startswith("quality ") and {"trained", "driven", "speed"} <= one.keys():
-                everything, speed, trained = one["driven"]["all"], one["speed"], one["trained"]
-                layered, steps = everything["layered"], " + ".join(str(n) for n in trained["steps"].values())
-                rows.append([
-                    name, row.removeprefix("quality "), trained["minutes"], steps, everything["mm_per_pixel"], layered["mse"],
-                    layered["ssim"], speed["size"], speed["frames_per_second"], speed["frames_per_second_with_occlusion"],
-                    speed["rays"],
-                ])  # fmt: skip
-    head = (
-        "subject", "quality", "minutes of training", "steps", "mm a pixel", "MSE", "SSIM", "pixels", "frames a second",
-        "with occlusion", "rays",
-    )  # fmt: skip
-    note = "Errors are of each preset's own window: compare them only where a pixel is as large."
-    return Table("Quality presets", head, rows, note if rows else "")
