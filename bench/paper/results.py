@@ -38,6 +38,7 @@ def changed(settings, **updates):
 
 
 def driven_of(found):
+    """(subject, seed, what `toile evaluate --driven` says of all frames) of every study that has it."""
     for name, subject in found.items():
         for seed, one in subject["seeds"].items():
             if "driven" in one:
