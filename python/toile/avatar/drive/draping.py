@@ -71,8 +71,8 @@ class Draping:
     """Garments of `avatar` as the cloths {name: Cloth}, inner to outer, over the layers under them.
 
     `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins; `times` (T,) [s] and
-    `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth begins at rest on the first frame, out of the body by `layering`, and settles
-    there.
+    `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth
+    begins at rest on the first frame, out of the body by `layering`, and settles there.
     """
 
     def __init__(self, avatar, cloths, layering, times, rotations, frame, readers):

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import torch
 
 from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
-PATIENT = {
-    "max_depth": 0.2,
-    "max_iterations": 300,
-}  # options of kernels.UntangleSolver: parts of a limb's width are crossed
+# options of kernels.UntangleSolver: parts of a limb's width are crossed
+PATIENT = {"max_depth": 0.2, "max_iterations": 300}
 
 
 class GarmentLayering:
@@ -21,9 +20,17 @@ class GarmentLayering:
     def __init__(self, layers, skin_faces):
         self.body = next(layer for layer in layers if layer.kind != "garment")
         self.garments = [layer for layer in layers if layer.kind == "garment"]
+        self.skin_faces = skin_faces
+        self.layering = self._layering()
+
+    def _layering(self, **options):
         sizes = [(layer.name, layer.faces, len(layer.rest)) for layer in self.garments]
-        self.layering = Layering(skin_faces, len(self.body.rest), sizes, MARGIN)
-        self.patient = Layering(skin_faces, len(self.body.rest), sizes, MARGIN, **PATIENT)
+        return Layering(self.skin_faces, len(self.body.rest), sizes, MARGIN, **options)
+
+    @cached_property
+    def patient(self):
+        """Made where a frame keeps pairs: few animations have one."""
+        return self._layering(**PATIENT)
 
     def __call__(self, decoded):
         """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left). What keeps pairs, as where the body
