@@ -128,12 +128,18 @@ def offsets_of(given):
 
 def body_model(
     file: Annotated[
-        Path, typer.Argument(help="SMPL, SMPL-H, SMPL-X as distributed (.pkl, .npz), or a rig (.glb, .gltf)")
+        Path,
+        typer.Argument(
+            help="SMPL, SMPL-H, SMPL-X as distributed (.pkl, .npz), a figure (.glb, .gltf), or MakeHuman's rig.NAME.json"
+        ),
     ],
     out: Annotated[Path, typer.Argument(help="the body model, a .npz")],
     shapes: Annotated[int, typer.Option(help="coefficients of shape that are kept", min=1, max=300)] = 10,
+    mesh: Annotated[
+        Path | None, typer.Option(help="of a MakeHuman rig: the base mesh with its helpers; default base.obj about it")
+    ] = None,
 ):
-    """Make a body model file of SMPL, SMPL-H, SMPL-X or a rigged glTF. Nothing in a pickle is run."""
+    """Make a body model file of SMPL, SMPL-H, SMPL-X, a rigged glTF or a MakeHuman rig. Nothing in a pickle is run."""
     from .foreign_body import write_body_model
 
-    speech.result(f"{out}: {write_body_model(file, out, shapes)}")
+    speech.result(f"{out}: {write_body_model(file, out, shapes, mesh)}")

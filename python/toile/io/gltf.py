@@ -20,9 +20,8 @@ import numpy as np
 
 from ..errors import UserError
 from ..kernels.arrays import Anything, Floats
-from .body import load_body_model
 from .bounded import read_bytes, reason_of
-from .joints import joint_roles
+from .figures import distinct, joint_keypoints, parents_first
 
 BYTES = 1 << 30
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -120,7 +119,7 @@ def _fields(file: _Gltf) -> tuple[str, dict[str, Any]]:
     world = _world(nodes, joints[order[0]]) @ bind[order[0]]  # mesh to world, at the first joint
     mesh = _mesh(file, file.tree["meshes"][wearer["mesh"]], len(joints))
     rank = np.argsort(order)
-    names = _names([str(nodes[joints[k]].get("name", f"joint{k}")) for k in order])
+    names = distinct([str(nodes[joints[k]].get("name", f"joint{k}")) for k in order])
     fields = {
         "v_template": _moved(world, mesh["v"]), "f": mesh["f"], "parents": parents, "J": _moved(world, place[order]),
         "weights_idx": rank[mesh["joints"]], "weights_val": mesh["weights"], "joint_names": np.array(names), "units": "m",
@@ -128,7 +127,7 @@ def _fields(file: _Gltf) -> tuple[str, dict[str, Any]]:
     }  # fmt: skip
     if mesh["uv"] is not None:
         fields |= {"uv": mesh["uv"], "f_uv": mesh["f_uv"]}
-    return "glTF", fields | _keypoints(names)
+    return "glTF", fields | joint_keypoints(names)
 
 
 def _tree(path: Path, nodes: list[Any], joints: list[int]) -> tuple[list[int], Any]:
@@ -145,15 +144,10 @@ def _tree(path: Path, nodes: list[Any], joints: list[int]) -> tuple[list[int], A
         return -1 if node is None else rank[node]
 
     over = [parent(k) for k in range(len(joints))]
-    order: list[int] = []
-    while len(order) < len(joints):
-        ready = [k for k in range(len(joints)) if k not in order and (over[k] < 0 or over[k] in order)]
-        if not ready:
-            raise UserError(f"{path}: nodes: a joint is its own ancestor")
-        order += ready
-    return order, np.array(
-        [-1 if i == 0 else max(order.index(over[k]) if over[k] >= 0 else 0, 0) for i, k in enumerate(order)]
-    )
+    tree = parents_first(over)
+    if tree is None:
+        raise UserError(f"{path}: nodes: a joint is its own ancestor")
+    return tree
 
 
 def _world(nodes: list[Any], node: int | None) -> Floats:
@@ -211,21 +205,3 @@ def _mesh(file: _Gltf, mesh: dict[str, Any], count: int) -> dict[str, Any]:
     mapped = [part for part in UV if part is not None]
     uv = np.concatenate(mapped) * [1, -1] + [0, 1] if len(mapped) == len(UV) else None  # v upwards here
     return {"v": v[keep], "f": new[f], "joints": idx[keep], "weights": val[keep] / total, "uv": uv, "f_uv": f}
-
-
-def _names(names: list[str]) -> list[str]:
-    """Each once: further ones get a number."""
-    return [name if name not in names[:i] else f"{name}_{i}" for i, name in enumerate(names)]
-
-
-def _keypoints(names: list[str]) -> dict[str, Any]:
-    """Joints whose roles are keypoints of the packaged model."""
-    known = set(load_body_model().keypoint_names)
-    found: dict[str, int] = {}
-    for k, role in enumerate(joint_roles(names)):
-        if f"body.{role}" in known:
-            found.setdefault(f"body.{role}", k)
-    return {
-        "keypoint_names": np.array(list(found), "U32"), "keypoint_joint": np.array(list(found.values()), np.int64),
-        "keypoint_vertices": np.zeros(0, np.int64), "keypoint_starts": np.zeros(len(found) + 1, np.int64),
-    }  # fmt: skip
