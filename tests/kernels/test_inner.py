@@ -1,13 +1,14 @@
 """Laws of the inner kernel on the packaged body under a synthetic shirt: recovery, one-sidedness, invariance, bits."""
 
 import pickle
-import resource
+from copy import deepcopy
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.support.memory import peak_mb
 from toile.io.body import load_body_model
 from toile.kernels import InnerSolver, InnerSums, InputError, vertex_normals
 
@@ -144,11 +145,14 @@ def test_the_bound_is_a_low_quantile_of_the_room_over_the_frames(scene):
 
 @pytest.mark.slow
 def test_fusing_ten_times_the_frames_takes_no_more_memory(scene):
-    solver, peaks = InnerSolver(scene.model, scene.shape, scene.J), []
-    for count in (20, 200):
-        fused_of(solver, lambda: [(arguments(scene)[i % FRAMES] for i in range(count))])
-        peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    assert peaks[1] - peaks[0] < 20, f"MB: {peaks}"
+    """Frames of their own arrays, of 1.3 MB each."""
+    solver = InnerSolver(scene.model, scene.shape, scene.J)
+    frames = lambda count: (deepcopy(arguments(scene)[i % FRAMES]) for i in range(count))
+    fused_of(solver, lambda: [frames(2)])
+    few, many = (peak_mb(lambda: fused_of(solver, lambda: [frames(count)])) for count in (20, 200))
+    assert many - few < 20, f"{few:.0f} and {many:.0f} MB"
+    held = peak_mb(lambda: fused_of(solver, lambda: [list(frames(200))]))
+    assert held > many + 100, "the measure sees frames that are held"
 
 
 def test_loose_cloth_says_nothing_and_cloth_inside_pushes_the_body_in(scene):
