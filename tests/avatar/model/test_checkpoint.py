@@ -109,6 +109,16 @@ def test_finished_training_is_not_begun_again(tmp_path):
     assert not begin(tmp_path, {"scene": "walk"})
 
 
+def test_of_two_lists_of_frames_the_message_names_what_only_one_has():
+    held, asked = list(range(0, 320, 4)), list(range(0, 400, 4))
+    with pytest.raises(UserError, match="f: frames: asked are frames 320, 324, .* too: take another folder"):
+        check_same("f", {"frames": held}, {"frames": asked})
+    with pytest.raises(UserError, match="holds frames 0, which are not asked for, asked are frames 320 too"):
+        check_same("f", {"holdout": held}, {"holdout": [*held[1:], 320]})
+    with pytest.raises(UserError, match=r"image: holds \[512, 512\], asked is \[256, 512\]"):
+        check_same("f", {"image": [512, 512]}, {"image": [256, 512]})
+
+
 def test_long_values_are_shortened():
     with pytest.raises(UserError) as error:
         check_same("f", {"frames": list(range(1000))}, {"frames": [1]})

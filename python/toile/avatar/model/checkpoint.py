@@ -24,6 +24,7 @@ from ..settings import AvatarSettings
 from .assets import read_assets
 
 FACTS = {"settings": dict, "run": str, "frames": list, "holdout": list, "steps": dict}  # of AVATAR/avatar.json
+FRAMES = ("frames", "holdout")  # lists of frame numbers among them
 KEPT = 2  # checkpoints; older ones are removed
 MODEL, OPTIMISER = "model.", "optimiser."
 
@@ -142,15 +143,27 @@ def check_same(path, found, asked, prefix=""):
         if isinstance(value, dict) and isinstance(other, dict):
             check_same(path, other, value, f"{prefix}{name}.")
         elif other != value:
-            raise UserError(
-                f"{path}: {prefix}{name}: holds {shortened(other)}, asked is {shortened(value)}: take another folder"
-            )
+            what = different_frames if name in FRAMES and numbers(other) and numbers(value) else different
+            raise UserError(f"{path}: {prefix}{name}: {what(other, value)}: take another folder")
 
 
-def shortened(value, length=60):
-    """A value in words; frame numbers as ranges."""
-    numbers = isinstance(value, list) and value and all(type(one) is int for one in value)
-    text = f"frames {frame_ranges(sorted(value))}" if numbers else json.dumps(value)
+def numbers(value):
+    """Whether it is a list of whole numbers."""
+    return isinstance(value, list) and all(type(one) is int for one in value)
+
+
+def different(found, asked):
+    return f"holds {shortened(json.dumps(found))}, asked is {shortened(json.dumps(asked))}"
+
+
+def different_frames(found, asked):
+    """The frames that only one of two lists has: of two long lists the beginnings may be alike."""
+    left, new = (shortened(frame_ranges(sorted(set(a) - set(b)))) for a, b in ((found, asked), (asked, found)))
+    words = [f"holds frames {left}, which are not asked for"] * bool(left) + [f"asked are frames {new} too"] * bool(new)
+    return ", ".join(words)
+
+
+def shortened(text, length=60):
     return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
