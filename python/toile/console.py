@@ -52,6 +52,12 @@ Garments = Annotated[
     list[str] | None,
     typer.Option("--garment", metavar="NAME=OTHER", help="wears the garment NAME of the avatar OTHER; repeatable"),
 ]
+Apart = Annotated[
+    bool,
+    typer.Option(
+        "--apart/--as-given", help="limbs of the motion kept out of the trunk and of one another, or as they are"
+    ),
+]
 
 SHELLS = ("bash", "zsh", "fish")
 COMPLETE = "_TOILE_COMPLETE"  # the variable by which a shell asks what could stand there

@@ -10,7 +10,7 @@ from typing import Annotated, get_args
 import typer
 
 from .. import speech
-from ..console import SEEDS, Changes, ConfigFile, Garments, Scheduler, Workers
+from ..console import SEEDS, Apart, Changes, ConfigFile, Garments, Scheduler, Workers
 from ..errors import UserError
 
 
@@ -94,6 +94,7 @@ def animate(
     seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
     physics: Annotated[bool, typer.Option("--physics", help="garments hang as cloth on the body")] = False,
     garment: Garments = None,
+    apart: Apart = True,
     workers: Workers = 1,
     scheduler: Scheduler = None,
     config: ConfigFile = None,
@@ -115,14 +116,25 @@ def animate(
 
             ensure_worn(avatar, garments, progress, settings.cloth)
         options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler, physics=physics)
-        options["garments"] = garments
+        options |= dict(garments=garments, apart=apart)
         done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, **options)
     for warning in done.warnings:
         speech.warn(warning)
+    say_limbs(done.limbs, done.frames)
     before, left = done.intersections_before, done.intersections_left
     speech.result(f"{out}: {done.frames} frames, {before} intersecting pairs before untangling")
     speech.result(f"intersections_left: {left}", intersections_before=before, intersections_left=left)
     speech.next_step("view", out)
+
+
+def say_limbs(facts, frames):
+    """One line of what keeping limbs apart changed; none where there was nothing to keep apart."""
+    if not facts or not facts["frames_changed"]:
+        return
+    words = f"limbs kept apart: {facts['frames_changed']} of {frames} frames changed, by up to {facts['largest_turn_deg']} degrees"
+    before, left = facts["pairs_before"], facts["pairs_left"]
+    words += f"; {before} intersecting pairs of limbs with the body, {left} left"
+    speech.result(words + (f" in {facts['frames_left']} frames" if left else ""), limbs=facts)
 
 
 def edit(

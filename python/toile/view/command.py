@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import speech
-from ..console import Garments, garments_of
+from ..console import Apart, Garments, garments_of
 from ..errors import UserError
 
 
@@ -19,6 +19,7 @@ def view(
         Path | None, typer.Option(help="of an avatar: a run, a .bvh file or an .npz; default its training poses")
     ] = None,
     garment: Garments = None,
+    apart: Apart = True,
     port: Annotated[int, typer.Option(help="of the page; default a free one", min=0, max=65535)] = 0,
     browser: Annotated[bool, typer.Option(help="open it in a browser")] = True,
 ):
@@ -32,8 +33,8 @@ def view(
     if garments and not is_avatar(path):
         raise UserError(f"--garment: {path} is no avatar")
     shown = [
-        Shown(path, posable(path, motion, garments)),
-        *([Shown(beside, posable(beside, motion))] if beside else []),
+        Shown(path, posable(path, motion, garments, apart)),
+        *([Shown(beside, posable(beside, motion, apart=apart))] if beside else []),
     ]
     server = serve(shown, port)
     address = f"http://127.0.0.1:{server.server_address[1]}/"
@@ -52,10 +53,10 @@ def is_avatar(path):
     return (path / "avatar.json").exists()
 
 
-def posable(path, motion=None, garments=()):
-    """The PosedAvatar of an avatar's folder, in `garments` {name: folder of another avatar}; None of any other folder."""
+def posable(path, motion=None, garments=(), apart=True):
+    """The PosedAvatar of an avatar's folder, see there for the arguments; None of any other folder."""
     if not is_avatar(path):
         return None
     from ..avatar.drive.posing import PosedAvatar
 
-    return PosedAvatar(path, motion, garments)
+    return PosedAvatar(path, motion, garments, apart)

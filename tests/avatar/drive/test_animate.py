@@ -51,6 +51,40 @@ def test_it_writes_pictures_meshes_and_a_film(made):
     assert json.loads((out / "animation.json").read_text())["intersections_left"] == done.intersections_left
 
 
+@pytest.fixture(scope="module")
+def arm_in(avatar_folder, sample_run, tmp_path_factory):
+    """A motion file whose left arm hangs into the hip in its last frame."""
+    driven = DrivenAvatar(avatar_folder, sample_run)
+    rotations = np.repeat(0 * driven.motion.rotations[:1], 2, axis=0)
+    rotations[1, driven.model.joint("upperarm01.L")] = 0, 0.9, 0
+    rotations[1, driven.model.joint("lowerarm01.L")] = 0, 0.3, 0
+    path = tmp_path_factory.mktemp("motion") / "arm.npz"
+    np.savez(path, rotations=rotations, translation=driven.motion.translation[:2], fps=driven.motion.fps)
+    return path
+
+
+def test_limbs_of_a_motion_file_stay_out_of_the_trunk_and_the_record_says_so(avatar_folder, arm_in, tmp_path):
+    done = animate(avatar_folder, arm_in, tmp_path / "out", height=64)
+    said = json.loads((tmp_path / "out" / "animation.json").read_text())["limbs"]
+    assert said == done.limbs and said["pairs_before"] > 10 and said["pairs_left"] == 0
+    assert 3 < said["largest_turn_deg"] < 40 and 1 <= said["frames_changed"] <= 2
+    given = DrivenAvatar(avatar_folder, arm_in).motion.rotations
+    shown = np.stack([open_clip(tmp_path / "out").skeleton.pose(n)[0] for n in (0, 1)])
+    assert np.abs(shown - given).max() > 0.05
+    done = animate(avatar_folder, arm_in, tmp_path / "as", height=64, apart=False, meshes=False)
+    assert done.limbs is None and done.intersections_left >= 0
+
+
+def test_the_run_that_taught_an_avatar_drives_it_as_it_is(avatar_folder, sample_run):
+    plain, apart = (DrivenAvatar(avatar_folder, sample_run, apart=value) for value in (False, True))
+    assert apart.apart is None and np.array_equal(plain.motion.rotations, apart.motion.rotations)
+
+
+def test_a_baseline_moves_as_the_avatar_that_it_lies_in(avatar_folder, sample_avatar, arm_in):
+    layered, single = (DrivenAvatar(f, arm_in, apart=True) for f in (avatar_folder, avatar_folder / "baseline"))
+    assert np.array_equal(layered.motion.rotations, single.motion.rotations) and layered.apart.angles.any()
+
+
 def test_an_animation_has_the_same_bits_by_one_process_and_by_two_workers(avatar_folder, sample_run, tmp_path):
     contents, threads = [], torch.get_num_threads()
     for workers in (1, 2):

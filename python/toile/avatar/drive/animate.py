@@ -34,6 +34,7 @@ from ...scene import Camera, Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
+from .apart import limbs_apart
 from .draping import Draping, load_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
@@ -52,23 +53,28 @@ class Animation:
     intersections_before: int  # triangle pairs of garments and what lies under them, as decoded
     intersections_left: int
     warnings: tuple[str, ...]
+    limbs: dict | None = None  # see `Apart.facts`; None where they go as given
 
 
 class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
-    def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=()):
+    def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=(), apart=False):
         """`motion`: a Motion, or the path of one. `physics`: garments hang as cloth, see `ensure_worn`. `garments` {name: folder of
-        the avatar whose garment it wears}."""
+        the avatar whose garment it wears}. `apart`: limbs are kept out of the trunk and of one another, unless the motion is the
+        avatar's own run, whose poses were seen."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
         scene = self.avatar.scene
         self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
         J, poses = self.avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)
-        if not isinstance(motion, Motion):
-            motion = read_motion(motion, self.model, J, scene.fps, poses["translation"].mean(0))
-        self.motion = motion
+        path = None if isinstance(motion, Motion) else Path(motion)
+        if path:
+            motion = read_motion(path, self.model, J, scene.fps, poses["translation"].mean(0))
+        self.motion, self.apart = motion, None
+        if apart and path and path.resolve() != Path(self.facts["run"]).resolve():
+            self.motion, self.apart = limbs_apart(motion, self.folder, self.avatar, self.model, J)
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
@@ -200,10 +206,10 @@ class Shot:
     meshes: bool
 
     @classmethod
-    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics, garments):
+    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics, garments, apart):
         """UserError: what is asked does not fit the avatar."""
         with one_thread():
-            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments)
+            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments, apart=apart)
         rows = chosen_rows(driven.motion.frames, frames)
         return cls(driven, rows, camera_path(driven, camera, height), out, meshes)
 
@@ -245,12 +251,13 @@ def animate(
     scheduler=None,
     physics=False,
     garments=(),
+    apart=True,
 ):
     """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
     pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
     turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_worn`. `garments` {name: folder of another avatar}: those
-    that it wears of others. `workers` processes share the frames, or those of a running dask `scheduler`.
+    that it wears of others. `apart`: as DrivenAvatar takes it. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
     whole = Path(out).resolve()
     out = whole.with_name(f".{whole.name}.part")
@@ -261,7 +268,7 @@ def animate(
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
     lent = {name: everywhere(Path(path), scheduler) for name, path in dict(garments).items()}
-    asked = frames, camera, height, meshes, seed, physics, lent
+    asked = frames, camera, height, meshes, seed, physics, lent, apart
     with Workers(workers, Shot.of, *paths, out, *asked, scheduler=scheduler) as pool:
         pool.start()
         shot = pool.prepared()
@@ -270,7 +277,8 @@ def animate(
         with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
             pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
     before, left = (sum(counts) for counts in zip(*pairs.values()))
-    done = Animation(len(rows), before, left, tuple(driven.warnings))
+    limbs = driven.apart and driven.apart.facts(rows)
+    done = Animation(len(rows), before, left, tuple(driven.warnings), limbs)
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
     facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
     facts["garments"] = {

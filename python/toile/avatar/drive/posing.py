@@ -35,17 +35,17 @@ TURNS = {
 
 class PosedAvatar:
     """An avatar trained with --temporal: `clip`, whose frames are those of `motion` (the path of a run, a BVH or an .npz) or,
-    without one, count its training poses; and `turns`, names of what can be turned. `garments`: as DrivenAvatar takes them. Threads may ask at
+    without one, count its training poses; and `turns`, names of what can be turned. `garments`, `apart`: as DrivenAvatar takes them. Threads may ask at
     once."""
 
-    def __init__(self, folder, motion=None, garments=()):
+    def __init__(self, folder, motion=None, garments=(), apart=True):
         if motion is None:
             poses = training_poses(folder)
             numbers = np.arange(len(poses["rotations"]))
             motion_of = Motion(numbers, poses["rotations"], poses["translation"], None, FPS)
             self.driven = DrivenAvatar(folder, motion_of, garments=garments)
         else:
-            self.driven = DrivenAvatar(folder, motion, garments=garments)
+            self.driven = DrivenAvatar(folder, motion, garments=garments, apart=apart)
         self.motion = self.driven.motion
         self.flowing = None if motion is None else self.driven.latents  # of garments that follow the motion over time
         self.model, avatar = self.driven.model, self.driven.avatar

@@ -1,0 +1,21 @@
+"""Motions of other people on an avatar: limbs stay out of its trunk (docs/method/animation.md)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ...surface.apart import keep_apart
+from ...surface.limbs import Limbs
+from ..model.checkpoint import load_avatar
+
+
+def limbs_apart(motion, folder, avatar, model, J):
+    """(Motion with limbs out of the trunk and of one another, Apart) of an Avatar, read from `folder`, with joints `J` (K,3) of the
+    BodyModel `model`. A single layer moves as the avatar that it is the baseline of."""
+    layers = avatar.layers
+    if all(layer.kind == "surface" for layer in layers):
+        layers = load_avatar(Path(folder).parent).layers
+    rest = next(layer.rest for layer in layers if layer.kind == "body")
+    found = keep_apart(Limbs(model, rest, J), motion.frames, motion.rotations, motion.translation, motion.fps)
+    return replace(motion, rotations=found.rotations), found
