@@ -39,6 +39,7 @@ PYBIND11_MODULE(_core, m) {
     bind_skeleton(m);
     bind_inner(m);
     bind_raster(m);
+    bind_paint(m);
     bind_remesh(m);
     bind_occlusion(m);
     bind_sight(m);

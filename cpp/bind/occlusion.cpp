@@ -11,10 +11,10 @@ void bind_occlusion(py::module_& m) {
         .def_readwrite("seed", &OcclusionOptions::seed)
         .def_readwrite("relative_offset", &OcclusionOptions::relative_offset)
         .def_readwrite("reach", &OcclusionOptions::reach);
-    m.def("ambient_occlusion", [](const Vertices& V, const Faces& F, const py::kwargs& keywords) {
+    m.def("ambient_occlusion", [](const Vertices& V, const Faces& F, const Indices& of, const py::kwargs& keywords) {
         const auto options = options_from<OcclusionOptions>(keywords, "ambient_occlusion");
         py::gil_scoped_release release;
-        return ambient_occlusion(V, F, options);
+        return ambient_occlusion(V, F, options, of);
     });
 }
 

@@ -68,14 +68,16 @@ void tangents(const Vec3& n, Vec3& a, Vec3& b) {
 
 }  // namespace
 
-Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptions& o) {
+Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptions& o, const Indices& of) {
     check(V, F, o);
+    check_indices("occlusion", "of", of, V.rows());
     const SurfaceIndex index(V, F);
     const Vertices N = vertex_normals(V, F);
     const auto directions = fan(o.rays);
     const double offset = o.relative_offset * index.diagonal();
-    Vector open = Vector::Ones(V.rows());
-    parallel_for(V.rows(), [&](std::int64_t v) {
+    Vector open = Vector::Ones(of.size() > 0 ? of.size() : V.rows());
+    parallel_for(open.size(), [&](std::int64_t i) {
+        const std::int64_t v = of.size() > 0 ? of[i] : i;
         const Vec3 n = N.row(v);
         if (n.squaredNorm() == 0) return;
         Vec3 a, b;
@@ -84,15 +86,15 @@ Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptio
         const Vec3 x = std::cos(turn) * a + std::sin(turn) * b, y = n.cross(x), origin = Vec3(V.row(v)) + offset * n;
         int shaded = 0;
         std::array<Vec3, SurfaceIndex::packet> rays;
-        for (int i = 0; i < o.rays; i += SurfaceIndex::packet) {
-            const int count = std::min(SurfaceIndex::packet, o.rays - i);
+        for (int first = 0; first < o.rays; first += SurfaceIndex::packet) {
+            const int count = std::min(SurfaceIndex::packet, o.rays - first);
             for (int k = 0; k < count; ++k) {
-                const auto& d = directions[static_cast<std::size_t>(i + k)];
+                const auto& d = directions[static_cast<std::size_t>(first + k)];
                 rays[static_cast<std::size_t>(k)] = d[0] * x + d[1] * y + d[2] * n;
             }
             shaded += index.occluded_of(origin, rays.data(), count, o.reach);
         }
-        open[v] = 1 - static_cast<double>(shaded) / o.rays;
+        open[i] = 1 - static_cast<double>(shaded) / o.rays;
     }, GRAIN);
     return open;
 }

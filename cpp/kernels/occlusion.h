@@ -17,8 +17,10 @@ struct OcclusionOptions {
 /// that meet no face within `reach`, so 1 under an open sky. Both sides of a face cast shade. A vertex without a normal
 /// (of no face, or of faces without area) is open. The rays of a vertex are a Hammersley set, turned by `seed` and the
 /// vertex' index alone: the same bits for any number of threads.
-/// Throws InputError for a bad mesh, rays not in 1..65536, or relative_offset and reach that are not positive and finite.
+/// `of` (k,): the vertices that are asked for, the answer then (k,); all where it is empty.
+/// Throws InputError for a bad mesh, indices out of range, rays not in 1..65536, or relative_offset and reach that are not positive and finite.
 /// Source: S. Zhukov, A. Iones, G. Kronin, An ambient light illumination model, EGWR 1998.
-Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptions& options = {});
+Vector ambient_occlusion(const Vertices& V, const Faces& F, const OcclusionOptions& options = {},
+                         const Indices& of = {});
 
 }  // namespace toile

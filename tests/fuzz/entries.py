@@ -229,6 +229,34 @@ def run_raster(V, F, K, size, options):
         finite("barycentric", result.barycentric, (*size, 3))
 
 
+def draw_paint(d):
+    V, F = d.mesh()
+    uv, size, layers = d.rng.random((len(V), 2)), d.rng.integers(1, 20, 2), int(d.rng.integers(1, 3))
+    face = d.rng.integers(-1, max(len(F), 1), size)
+    channels = int(d.rng.integers(1, 5))
+    textures = [d.rng.random((side, side, channels)) for side in d.rng.integers(0 if d.spoil(0.1) else 1, 7, layers)]
+    K = d.layout(d.values([[d.number(1, 1e3), 0, 8], [0, d.number(1, 1e3), 8], [0, 0, 1]]))
+    first_face = d.pick([[1], [], [0, 5, 2]]) if d.spoil(0.1) else [0, 1][:layers]
+    V, F = d.dressed(V + [0, 0, d.pick([0, 1, -1, 1e6])], F)
+    return {
+        "face": d.layout(d.indices(face)),
+        "V": V,
+        "F": F,
+        "uv": d.layout(d.values(uv)),
+        "face_uv": F,
+        "K": K,
+        "textures": textures,
+        "first_face": first_face,
+    }
+
+
+def run_paint(face, V, F, uv, face_uv, K, textures, first_face):
+    picture = kernels.paint(face, V, F, uv, face_uv, K, textures, first_face)
+    finite("picture", picture, (textures[0].shape[2], *np.shape(face)))
+    within("picture", picture, 0, 1 + 1e-5)
+    assert (picture[:, np.asarray(face) < 0] == 0).all()
+
+
 def draw_occlusion(d):
     V, F = d.dressed(*d.mesh())
     rays = d.whole(1, 40) if d.chance(0.95) else d.pick([0, -1, 65537, 2**40])
@@ -271,6 +299,7 @@ ENTRIES = {
     "skeleton": (draw_skeleton, run_skeleton),
     "inner": (draw_inner, run_inner),
     "raster": (draw_raster, run_raster),
+    "paint": (draw_paint, run_paint),
     "occlusion": (draw_occlusion, run_occlusion),
     "remesh": (draw_remesh, run_remesh),
     "operators": (draw_mesh, run_operators),

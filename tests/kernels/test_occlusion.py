@@ -81,6 +81,12 @@ def test_it_is_the_same_for_any_threads_and_turns_with_the_seed(threads):
     assert not np.array_equal(answers[0], ambient_occlusion(V, F, rays=33, seed=1))
 
 
+def test_of_some_vertices_it_is_what_it_is_of_all():
+    V, F = together(sheet(), ball(0.5, [0, 0, 1.0]))
+    of = np.array([440, 3, 220, 3])
+    assert np.array_equal(ambient_occlusion(V, F, rays=33, of=of), ambient_occlusion(V, F, rays=33)[of])
+
+
 def test_it_does_not_change_under_scale_and_rigid_motion_beyond_its_noise():
     V, F = together(sheet(), ball(0.5, [0, 0, 1.0]))
     R = trimesh.transformations.random_rotation_matrix(np.array([0.1, 0.6, 0.3]))[:3, :3]
@@ -100,7 +106,7 @@ def test_vertices_without_a_normal_are_open():
     [
         ({"rays": 0}, "rays"), ({"rays": 100_000}, "rays"), ({"relative_offset": 0.0}, "relative_offset"), ({"relative_offset": np.nan}, "relative_offset"),
         ({"reach": -1.0}, "reach"), ({"reach": np.inf}, "reach"), ({"V": np.full((441, 3), np.nan)}, r"V\[0\]"),
-        ({"F": np.array([[0, 1, 441]])}, "F"), ({"V": np.zeros((0, 3))}, "V"),
+        ({"F": np.array([[0, 1, 441]])}, "F"), ({"of": [441]}, "of"), ({"of": [-1]}, "of"), ({"of": []}, "of"), ({"V": np.zeros((0, 3))}, "V"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_by_name(change, said):

@@ -23,6 +23,7 @@ from .mrf import mrf
 from .nricp import NricpSolver, nricp
 from .nricp_tracker import NricpTracker
 from .occlusion import ambient_occlusion
+from .paint import paint
 from .raster import raster
 from .remesh import remesh
 from .sight import View, bilinear, evidence_picture, soft_labels, undistorted_view, view_edges, view_odds, visibility
@@ -61,6 +62,7 @@ __all__ = [
     "intersecting_pairs",
     "mrf",
     "nricp",
+    "paint",
     "raster",
     "remesh",
     "bilinear",

@@ -33,6 +33,14 @@ def as_faces(kernel: str, name: str, values: Array, width: int = 3) -> Ints:
     return _as_int32(kernel, name, array)
 
 
+def as_face_ids(kernel: str, name: str, values: Array) -> Ints:
+    """(H,W) int32."""
+    array = _as_array(kernel, name, values)
+    if array.ndim != 2:
+        raise InputError(f"{kernel}: {name} has shape {array.shape}, expected (H, W)")
+    return _as_int32(kernel, name, array)
+
+
 def as_indices(kernel: str, name: str, values: Array) -> Ints:
     """(k,) int32."""
     array = _as_array(kernel, name, values)

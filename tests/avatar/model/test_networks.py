@@ -1,5 +1,7 @@
 """The networks of one layer."""
 
+import copy
+
 import pytest
 import torch
 
@@ -38,6 +40,25 @@ def test_bias_is_untied_each_pixel_has_its_own(mode, size, out):
     assert float(change[0, 4, 1, 2]) == pytest.approx(7, abs=1e-5)
     change[0, 4, 1, 2] = 0
     assert not change.any()
+
+
+@pytest.mark.parametrize("change", ["step", "load", "copy"])
+def test_without_gradients_a_convolution_keeps_its_weight_until_it_is_another(change):
+    conv, x = Conv(3, 5, 8), torch.randn(1, 3, 8, 8)
+    with torch.no_grad():
+        conv(x)
+        assert conv.weight() is conv.weight()
+    if change == "step":
+        conv(x).square().sum().backward()
+        torch.optim.AdamW(conv.parameters(), lr=0.1, fused=True).step()
+    elif change == "load":
+        conv.load_state_dict(Conv(3, 5, 8).state_dict())
+    else:
+        conv = copy.deepcopy(conv)
+        conv.direction.data = conv.direction.data.roll(1, 0)
+    with torch.no_grad():
+        assert torch.equal(conv.weight(), conv._normed())
+    assert conv.weight().requires_grad
 
 
 @pytest.mark.parametrize("mode", ["same", "point", "down", "up"])

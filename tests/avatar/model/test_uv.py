@@ -77,13 +77,13 @@ def test_a_linear_map_is_read_exactly_at_the_vertices(make):
     mean = np.zeros((len(layer.rest), 3))
     np.add.at(mean, layer.faces.ravel(), np.c_[layer.uv[layer.face_uv.ravel()], np.ones(layer.faces.size)])
     if make is square:
-        assert np.allclose(sampled(UvSampler(layer), maps), layer.uv, atol=1e-6)
+        assert np.allclose(sampled(UvSampler(layer, size), maps), layer.uv, atol=1e-6)
     else:  # every corner of a seam's vertex has a UV of its own: their plain mean
-        assert np.allclose(sampled(UvSampler(layer), maps), mean[:, :2] / mean[:, 2:], atol=1e-6)
+        assert np.allclose(sampled(UvSampler(layer, size), maps), mean[:, :2] / mean[:, 2:], atol=1e-6)
 
 
 def test_sampling_and_its_gradient_are_adjoint():
-    sampler, rng = UvSampler(cut_square()), torch.Generator().manual_seed(0)
+    sampler, rng = UvSampler(cut_square(), 32), torch.Generator().manual_seed(0)
     maps = torch.randn(2, 3, 32, 32, generator=rng, requires_grad=True)
     weights = torch.randn(2, 49, 3, generator=rng)
     (sampler(maps) * weights).sum().backward()
@@ -117,4 +117,4 @@ def test_layers_without_texels_or_uvs_are_refused():
         1,
     )
     with pytest.raises(UserError, match="vertex 49"):
-        UvSampler(stray)
+        UvSampler(stray, 32)

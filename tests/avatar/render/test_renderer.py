@@ -165,6 +165,26 @@ def test_renderer_gives_the_same_bits_for_any_number_of_threads():
     assert all(result == results[0] for result in results)
 
 
+@pytest.mark.parametrize(
+    "background", [0.0, 0.7, torch.tensor([0.1, 0.2, 0.3]), torch.linspace(0, 1, 3 * 192 * 192).view(3, 192, 192)]
+)
+def test_the_picture_without_gradients_is_the_one_with_them(background, threads):
+    K, T = shapes.camera(192)
+    surfaces = body_and_cloth()
+    with_gradients = render(surfaces, K, T, (192, 192), background)
+    for count in (1, 4):
+        threads(count)
+        with torch.no_grad():
+            without = render(surfaces, K, T, (192, 192), background)
+        same = without.face == with_gradients.face
+        assert (~same).sum() <= 2  # depths that agree to rounding
+        for part, bound in (("image", 1e-4), ("depth", 3e-3)):  # the depth of steep faces, in float32 with gradients
+            one, other = getattr(without, part)[:, same], getattr(with_gradients, part)[:, same]
+            torch.testing.assert_close(one, other, atol=bound, rtol=0)
+        assert torch.equal(without.mask, with_gradients.mask)
+        assert torch.equal(without.layer[same], with_gradients.layer[same])
+
+
 def test_renderer_computes_in_float32_under_autocast():
     surfaces = spheres()
     K, T = shapes.camera(64)

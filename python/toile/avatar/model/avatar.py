@@ -17,7 +17,7 @@ from ... import kernels
 from ...surface.uv import UvMap
 from ..render.renderer import Surface, render
 from .carried import Carried, Projection
-from .networks import COLOUR_IN, LayerNetworks, count, reparameterised, resize
+from .networks import COLOUR_IN, LayerNetworks, channels_last, count, reparameterised, resize
 from .operators import Facing, joint_centroids, uniform_laplacian
 from .sizes import layer_sizes, modes_of
 from .skinning import Skeleton, Skin, rotation_matrices
@@ -63,15 +63,17 @@ class LayerModel(nn.Module):
             faces=torch.as_tensor(np.asarray(layer.faces, dtype=np.int64)),
             uv=torch.as_tensor(np.asarray(layer.uv, dtype=np.float32)),
             face_uv=torch.as_tensor(np.asarray(layer.face_uv, dtype=np.int64)),
-            mean_texture=torch.as_tensor(mean_texture, dtype=torch.float32),
+            mean_texture=channels_last(torch.as_tensor(mean_texture, dtype=torch.float32)[None])[0],
             valid=torch.as_tensor(valid, dtype=torch.float32)[None],
         )
         for key, value in fixed.items():
             self.register_buffer(key, value.clone(), persistent=False)
+        coarse = resize(self.mean_texture[None], sizes.view_size) if sizes.view else None
+        self.register_buffer("coarse_texture", coarse, persistent=False)
         modes = np.zeros((0, *layer.rest.shape)) if layer.modes is None else layer.modes
         self.register_buffer("modes", torch.as_tensor(modes, dtype=torch.float32).flatten(1), persistent=False)
         self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
-        self.skin, self.sampler = Skin(layer), UvSampler(layer)
+        self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
         self.geometry_texels = TexelValues(geometry_map, layer.faces)
         self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
@@ -111,11 +113,11 @@ class LayerModel(nn.Module):
         if not texture:
             return decoded
         residual = self.networks.texture(features)
-        decoded.mean_texture = decoded.texture = self._coloured(residual, self.texels)
+        decoded.mean_texture = decoded.texture = self._coloured(self.mean_texture, residual)
         if self.networks.view is not None:
             cosine = self.view_texels(self.facing(decoded.vertices, centre))
-            seen = self.networks.view_residual(self._coloured(residual, self.sizes.view_size), cosine)
-            decoded.texture = self._coloured(residual + seen, self.texels)
+            seen = self.networks.view_residual(self._coloured(self.coarse_texture[0], residual), cosine)
+            decoded.texture = self._coloured(self.mean_texture, residual + seen)
         if self.edits is not None:
             decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
         return decoded
@@ -129,9 +131,10 @@ class LayerModel(nn.Module):
                 unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
         return unposed
 
-    def _coloured(self, residual, size):
-        """The mean texture with a residual (B,3,s,s) of it, at `size`."""
-        return resize(self.mean_texture[None], size) + COLOUR_OUT * resize(residual, size)
+    @staticmethod
+    def _coloured(mean, residual):
+        """A mean texture (3,T,T) with a residual (B,3,s,s) of it."""
+        return torch.add(mean, resize(residual, mean.shape[-1]), alpha=COLOUR_OUT)
 
     def quasi_shadow(self, occlusion):
         """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean; None where settings ask for none."""
@@ -187,6 +190,9 @@ class Avatar(nn.Module):
             x.name: joint_centroids(x.skin_idx, x.skin_val, len(J)) for x in self.layers if x.kind == "surface"
         }
         self.operators = nn.ModuleList([*self.laplacian.values(), *self.anchors.values()])  # so that they move along
+
+    def layer(self, name):
+        return self.layers[self.names.index(name)]
 
     def model(self, name):
         return self.models[self.names.index(name)]
@@ -266,13 +272,16 @@ class Avatar(nn.Module):
 
     @torch.no_grad()
     def ambient_occlusion(self, decoded):
-        """{layer: (B,n)} openness of each vertex amid all layers: 1 = nothing above it."""
+        """{layer: (B,n)} openness of each vertex amid all layers: 1 = nothing above it, or no texel of its shadow reads it."""
         rays, names = self.settings.network.ao_rays, list(decoded)
         vertices = [decoded[name].vertices.detach().double().cpu().numpy() for name in names]
         starts = np.cumsum([0, *(v.shape[1] for v in vertices)])
-        faces = np.concatenate([self.model(n).faces.cpu().numpy() + s for n, s in zip(names, starts, strict=False)])
+        faces = np.concatenate([self.layer(n).faces + s for n, s in zip(names, starts.astype(np.int32), strict=False)])
         together = np.concatenate(vertices, axis=1)
-        open_sky = np.stack([kernels.ambient_occlusion(v, faces.astype(np.int32), rays=rays) for v in together])
+        read = np.concatenate([self.model(n).shadow_texels.vertices + s for n, s in zip(names, starts, strict=False)])
+        open_sky = np.ones(together.shape[:2])
+        for row, v in zip(open_sky, together):
+            row[read] = kernels.ambient_occlusion(v, faces, rays=rays, of=read)
         like = decoded[names[0]].vertices
         open_sky = torch.as_tensor(open_sky, dtype=torch.float32, device=like.device)
         return {name: open_sky[:, a:b] for name, a, b in zip(names, starts, starts[1:], strict=False)}
@@ -313,7 +322,9 @@ class Avatar(nn.Module):
             K = batch["K"][b] * batch["K"].new_tensor([[samples], [samples], [1]])
             fine = size[0] * samples, size[1] * samples
             seen = render(surfaces, K, batch["T_camera_world"][b], fine, layer_depth=layer_depth)
-            image, mask = avg_pool2d(seen.image[None], samples)[0], avg_pool2d(seen.mask[None], samples)[0]
+            image, mask = seen.image, seen.mask
+            if samples > 1:
+                image, mask = avg_pool2d(image[None], samples)[0], avg_pool2d(mask[None], samples)[0]
             image = self.colour(image[None], batch["camera"][b : b + 1], mask)[0]
             pictures.append(replace(seen, image=image, mask=mask))
         return pictures

@@ -41,21 +41,36 @@ class Conv(nn.Module):
         norm = gain * (2 / (1 + SLOPE**2)) ** 0.5 * (2 if self.up else 1)  # 4 of an "up" kernel's 16 taps meet a pixel
         self.gain = nn.Parameter(torch.full((outputs,), float(norm)))
         self.bias = nn.Parameter(torch.zeros(size, size, outputs))  # channels last
+        self.folded = None  # what a weight was made of and the weight: where nothing is trained it is made once
 
     def weight(self):
+        if torch.is_grad_enabled():
+            self.folded = None
+            return self._normed()
+        parts = self.direction, self.gain
+        if self.folded is None or self._changed(*self.folded[:2]):
+            self.folded = [p.detach() for p in parts], [p._version for p in parts], self._normed()
+        return self.folded[2]
+
+    def _changed(self, parts, versions):
+        """Is either parameter another one, or another in place? What is held cannot lend its place to others."""
+        now = zip((self.direction, self.gain), parts, versions)
+        return any(p.data_ptr() != was.data_ptr() or p._version != version for p, was, version in now)
+
+    def _normed(self):
         v, kept = self.direction, 1 if self.up else 0
         length = torch.linalg.vector_norm(v, dim=[d for d in range(4) if d != kept], keepdim=True).clamp(min=1e-12)
         return v * (self.gain.reshape([-1 if d == kept else 1 for d in range(4)]) / length)
 
     def forward(self, x):
-        w = self.weight()
+        w, bias = self.weight(), self.bias.permute(2, 0, 1)
         if self.mode == "up":
             y = F.conv_transpose2d(x, w, stride=2, padding=1)
         elif self.mode == "point":  # a matrix product of channels-last pixels: a third of conv2d's time at 8 channels
             y = F.linear(x.permute(0, 2, 3, 1), w.flatten(1)).permute(0, 3, 1, 2)
         else:
             y = F.conv2d(x, w, stride=2 if self.mode == "down" else 1, padding=1)
-        return y + self.bias.permute(2, 0, 1).to(y.dtype)
+        return y.add_(bias.to(y.dtype))
 
 
 def block(*args, **kwargs):

@@ -64,13 +64,14 @@ class Facing(nn.Module):
         faces = np.asarray(faces, dtype=np.int64)
         rows, columns = faces.ravel(), np.repeat(np.arange(len(faces)), 3)
         self.around = Linear(coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, len(faces))))
-        for k in range(3):
-            self.register_buffer(f"corner{k}", torch.from_numpy(faces[:, k].copy()), persistent=False)
+        self.register_buffer(
+            "corners", torch.from_numpy(faces.T.ravel().copy()), persistent=False
+        )  # first, second, third
 
     @torch.no_grad()
     def forward(self, vertices, centre):
         """Vertices (B,n,3), camera centres (B,3) -> (B,n,1), -1 to 1; 0 where a vertex has no normal."""
-        a, b, c = (vertices.index_select(1, corner) for corner in (self.corner0, self.corner1, self.corner2))
+        a, b, c = vertices.index_select(1, self.corners).chunk(3, 1)
         normal = self.around(torch.linalg.cross(b - a, c - a))  # sum of area-weighted normals
         view = centre[:, None] - vertices
         length = (normal.square().sum(-1) * view.square().sum(-1)).clamp(min=1e-24).sqrt()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from scipy.sparse import coo_matrix
 from torch import nn
+
+from .operators import Linear
 
 
 class Skeleton(nn.Module):
@@ -14,19 +17,25 @@ class Skeleton(nn.Module):
         super().__init__()
         self.register_buffer("J", torch.as_tensor(np.asarray(J, dtype=np.float32)), persistent=False)
         self.levels = _levels([int(p) for p in parents])
+        place, order = {}, []
+        for i, (joints, above) in enumerate(self.levels):
+            place |= {joint: row for row, joint in enumerate(joints)}
+            order += joints
+            self.register_buffer(f"joints{i}", torch.tensor(joints), persistent=False)
+            if above is not None:
+                self.register_buffer(f"above{i}", torch.tensor([place[p] for p in above]), persistent=False)
+                self.register_buffer(f"offset{i}", (self.J[joints] - self.J[above])[..., None], persistent=False)
+        self.register_buffer("back", torch.tensor(order).argsort(), persistent=False)
 
     def forward(self, rotations, translation):
         """Rotation vectors (B,K,3), translation (B,3) -> skinning transforms R (B,K,3,3), t (B,K,3): x = sum_k w_k (R_k v + t_k)."""
         local = rotation_matrices(rotations)
-        R, x = torch.empty_like(local), torch.empty_like(rotations)
-        for joints, parents in self.levels:  # joints as deep as one another at once
-            if parents is None:
-                R[:, joints], x[:, joints] = local[:, joints], self.J[joints] + translation[:, None]
-                continue
-            above = R[:, parents]
-            R[:, joints] = above @ local[:, joints]
-            offset = (self.J[joints] - self.J[parents])[..., None]
-            x[:, joints] = x[:, parents] + (above @ offset)[..., 0]
+        R, x = [local.index_select(1, self.joints0)], [self.J[self.joints0] + translation[:, None]]
+        for i in range(1, len(self.levels)):  # joints as deep as one another at once
+            above = R[-1].index_select(1, getattr(self, f"above{i}"))
+            x.append(x[-1].index_select(1, getattr(self, f"above{i}")) + (above @ getattr(self, f"offset{i}"))[..., 0])
+            R.append(above @ local.index_select(1, getattr(self, f"joints{i}")))
+        R, x = (torch.cat(parts, 1).index_select(1, self.back) for parts in (R, x))
         return R, x - (R @ self.J[..., None])[..., 0]
 
 
@@ -58,20 +67,19 @@ class Skin(nn.Module):
     def __init__(self, layer):
         super().__init__()
         joints = np.asarray(layer.skin_idx, dtype=np.int64)
-        dense = np.zeros((len(joints), joints.max() + 1), np.float32)  # one product is faster than sums over the few
-        np.add.at(dense, (np.arange(len(joints))[:, None], joints), layer.skin_val)
-        self.register_buffer("weights", torch.as_tensor(dense), persistent=False)
+        rows = np.repeat(np.arange(len(joints)), joints.shape[1])
+        self.mix = Linear(coo_matrix((np.ravel(layer.skin_val), (rows, joints.ravel()))))
 
     def blend(self, R, t):
         """Per vertex A (B,n,3,3) and b (B,n,3): skinning is A v + b."""
-        both = torch.cat([R.flatten(2), t], -1)[:, : self.weights.shape[1]]  # (B,K,12)
-        mixed = self.weights @ both
+        mixed = self.mix(torch.cat([R.flatten(2), t], -1)[:, : self.mix.shape[1]])  # (B,n,12)
         return mixed[..., :9].unflatten(-1, (3, 3)), mixed[..., 9:]
 
     def pose(self, unposed, R, t):
         """(B,n,3) unposed -> posed, in the world."""
         A, b = self.blend(R, t)
-        return (A * unposed[..., None, :]).sum(-1) + b
+        x, y, z = unposed.unsqueeze(-1).unbind(-2)
+        return b + A[..., 0] * x + A[..., 1] * y + A[..., 2] * z
 
     def unpose(self, posed, R, t):
         """The inverse of `pose`: the rows' cross products over the determinant are the columns of A's inverse."""

@@ -9,14 +9,17 @@ Both reach the vertices as one 3-vector a pixel, dealt out by w.
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import torch
 from torch.autograd.function import Function, once_differentiable
 from torch.nn.functional import grid_sample
+from torch.utils.weak import WeakIdKeyDictionary
 
-from ...kernels import InputError
+from ...kernels import InputError, paint, raster
 from .contours import contours, neighbours_of
 from .rasterise import NEAR, rasterise
 
+_int32 = WeakIdKeyDictionary()
 EDGE_ON = 1e-3  # sine of the angle between ray and face; below it a face has colour but no interior gradient
 
 
@@ -56,12 +59,14 @@ def render(surfaces, K, T_camera_world, size, background=0.0, layer_depth=False)
     if not surfaces:
         raise InputError("render: surfaces is empty")
     with torch.autocast(surfaces[0].vertices.device.type, enabled=False):
-        return _render(surfaces, K.float(), T_camera_world.float(), size, background, layer_depth)
+        scene = _Scene(surfaces, K.float(), T_camera_world.float(), size)
+        if not layer_depth and not torch.is_grad_enabled() and scene.vertices.device.type == "cpu":
+            return _painted(scene, background)
+        return _render(scene, background, layer_depth)
 
 
-def _render(surfaces, K, T_camera_world, size, background, layer_depth):
-    scene = _Scene(surfaces, K, T_camera_world, size)
-    views = scene.views()
+def _render(scene, background, layer_depth):
+    surfaces, views = scene.surfaces, scene.views()
     front, shown = _front(scene, views)
     pixels, colours, depths, own_depths = [], [], [], []
     for k, (surface, view) in enumerate(zip(surfaces, views)):
@@ -82,6 +87,37 @@ def _render(surfaces, K, T_camera_world, size, background, layer_depth):
         layer=sum((mask.long() * (k + 1) for k, mask in enumerate(shown)), torch.tensor(-1, device=pixel.device)),
         depth=torch.cat(own_depths) if layer_depth else front.paste(pixel, z, torch.inf),
     )
+
+
+def _painted(scene, background):
+    """The same picture without gradients: all layers at once by the core's loops, to rounding."""
+    surfaces = scene.surfaces
+    first_uv, first_face = _starts([s.uv for s in surfaces]), scene.first_face
+    V, K = scene.vertices.double().numpy(), scene.K.double().numpy()
+    F = np.concatenate([_indices(s.faces, len(s.vertices)) + n for s, n in zip(surfaces, scene.first_vertex)])
+    face_uv = np.concatenate([_indices(s.face_uv, len(s.uv)) + n for s, n in zip(surfaces, first_uv)])
+    uv = torch.cat([s.uv for s in surfaces]).double().numpy()
+    textures = [s.texture.detach().float().permute(1, 2, 0).numpy() for s in surfaces]
+    seen = raster(V, F, K, scene.size, near_plane=NEAR)
+    image = torch.from_numpy(paint(seen.face, V, F, uv, face_uv, K, textures, first_face, EDGE_ON))
+    face = torch.tensor(seen.face)
+    covered = face >= 0
+    if torch.is_tensor(background) or background:
+        background = torch.as_tensor(background, dtype=image.dtype)
+        image = torch.where(covered, image, background[:, None, None] if background.ndim == 1 else background)
+    layer = sum(((face >= n).long() for n in first_face), torch.tensor(-1))
+    depth = torch.tensor(seen.depth, dtype=torch.float32)[None]
+    return Rendered(image, covered.float(), face.long(), layer, depth)
+
+
+def _indices(faces, count):
+    """int32 of a tensor of indices below `count`, made once."""
+    if faces not in _int32:
+        _int32[faces] = faces.numpy().astype(np.int32)
+    found = _int32[faces]
+    if found.size and not (found.min() >= 0 and found.max() < count):
+        raise InputError(f"render: a face has an index out of 0..{count - 1}")
+    return found
 
 
 def _where(mask):
