@@ -6,7 +6,10 @@ import trimesh
 
 pytest.importorskip("torch")
 
+from tests.support.segmenters import by_colour
+from toile.errors import UserError
 from toile.studio.segmenter import CLASSES
+from toile.studio.segmenter import looks as drawing
 from toile.studio.segmenter.looks import Looks
 from toile.studio.segmenter.people import DressedPerson, painted
 from toile.studio.segmenter.views import view
@@ -51,7 +54,9 @@ def test_a_view_shows_the_classes_where_they_are(views):
 
 
 @pytest.mark.parametrize("size", [SIZE, SIZE // 2])
-def test_a_picture_keeps_the_view_s_classes_but_where_something_hides_them(views, size):
+def test_a_picture_keeps_the_view_s_classes_but_where_something_hides_them(views, size, monkeypatch):
+    for name, value in {"ZOOM": (1, 1), "TURN": 0, "SHIFT": 0, "STRETCH": 0}.items():
+        monkeypatch.setattr(drawing, name, value)
     looks = Looks(SIZE, np.random.default_rng(2))
     looks.size = size
     kept = []
@@ -65,10 +70,32 @@ def test_a_picture_keeps_the_view_s_classes_but_where_something_hides_them(views
     assert not kept or np.median(kept) == 1
 
 
+def test_a_picture_shows_a_window_of_the_view(views):
+    """A turned and stretched window: each pixel's class is that of the view where the window says."""
+    looks = Looks(SIZE, np.random.default_rng(5))
+    looks.hide = lambda image, classes: None
+    for seen in views[:6]:
+        state = looks.rng.bit_generator.state
+        inside, rows, columns = looks.window(SIZE)
+        looks.rng.bit_generator.state = state
+        _, classes = looks.picture([getattr(seen, name) for name in seen.__dataclass_fields__])
+        assert (classes[inside] == seen.classes[rows, columns][inside]).all() and not classes[~inside].any()
+        steps = np.hypot(*(np.diff(v.astype(float), axis=1)[:, ::8].sum(1) for v in (rows, columns)))
+        assert np.ptp(steps) <= 6  # the same everywhere but for rounding
+
+
+def test_rooms_are_pictures():
+    rng = np.random.default_rng(6)
+    prints = np.stack([drawing.printed(rng) for _ in range(4)])
+    rooms = [drawing.background(SIZE, rng, prints) for _ in range(40)]
+    assert all(room.shape == (SIZE, SIZE, 3) and 0 <= room.min() and room.max() <= 1 for room in rooms)
+    assert np.median([room.std() for room in rooms]) > 0.1
+
+
 def test_a_person_is_told_from_what_is_behind(views):
     """On a plain background the mask is where the picture changes: colours and classes belong together."""
     looks = Looks(SIZE, np.random.default_rng(3))
-    looks.behind = lambda: np.zeros((SIZE, SIZE, 3))
+    looks.behind = lambda: np.zeros((SIZE, SIZE, 3), np.float32)
     looks.hide = lambda image, classes: None
     looks.seen = lambda image: image
     for seen in views[:4]:
@@ -83,7 +110,7 @@ def test_the_network_gives_a_number_a_class_and_pixel_and_learns():
     from toile.studio.segmenter.train import loss
 
     torch.manual_seed(0)
-    network, picture = Clothes(), torch.randn(2, 3, 32, 32)
+    network, picture = Clothes(), torch.randn(2, 3, 64, 64)
     classes = (picture[:, 0] > 0).long()
     optimizer, losses = torch.optim.Adam(network.parameters(), 5e-3), []
     for _ in range(8):
@@ -92,5 +119,78 @@ def test_the_network_gives_a_number_a_class_and_pixel_and_learns():
         optimizer.zero_grad()
         losses[-1].backward()
         optimizer.step()
-    assert logits.shape == (2, len(CLASSES), 32, 32) and losses[-1] < 0.8 * losses[0]
-    assert sum(p.numel() for p in network.parameters()) * 4 < 3e6  # bytes
+    assert logits.shape == (2, len(CLASSES), 64, 64) and losses[-1] < 0.8 * losses[0]
+    assert sum(p.numel() for p in network.parameters()) * 2 < 3e6  # bytes as they are stored
+
+
+def test_a_written_network_says_the_same_and_can_be_trained_on(tmp_path):
+    import onnxruntime
+    import torch
+
+    from toile.studio.segmenter.export import COUNTED, export, read_network
+    from toile.studio.segmenter.network import Clothes
+
+    torch.manual_seed(1)
+    network = Clothes()
+    with torch.no_grad():
+        for weights in network.parameters():
+            weights += 0.05 * torch.randn_like(weights)
+    for _ in range(20):
+        network(torch.randn(8, 3, 64, 64))  # for the normalisations
+    export(network, tmp_path / "a.onnx", 64)
+    picture = torch.randn(1, 3, 64, 64)
+    with torch.no_grad():
+        meant = network.eval()(picture).numpy()
+    said = onnxruntime.InferenceSession(tmp_path / "a.onnx").run(None, {"image": picture.numpy()})[0]
+    assert np.abs(said - meant).max() < 0.01 * np.abs(meant).max()
+    assert (tmp_path / "a.onnx").stat().st_size < 3e6
+    again = read_network(tmp_path / "a.onnx").state_dict()
+    for name, value in network.state_dict().items():
+        assert name.endswith(COUNTED) or torch.allclose(again[name], value, rtol=1e-3, atol=1e-6)
+    with pytest.raises(UserError, match="b.onnx: not the weights of this network"):
+        read_network(by_colour(tmp_path / "b.onnx"))
+
+
+def test_an_interrupted_training_goes_on_where_it_was(tmp_path):
+    import torch
+
+    from toile.studio.segmenter.train import Training
+
+    torch.manual_seed(2)
+    first = Training(tmp_path / "a.pt", 100.0)
+    batch = torch.randn(4, 3, 64, 64), torch.randint(0, 7, (4, 64, 64))
+    for _ in range(3):
+        first.learn(*batch)
+    first.spent = 40.0
+    first.save()
+    second = Training(tmp_path / "a.pt", 100.0)
+    assert (second.step, second.spent) == (3, 40.0)
+    assert first.learn(*batch) == second.learn(*batch)
+    for a, b in zip(first.mean.parameters(), second.mean.parameters()):
+        assert torch.equal(a, b)
+
+
+def test_the_temperature_is_found_and_mends_the_certainty():
+    import torch
+
+    from toile.studio.segmenter.check import calibration_error, temperature
+
+    torch.manual_seed(3)
+    logits = 2 * torch.randn(4, len(CLASSES), 48, 48)
+    drawn = torch.distributions.Categorical(logits=logits.permute(0, 2, 3, 1)).sample()
+    heat = temperature(3 * logits, drawn)
+    assert 2.7 < heat < 3.3
+    assert calibration_error(3 * logits / heat, drawn) < 0.06 < 0.2 < calibration_error(3 * logits, drawn)
+
+
+def test_overlaps_are_intersections_over_unions():
+    import torch
+
+    from toile.studio.segmenter.check import overlaps
+
+    truth, found = torch.zeros(2, 10, 10, dtype=torch.long), torch.zeros(2, 10, 10, dtype=torch.long)
+    truth[:, 2:6, 2:6], found[:, 2:6, 2:6] = TOP, SKIN  # another class, the same outline
+    found[:, 2:6, 4:6] = TOP
+    assert overlaps(found, truth)["top"] == 0.5 and overlaps(found, truth)["outline"] == 1
+    found[:, 2:6, 6:10] = TOP
+    assert overlaps(found, truth)["top"] == 0.25 and overlaps(found, truth)["outline"] == 0.5

@@ -7,98 +7,15 @@ import numpy as np
 
 from ..paint import SKIN_TONES
 from . import CLASSES
+from .rooms import PRINT, any_colour, background, blotches, printed
 
-PRINTS, PRINT = 160, 128  # pictures on cloth: how many are kept, texels a side
-BACKGROUNDS = 160
-PLAIN = 0.2  # share of plain backgrounds
-LETTERS = "ABDEFGHKMNOPRSTUVXZ0123456789"
+PRINTS, BACKGROUNDS = 160, 160  # how many are kept
+RENEWED = 0.04  # backgrounds drawn anew a picture
 SKIN, HAIR, SHOES = (CLASSES.index(name) for name in ("skin", "hair", "shoes"))
-
-
-def any_colour(rng):
-    """RGB (3,) in 0..1; greys and dark ones as often as clothes have them."""
-    value, chroma = rng.uniform(0.04, 1), rng.choice([0.0, 0.25, 1.0]) * rng.uniform(0.3, 1)
-    hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
-    return np.clip(value * (1 + chroma * (0.5 * np.cos(hue) - 0.5)), 0, 1)
-
-
-def blotches(size, cells, rng, channels=1):
-    """Smooth noise (size,size,channels) in about -1..1, `cells` bumps a side."""
-    coarse = rng.standard_normal((int(cells) + 3, int(cells) + 3, channels)).astype(np.float32)
-    return 0.7 * cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC).reshape(size, size, channels)
-
-
-def shapes(image, rng, count, large):
-    """Boxes, discs, lines, polygons and letters on an image (S,S,3) in 0..1."""
-    S, image = len(image), (255 * np.clip(image, 0, 1)).astype(np.uint8)
-    for _ in range(count):
-        colour = tuple(map(float, 255 * any_colour(rng)))
-        a, b = (tuple(map(int, rng.integers(-S // 8, S + S // 8, 2))) for _ in range(2))
-        near = tuple(int(v + rng.integers(-S // large, S // large + 1)) for v in a)
-        kind = rng.integers(6)
-        if kind == 0:
-            cv2.rectangle(image, a, near, colour, -1)
-        elif kind == 1:
-            cv2.ellipse(
-                image,
-                a,
-                (S // large // 2 + 1, int(rng.integers(2, S // large + 3))),
-                rng.uniform(0, 360),
-                0,
-                360,
-                colour,
-                -1,
-            )
-        elif kind == 2:
-            cv2.line(image, a, b, colour, int(rng.integers(1, 2 + S // 24)), cv2.LINE_AA)
-        elif kind == 3:
-            corners = np.array(a) + rng.integers(-S // large, S // large + 1, (4, 2))
-            cv2.fillPoly(image, [corners.astype(np.int32)], colour)
-        elif kind == 4:  # as a limb: a tapering stroke
-            cv2.line(image, a, near, colour, int(rng.integers(2, 3 + S // 10)), cv2.LINE_AA)
-        else:
-            word = "".join(rng.choice(list(LETTERS), rng.integers(1, 6)))
-            cv2.putText(
-                image, word, a, int(rng.integers(0, 5)), rng.uniform(0.4, 3) * S / 256, colour, 1 + S // 60, cv2.LINE_AA
-            )
-    return image.astype(np.float32) / 255
-
-
-def background(size, rng):
-    """A room that is none (size,size,3) in 0..1: walls, floor, clutter."""
-    if rng.uniform() < PLAIN:
-        plain = np.broadcast_to(any_colour(rng), (size, size, 3)).astype(np.float32).copy()
-        return plain + rng.uniform(0, 0.06) * blotches(size, rng.integers(1, 5), rng)
-    up, down = any_colour(rng), any_colour(rng)
-    t = np.clip((np.linspace(0, 1, size) - rng.uniform(0.2, 0.9)) * np.exp(rng.uniform(0, 5)) + 0.5, 0, 1)[
-        :, None, None
-    ]
-    image = np.ascontiguousarray(np.broadcast_to(up + (down - up) * t, (size, size, 3)), np.float32)
-    image = shapes(image, rng, int(rng.integers(0, 12)), 2)
-    image += rng.uniform(0, 0.3) * blotches(size, np.exp(rng.uniform(0.5, 4)), rng, int(rng.choice([1, 3])))
-    image = shapes(image, rng, int(rng.integers(0, 40)), 6)
-    if rng.uniform() < 0.3:
-        image = np.concatenate([image[: size // 2], image[: size - size // 2] * rng.uniform(0.3, 1)])
-    turn = cv2.getRotationMatrix2D((size / 2, size / 2), rng.normal(0, 15), rng.uniform(1, 1.6))
-    image = cv2.warpAffine(image, turn, (size, size), borderMode=cv2.BORDER_REFLECT)
-    return np.clip(cv2.GaussianBlur(image, (0, 0), np.exp(rng.uniform(-1.5, 1.2))), 0, 1)
-
-
-def printed(rng):
-    """A picture on cloth (PRINT,PRINT,3) in 0..1."""
-    image = np.broadcast_to(any_colour(rng), (PRINT, PRINT, 3)).astype(np.float32).copy()
-    kind, ink = rng.integers(5), any_colour(rng)
-    i, j = np.mgrid[:PRINT, :PRINT]
-    period, width = int(rng.integers(4, 40)), rng.uniform(0.1, 0.6)
-    if kind == 0:
-        image[(i if rng.uniform() < 0.7 else j) % period < width * period] = ink
-    elif kind == 1:
-        image[(i % period < width * period) ^ (j % period < width * period)] = ink
-    elif kind == 2:
-        image[(i % period - period / 2) ** 2 + (j % period - period / 2) ** 2 < (0.5 * width * period) ** 2] = ink
-    elif kind == 3:
-        image += rng.uniform(0.1, 0.5) * blotches(PRINT, rng.integers(3, 30), rng, 3)
-    return np.clip(shapes(image, rng, int(rng.integers(0, 8)), 3), 0, 1)
+HAIRS = ((0.05, 0.04, 0.04), (0.17, 0.10, 0.06), (0.35, 0.22, 0.12), (0.75, 0.60, 0.38), (0.6, 0.6, 0.6))
+ZOOM = (0.85, 1.5)  # of a view whose sides are the picture's
+TURN, SHIFT, STRETCH = 12.0, 0.06, 0.06  # degrees, share of the picture, log of the aspect: standard deviations
+LIPS, EYES = (0.0, -0.167, 1.658), ((0.033, -0.145, 1.715), (-0.033, -0.145, 1.715))  # m on the neutral body
 
 
 class Looks:
@@ -106,73 +23,115 @@ class Looks:
 
     def __init__(self, size, rng):
         self.size, self.rng = size, rng
-        self.prints = [printed(rng) for _ in range(PRINTS)]
-        self.backgrounds = [background(size, rng) for _ in range(BACKGROUNDS)]
+        self.prints = np.stack([printed(rng) for _ in range(PRINTS)])
+        self.backgrounds = [background(size, rng, self.prints) for _ in range(BACKGROUNDS)]
 
     def picture(self, view):
-        rng = self.rng
-        step = rng.choice([-1, 1])
-        every = rng.integers(1, len(view[0]) // self.size + 1)
-        top, left = rng.integers(len(view[0]) - every * (self.size - 1), size=2)
-        window = slice(top, top + every * self.size, every), slice(left, left + every * self.size, every)
-        classes, cover, place, normal = (a[window][:, ::step] for a in view)
-        classes = classes.copy()
+        """Of the fields of a PersonView."""
+        inside, rows, columns = self.window(len(view[0]))
+        classes, cover = (np.where(inside, field[rows, columns], 0) for field in view[:2])
         on = cover > 0
+        place, normal = (field[rows[on], columns[on]].astype(np.float32) for field in view[2:])
         colour = np.zeros((*on.shape, 3), np.float32)
-        colour[on] = self.painted(classes[on], place[on].astype(np.float32)) * self.light(normal[on] / 127.0)[:, None]
-        alpha = cv2.blur(cover.astype(np.float32) / 255, (3, 3)) * on
-        image = alpha[..., None] * colour + (1 - alpha[..., None]) * self.behind()
+        colour[on] = self.painted(classes[on], place) * self.light(normal / 127)[:, None]
+        alpha = (cv2.blur(cover.astype(np.float32) / 255, (3, 3)) * on)[..., None]
+        image = alpha * colour + (1 - alpha) * self.shadowed(self.behind(), alpha)
         self.hide(image, classes)
         return self.seen(image), classes
 
+    def window(self, side):
+        """Which pixels of a view of this side the picture's show: whether any, rows and columns, each (S,S)."""
+        rng, S = self.rng, self.size
+        scale = side / S / np.exp(rng.uniform(*np.log(ZOOM)))
+        turn = np.radians(TURN * rng.standard_normal())
+        A = scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        A = A @ np.diag([rng.choice([-1, 1]) * np.exp(rng.normal(0, STRETCH)), 1])
+        b = side * (0.5 + SHIFT * rng.standard_normal(2))
+        at = (np.arange(S) + 0.5 - S / 2)[:, None]
+        columns, rows = (A[i, 0] * at.T + A[i, 1] * at + b[i] for i in range(2))
+        inside = (rows >= 0) & (rows < side) & (columns >= 0) & (columns < side)
+        return inside, *(np.clip(values, 0, side - 1).astype(np.intp) for values in (rows, columns))
+
     def behind(self):
-        """A background, flipped, and from time to time a new one."""
+        """A background, cut out and flipped, and from time to time a new one."""
         rng, k = self.rng, self.rng.integers(BACKGROUNDS)
-        if rng.uniform() < 0.15:
-            self.backgrounds[k] = background(len(self.backgrounds[k]), rng)
-        top, left = rng.integers(len(self.backgrounds[k]) - self.size + 1, size=2)
-        image = self.backgrounds[k][top : top + self.size, left : left + self.size][:, :: rng.choice([-1, 1])]
-        return image[..., rng.permutation(3)] * rng.uniform(0.6, 1.2)
+        side = len(self.backgrounds[k])
+        if rng.uniform() < RENEWED:
+            self.backgrounds[k] = background(side, rng, self.prints)
+        part = int(rng.integers(min(self.size, side // 2), side + 1))
+        top, left = rng.integers(side - part + 1, size=2)
+        image = self.backgrounds[k][top : top + part, left : left + part]
+        image = cv2.resize(image, (self.size, self.size), interpolation=cv2.INTER_AREA)
+        return image[:, :: rng.choice([-1, 1]), rng.permutation(3) if rng.uniform() < 0.3 else slice(None)]
+
+    def shadowed(self, image, alpha):
+        """The background with the person's shadow on it, now and then."""
+        rng, S = self.rng, self.size
+        if rng.uniform() < 0.5:
+            return image
+        M = np.array(
+            [[1, rng.normal(0, 0.3), rng.normal(0, 0.1) * S], [0, rng.uniform(0.3, 1), rng.uniform(0, 0.4) * S]]
+        )
+        shade = cv2.GaussianBlur(cv2.warpAffine(alpha, M, (S, S)), (0, 0), rng.uniform(0.01, 0.06) * S)
+        return image * (1 - rng.uniform(0.1, 0.6) * shade[..., None])
 
     def painted(self, classes, place):
         """Colours (p,3): cloth plain or printed, skin and hair mottled."""
         rng, out = self.rng, np.zeros((len(classes), 3), np.float32)
         for kind in np.unique(classes[classes > 0]):
             mine = classes == kind
-            P, base = place[mine], any_colour(rng)
-            if kind == SKIN:
-                a, b = rng.integers(len(SKIN_TONES), size=2)
-                base = np.array(SKIN_TONES[a]) + rng.uniform(-0.3, 1) * (np.array(SKIN_TONES[b]) - SKIN_TONES[a])
-                base = base * rng.uniform(0.9, 1.1, 3)
-            if kind in (SKIN, HAIR, SHOES) or rng.uniform() < 0.4:
-                out[mine] = base
+            P = place[mine]
+            if kind in (SKIN, HAIR, SHOES) or rng.uniform() < 0.45:
+                out[mine] = self.skin(P) if kind == SKIN else self.hair() if kind == HAIR else any_colour(rng)
             else:
                 out[mine] = self.print_at(P)
-            waves = np.cos(
-                P @ (rng.standard_normal((3, 8)) * rng.uniform(20, 250)).astype(np.float32) + rng.uniform(0, 6, 8)
-            )
-            out[mine] *= 1 + rng.uniform(0, 0.12) * waves.mean(1, keepdims=True) * 2
+            k = (rng.standard_normal((3, 6)) * rng.uniform(15, 200)).astype(np.float32)
+            waves = np.cos(P @ k + rng.uniform(0, 6, 6).astype(np.float32)).mean(1, keepdims=True)
+            out[mine] *= 1 + rng.uniform(0, 0.15 if kind == SKIN else 0.4) * waves
         return out
+
+    def skin(self, P):
+        """Colours (p,3) of skin: a tone between two known ones, lips, eyes, at times a beard and marks."""
+        rng = self.rng
+        a, b = np.array(SKIN_TONES)[rng.integers(len(SKIN_TONES), size=2)]
+        tone = (a + rng.uniform(-0.3, 1) * (b - a)) * rng.uniform(0.9, 1.1, 3)
+        colour = np.broadcast_to(np.clip(tone, 0.05, 1), (len(P), 3)).astype(np.float32)
+        near = lambda middle, wide: np.exp(-0.5 * (((P - np.float32(middle)) / np.float32(wide)) ** 2).sum(1))
+        face = 0.4 * near(LIPS, (0.022, 0.02, 0.007)) + sum(0.8 * near(eye, (0.014, 0.02, 0.008)) for eye in EYES)
+        if rng.uniform() < 0.25:
+            face = face + rng.uniform(0.3, 0.8) * near((0, -0.15, 1.63), (0.06, 0.04, 0.03))
+        for _ in range(rng.integers(0, 3)):
+            face = face + rng.uniform(-0.5, 0.7) * near(P[rng.integers(len(P))], rng.uniform(0.004, 0.02, 3))
+        return colour * (1 - face)[:, None]
+
+    def hair(self):
+        rng = self.rng
+        return (
+            any_colour(rng)
+            if rng.uniform() < 0.3
+            else np.array(HAIRS[rng.integers(len(HAIRS))]) * rng.uniform(0.6, 1.4)
+        )
 
     def print_at(self, P):
         """A print of its own on front and back, by x and z of points (p,3)."""
         rng, scale = self.rng, PRINT * np.exp(self.rng.uniform(-0.9, 0.9))
-        sides = [self.prints[k] for k in rng.integers(PRINTS, size=2)]
+        sides = self.prints[rng.integers(PRINTS, size=2)]
         if rng.uniform() < 0.5:
             sides[1] = sides[0]
         u, v = ((P[:, a] * scale + o).astype(int) % PRINT for a, o in zip((0, 2), rng.uniform(0, PRINT, 2)))
-        return np.where((P[:, 1] < -0.02)[:, None], sides[0][PRINT - 1 - v, u], sides[1][PRINT - 1 - v, u])
+        return sides[(P[:, 1] < -0.02).astype(int), PRINT - 1 - v, u]
 
     def light(self, N):
-        """Brightness (p,) under some lamps, of surfaces that face N (p,3), z towards the camera."""
+        """Brightness (p,) under some lamps, of surfaces that face N (p,3), z away from the camera, y down."""
         rng = self.rng
-        total = np.full(len(N), rng.uniform(0.3, 0.8))
+        total = np.full(len(N), rng.uniform(0.25, 0.8), np.float32)
         for _ in range(rng.integers(1, 4)):
             d = rng.standard_normal(3) + [0, -0.8, -0.8]  # mostly from above and from the camera's side
-            d /= np.linalg.norm(d)
-            total += rng.uniform(0.1, 0.7) * np.maximum(N @ d, 0)
-            total += rng.uniform(0, 0.15) * np.maximum(N @ d, 0) ** 20
-        return total.astype(np.float32)
+            facing = np.maximum(N @ (d / np.linalg.norm(d)).astype(np.float32), 0)
+            total += rng.uniform(0.1, 0.7) * facing
+            if rng.uniform() < 0.3:
+                total += rng.uniform(0, 0.25) * facing**20
+        return total
 
     def hide(self, image, classes):
         """Something before the person, now and then."""
@@ -188,24 +147,30 @@ class Looks:
         classes[box] = 0
 
     def seen(self, image):
-        """(S,S,3) uint8 as a camera gives it: uneven light, exposure, tint, blur, noise, compression."""
+        """(S,S,3) uint8 as a camera gives it: uneven light, a shadow's edge, exposure, tint, blur, noise, compression."""
         rng, S = self.rng, self.size
-        image = image * (1 + rng.uniform(0, 0.25) * blotches(S, rng.integers(1, 4), rng))
-        image = np.clip(image * rng.uniform(0.85, 1.15, 3) * np.exp(rng.normal(0, 0.25)) + rng.normal(0, 0.03), 0, 1)
-        image = image ** np.exp(rng.normal(0, 0.25))
-        if rng.uniform() < 0.1:
-            image = np.broadcast_to(image.mean(2, keepdims=True), image.shape)
+        image = image.astype(np.float32) * (1 + rng.uniform(0, 0.25) * blotches(S, rng.integers(1, 4), rng))
+        if rng.uniform() < 0.25:
+            edge = np.zeros((S, S), np.float32)
+            cv2.fillPoly(edge, [rng.integers(-S // 2, 3 * S // 2, (4, 2)).astype(np.int32)], 1.0)
+            edge = cv2.GaussianBlur(edge, (0, 0), np.exp(rng.uniform(-0.5, 2)))
+            image *= 1 - rng.uniform(0.1, 0.5) * edge[..., None]
+        exposed = rng.uniform(0.25, 0.6) / max(float(image.mean()), 0.02)  # cameras expose for the whole picture
+        image *= (rng.uniform(0.9, 1.1, 3) * exposed ** rng.uniform(0.2, 1)).astype(np.float32)
+        image = np.clip(image + np.float32(rng.normal(0, 0.03)), 0, 1) ** np.float32(np.exp(rng.normal(0, 0.25)))
+        if rng.uniform() < 0.08:
+            image[:] = image.mean(2, keepdims=True)
         if rng.uniform() < 0.5:
-            image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.8))
-        if rng.uniform() < 0.15:
-            length = int(rng.integers(3, 9))
+            image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.3) * S / 192)
+        if rng.uniform() < 0.1:
+            length = int(rng.integers(3, 8))
             kernel = np.zeros((length, length), np.float32)
             cv2.line(kernel, tuple(map(int, rng.integers(0, length, 2))), (length // 2, length // 2), 1.0)
             image = cv2.filter2D(image, -1, kernel / kernel.sum())
-        image = image + rng.normal(0, 1, image.shape) * rng.uniform(0, 0.05)
+        if rng.uniform() < 0.7:
+            image = image + rng.standard_normal(image.shape, np.float32) * np.float32(rng.uniform(0, 0.05))
         image = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-        if rng.uniform() < 0.3:
-            image = cv2.imdecode(
-                cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 95))])[1], 1
-            )
+        if rng.uniform() < 0.2:
+            quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 95))]
+            image = cv2.imdecode(cv2.imencode(".jpg", image, quality)[1], 1)
         return image

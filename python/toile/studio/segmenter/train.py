@@ -1,107 +1,131 @@
 """Trains the network that labels pictures of people, on renders alone, and writes it as an ONNX file.
 
-    python -m toile.studio.segmenter.train OUT.onnx [--captures CAPTURE ...] [--views 2400] [--minutes 35] [--seed 7]
+    python -m toile.studio.segmenter.train OUT.onnx --views VIEWS.npz ... [--aside VIEWS.npz] [--from NETWORK.onnx] [--minutes 60]
 
-CAPTURES are studio captures whose people are shown too: their cloth was simulated (`toile studio`, any subject and seed). Views
-are kept in OUT.views.npz, the weights so far in OUT.pt.
+VIEWS are made by `toile.studio.segmenter.views`; on those of other people, set aside, it is learnt how sure the network may be.
+A run that was killed goes on from OUT.pt. `--from` begins with the weights of a network that this program wrote.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from ..body import PHENOTYPES
 from . import CLASSES
-from .looks import Looks
+from .batches import drawn
+from .check import answers, temperature
+from .export import export, read_network
 from .network import Clothes
-from .people import people
-from .views import PersonView, view
+from .views import SIZE, read_views
 
-SIZE = 256  # px
-A_PERSON = 3  # views of each person as it stands
-WARDROBES = 2  # of each subject
-PHASES = ((0.6, 128), (0.8, 192), (1.0, SIZE))  # up to which share of the time the pictures are how large [px]
-BATCH, RATE, DECAY = 16, 4e-3, 1e-3
-KEPT = 0.99  # of the averaged weights a step
-SETTLING = 20  # batches from which the averaged network's normalisation is taken
-MEAN, STD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
+PHASES = ((0.78, 128), (1.0, 192))  # up to which share of the time the pictures are how large [px]
+RATE, DECAY = 2.5e-3, 1e-3
+KEPT = 0.995  # of the averaged weights a step
+LATER = 64  # batches after which one is shown again, mirrored: to draw one takes as long as to learn from it
+SAVED = 500  # steps between checkpoints
+ASIDE = 160  # pictures on which the temperature is found
+SETTLING = 60  # batches from which the averaged network's normalisation is taken
 
 
 def main():
     """Reads the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
-    parser.add_argument("--captures", type=Path, nargs="*", default=[])
-    parser.add_argument("--views", type=int, default=2400)
-    parser.add_argument("--minutes", type=float, default=35.0)
+    parser.add_argument("--views", type=Path, nargs="+", required=True)
+    parser.add_argument("--aside", type=Path)
+    parser.add_argument("--from", dest="start", type=Path)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seed", type=int, default=7)
     asked = parser.parse_args()
-    torch.set_num_threads(2)
-    kept = asked.out.with_suffix(".views.npz")
-    if not kept.exists():
-        np.savez(kept, *many_views(asked.views, asked.captures, asked.seed))
-    with np.load(kept) as found:
-        views = [found[name] for name in found.files]
-    export(train(views, 60 * asked.minutes, asked.seed, asked.out.with_suffix(".pt")), asked.out)
+    torch.set_num_threads(asked.threads)
+    torch.manual_seed(asked.seed)
+    training = Training(asked.out.with_suffix(".pt"), 60 * asked.minutes)
+    if asked.start is not None:
+        training.begin_with(read_network(asked.start).state_dict())
+    network = training.run(read_views(asked.views), asked.seed)
+    if asked.aside is not None:
+        soften(network, temperature(*answers(network, read_views([asked.aside]), ASIDE, asked.seed)))
+    export(network, asked.out, SIZE)
 
 
-def many_views(count, captures, seed):
-    """The fields of `count` PersonViews or a few more, stacked."""
-    rng = np.random.default_rng(seed)
-    views = []
-    for person in people(WARDROBES * tuple(PHENOTYPES), captures, rng):
-        views += [view(person, SIZE, rng) for _ in range(A_PERSON)]
-        if len(views) >= count:
-            return [np.stack([getattr(v, name) for v in views]) for name in PersonView.__dataclass_fields__]
+class Training:
+    """A Clothes on its way: `run` gives the running mean of its weights after so many seconds, those of earlier runs that
+    ended early counted in. Everything is kept in the file `kept` meanwhile."""
 
+    def __init__(self, kept, seconds):
+        self.kept, self.seconds, self.spent, self.step = kept, seconds, 0.0, 0
+        self.network = Clothes().to(memory_format=torch.channels_last)
+        self.mean = torch.optim.swa_utils.AveragedModel(
+            self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(KEPT)
+        )
+        self.optimizer = torch.optim.AdamW(self.network.parameters(), RATE, weight_decay=DECAY)
+        if kept.exists():
+            found = torch.load(kept, weights_only=True)
+            self.spent, self.step = found["spent"], found["step"]
+            for name in ("network", "mean", "optimizer"):
+                getattr(self, name).load_state_dict(found[name])
 
-def train(views, seconds, seed, kept):
-    """A Clothes trained for so many seconds on views (stacked fields): the running mean of its weights, `kept` on the way."""
-    torch.manual_seed(seed)
-    rng = np.random.default_rng([seed, 1])
-    looks, network = Looks(SIZE, rng), Clothes().to(memory_format=torch.channels_last)
-    mean = torch.optim.swa_utils.AveragedModel(network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(KEPT))
-    optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=DECAY)
-    looks.size, ahead = PHASES[0][1], ThreadPoolExecutor(1)
-    coming = ahead.submit(batch, views, looks, rng)
-    start, step, told = time.monotonic(), 0, 0.0
-    while (spent := (time.monotonic() - start) / seconds) < 1:
-        warm, cool = min(1.0, (step + 1) / 100), 0.5 * (1 + np.cos(np.pi * spent))
-        for group in optimizer.param_groups:
+    def begin_with(self, weights):
+        """Unless a checkpoint was found."""
+        if self.step == 0:
+            self.network.load_state_dict(weights)
+            self.mean.module.load_state_dict(weights)
+
+    def save(self):
+        found = {name: getattr(self, name).state_dict() for name in ("network", "mean", "optimizer")}
+        part = self.kept.with_suffix(".part")
+        torch.save(found | {"spent": self.spent, "step": self.step}, part)
+        part.replace(self.kept)
+
+    def run(self, views, seed):
+        started, saved, earlier, losses = time.time() - self.spent, self.step, [], []
+        size_at = lambda share: next((size for until, size in PHASES if share < until), SIZE)
+        shown = iter(drawn(views, [seed, self.step], lambda: size_at((time.time() - started) / self.seconds)))
+        while self.spent < self.seconds:
+            fresh = next(shown)
+            losses.append(self.learn(*fresh))
+            earlier.append(fresh)
+            if len(earlier) > LATER:
+                self.learn(*(tensor.flip(-1) for tensor in earlier.pop(0)))
+            self.spent = time.time() - started
+            if self.step >= saved + SAVED:
+                share, saved = self.spent / self.seconds, self.step
+                print(f"{self.step} steps, {100 * share:.1f} %, loss {np.mean(losses):.3f}", flush=True)
+                losses.clear()
+                self.save()
+        torch.optim.swa_utils.update_bn((next(shown)[0] for _ in range(SETTLING)), self.mean.module)
+        self.save()
+        return self.mean.module.eval()
+
+    def learn(self, pictures, classes):
+        """One step; the loss."""
+        share = min(self.spent / self.seconds, 1.0)
+        warm, cool = min(1.0, (self.step + 1) / 200), 0.5 * (1 + math.cos(math.pi * share))
+        for group in self.optimizer.param_groups:
             group["lr"] = RATE * warm * (0.01 + 0.99 * cool)
-        looks.size = next(size for until, size in PHASES if spent < until)
-        pictures, classes = coming.result()
-        coming = ahead.submit(batch, views, looks, rng)
-        with torch.autocast("cpu", torch.bfloat16):
-            logits = network(pictures)
-        value = loss(logits.float(), classes)
-        optimizer.zero_grad()
+        value = loss(self.network(pictures.contiguous(memory_format=torch.channels_last)), classes)
+        self.optimizer.zero_grad()
         value.backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
-        optimizer.step()
-        mean.update_parameters(network)
-        told = 0.98 * told + 0.02 * value.item() if step else value.item()
-        step += 1
-        if step % 50 == 0:
-            print(f"{step} steps, {100 * spent:.0f} %, loss {told:.3f}", flush=True)
-            torch.save(mean.module.state_dict(), kept)
-    torch.optim.swa_utils.update_bn((batch(views, looks, rng)[0] for _ in range(SETTLING)), mean.module)
-    return mean.module.eval()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
+        self.optimizer.step()
+        self.mean.update_parameters(self.network)
+        self.step += 1
+        return value.item()
 
 
-def batch(views, looks, rng):
-    """Pictures (B,3,S,S) normalised and classes (B,S,S)."""
-    pairs = [looks.picture([field[i] for field in views]) for i in rng.integers(len(views[0]), size=BATCH)]
-    pictures = np.stack([(picture - np.array(MEAN)) / STD for picture, _ in pairs]).astype(np.float32)
-    classes = torch.from_numpy(np.stack([label for _, label in pairs]).astype(np.int64))
-    return torch.from_numpy(pictures).permute(0, 3, 1, 2), classes
+def soften(network, heat):
+    """Divides what a Clothes gives by `heat`, in place."""
+    with torch.no_grad():
+        for values in network.last.parameters():
+            values /= heat
+    print(f"temperature {heat:.2f}")
 
 
 def loss(logits, classes):
@@ -110,22 +134,6 @@ def loss(logits, classes):
     p, y = logits.softmax(1), F.one_hot(classes, len(CLASSES)).permute(0, 3, 1, 2).float()
     both, each = (p * y).sum((0, 2, 3)), (p + y).sum((0, 2, 3))
     return entropy + 0.5 * (1 - (2 * both + 100) / (each + 100)).mean()
-
-
-def export(network, path):
-    """Writes the network as ONNX: `image` (N,3,S,S) normalised, `logits` (N,C,S,S)."""
-    network = network.to(memory_format=torch.contiguous_format)
-    batch_axis = {"image": {0: "n"}, "logits": {0: "n"}}
-    torch.onnx.export(
-        network,
-        torch.zeros(1, 3, SIZE, SIZE),
-        path,
-        input_names=["image"],
-        output_names=["logits"],
-        dynamic_axes=batch_axis,
-        dynamo=False,
-        opset_version=17,
-    )
 
 
 if __name__ == "__main__":

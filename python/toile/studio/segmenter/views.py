@@ -1,23 +1,47 @@
-"""What is fixed about a picture of a person: which class, which place on skin or cloth, and which way it faces, a pixel."""
+"""What is fixed about a picture of a person: which class, which place on skin or cloth, and which way it faces, a pixel.
+
+    python -m toile.studio.segmenter.views OUT.npz [--subjects fitted logo ...] [--captures CAPTURE ...] [--count 1500] [--seed 7]
+
+CAPTURES are studio captures of these subjects whose people are shown too: their cloth was simulated.
+"""
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ... import kernels
+from ..body import PHENOTYPES
 from ..cameras import look_at
 from ..surface import vertex_normals
 from . import CLASSES
-from .people import body_class
+from .people import body_class, people
 
+SIZE = 256  # px
+A_PERSON = 3  # views of each person as it stands
 SAMPLES = 2  # a pixel and direction
-HEIGHTS = (0.35, 1.5)  # of the person, in heights of the picture
+HEIGHTS = (0.4, 1.25)  # of the person, in heights of the picture
 DISTANCE = (1.8, 7.0)  # m
 ELEVATION = (-15, 50)  # degrees
 ROLL = 12.0  # degrees, standard deviation
 AIM = 0.22  # m, standard deviation of where the camera looks from the person's middle, times the picture's span
+
+
+def main():
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--subjects", nargs="+", choices=PHENOTYPES, default=list(PHENOTYPES))
+    parser.add_argument("--captures", type=Path, nargs="*", default=[])
+    parser.add_argument("--count", type=int, default=1500)
+    parser.add_argument("--seed", type=int, default=7)
+    asked = parser.parse_args()
+    rng = np.random.default_rng(asked.seed)
+    views = many_views(people(asked.subjects, asked.captures, rng), asked.count, rng)
+    np.savez(asked.out, **dict(zip(PersonView.__dataclass_fields__, views)))
 
 
 @dataclass(frozen=True)
@@ -55,6 +79,24 @@ def view(person, size, rng):
     return gathered(on, label, place, normal, size)
 
 
+def many_views(dressed, count, rng):
+    """The fields of `count` PersonViews, or a few more, of people one after the other, stacked."""
+    views = []
+    while len(views) < count:
+        person = next(dressed)
+        views += [view(person, SIZE, rng) for _ in range(A_PERSON)]
+    return [np.stack([getattr(seen, name) for seen in views]) for name in PersonView.__dataclass_fields__]
+
+
+def read_views(paths):
+    """The fields of the PersonViews in some files, stacked."""
+    fields = []
+    for path in paths:
+        with np.load(path) as found:
+            fields.append([found[name] for name in PersonView.__dataclass_fields__])
+    return [np.concatenate(field) for field in zip(*fields)]
+
+
 def gathered(on, label, place, normal, size):
     """The samples (p,) of the pixels `on` as a PersonView: the label most of them have, place and normal of one of them."""
     row, column = np.nonzero(on)
@@ -87,3 +129,7 @@ def camera(V, size, rng):
     T[:3] = turn @ T[:3]
     focal = size * distance / span
     return T, np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+
+
+if __name__ == "__main__":
+    main()
