@@ -69,7 +69,7 @@ def test_a_capture_whose_network_cannot_serve_is_refused_by_file_and_field(captu
         scene_segmenter(open_capture(capture))
     scene = (capture / "scene.toml").read_text()
     for name, says in {
-        "parts.exe": "scene.segmenter: 'parts.exe' is no .onnx file",
+        "parts.exe": "scene.segmenter: 'parts.exe' is neither a packaged network .clothes. nor a .onnx file",
         "other.onnx": "scene.segmenter: no file 'other.onnx' in the capture",
         "../x.onnx": "scene.segmenter: '../x.onnx' leaves the capture",
     }.items():
@@ -88,7 +88,7 @@ def test_without_a_network_label_images_are_asked_for(capture):
     (capture / "scene.toml").write_text(scene.replace('segmenter = "parts.onnx"', ""))
     (capture / "frames/000000/labels/cam02.png").unlink()
     opened = open_capture(capture)
-    with pytest.raises(UserError, match=r"needs labels/\*.png"):
+    with pytest.raises(UserError, match=r"needs labels/\*.png, .* segmenter = \"clothes\" under .scene."):
         check_capture(opened, opened.frames)
 
 

@@ -86,6 +86,20 @@ def test_a_person_in_a_corner_is_looked_at_closely(tmp_path):
     assert wrong[True] < 100 < wrong[False]
 
 
+def test_of_two_apart_the_larger_is_the_person(tmp_path):
+    picture = np.zeros((96, 96, 3), np.uint8)
+    picture[10:80, 10:50], picture[30:50, 60:80] = [255, 0, 0], [255, 0, 0]
+    found = {}
+    for person in (False, True):
+        path = described(by_colour(tmp_path / "a.onnx", (96, 96)), person=person, fit="letterbox")
+        found[person], sure = Segmenter(path, LABELS).label(picture)
+    assert (found[False][35:45, 62:70] == 3).all() and (found[False][15:75, 15:45] == 3).all()
+    assert (found[True][35:45, 62:70] == 0).all() and (found[True][15:75, 15:45] == 3).all()
+    assert (sure[35:45, 62:70] < 10).all() and (sure[15:75, 15:45] > 250).all()
+    mask = np.ones((96, 96), bool)
+    assert (Segmenter(path, LABELS).label(picture, mask)[0][35:45, 62:70] == 3).all()  # a mask says who is meant
+
+
 def test_the_person_without_a_label_votes_for_none(tmp_path):
     path = described(by_colour(tmp_path / "a.onnx"), labels=MAP | {"legs": ""})
     picture, meant = quarters(*SIZE)

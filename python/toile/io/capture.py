@@ -19,7 +19,7 @@ from .camera import read_cameras
 from .image import check_image, read_image
 from .keypoints import read_keypoints, read_keypoints3d
 from .mesh import read_mesh
-from .scene_file import METRES, beside_network, inside, read_scene
+from .scene_file import METRES, SEGMENTERS, inside, network_files, read_scene
 from .template import read_template, texture_files
 from .votes import read_votes
 
@@ -204,7 +204,7 @@ def open_capture(path: Path | str) -> Capture:
     warnings = tuple(warning for t in found.values() for warning in t.warnings)
     named = [cameras_file, *(g.template for g in with_file)]
     named += [scene.body_model] if scene.body_model.endswith(".npz") else []
-    named += [scene.segmenter, *beside_network(root, scene.segmenter)] if scene.segmenter else []
+    named += [] if scene.segmenter in SEGMENTERS else network_files(root, scene.segmenter)
     drawn = {g.name: texture_files(root, root / g.template) for g in with_file if g.prints}
     named += [os.path.relpath(path, os.path.realpath(root)) for paths in drawn.values() for path in paths]
     files = tuple(path for path in (root / "scene.toml", *(root / name for name in (*named, VOTES))) if path.exists())
@@ -253,7 +253,8 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
             continue
         if not labelled:
             raise UserError(
-                f"{capture.root / 'frames'}: garment '{garment.name}' needs labels/*.png or labels on the scans"
+                f"{capture.root / 'frames'}: garment '{garment.name}' needs labels/*.png, labels on the scans, or "
+                'segmenter = "clothes" under [scene], the packaged network'
             )
         if capture.scene.labels[garment.label] not in seen:
             raise UserError(

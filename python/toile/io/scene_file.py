@@ -16,6 +16,7 @@ from .layout import DIAGNOSTICS, LAYOUT, VERDICT
 # garment names that name an array of the store, or another layer of an avatar
 RESERVED = sorted({key.split("/")[0] for key in LAYOUT} | {VERDICT, DIAGNOSTICS, "body", "surface"})
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001}
+SEGMENTERS = {"clothes": Path(__file__).parents[1] / "assets" / "clothes.onnx"}  # packaged networks of labels
 BESIDE_NETWORKS = ("pipeline.json", "config.json", "preprocessor_config.json")
 
 
@@ -135,16 +136,25 @@ def _check_garments(root: Path, file: Path, table: _SceneFile) -> None:
 def _check_segmenter(root: Path, file: Path, name: str, labels: dict[str, int]) -> None:
     if not labels:
         raise UserError(f"{file}: scene.segmenter: the scene has no [labels] that it could give")
+    if name in SEGMENTERS:
+        return
     if not name.endswith(".onnx"):
-        raise UserError(f"{file}: scene.segmenter: '{name}' is no .onnx file")
-    for path in (name, *beside_network(root, name)):
+        packaged = ", ".join(SEGMENTERS)
+        raise UserError(
+            f"{file}: scene.segmenter: '{name}' is neither a packaged network ({packaged}) nor a .onnx file"
+        )
+    for path in network_files(root, name):
         inside(root, file, "scene.segmenter", path)
 
 
-def beside_network(root: Path, name: str) -> list[str]:
-    """Files of the capture, as paths inside it, that may say what a network's file does not."""
-    beside = [Path(name).with_suffix(".toml"), *(Path(name).with_name(other) for other in BESIDE_NETWORKS)]
-    return [str(path) for path in beside if os.path.lexists(root / path)]
+def network_files(root: Path, name: str) -> list[str]:
+    """The files of a segmenter: its own and those that may say what it does not, as paths from the capture; those of a
+    packaged one as they are."""
+    if not name:
+        return []
+    path = SEGMENTERS.get(name, Path(name))
+    beside = [path.with_suffix(".toml"), *(path.with_name(other) for other in BESIDE_NETWORKS)]
+    return [str(path), *(str(other) for other in beside if os.path.lexists(root / other))]
 
 
 def inside(root: Path, file: Path, field: str, name: str) -> Path:

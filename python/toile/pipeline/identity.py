@@ -18,7 +18,7 @@ from ..config import Config
 from ..io.bounded import read_json
 from ..io.capture import VOTES, Capture
 from ..io.inputs import contents
-from ..io.scene_file import beside_network
+from ..io.scene_file import network_files
 from ..scene import Camera, Vote
 
 
@@ -58,7 +58,7 @@ def digest(*values: Any) -> str:
 def facts_of(capture: Capture) -> dict[str, dict[str, Any]]:
     """What the stages read of a capture beside its frames, in tables: values of scene.toml, and digests of files."""
     scene, root = capture.scene, capture.root
-    network = [scene.segmenter, *beside_network(root, scene.segmenter)] if scene.segmenter else []
+    network = network_files(root, scene.segmenter)
     worn = [garment.template for garment in scene.garments if garment.template]
     files = {path.relative_to(root).as_posix(): path for path in capture.files}
     apart = {"scene.toml", VOTES, scene.body_model, *worn, *network}
@@ -69,7 +69,7 @@ def facts_of(capture: Capture) -> dict[str, dict[str, Any]]:
         "body": {"model": scene.body_model} | _digests(files, [scene.body_model]),
         "cameras": {name: digest(_numbers(camera)) for name, camera in capture.cameras.items()},
         "labels": dict(scene.labels),
-        "segmenter": _digests(files, network),
+        "segmenter": {Path(name).name: contents(root / name) for name in network},
         "garments": {g.name: [i, g.label, g.template] for i, g in enumerate(scene.garments)} | _digests(files, worn),
         "prints": {"garments": printed}
         | _digests(files, [name for name in files if printed and name not in apart and not name.endswith(".json")]),

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import UserError
 from ..io.capture import Capture
 from ..io.image import write_image
+from ..io.scene_file import network_files
 from ..vision.segmenters.network import Segmenter
 from ..vision.threads import parallel_map
 from .workers import Workers, check_workers, everywhere
@@ -37,7 +38,7 @@ def _labelled(frame: Any, missing: Sequence[str], segmenter: Segmenter) -> Any:
 
 def scene_segmenter(capture: Capture, name: str | Path | None = None) -> Segmenter:
     """The network of this file, or that scene.toml names. UserError: it gives a garment's label to no class."""
-    path = Path(capture.root / capture.scene.segmenter if name is None else name)
+    path = capture.root / network_files(capture.root, capture.scene.segmenter)[0] if name is None else Path(name)
     if not capture.scene.labels:
         raise UserError(f"{capture.root / 'scene.toml'}: labels: none that {path.name} could give")
     segmenter = _opened(path, tuple(sorted(capture.scene.labels.items())))

@@ -19,7 +19,10 @@ def detect(
     ] = None,
     model: Annotated[Path | None, typer.Option(help="a network of keypoints, an ONNX file")] = None,
     labels: Annotated[
-        Path | None, typer.Option(help="label images instead, labels/CAMERA.png, by a network of labels: an ONNX file")
+        Path | None,
+        typer.Option(
+            help="label images instead, labels/CAMERA.png, by a network of labels: clothes, which is packaged, or an ONNX file"
+        ),
     ] = None,
     frames: Frames = None,
     again: Annotated[
@@ -33,6 +36,7 @@ def detect(
     Without --detector and --model by the network that scene.toml names, else by mediapipe, which `make detector` sets up.
     """
     from ...io.capture import open_capture
+    from ...io.scene_file import SEGMENTERS
     from ..detect import detect as find
 
     opened = open_capture(capture)
@@ -40,7 +44,7 @@ def detect(
     if labels is not None:
         if detector is not None or model is not None:
             raise UserError("--labels: --detector or --model is given too")
-        return write_label_images(opened, labels, numbers, again, workers, scheduler)
+        return write_label_images(opened, SEGMENTERS.get(str(labels), labels), numbers, again, workers, scheduler)
     with progress_bars() as progress:
         found = find(opened, detector_of(opened, detector, model), numbers, again, progress, workers, scheduler)
     kept = f", {len(found.kept)} had theirs (--again makes them anew)" if found.kept else ""

@@ -65,9 +65,9 @@ def temperature(logits, classes):
 
 
 def calibration_error(logits, classes):
-    """Mean difference between how sure the most probable class is and how often it is right, over pixels of the person."""
+    """Mean difference between how sure the most probable class is and how often it is right, over pixels that it takes for a person's."""
     sure, best = logits.softmax(1).max(1)
-    on = (classes > 0) | (best > 0)
+    on = best > 0
     sure, right = sure[on].numpy(), (best == classes)[on].numpy()
     bins = np.digitize(sure, SURE[1:-1])
     return sum(abs(float((sure - right)[bins == k].mean())) * float((bins == k).mean()) for k in np.unique(bins))

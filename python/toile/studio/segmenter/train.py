@@ -3,7 +3,8 @@
     python -m toile.studio.segmenter.train OUT.onnx --views VIEWS.npz ... [--aside VIEWS.npz] [--from NETWORK.onnx] [--minutes 60]
 
 VIEWS are made by `toile.studio.segmenter.views`; on those of other people, set aside, it is learnt how sure the network may be.
-A run that was killed goes on from OUT.pt. `--from` begins with the weights of a network that this program wrote.
+The learning rate falls by the clock, so that no two runs end alike. A run that was killed goes on from OUT.pt; `--from` begins with
+the weights of a network that this program wrote.
 """
 
 from __future__ import annotations

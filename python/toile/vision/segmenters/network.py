@@ -26,12 +26,14 @@ class Segmenter:
 
     def label(self, picture: Any, mask: Any = None) -> tuple[Any, Any]:
         """The labels (H,W) uint8 of a picture (H,W,3) uint8 RGB and how sure they are (H,W) uint8 [1/255]. Off a mask (H,W)
-        bool is background, surely; on it is none. Where the network sees a part of the person that has no label, the most
+        bool is background, surely; on it is none. Of a network that looks for one person, what is apart from the largest
+        connected part is background, as sure as the network is of that. Where the network sees a part of the person that has no label, the most
         probable label stands, and is not sure at all."""
         whole = np.array([0.0, 0, picture.shape[1], picture.shape[0]])
         box = _box(mask) if mask is not None else None
         if self.about.person and box is None:
-            box = _largest(self.shares(picture, whole)[..., 0] < 0.5)
+            found = _largest(self.shares(picture, whole)[..., 0] < 0.5)
+            box = _box(found) if found.sum() >= FOUND * found.size else None
         if not self.about.person or box is None:
             return self._decided(self.shares(picture, whole), mask)
         middle, half = (box[:2] + box[2:]) / 2, self.about.padding * (box[2:] - box[:2]) / 2
@@ -44,6 +46,8 @@ class Segmenter:
             shares[~mask, 1:] = 0
             shares /= np.maximum(shares.sum(-1, keepdims=True), 1e-6)
         best = np.where(shares[..., 0] > 0.5, 0, 1 + shares[..., 1:-1].argmax(-1))
+        if self.about.person and mask is None:
+            best[~_largest(shares[..., 0] < 0.5)] = 0
         sure = np.take_along_axis(shares, best[..., None], -1)[..., 0]
         return ids[best], np.rint(255 * np.clip(sure, 0, 1)).astype(np.uint8)
 
@@ -119,9 +123,7 @@ def _box(mask: Any) -> Any:
 
 
 def _largest(mask: Any) -> Any:
-    """The box of the largest connected part; None where that is too small for a person."""
+    """The largest connected part (H,W) bool of a mask (H,W) bool; the mask itself where nothing is set."""
     _, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     sizes = stats[1:, cv2.CC_STAT_AREA]
-    if len(sizes) == 0 or sizes.max() < FOUND * mask.size:
-        return None
-    return _box(parts == 1 + sizes.argmax())
+    return parts == 1 + sizes.argmax() if len(sizes) else mask
