@@ -154,16 +154,16 @@ def test_a_written_network_says_the_same_and_can_be_trained_on(tmp_path):
 def test_an_interrupted_training_goes_on_where_it_was(tmp_path):
     import torch
 
-    from toile.studio.segmenter.train import Training
+    from toile.studio.segmenter.train import Course
 
     torch.manual_seed(2)
-    first = Training(tmp_path / "a.pt", 100.0)
+    first = Course(tmp_path / "a.pt", 100.0)
     batch = torch.randn(4, 3, 64, 64), torch.randint(0, 7, (4, 64, 64))
     for _ in range(3):
         first.learn(*batch)
     first.spent = 40.0
     first.save()
-    second = Training(tmp_path / "a.pt", 100.0)
+    second = Course(tmp_path / "a.pt", 100.0)
     assert (second.step, second.spent) == (3, 40.0)
     assert first.learn(*batch) == second.learn(*batch)
     for a, b in zip(first.mean.parameters(), second.mean.parameters()):

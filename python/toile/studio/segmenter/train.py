@@ -47,7 +47,7 @@ def main():
     asked = parser.parse_args()
     torch.set_num_threads(asked.threads)
     torch.manual_seed(asked.seed)
-    training = Training(asked.out.with_suffix(".pt"), 60 * asked.minutes)
+    training = Course(asked.out.with_suffix(".pt"), 60 * asked.minutes)
     if asked.start is not None:
         training.begin_with(read_network(asked.start).state_dict())
     network = training.run(read_views(asked.views), asked.seed)
@@ -56,7 +56,7 @@ def main():
     export(network, asked.out, SIZE)
 
 
-class Training:
+class Course:
     """A Clothes on its way: `run` gives the running mean of its weights after so many seconds, those of earlier runs that
     ended early counted in. Everything is kept in the file `kept` meanwhile."""
 

@@ -9,7 +9,7 @@ it, and from a description NAME.toml, which has the last word.
     std = [58.395, 57.12, 57.375]
     channels = "rgb"          # or "bgr"
     fit = "stretch"           # of the picture to the input; "letterbox" keeps its shape
-    person = false            # true: looks again at the box about the person that was found, or at the mask's; one part
+    person = false            # true: the largest connected part alone, looked at again in its box, or in the mask's
     padding = 1.25            # of that box
     [labels]                  # of the scene, for each class; "" for the person without a label; a list: the one there is
     Upper-clothes = "tshirt"
