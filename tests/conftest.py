@@ -84,7 +84,7 @@ def sample_avatar(sample_run, tmp_path_factory):
     sizes = dict(
         data=DataSettings(geometry_size=64, texture_size=64, image=(64, 64), pixel_scale=4.0),
         network=NetworkSettings(latent=8, width=8, least_width=4, ao_rays=4, ao_size=32),
-        body_steps=2, garment_steps=2, joint_steps=2, lr=3e-3, baseline_lr=(1.0,),
+        body_steps=2, garment_steps=2, joint_steps=2, baseline_lr=(1.0,),
     )  # fmt: skip
     folder = tmp_path_factory.mktemp("trained") / "avatar"
     make_avatar(

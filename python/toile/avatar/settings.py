@@ -191,10 +191,10 @@ PRESETS: dict[str, dict[str, Any]] = {
     "draft": {
         "data": {"geometry_size": 64, "texture_size": 256, "modes": 32, "image": (256, 256)},
         "network": {"latent": 32, "width": 32, "ao_rays": 16},
-        "body_steps": 30,  # modes and mean textures already say most of what layers learn apart
-        "garment_steps": 30,
-        "joint_steps": 380,
-        "lr": 6e-3,
+        "body_steps": 150,
+        "garment_steps": 150,
+        "joint_steps": 300,
+        "lr": 3e-3,
         "checkpoint_every": 50,
         "picture_every": 50,
     },

@@ -22,7 +22,7 @@ STEPS = dict(body_steps=60, garment_steps=100, joint_steps=50, joint_rate=1.0)
 SMALL = dict(
     data=DataSettings(geometry_size=64, texture_size=64, image=(128, 128)),
     network=NetworkSettings(latent=8, width=16, least_width=4, ao_rays=4, ao_size=32),
-    batch=2, joint_batch=1, lr=3e-3, checkpoint_every=20, picture_every=1000,
+    batch=2, joint_batch=1, checkpoint_every=20, picture_every=1000,
 )  # fmt: skip
 
 

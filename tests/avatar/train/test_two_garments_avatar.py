@@ -44,7 +44,7 @@ def chain(tmp_path_factory):
     sizes = dict(
         data=DataSettings(geometry_size=64, texture_size=64, image=(64, 64), pixel_scale=4.0),
         network=NetworkSettings(latent=8, width=8, least_width=4, ao_rays=4, ao_size=32),
-        body_steps=2, garment_steps=2, joint_steps=2, lr=3e-3,
+        body_steps=2, garment_steps=2, joint_steps=2,
     )  # fmt: skip
     settings = avatar_preset("draft").model_copy(update=sizes)
     make_avatar(Request(run, settings, say=lambda _: None), avatar)
