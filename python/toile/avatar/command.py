@@ -122,8 +122,8 @@ def animate(
         speech.warn(warning)
     say_limbs(done.limbs, done.frames)
     before, left = done.intersections_before, done.intersections_left
-    speech.result(f"{out}: {done.frames} frames, {before} intersecting pairs before untangling")
-    speech.result(f"intersections_left: {left}", intersections_before=before, intersections_left=left)
+    words = f"{out}: {done.frames} frames; pairs of garments and what lies under them that intersect: {before} as decoded, {left} left"
+    speech.result(words, intersections_before=before, intersections_left=left)
     speech.next_step("view", out)
 
 
