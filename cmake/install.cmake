@@ -21,6 +21,7 @@ set(TOILE_HEADERS  # these include each other by relative paths, so that they ar
   kernels/mrf.h
   kernels/nricp.h
   kernels/occlusion.h
+  kernels/paint.h
   kernels/raster.h
   kernels/remesh.h
   kernels/sight.h
