@@ -74,8 +74,10 @@ class Course:
                 getattr(self, name).load_state_dict(found[name])
 
     def begin_with(self, weights):
-        """Unless a checkpoint was found."""
-        if self.step == 0:
+        """Unless a checkpoint was found, which goes on."""
+        if self.step > 0:
+            print(f"{self.kept} is there and goes on: --from is not read")
+        else:
             self.network.load_state_dict(weights)
             self.mean.module.load_state_dict(weights)
 
