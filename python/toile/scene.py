@@ -286,6 +286,20 @@ class BodyModel(_Record):
             [joints[j] if j >= 0 else V[v].mean(0) for j, v in zip(self.keypoint_joint, self.keypoint_vertices)]
         ).reshape(-1, 3)
 
+    @property
+    def face_names(self) -> list[str]:
+        """Names of the facial keypoints."""
+        return [name for name in self.keypoint_names if name.startswith("face.")]
+
+    def face_vertices(self, reach: float) -> Ints:
+        """Indices (k,) of the vertices that cameras see within `reach` [m] of a facial keypoint, on the mean body."""
+        facial = np.array([name.startswith("face.") for name in self.keypoint_names], dtype=bool)
+        if not facial.any():
+            return np.zeros(0, np.int64)
+        points = self.keypoints(self.v_template, self.J)[facial]
+        distance = np.linalg.norm(self.v_template[:, None] - points, axis=2).min(1)
+        return np.flatnonzero((distance < reach) & ~self.inside)
+
 
 def joint_transforms(
     parents: Sequence[int] | Ints, J: Anything, rotations: Array, translation: Anything

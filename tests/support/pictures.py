@@ -9,7 +9,7 @@ from toile.avatar.measure.heldout import HeldOutPicture
 from toile.io.capture import open_capture
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
-SHIRT = 3
+SKIN, SHIRT = 1, 3
 
 
 def pictures(frame=0, cameras=("cam00", "cam03"), blur=(("layered", 1.0), ("baseline", 3.0))):
@@ -21,5 +21,6 @@ def pictures(frame=0, cameras=("cam00", "cam03"), blur=(("layered", 1.0), ("base
         rows, columns = np.nonzero(captured.labels[camera] == SHIRT)
         hem = np.stack([columns, np.full(len(columns), rows.max())], axis=1).astype(float)
         yield HeldOutPicture(
-            frame, camera, image, captured.masks[camera], captured.labels[camera], rendered, {"hem": hem}, 3.0
-        )
+            frame, camera, image, captured.masks[camera], captured.labels[camera],
+            captured.labels[camera] == SKIN, rendered, {"hem": hem}, 3.0,
+        )  # fmt: skip

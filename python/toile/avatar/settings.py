@@ -20,7 +20,10 @@ class DataSettings(Settings):
     )
     image: tuple[int, int] = setting((512, 512), "px", "height and width of the crop")
     pixel_scale: float = setting(1.0, "1", "pixels of the capture along one of the crop's, at least", gt=0)
-    crop: Literal["person", "garment"] = setting("person", "name", "person or garment: what the crop is centred on")
+    crop: Literal["person", "garment", "head"] = setting(
+        "person", "name", "person, garment or head: what the crop is centred on"
+    )
+    face: bool = setting(True, "switch", "facial keypoints drive the layers, where the run has any")
     window: int = setting(
         0,
         "count",

@@ -77,7 +77,7 @@ class RunWriter:
         names = [t.name for t in templates]
         values = _fixed_values(frames, model, person, templates)
         sizes = {"T": len(frames), "n": len(model.v_template), "K": len(model.parents)}
-        sizes["q"] = sum(name.startswith("face.") for name in model.keypoint_names)
+        sizes["q"] = len(model.face_names)
         part = run / f".{STORE}.part"
         if part.exists():
             shutil.rmtree(part)

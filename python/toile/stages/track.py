@@ -198,7 +198,7 @@ class Tracker:
 
     def _face(self, rotations, translation, points):
         """Facial keypoints in the head joint's frame (q,3), NaN where unseen."""
-        names = [n for n in self.model.keypoint_names if n.startswith("face.")]
+        names = self.model.face_names
         face = np.full((len(names), 3), np.nan)
         if points is None or self.model.joint("head") is None:
             return face

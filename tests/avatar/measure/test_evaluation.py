@@ -21,6 +21,8 @@ MEASURES = {
     "garment_mse",
     "body_mse",
     "silhouette_mse",
+    "face_mse",
+    "face_ssim",
     "ms_ssim",
     "gradient_similarity",
     "legibility",

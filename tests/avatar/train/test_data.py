@@ -249,3 +249,18 @@ def test_a_run_without_garments_is_a_body_on_its_tracked_surface(other):
         data[0]["vertices.body"], store["track/vertices"][0].astype(np.float32)
     )
     assert 0.05 < data.valid["body"].mean()
+
+
+def test_a_crop_of_the_head_shows_it_in_its_middle(sample_run, tmp_path):
+    settings = SETTINGS.model_copy(update={"crop": "head", "image": (64, 64)})
+    found = AvatarData(sample_run, settings, tmp_path, frames=[0])
+    model, sample = open_run(sample_run).body_model, found[0]
+    head = sample["vertices.body"].numpy()[model.face_vertices(0.12)] @ sample["T_camera_world"].numpy()[:3, :3].T
+    uv = (head + sample["T_camera_world"].numpy()[:3, 3]) @ sample["K"].numpy().T
+    uv = uv[:, :2] / uv[:, 2:]
+    assert np.abs(0.5 * (uv.min(0) + uv.max(0)) - 32).max() < 2
+
+
+def test_without_facial_keypoints_no_face_drives(sample_run, tmp_path):
+    found = AvatarData(sample_run, SETTINGS.model_copy(update={"face": False}), tmp_path, frames=[0])
+    assert found.face_mean is None and found.head is None

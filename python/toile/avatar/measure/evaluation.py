@@ -25,7 +25,7 @@ SHOWN = 3  # frames whose pictures are drawn
 NAMES = ("layered", "baseline")
 COUNTED = {  # squared errors and the pixels that each is a mean over
     "mse": "pixels", "band_mse": "band_pixels", "garment_mse": "garment_pixels", "body_mse": "body_pixels",
-    "silhouette_mse": "silhouette_pixels",
+    "face_mse": "face_pixels", "silhouette_mse": "silhouette_pixels",
 }  # fmt: skip
 
 
@@ -38,7 +38,8 @@ class PictureErrors:
 
     def add(self, picture):
         mask = picture.mask[..., None]
-        captured, sets = picture.captured, pixel_sets(picture.mask, picture.labels, self.garments)
+        captured = picture.captured
+        sets = pixel_sets(picture.mask, picture.labels, self.garments, face=picture.face)
         sets |= {("garment", name): picture.mask & (picture.labels == label) for name, label in self.each.items()}
         for name, image in picture.rendered.items():
             if not np.isfinite(image).all():
@@ -91,6 +92,7 @@ def _measures(pictures):
         "mse": whole.mse, "ssim": whole.ssim, "psnr": whole.psnr,
         "band_mse": band.mse, "band_ssim": band.ssim, "band_psnr": band.psnr,
         "garment_mse": total["garment"].mse, "body_mse": total["body"].mse, "silhouette_mse": total["silhouette"].mse,
+        "face_mse": total["face"].mse, "face_ssim": total["face"].ssim, "face_pixels": total["face"].pixels,
         "pixels": whole.pixels, "band_pixels": band.pixels, "garment_pixels": total["garment"].pixels,
         "body_pixels": total["body"].pixels, "silhouette_pixels": total["silhouette"].pixels,
     } | ({"garments": each} if each else {})  # fmt: skip
@@ -114,7 +116,7 @@ def evaluate_avatar(
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
     garment's border with the rest of the foreground; ms_ssim, gradient_similarity, legibility: what people see of it, see
     `perception`; garment_mse, body_mse: the garments, and the rest outside the
-    band; garments: where there are several, the MSE of each; silhouette_mse: within 5 px of the silhouette; cameras; geometry
+    band; face_*: what is within 3 cm of a facial keypoint; garments: where there are several, the MSE of each; silhouette_mse: within 5 px of the silhouette; cameras; geometry
     against the truth [mm] where the capture has it. pose_distance_deg: from a frame's pose to
     the nearest that was trained on, the mean geodesic angle over the joints below the root. labels: "truth", or
     "captured" where there is none. photometric: without truth, the registration's own texture seen by the other cameras

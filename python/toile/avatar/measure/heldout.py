@@ -19,6 +19,7 @@ from ..drive.layering import GarmentLayering
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import pose_distance
 from ..train.data import AvatarData
+from .face import Facial
 from .photometric import photometric
 
 CROP = (
@@ -45,6 +46,7 @@ class HeldOutPicture:
     captured: np.ndarray  # (H,W,3)
     mask: np.ndarray  # (H,W) bool
     labels: np.ndarray  # (H,W)
+    face: np.ndarray  # (H,W) bool
     rendered: dict[str, np.ndarray]  # by avatar (H,W,3), over the picture's background
     loops: dict[str, np.ndarray]  # a garment's open loops in this picture (k,2) [px]
     mm_per_pixel: float  # at the person's distance
@@ -122,7 +124,7 @@ class HeldOut:
         K, T = (sample[key].numpy().astype(np.float64) for key in ("K", "T_camera_world"))
         return HeldOutPicture(
             frame, camera, captured, mask,
-            self.registered.labels(frame, K, T, sample["labels"].numpy()),
+            self.registered.labels(frame, K, T, sample["labels"].numpy()), self.registered.face(frame, K, T, mask.shape),
             rendered, self._loops(sample, K, T),
             1e3 * float(np.median(_body(sample) @ T[2, :3] + T[2, 3])) / K[0, 0],
         )  # fmt: skip
@@ -221,6 +223,7 @@ class RegisteredRun:
         faces = {name: garment.faces for name, garment in self.run.garments.items()}
         self.mapped = {name: self.truth.maps(name, F) for name, F in faces.items()} if self.truth else {}
         self._outer = None, None  # a frame and its true outer surface
+        self.facial = Facial(self.run.body_model)
 
     def garment(self, name, frame):
         return self.run.garments[name].at(frame)
@@ -235,10 +238,16 @@ class RegisteredRun:
         face = kernels.raster(V @ T_camera_world[:3, :3].T + T_camera_world[:3, 3], F, K, captured.shape).face
         return np.where(face >= 0, label[face], 0)
 
+    def face(self, frame, K, T_camera_world, shape):
+        """Pixels (H,W) bool that show the registered face."""
+        V = self.run.track.at(frame) @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+        return self.facial.pixels(V, K, shape)
+
     def errors(self, frame, decoded, layers):
         """Measures of decoded layers {name: (n,3)} against the truth [mm]; None where the truth lacks the frame.
 
-        outer_mm: the true outer surface's vertices to the nearest decoded layer, the same for every kind of avatar.
+        outer_mm: the true outer surface's vertices to the nearest decoded layer, the same for every kind of avatar; face_mm,
+        expression_mm: see `Facial.errors`.
         """
         if frame not in self.truth:
             return None
@@ -251,6 +260,8 @@ class RegisteredRun:
             elif layers[name].kind == "body":
                 hidden = self.run.body.confidence.at(frame) == HIDDEN
                 measures["body"] = self.truth.body_errors(V, hidden, self.outside, frame)
+            if layers[name].kind != "garment":
+                measures |= self.facial.errors(V, self.truth.keypoints(frame))
         return measures
 
     def _outer_error(self, frame, decoded, layers):

@@ -105,17 +105,18 @@ def border_band(labels, garments, width=BAND):
     return (distance <= width) & (kind != 0)
 
 
-def pixel_sets(mask, labels, garments, width=BAND):
+def pixel_sets(mask, labels, garments, width=BAND, face=False):
     """{name: (H,W) bool} of the pixels that errors are taken over.
 
     all: the foreground; band: `border_band`; garment: the garments' labels; body: the other labels outside the band;
-    silhouette: `silhouette_ring`. Without garments `band` and `garment` are empty.
+    face: those of `face` (H,W) bool that are no garment's; silhouette: `silhouette_ring`. Without garments `band` and `garment` are empty.
     """
     mask = mask.astype(bool)
     cloth = np.isin(labels, list(garments)) & mask
     band = border_band(np.where(mask, labels, 0), garments, width)
     return {
-        "all": mask, "band": band, "garment": cloth, "body": mask & (labels > 0) & ~cloth & ~band, "silhouette": silhouette_ring(mask),
+        "all": mask, "band": band, "garment": cloth, "body": mask & (labels > 0) & ~cloth & ~band,
+        "face": mask & face & ~cloth, "silhouette": silhouette_ring(mask),
     }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ MEASURES = {  # name in the JSON: what it says, in the order of the table
     "band_mse": "\u2026 within 10 px of the garment's border",
     "garment_mse": "\u2026 on garments",
     "body_mse": "\u2026 on the body, outside that band",
+    "face_mse": "\u2026 on the face",
     "silhouette_mse": "\u2026 within 5 px of the silhouette",
     "ssim": "SSIM, foreground",
     "band_ssim": "\u2026 within 10 px of the garment's border",

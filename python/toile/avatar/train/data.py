@@ -24,15 +24,23 @@ from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
 from ..model.poses import pose_distance
 
+HEAD_REACH = 0.12  # the head lies this near to its facial keypoints [m]
 THREADS = 2  # frames prepared at a time
 VERSION = 2  # of the cache's files
 REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
 
 
-def shown_surfaces(run, settings):
-    """The surfaces of a Run that crops are about: its garments or all; the same for the baseline's single layer."""
+def shown(run, settings, row):
+    """Vertices (n,3) of a row of a Run that crops are about: of its head, its garments or all; the same for the baseline's
+    single layer."""
     garments = list(run.garments.values())
-    return garments if garments and settings.crop == "garment" else [run.track, *garments]
+    if settings.crop == "head":
+        head = run.body_model.face_vertices(HEAD_REACH)
+        if not len(head):
+            raise UserError('crop = "head": the body model names no facial keypoints')
+        return run.track.vertices[row][head]
+    surfaces = garments if garments and settings.crop == "garment" else [run.track, *garments]
+    return np.concatenate([surface.vertices[row] for surface in surfaces])
 
 
 class AvatarData(Dataset):
@@ -216,8 +224,7 @@ class AvatarData(Dataset):
         return unwrapped
 
     def _shown(self, number):
-        """Vertices that the crop is about: the garments' or all; the same for the baseline's single layer."""
-        return np.concatenate([surface.at(number) for surface in shown_surfaces(self.run, self.settings)])
+        return shown(self.run, self.settings, self.run.row(number))
 
     def _registered(self, number):
         """Pose, face, vertices and confidence of a frame as the run has them."""
@@ -281,10 +288,10 @@ class AvatarData(Dataset):
         self.face_mean, self.head = self._face(np.array(faces))
 
     def _face(self, faces):
-        """Mean facial keypoints, and the head joint's index; (None, None) where the scene has no face or none was seen."""
+        """Mean facial keypoints, and the head joint's index; (None, None) where none shall drive, the scene has no face, or none was seen."""
         head = self.run.body_model.joint("head")
         seen = np.isfinite(faces).all(-1).any(0) if faces.size else np.zeros(0, bool)
-        if not self.scene.face_keypoints or not seen.any() or head is None:
+        if not (self.settings.face and self.scene.face_keypoints and seen.any()) or head is None:
             return None, None
         mean = np.zeros(faces.shape[1:])
         mean[seen] = np.nanmean(faces[:, seen], axis=0)

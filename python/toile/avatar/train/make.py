@@ -26,7 +26,7 @@ from ..model.avatar import Avatar
 from ..model.checkpoint import asked_before, begin, save_assets, save_avatar, topology
 from ..settings import AvatarSettings
 from .baseline import train_baseline
-from .data import AvatarData, shown_surfaces
+from .data import AvatarData, shown
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
@@ -138,11 +138,11 @@ def held_out(text, frames, own=(), of="the run"):
 
 
 def fitting_scale(run, settings, frames):
-    """Pixels of the capture along one of the crop's, at least those of the settings, so that it holds the person, or
-    its garments, in every picture of (a spread of) the frames."""
-    rows, scale, shown = run.rows(frames), settings.pixel_scale, shown_surfaces(run, settings)
+    """Pixels of the capture along one of the crop's, at least those of the settings, so that it holds the person, its
+    garments or head, in every picture of (a spread of) the frames."""
+    rows, scale = run.rows(frames), settings.pixel_scale
     for row in evenly(rows, FITTED):
-        V = np.concatenate([surface.vertices[row] for surface in shown])
+        V = shown(run, settings, row)
         for camera in run.capture.cameras.values():
             uv, depth = pinhole(camera).project(V)
             uv = np.clip(uv[depth > 0], 0, [camera.width, camera.height])
