@@ -4,6 +4,7 @@ include(CMakePackageConfigHelpers)
 
 set(TOILE_HEADERS  # these include each other by relative paths, so that they are found wherever they lie
   base/errors.h
+  base/pictures.h
   base/sparse.h
   base/stop.h
   base/types.h
@@ -16,6 +17,7 @@ set(TOILE_HEADERS  # these include each other by relative paths, so that they ar
   geometry/topology.h
   geometry/winding.h
   kernels/biharmonic.h
+  kernels/contours.h
   kernels/drape.h
   kernels/inner.h
   kernels/mrf.h

@@ -73,6 +73,10 @@ void bind_geometry(py::module_& m) {
         check_faces("boundary_loops", F, most_vertices);
         return boundary_loops(F);
     });
+    m.def("face_neighbours", [](const Faces& F) {
+        check_faces("face_neighbours", F, most_vertices);
+        return face_neighbours(F);
+    }, free);
     m.def("border_vertices", [](const Faces& F, Eigen::Index n) {
         require(n >= 0 && n <= most_vertices, "border_vertices: n is " + std::to_string(n));
         check_faces("border_vertices", F, n);

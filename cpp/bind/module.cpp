@@ -40,6 +40,7 @@ PYBIND11_MODULE(_core, m) {
     bind_inner(m);
     bind_raster(m);
     bind_paint(m);
+    bind_contours(m);
     bind_remesh(m);
     bind_occlusion(m);
     bind_sight(m);

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <map>
 #include <numeric>
+#include <tuple>
 
 #include "base/parallel.h"
 
@@ -99,6 +100,32 @@ std::vector<std::vector<int>> boundary_loops(const Faces& F) {
     }
     std::stable_sort(loops.begin(), loops.end(), [](const auto& a, const auto& b) { return a.size() > b.size(); });
     return loops;
+}
+
+Faces face_neighbours(const Faces& F) {
+    struct Side {
+        std::int32_t low, high;  // its ends
+        std::int64_t corner;     // opposite, 3 f + k
+    };
+    std::vector<Side> sides;
+    sides.reserve(static_cast<std::size_t>(F.size()));
+    for (std::int64_t c = 0; c < F.size(); ++c) {
+        const auto [low, high] = std::minmax({F(c / 3, (c + 1) % 3), F(c / 3, (c + 2) % 3)});
+        sides.push_back({low, high, c});
+    }
+    std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
+        return std::tie(a.low, a.high, a.corner) < std::tie(b.low, b.high, b.corner);
+    });
+    Faces beyond = Faces::Constant(F.rows(), 3, -1);
+    for (std::size_t first = 0, last = 0; first < sides.size(); first = last) {
+        while (last < sides.size() && sides[last].low == sides[first].low && sides[last].high == sides[first].high)
+            ++last;
+        if (last - first != 2) continue;
+        const std::int64_t one = sides[first].corner, other = sides[first + 1].corner;
+        beyond(one / 3, one % 3) = static_cast<std::int32_t>(other / 3);
+        beyond(other / 3, other % 3) = static_cast<std::int32_t>(one / 3);
+    }
+    return beyond;
 }
 
 std::vector<char> border_vertices(const Faces& F, Eigen::Index n) {

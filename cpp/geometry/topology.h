@@ -22,6 +22,9 @@ Adjacency vertex_faces(const Faces& F, Eigen::Index n);
 /// lengths by smallest vertex. Each cycle starts at its smallest vertex.
 std::vector<std::vector<int>> boundary_loops(const Faces& F);
 
+/// (m,3): the face beyond the edge opposite each corner, -1 where that edge has not exactly two faces.
+Faces face_neighbours(const Faces& F);
+
 /// Per vertex: does it lie on an edge that has one face only?
 std::vector<char> border_vertices(const Faces& F, Eigen::Index n);
 

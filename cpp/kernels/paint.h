@@ -2,12 +2,9 @@
 #pragma once
 #include <vector>
 
-#include "../base/types.h"
+#include "../base/pictures.h"
 
 namespace toile {
-
-using FaceIds = Eigen::Matrix<std::int32_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-using Planes = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Texels (size, size, channels) in C order, read and not kept; texel (r, c) has its centre at u = (c + .5) / size,
 /// v = 1 - (r + .5) / size.

@@ -5,7 +5,7 @@ import numpy
 import numpy.typing
 import scipy.sparse
 import typing
-__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'DrapeOptions', 'DrapeResult', 'DrapeSolver', 'EdgeOptions', 'FuseOptions', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'OddsOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'StereoCamera', 'StereoOptions', 'StereoSolver', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'View', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cheapest_path', 'cotangent_laplacian', 'evidence_picture', 'face_areas', 'face_normals', 'fuse_depths', 'intersecting_pairs', 'mrf', 'paint', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'soft_labels', 'stop_names', 'threads', 'undistorted_view', 'unique_edges', 'vertex_components', 'vertex_normals', 'view_edges', 'view_odds', 'visibility', 'voronoi_mass', 'winding_number']
+__all__: list[str] = ['BiharmonicOptions', 'BiharmonicSolver', 'BodyKeypoint', 'BodyModel', 'CholeskyFactor', 'Contours', 'DrapeOptions', 'DrapeResult', 'DrapeSolver', 'EdgeOptions', 'FuseOptions', 'InnerFrame', 'InnerFused', 'InnerFusion', 'InnerGarment', 'InnerGuess', 'InnerOptions', 'InnerResult', 'InnerSolver', 'InnerSums', 'InputError', 'MrfOptions', 'MrfResult', 'NricpFrame', 'NricpOptions', 'NricpResult', 'NricpSolver', 'OcclusionOptions', 'OddsOptions', 'RasterOptions', 'RasterResult', 'RemeshOptions', 'SkeletonFrame', 'SkeletonOptions', 'SkeletonPose', 'SkeletonResult', 'SkeletonSolver', 'SolveError', 'StereoCamera', 'StereoOptions', 'StereoSolver', 'SurfaceIndex', 'UntangleOptions', 'UntangleResult', 'UntangleSolver', 'View', 'ambient_occlusion', 'bilinear', 'border_vertices', 'boundary_loops', 'cheapest_path', 'cotangent_laplacian', 'evidence_picture', 'face_areas', 'face_neighbours', 'face_normals', 'fuse_depths', 'intersecting_pairs', 'mrf', 'paint', 'raster', 'remesh', 'self_intersections', 'set_threads', 'signed_distance', 'soft_labels', 'stop_names', 'threads', 'undistorted_view', 'unique_edges', 'vertex_components', 'vertex_normals', 'view_edges', 'view_odds', 'visibility', 'voronoi_mass', 'winding_number']
 class InputError(ValueError):
     pass
 class SolveError(RuntimeError):
@@ -946,6 +946,29 @@ class RasterResult:
     @property
     def face(self) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, n]"]:
         ...
+class Contours:
+    def __init__(self, arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, n]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg4: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"], arg5: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"], arg6: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
+    def gradient(self, arg0: typing.Annotated[numpy.typing.NDArray[numpy.float32], "[m, n]", "flags.c_contiguous"], arg1: typing.Annotated[numpy.typing.NDArray[numpy.float32], "[m, n]", "flags.c_contiguous"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"]:
+        ...
+    @property
+    def a(self) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 1]"]:
+        ...
+    @property
+    def b(self) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 1]"]:
+        ...
+    @property
+    def below(self) -> typing.Annotated[numpy.typing.NDArray[numpy.bool], "[m, 1]"]:
+        ...
+    @property
+    def i(self) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 1]"]:
+        ...
+    @property
+    def j(self) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 1]"]:
+        ...
+    @property
+    def share(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
+        ...
 class RemeshOptions:
     def __init__(self) -> None:
         ...
@@ -1219,6 +1242,8 @@ def cotangent_laplacian(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.flo
 def evidence_picture(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8], arg1: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], arg2: typing.Annotated[numpy.typing.ArrayLike, numpy.bool], arg3: typing.Annotated[numpy.typing.ArrayLike, numpy.float32] | None, arg4: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8] | None, arg5: typing.SupportsFloat | typing.SupportsIndex, arg6: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float32]:
     ...
 def face_areas(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
+    ...
+def face_neighbours(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.int32], "[m, 3]"]:
     ...
 def face_normals(arg0: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 3]"], arg1: typing.Annotated[numpy.typing.ArrayLike, numpy.int32, "[m, 3]"]) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 3]"]:
     ...

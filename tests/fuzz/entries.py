@@ -257,6 +257,29 @@ def run_paint(face, V, F, uv, face_uv, K, textures, first_face):
     assert (picture[:, np.asarray(face) < 0] == 0).all()
 
 
+def draw_contours(d):
+    V, F = d.mesh()
+    V = V + [0, 0, d.pick([0, 1, 1, -1, 1e6])]
+    K = d.layout(d.values([[d.number(1, 1e3), 0, 8], [0, d.number(1, 1e3), 8], [0, 0, 1]]))
+    size, channels = tuple(d.rng.integers(1, 20, 2).tolist()), int(d.rng.integers(1, 4))
+    face = d.rng.integers(-1, max(len(F), 1), size)
+    V, F = d.dressed(V, F)
+    picture, g = d.rng.standard_normal((2, channels, *size))
+    depth = np.where(face < 0, np.inf, d.rng.random(size))
+    return {
+        "face": d.layout(d.indices(face)), "depth": depth, "V": V, "F": F, "K": K, "near": d.number(1e-9, 1),
+        "picture": picture, "g": g,
+    }  # fmt: skip
+
+
+def run_contours(face, depth, V, F, K, near, picture, g):
+    contours = kernels.Contours(face, depth, V, F, kernels.face_neighbours(F), K, near)
+    within("share", contours.share, 0, 1)
+    within("edge", contours.edge, 0, rows(V) - 1)
+    within("b", contours.b - contours.a, 1, max(np.shape(face)[1], 1))
+    finite("gradient", contours.gradient(picture, g), (rows(V), 3))
+
+
 def draw_occlusion(d):
     V, F = d.dressed(*d.mesh())
     rays = d.whole(1, 40) if d.chance(0.95) else d.pick([0, -1, 65537, 2**40])
@@ -300,6 +323,7 @@ ENTRIES = {
     "inner": (draw_inner, run_inner),
     "raster": (draw_raster, run_raster),
     "paint": (draw_paint, run_paint),
+    "contours": (draw_contours, run_contours),
     "occlusion": (draw_occlusion, run_occlusion),
     "remesh": (draw_remesh, run_remesh),
     "operators": (draw_mesh, run_operators),

@@ -47,6 +47,7 @@ def run_topology(F, n):
             assert len(loop) >= 1
         edges = kernels.unique_edges(F)
         assert (edges[:, 0] <= edges[:, 1]).all()
+        within("face_neighbours", kernels.face_neighbours(F), -1, rows(F) - 1)
     except LAWFUL:
         pass
     finite("border_vertices", kernels.border_vertices(F, n), (n,))

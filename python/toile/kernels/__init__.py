@@ -2,6 +2,7 @@
 
 from .._core import InnerSums, InputError, SolveError, set_threads, threads
 from .biharmonic import BiharmonicSolver, biharmonic
+from .contours import Contours
 from .drape import DrapeSolver, drape
 from .geometry import (
     CholeskyFactor,
@@ -11,6 +12,7 @@ from .geometry import (
     cheapest_path,
     cotangent_laplacian,
     face_areas,
+    face_neighbours,
     face_normals,
     unique_edges,
     vertex_components,
@@ -35,6 +37,7 @@ from .untangle import UntangleSolver, untangle
 __all__ = [
     "BiharmonicSolver",
     "CholeskyFactor",
+    "Contours",
     "DrapeSolver",
     "InnerSolver",
     "InnerSums",
@@ -57,6 +60,7 @@ __all__ = [
     "drape",
     "evidence_picture",
     "face_areas",
+    "face_neighbours",
     "face_normals",
     "fuse_depths",
     "intersecting_pairs",

@@ -42,6 +42,11 @@ def boundary_loops(F: Array) -> list[Ints]:
     return [np.array(loop, dtype=np.int32) for loop in _core.boundary_loops(as_faces("boundary_loops", "F", F))]
 
 
+def face_neighbours(F: Array) -> Ints:
+    """(m,3): the face beyond the edge opposite each corner, -1 where that edge has not exactly two faces."""
+    return _core.face_neighbours(as_faces("face_neighbours", "F", F))
+
+
 def border_vertices(F: Array, n: int) -> Bools:
     """bool (n,): does the vertex lie on an edge that has one face only? F (m,3) int, indices below `n`, else InputError.
 

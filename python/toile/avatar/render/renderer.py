@@ -15,11 +15,10 @@ from torch.autograd.function import Function, once_differentiable
 from torch.nn.functional import grid_sample
 from torch.utils.weak import WeakIdKeyDictionary
 
-from ...kernels import InputError, paint, raster
-from .contours import contours, neighbours_of
+from ...kernels import Contours, InputError, face_neighbours, paint, raster
 from .rasterise import NEAR, rasterise
 
-_int32 = WeakIdKeyDictionary()
+_int32, _neighbours = WeakIdKeyDictionary(), WeakIdKeyDictionary()  # of tensors of faces, which rarely change
 EDGE_ON = 1e-3  # sine of the angle between ray and face; below it a face has colour but no interior gradient
 
 
@@ -93,8 +92,7 @@ def _painted(scene, background):
     """The same picture without gradients: all layers at once by the core's loops, to rounding."""
     surfaces = scene.surfaces
     first_uv, first_face = _starts([s.uv for s in surfaces]), scene.first_face
-    V, K = scene.vertices.double().numpy(), scene.K.double().numpy()
-    F = np.concatenate([_indices(s.faces, len(s.vertices)) + n for s, n in zip(surfaces, scene.first_vertex)])
+    V, K, F = scene.points, scene.K.double().numpy(), scene.faces
     face_uv = np.concatenate([_indices(s.face_uv, len(s.uv)) + n for s, n in zip(surfaces, first_uv)])
     uv = torch.cat([s.uv for s in surfaces]).double().numpy()
     textures = [s.texture.detach().float().permute(1, 2, 0).numpy() for s in surfaces]
@@ -113,11 +111,18 @@ def _painted(scene, background):
 def _indices(faces, count):
     """int32 of a tensor of indices below `count`, made once."""
     if faces not in _int32:
-        _int32[faces] = faces.numpy().astype(np.int32)
+        _int32[faces] = faces.cpu().numpy().astype(np.int32)
     found = _int32[faces]
     if found.size and not (found.min() >= 0 and found.max() < count):
         raise InputError(f"render: a face has an index out of 0..{count - 1}")
     return found
+
+
+def _beyond(faces):
+    """The faces beyond the edges of a tensor of faces, made once."""
+    if faces not in _neighbours:
+        _neighbours[faces] = face_neighbours(faces.cpu().numpy())
+    return _neighbours[faces]
 
 
 def _where(mask):
@@ -154,13 +159,22 @@ class _Scene:
         self.first_face = _starts([s.faces for s in surfaces])
 
     @cached_property
+    def points(self):
+        """The vertices as the core takes them."""
+        return self.vertices.detach().cpu().double().numpy()
+
+    @cached_property
     def faces(self):
-        return torch.cat([s.faces + n for s, n in zip(self.surfaces, self.first_vertex)])
+        """(m,3) int32."""
+        return np.concatenate(
+            [_indices(s.faces, len(s.vertices)) + n for s, n in zip(self.surfaces, self.first_vertex)]
+        )
 
     @cached_property
     def neighbours(self):
-        parts = [neighbours_of(s.faces) for s in self.surfaces]
-        return torch.cat([torch.where(part < 0, -1, part + n) for part, n in zip(parts, self.first_face)])
+        """(m,3) int32, -1 for none."""
+        parts = [_beyond(s.faces) for s in self.surfaces]
+        return np.concatenate([np.where(part < 0, -1, part + n) for part, n in zip(parts, self.first_face)])
 
     def views(self):
         """Each surface by itself."""
@@ -207,8 +221,9 @@ class _View:
 
     @cached_property
     def contours(self):
-        scene = self.scene
-        return contours(self.face, self.depth, scene.vertices.detach(), scene.faces, scene.neighbours, scene.K)
+        """By the core, on any device."""
+        scene, face, depth = self.scene, self.face.cpu().numpy(), self.depth.cpu().numpy()
+        return Contours(face, depth, scene.points, scene.faces, scene.neighbours, scene.K.cpu().numpy(), NEAR)
 
 
 class _Interpolate(Function):
@@ -272,22 +287,8 @@ class _Paste(Function):
         (picture, vertices, pixel), g = ctx.saved_tensors, g_picture.flatten(1)
         g_vertices = g_background = None
         if ctx.needs_input_grad[1] and g.any():  # a layer's own depth rarely has a gradient
-            g_vertices = _through_contours(picture, g, vertices, ctx.view)
+            pair = (x.view(g_picture.shape).cpu().numpy() for x in (picture, g))
+            g_vertices = torch.from_numpy(ctx.view.contours.gradient(*pair)).to(vertices)
         if ctx.needs_input_grad[2]:
             g_background = g.index_fill(1, pixel, 0.0).view(g_picture.shape)
         return g.index_select(1, pixel), g_vertices, g_background, None, None
-
-
-def _through_contours(picture, g, vertices, view):
-    g_vertices = torch.zeros_like(vertices)
-    for axis, contour in zip(view.scene.K, view.contours):
-        a, b, i, j, s = contour
-        step = picture[:, a] - picture[:, b]
-        step = torch.where(step.isfinite(), step, 0.0)  # depth beside emptiness
-        slope = (0.5 * (g[:, a] + g[:, b]) * step).sum(0)  # by the place axis . (x/z, y/z, 1) on the screen
-        x, y, z = torch.lerp(vertices[i], vertices[j], s[:, None]).unbind(1)
-        z = z.clamp(min=NEAR)
-        slope = slope / z
-        force = torch.stack([axis[0] * slope, axis[1] * slope, -(axis[0] * x + axis[1] * y) / z * slope], 1)
-        g_vertices.index_add_(0, torch.cat([i, j]), torch.cat([(1 - s)[:, None] * force, s[:, None] * force]))
-    return g_vertices
