@@ -298,7 +298,8 @@ class BodyModel(_Record):
             return np.zeros(0, np.int64)
         points = self.keypoints(self.v_template, self.J)[facial]
         distance = np.linalg.norm(self.v_template[:, None] - points, axis=2).min(1)
-        return np.flatnonzero((distance < reach) & ~self.inside)
+        near: Ints = np.flatnonzero((distance < reach) & ~self.inside).astype(np.int32)
+        return near
 
 
 def joint_transforms(
