@@ -1,5 +1,6 @@
 """What the network of labels is trained on: pictures of a ball in a larger half ball, whose classes are known."""
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -10,6 +11,7 @@ from tests.support.segmenters import by_colour
 from toile.errors import UserError
 from toile.studio.segmenter import CLASSES
 from toile.studio.segmenter import looks as drawing
+from toile.studio.segmenter.batches import read_photographs
 from toile.studio.segmenter.looks import Looks
 from toile.studio.segmenter.people import DressedPerson, painted
 from toile.studio.segmenter.views import view
@@ -55,7 +57,7 @@ def test_a_view_shows_the_classes_where_they_are(views):
 
 @pytest.mark.parametrize("size", [SIZE, SIZE // 2])
 def test_a_picture_keeps_the_view_s_classes_but_where_something_hides_them(views, size, monkeypatch):
-    for name, value in {"ZOOM": (1, 1), "TURN": 0, "SHIFT": 0, "STRETCH": 0}.items():
+    for name, value in {"BOXED": 0, "BLANKED": 0, "ZOOM": (1, 1), "TURN": 0, "SHIFT": 0, "STRETCH": 0}.items():
         monkeypatch.setattr(drawing, name, value)
     looks = Looks(SIZE, np.random.default_rng(2))
     looks.size = size
@@ -70,13 +72,15 @@ def test_a_picture_keeps_the_view_s_classes_but_where_something_hides_them(views
     assert not kept or np.median(kept) == 1
 
 
-def test_a_picture_shows_a_window_of_the_view(views):
+def test_a_picture_shows_a_window_of_the_view(views, monkeypatch):
     """A turned and stretched window: each pixel's class is that of the view where the window says."""
+    for name in ("BOXED", "BLANKED"):
+        monkeypatch.setattr(drawing, name, 0)
     looks = Looks(SIZE, np.random.default_rng(5))
     looks.hide = lambda image, classes: None
     for seen in views[:6]:
         state = looks.rng.bit_generator.state
-        inside, rows, columns = looks.window(SIZE)
+        inside, rows, columns = looks.window(seen.cover)
         looks.rng.bit_generator.state = state
         _, classes = looks.picture([getattr(seen, name) for name in seen.__dataclass_fields__])
         assert (classes[inside] == seen.classes[rows, columns][inside]).all() and not classes[~inside].any()
@@ -84,16 +88,55 @@ def test_a_picture_shows_a_window_of_the_view(views):
         assert np.ptp(steps) <= 6  # the same everywhere but for rounding
 
 
-def test_rooms_are_pictures():
+def test_most_windows_hold_the_whole_person_as_large_as_networks_are_shown_it(views, monkeypatch):
+    for name, value in {"BOXED": 1, "BLANKED": 0, "TURN": 0}.items():
+        monkeypatch.setattr(drawing, name, value)
+    looks, high = Looks(SIZE, np.random.default_rng(8)), []
+    looks.hide = lambda image, classes: None
+    for seen in views:
+        _, classes = looks.picture([getattr(seen, name) for name in seen.__dataclass_fields__])
+        high.append(max(np.ptp(at) + 1 for at in np.nonzero(classes)) / SIZE)
+    assert abs(np.median(high) - 1 / drawing.PADDING) < 0.08
+
+
+def test_a_mask_is_about_the_person_and_off_it_all_is_blank(views, monkeypatch):
+    monkeypatch.setattr(drawing, "BLANKED", 1)
+    looks, same = Looks(SIZE, np.random.default_rng(9)), []
+    for seen in views:
+        masks = []
+        looks.mask = lambda on: masks.append((on, Looks.mask(looks, on))) or masks[-1][1]
+        picture, classes = looks.picture([getattr(seen, name) for name in seen.__dataclass_fields__])
+        ((on, mask),) = masks
+        assert (picture[~mask] == drawing.BLANK).all() and not classes[~mask].any()
+        assert (classes > 0)[mask].sum() == (on & mask).sum()
+        same.append((on & mask).sum() / max((on | mask).sum(), 1))
+    assert 0.7 < np.median(same) < 1  # as good as masks are, and not better
+
+
+@pytest.mark.parametrize("photographs", [(), [np.random.default_rng(0).integers(0, 256, (60, 90, 3), np.uint8)] * 2])
+def test_rooms_are_pictures(photographs):
     rng = np.random.default_rng(6)
-    prints = np.stack([drawing.printed(rng) for _ in range(4)])
-    rooms = [drawing.background(SIZE, rng, prints) for _ in range(40)]
+    prints = np.stack([drawing.printed(rng, photographs) for _ in range(4)])
+    rooms = [drawing.background(SIZE, rng, prints, photographs) for _ in range(40)]
     assert all(room.shape == (SIZE, SIZE, 3) and 0 <= room.min() and room.max() <= 1 for room in rooms)
     assert np.median([room.std() for room in rooms]) > 0.1
 
 
-def test_a_person_is_told_from_what_is_behind(views):
+def test_photographs_are_read_from_a_folder_and_told_where_there_are_none(tmp_path):
+    colour = np.zeros((40, 1600, 3), np.uint8)
+    colour[..., 2] = 200  # red, in OpenCV's order
+    cv2.imwrite(str(tmp_path / "a.png"), colour)
+    (tmp_path / "b.txt").write_text("no picture")
+    (photograph,) = read_photographs(tmp_path)
+    assert photograph.shape == (20, 800, 3) and (photograph == [200, 0, 0]).all()
+    (tmp_path / "a.png").unlink()
+    with pytest.raises(UserError, match="--photographs: no pictures in"):
+        read_photographs(tmp_path)
+
+
+def test_a_person_is_told_from_what_is_behind(views, monkeypatch):
     """On a plain background the mask is where the picture changes: colours and classes belong together."""
+    monkeypatch.setattr(drawing, "BLANKED", 0)
     looks = Looks(SIZE, np.random.default_rng(3))
     looks.behind = lambda: np.zeros((SIZE, SIZE, 3), np.float32)
     looks.hide = lambda image, classes: None

@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -71,6 +72,40 @@ def test_a_mask_is_kept_to(tmp_path):
     inside = mask & (meant > 0)
     inside[46:50], inside[:, 30:34] = False, False
     assert (label == meant)[inside].all()
+
+
+def test_what_is_off_a_mask_is_shown_as_the_mean_to_a_network_that_wants_that(tmp_path):
+    picture, _ = quarters(96, 64)
+    mask = np.zeros(picture.shape[:2], bool)
+    mask[20:80, 20:50] = True
+    grey = np.where(mask[..., None], picture, np.uint8(90))  # as the mean
+    path = described(by_colour(tmp_path / "a.onnx"), mean=[90, 90, 90])
+    plain, whole = Segmenter(path, LABELS), np.array([0.0, 0, 64, 96])
+    seen = plain.shares(grey, whole)
+    blanking = Segmenter(described(path, mean=[90, 90, 90], blank=True), LABELS)
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7))) + cv2.erode((~mask).astype(np.uint8), np.ones((7, 7))) > 0
+    assert np.abs(blanking.shares(picture, whole, mask) - seen)[inner].max() < 1e-3
+    assert np.abs(plain.shares(picture, whole, mask) - seen)[inner & ~mask].max() > 0.3
+    assert np.array_equal(blanking.shares(picture, whole), plain.shares(picture, whole))
+
+
+def test_a_network_that_looks_at_the_mirrored_picture_too_gives_the_mean_of_both(tmp_path):
+    """This one calls every left half a top, whatever it sees: with its mirrored answer it is of two minds."""
+    from onnx import helper
+
+    half = np.zeros((1, 4, *SIZE), np.float32)
+    half[:, 1, :, : SIZE[1] // 2] = half[:, 2, :, SIZE[1] // 2 :] = 9.0
+    nodes = [
+        constant("w", np.zeros((4, 3, 1, 1), np.float32)),
+        constant("half", half),
+        helper.make_node("Conv", ["image", "w"], ["nothing"]),
+        helper.make_node("Add", ["nothing", "half"], ["logits"]),
+    ]
+    path, picture = graph(tmp_path / "a.onnx", nodes, {"logits": ["n", 4, *SIZE]}), np.zeros((*SIZE, 3), np.uint8)
+    _, once = Segmenter(described(path), LABELS).label(picture)
+    _, twice = Segmenter(described(path, mirror=True), LABELS).label(picture)
+    inner = np.abs(np.arange(SIZE[1]) - SIZE[1] / 2) > 2
+    assert (once[:, inner] > 250).all() and np.abs(twice[:, inner] / 255.0 - 0.5).max() < 0.01
 
 
 def test_a_person_in_a_corner_is_looked_at_closely(tmp_path):

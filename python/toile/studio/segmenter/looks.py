@@ -7,28 +7,32 @@ import numpy as np
 
 from ..paint import SKIN_TONES
 from . import CLASSES
-from .rooms import PRINT, any_colour, background, blotches, printed
+from .rooms import PRINT, any_colour, background, blotches, printed, skin_colour
 
 PRINTS, BACKGROUNDS = 160, 160  # how many are kept
 RENEWED = 0.04  # backgrounds drawn anew a picture
+BLANKED = 0.45  # share of pictures of which a mask is given: what is off it is blanked
+BLANK = (124, 116, 104)  # RGB, about the mean that networks take for zero
 SKIN, HAIR, SHOES = (CLASSES.index(name) for name in ("skin", "hair", "shoes"))
 HAIRS = ((0.05, 0.04, 0.04), (0.17, 0.10, 0.06), (0.35, 0.22, 0.12), (0.75, 0.60, 0.38), (0.6, 0.6, 0.6))
-ZOOM = (0.85, 1.5)  # of a view whose sides are the picture's
-TURN, SHIFT, STRETCH = 12.0, 0.06, 0.06  # degrees, share of the picture, log of the aspect: standard deviations
+BOXED, PADDING = 0.65, 1.25  # share of pictures that show a box about the person, and how much larger that is
+ZOOM = (0.85, 1.5)  # of the others, of a view whose sides are the picture's
+TURN, SHIFT, STRETCH = 10.0, 0.04, 0.06  # degrees, share of the picture, log of the aspect: standard deviations
 LIPS, EYES = (0.0, -0.167, 1.658), ((0.033, -0.145, 1.715), (-0.033, -0.145, 1.715))  # m on the neutral body
 
 
 class Looks:
-    """Pictures of PersonViews. `picture` gives RGB (S,S,3) uint8 and classes (S,S) uint8, S being `size`."""
+    """Pictures of PersonViews. `picture` gives RGB (S,S,3) uint8 and classes (S,S) uint8, S being `size`. `photographs`:
+    RGB (h,w,3) uint8 of what is no person, to print on cloth and to stand behind people."""
 
-    def __init__(self, size, rng):
-        self.size, self.rng = size, rng
-        self.prints = np.stack([printed(rng) for _ in range(PRINTS)])
-        self.backgrounds = [background(size, rng, self.prints) for _ in range(BACKGROUNDS)]
+    def __init__(self, size, rng, photographs=()):
+        self.size, self.rng, self.photographs = size, rng, photographs
+        self.prints = np.stack([printed(rng, photographs) for _ in range(PRINTS)])
+        self.backgrounds = [background(size, rng, self.prints, photographs) for _ in range(BACKGROUNDS)]
 
     def picture(self, view):
         """Of the fields of a PersonView."""
-        inside, rows, columns = self.window(len(view[0]))
+        inside, rows, columns = self.window(view[1])
         classes, cover = (np.where(inside, field[rows, columns], 0) for field in view[:2])
         on = cover > 0
         place, normal = (field[rows[on], columns[on]].astype(np.float32) for field in view[2:])
@@ -37,16 +41,45 @@ class Looks:
         alpha = (cv2.blur(cover.astype(np.float32) / 255, (3, 3)) * on)[..., None]
         image = alpha * colour + (1 - alpha) * self.shadowed(self.behind(), alpha)
         self.hide(image, classes)
-        return self.seen(image), classes
+        image = self.seen(image)
+        if self.rng.uniform() < BLANKED:
+            off = ~self.mask(classes > 0)
+            image[off], classes[off] = BLANK, 0
+        return image, classes
 
-    def window(self, side):
-        """Which pixels of a view of this side the picture's show: whether any, rows and columns, each (S,S)."""
+    def mask(self, on):
+        """A mask (S,S) bool of what is shown of a person, as wrong as masks are: too wide or narrow, ragged, parts of it
+        missing and parts of the background in it."""
         rng, S = self.rng, self.size
-        scale = side / S / np.exp(rng.uniform(*np.log(ZOOM)))
+        if rng.uniform() < 0.3:
+            return on
+        soft = cv2.GaussianBlur(on.astype(np.float32), (0, 0), np.exp(rng.uniform(-1, 1.2)) * S / 192)
+        soft += rng.uniform(0, 0.3) * blotches(S, int(np.exp(rng.uniform(1.5, 4))), rng)[..., 0] * (soft > 0.02)
+        mask = (soft > rng.uniform(0.15, 0.75)).astype(np.uint8)
+        for value in (0, 1):
+            for _ in range(rng.integers(0, 3)):
+                rows, columns = np.nonzero(mask)
+                if len(rows) > 0:
+                    k, axes = rng.integers(len(rows)), np.exp(rng.uniform(0, np.log(S / 10), 2)).astype(int)
+                    at = int(columns[k]), int(rows[k])
+                    cv2.ellipse(mask, at, tuple(map(int, axes)), rng.uniform(0, 180), 0, 360, value, -1)
+        return mask > 0
+
+    def window(self, cover):
+        """Which pixels of a view (side,side) the picture's show: whether any, rows and columns, each (S,S). Of most views those
+        of a box about the person, as networks are shown it."""
+        rng, S, side = self.rng, self.size, len(cover)
+        scale, middle = side / S / np.exp(rng.uniform(*np.log(ZOOM))), np.full(2, side / 2)
+        shown = cv2.boundingRect(cover)
+        if rng.uniform() < BOXED and min(shown[2:]) > 0:
+            scale, middle = (
+                PADDING * max(shown[2:]) / S * np.exp(rng.normal(0, 0.1)),
+                np.add(shown[:2], np.divide(shown[2:], 2)),
+            )
         turn = np.radians(TURN * rng.standard_normal())
         A = scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         A = A @ np.diag([rng.choice([-1, 1]) * np.exp(rng.normal(0, STRETCH)), 1])
-        b = side * (0.5 + SHIFT * rng.standard_normal(2))
+        b = middle + SHIFT * S * scale * rng.standard_normal(2)
         at = (np.arange(S) + 0.5 - S / 2)[:, None]
         columns, rows = (A[i, 0] * at.T + A[i, 1] * at + b[i] for i in range(2))
         inside = (rows >= 0) & (rows < side) & (columns >= 0) & (columns < side)
@@ -57,7 +90,7 @@ class Looks:
         rng, k = self.rng, self.rng.integers(BACKGROUNDS)
         side = len(self.backgrounds[k])
         if rng.uniform() < RENEWED:
-            self.backgrounds[k] = background(side, rng, self.prints)
+            self.backgrounds[k] = background(side, rng, self.prints, self.photographs)
         part = int(rng.integers(min(self.size, side // 2), side + 1))
         top, left = rng.integers(side - part + 1, size=2)
         image = self.backgrounds[k][top : top + part, left : left + part]
@@ -78,17 +111,38 @@ class Looks:
     def painted(self, classes, place):
         """Colours (p,3): cloth plain or printed, skin and hair mottled."""
         rng, out = self.rng, np.zeros((len(classes), 3), np.float32)
+        alike = any_colour(rng) if rng.uniform() < 0.15 else None
         for kind in np.unique(classes[classes > 0]):
             mine = classes == kind
             P = place[mine]
-            if kind in (SKIN, HAIR, SHOES) or rng.uniform() < 0.45:
+            if kind in (SKIN, HAIR, SHOES):
                 out[mine] = self.skin(P) if kind == SKIN else self.hair() if kind == HAIR else any_colour(rng)
             else:
-                out[mine] = self.print_at(P)
-            k = (rng.standard_normal((3, 6)) * rng.uniform(15, 200)).astype(np.float32)
+                out[mine] = self.cloth(P, alike)
+            k = (rng.standard_normal((3, 6)) * np.exp(rng.uniform(2.7, 6))).astype(np.float32)
             waves = np.cos(P @ k + rng.uniform(0, 6, 6).astype(np.float32)).mean(1, keepdims=True)
             out[mine] *= 1 + rng.uniform(0, 0.15 if kind == SKIN else 0.4) * waves
         return out
+
+    def cloth(self, P, alike):
+        """Colours (p,3) of a garment at points (p,3): one stuff, or bands, borders, yokes, sides and sleeves of another."""
+        rng, out = self.rng, self.stuff(P, alike)
+        for _ in range(rng.choice([0, 1, 2, 3], p=[0.6, 0.2, 0.12, 0.08])):
+            along = (P[:, 2], P[:, 2], P[:, 2], np.abs(P[:, 0]), P[:, 0])[rng.integers(5)]
+            at = rng.uniform(along.min(), along.max())
+            other = along > at if rng.uniform() < 0.5 else np.abs(along - at) < np.exp(rng.uniform(-5, -2.3))
+            out[other] = self.stuff(P[other], alike)
+        return out
+
+    def stuff(self, P, alike):
+        """Colours (p,3), plain or printed; a plain one is near the colour `alike` where one is given, or as skin at times."""
+        rng, kind = self.rng, self.rng.uniform()
+        if kind > 0.55:
+            return self.print_at(P)
+        plain = any_colour(rng) if kind > 0.2 else skin_colour(rng) * rng.uniform(0.5, 1.2)
+        if alike is not None and rng.uniform() < 0.7:
+            plain = alike * rng.uniform(0.75, 1.25) * rng.uniform(0.95, 1.05, 3)
+        return np.broadcast_to(np.clip(plain, 0.02, 1), (len(P), 3)).astype(np.float32)
 
     def skin(self, P):
         """Colours (p,3) of skin: a tone between two known ones, lips, eyes, at times a beard and marks."""

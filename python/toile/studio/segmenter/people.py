@@ -11,7 +11,7 @@ import numpy as np
 from ...scene import blend_skinning
 from ...surface.operators import smooth_on
 from ..body import make_body
-from ..cut import CUTS, cut_garment, shirt_field
+from ..cut import CUTS, cut_garment, hung, shirt_field
 from ..motions import MOTIONS
 from ..surface import smooth_noise, vertex_normals
 from ..truth import random_frame
@@ -24,6 +24,19 @@ WORN = 0.4  # share of people whose cloth was simulated, where captures are give
 LOOSE = (0.0, 0.03)  # m that garments stand off more than they were cut
 WRINKLE, WRINKLE_LENGTH = (0.0, 0.008), (0.02, 0.08)  # m
 WEIGHTS_FROM, WEIGHT_SMOOTHING = 4, 6  # body vertices, umbrella steps
+LENGTHENED = {"tshirt": 0.3, "longsleeve": 0.3, "tank": 0.3, "skirt": 0.35, "dress": 0.3}  # m, of the tallest, at most
+SHORTENED = {
+    "tshirt": 0.22,
+    "longsleeve": 0.22,
+    "tank": 0.22,
+    "trousers": 0.35,
+    "skirt": 0.2,
+    "dress": 0.25,
+    "shorts": 0.1,
+}
+SHORT = 0.1  # m that a top over bare legs is longer at most
+TALL = 1.7  # m, of whom lengths are told
+TUCKED, LEGGED = 0.2, 0.4  # shares of tops under the bottoms, and of trousers and skirts over tights
 
 
 @dataclass(frozen=True)
@@ -105,17 +118,33 @@ class Wardrobe:
     def outfit(self):
         """Names of garments worn, and whether legs and trunk are bare of paint."""
         rng, kind = self.rng, self.rng.uniform()
-        if kind < 0.1:
+        if kind < 0.15:
             return ("dress",), True, True
-        top = rng.choice([*TOPS, "painted", "bare"], p=[0.35, 0.15, 0.15, 0.15, 0.2])
-        bottom = rng.choice([*BOTTOMS, "painted", "bare"], p=[0.17, 0.2, 0.13, 0.45, 0.05])
+        top = rng.choice([*TOPS, "painted", "bare"], p=[0.4, 0.17, 0.17, 0.14, 0.12])
+        bottom = rng.choice([*BOTTOMS, "painted", "bare"], p=[0.18, 0.18, 0.13, 0.46, 0.05])
         worn = tuple(str(name) for name in (bottom, top) if name in CUTS)
-        return worn, bottom != "painted", top != "painted"
+        tights = bottom == "painted" or (bottom in ("trousers", "skirt") and rng.uniform() < LEGGED)
+        return worn, not tights, top != "painted"
+
+    def tailored(self, name, most):
+        """V (n,3) and F (m,3) of a garment at rest, shorter or up to `most` [m] longer than it was cut, its sleeves too."""
+        rng, g = self.rng, self.garments[name]
+        V, F, tall = g.vertices, g.faces, np.ptp(self.body.rest[:, 2]) / TALL
+        change = rng.choice(["as cut", "longer", "shorter"], p=[0.3, 0.45, 0.25])
+        if change == "longer" and most > 0:
+            V = hung(V, rng.uniform(0, most) * tall, rng.uniform(-0.05, 0.2))
+        elif change == "shorter" and name in SHORTENED:
+            F = F[V[F][:, :, 2].mean(1) > V[:, 2].min() + rng.uniform(0, SHORTENED[name]) * tall]
+        if name in TOPS and rng.uniform() < 0.4:
+            wide = np.abs(V[F][:, :, 0]).mean(1)
+            F = F[wide < wide.max() * rng.uniform(0.55, 1)]
+        return V, F
 
     def person(self):
         """The next DressedPerson."""
         rng, body = self.rng, self.body
         worn, bare_legs, bare_trunk = self.outfit()
+        worn = worn[::-1] if rng.uniform() < TUCKED else worn
         R = self.poses[rng.integers(len(self.poses))] * rng.uniform(0.6, 1.4)
         world, joints = body.model.joint_transforms(body.J, R, np.zeros(3))
         model = body.model
@@ -123,17 +152,22 @@ class Wardrobe:
         faces, layer, place, classes = [body.skin_faces], [np.zeros(len(body.skin_faces), int)], [body.neutral], {}
         count, loose = len(body.rest), rng.uniform(*LOOSE)
         for i, name in enumerate(worn, 1):
-            g = self.garments[name]
+            g, most = self.garments[name], LENGTHENED.get(name, 0.0)
+            if (
+                name in TOPS
+            ):  # one that hides all there is on bare legs would be a dress; one under a waistband ends there
+                most = 0.0 if i < len(worn) else min(most, SHORT) if bare_legs else most
+            rest, F = self.tailored(name, most)
             loose = loose if i == 1 else max(0.0, loose + rng.normal(0.008, 0.006))
-            V = crumpled(g.vertices, g.faces, loose if name in TOPS else 0.4 * loose, rng)
+            V = crumpled(rest, F, loose if name in TOPS else 0.4 * loose, rng)
             posed.append(blend_skinning(V, body.J, world, joints, g.idx, g.val))
-            faces.append(g.faces + count)
-            layer.append(np.full(len(g.faces), i))
-            place.append(g.vertices)
+            faces.append(F + count)
+            layer.append(np.full(len(F), i))
+            place.append(rest)
             classes[i] = CLASSES.index("dress" if name == "dress" else "top" if name in TOPS else "bottom")
             count += len(V)
         sleeves = (rng.uniform(0.1, 1.2),) * 2
-        neck, hem = rng.uniform(-0.02, 0.03), body.J[body.model.joint("upperleg01.L")][2] + rng.uniform(0, 0.1)
+        neck, hem = rng.uniform(-0.02, 0.03), body.J[body.model.joint("upperleg01.L")][2] + rng.uniform(-0.04, 0.22)
         part = np.column_stack([self.shares, shirt_field(body, hem, neck, sleeves)])
         wrap = np.concatenate
         return DressedPerson(

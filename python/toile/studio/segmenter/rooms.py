@@ -10,6 +10,7 @@ from ..paint import SKIN_TONES
 PRINT = 128  # texels a side of a picture on cloth
 LETTERS = "ABDEFGHKMNOPRSTUVXZ0123456789"
 PLAIN, ABSTRACT = 0.12, 0.3  # shares of backgrounds that are a plain wall, and that are no room at all
+PHOTOGRAPHED = 0.35  # share of backgrounds and prints that are cut out of photographs, where some are given
 
 
 def any_colour(rng):
@@ -21,8 +22,11 @@ def any_colour(rng):
 
 def thing_colour(rng):
     """As `any_colour`; wood and walls look like skin from time to time."""
-    if rng.uniform() > 0.15:
-        return any_colour(rng)
+    return any_colour(rng) if rng.uniform() > 0.15 else skin_colour(rng)
+
+
+def skin_colour(rng):
+    """RGB (3,) in 0..1 about a tone of skin."""
     return np.clip(np.array(SKIN_TONES[rng.integers(len(SKIN_TONES))]) * rng.uniform(0.7, 1.2, 3), 0, 1)
 
 
@@ -58,8 +62,21 @@ def shapes(image, rng, count, large):
     return image.astype(np.float32) / 255
 
 
-def printed(rng):
+def cut_out(size, rng, photographs):
+    """A part of one of some photographs (h,w,3) uint8, at any scale, as (size,size,3) float32 in 0..1."""
+    photograph = photographs[rng.integers(len(photographs))]
+    height, width = photograph.shape[:2]
+    tall = rng.uniform(0.1, 1) * min(height, width)
+    wide = min(tall * np.exp(rng.normal(0, 0.2)), width)
+    top, left = (int(rng.uniform(0, 1) * (side - part)) for side, part in ((height, tall), (width, wide)))
+    part = photograph[top : top + max(int(tall), 8), left : left + max(int(wide), 8)]
+    return cv2.resize(part, (size, size), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+
+
+def printed(rng, photographs=()):
     """A picture on cloth (PRINT,PRINT,3) float32 in 0..1."""
+    if len(photographs) and rng.uniform() < PHOTOGRAPHED:
+        return cut_out(PRINT, rng, photographs)
     image = np.broadcast_to(any_colour(rng), (PRINT, PRINT, 3)).astype(np.float32).copy()
     kind, ink = rng.integers(5), any_colour(rng)
     i, j = np.mgrid[:PRINT, :PRINT]
@@ -75,8 +92,10 @@ def printed(rng):
     return np.clip(shapes(image, rng, int(rng.integers(0, 8)), 3), 0, 1)
 
 
-def background(size, rng, prints):
+def background(size, rng, prints, photographs=()):
     """A background (size,size,3) float32 in 0..1; some of its quadrilaterals carry one of `prints` (n,PRINT,PRINT,3)."""
+    if len(photographs) and rng.uniform() < PHOTOGRAPHED:
+        return cut_out(size, rng, photographs)
     kind = rng.uniform()
     if kind < PLAIN:
         plain = np.broadcast_to(any_colour(rng), (size, size, 3)).astype(np.float32)

@@ -1,10 +1,11 @@
 """Trains the network that labels pictures of people, on renders alone, and writes it as an ONNX file.
 
     python -m toile.studio.segmenter.train OUT.onnx --views VIEWS.npz ... [--aside VIEWS.npz] [--from NETWORK.onnx] [--minutes 60]
+        [--photographs FOLDER]
 
 VIEWS are made by `toile.studio.segmenter.views`; on those of other people, set aside, it is learnt how sure the network may be.
 The learning rate falls by the clock, so that no two runs end alike. A run that was killed goes on from OUT.pt; `--from` begins with
-the weights of a network that this program wrote.
+the weights of a network that this program wrote. PHOTOGRAPHS are of what is no person.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import torch
 import torch.nn.functional as F
 
 from . import CLASSES
-from .batches import drawn
+from .batches import drawn, read_photographs
 from .check import answers, temperature
 from .export import export, read_network
 from .network import Clothes
@@ -42,6 +43,9 @@ def main():
     parser.add_argument("--aside", type=Path)
     parser.add_argument("--from", dest="start", type=Path)
     parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument(
+        "--photographs", type=Path, help="a folder: backgrounds and prints are cut out of its pictures too"
+    )
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--seed", type=int, default=7)
     asked = parser.parse_args()
@@ -50,7 +54,8 @@ def main():
     training = Course(asked.out.with_suffix(".pt"), 60 * asked.minutes)
     if asked.start is not None:
         training.begin_with(read_network(asked.start).state_dict())
-    network = training.run(read_views(asked.views), asked.seed)
+    photographs = read_photographs(asked.photographs) if asked.photographs else ()
+    network = training.run(read_views(asked.views), asked.seed, photographs)
     if asked.aside is not None:
         soften(network, temperature(*answers(network, read_views([asked.aside]), ASIDE, asked.seed)))
     export(network, asked.out, SIZE)
@@ -87,10 +92,11 @@ class Course:
         torch.save(found | {"spent": self.spent, "step": self.step}, part)
         part.replace(self.kept)
 
-    def run(self, views, seed):
+    def run(self, views, seed, photographs=()):
         started, saved, earlier, losses = time.time() - self.spent, self.step, [], []
         size_at = lambda share: next((size for until, size in PHASES if share < until), SIZE)
-        shown = iter(drawn(views, [seed, self.step], lambda: size_at((time.time() - started) / self.seconds)))
+        size = lambda: size_at((time.time() - started) / self.seconds)
+        shown = iter(drawn(views, [seed, self.step], size, photographs))
         while self.spent < self.seconds:
             fresh = next(shown)
             losses.append(self.learn(*fresh))

@@ -23,7 +23,7 @@ from .people import body_class, people
 SIZE = 256  # px
 A_PERSON = 3  # views of each person as it stands
 SAMPLES = 2  # a pixel and direction
-HEIGHTS = (0.4, 1.25)  # of the person, in heights of the picture
+HEIGHTS = (0.5, 1.25)  # of the person, in heights of the picture
 DISTANCE = (1.8, 7.0)  # m
 ELEVATION = (-15, 50)  # degrees
 ROLL = 12.0  # degrees, standard deviation

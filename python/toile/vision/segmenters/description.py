@@ -11,6 +11,8 @@ it, and from a description NAME.toml, which has the last word.
     fit = "stretch"           # of the picture to the input; "letterbox" keeps its shape
     person = false            # true: the largest connected part alone, looked at again in its box, or in the mask's
     padding = 1.25            # of that box
+    blank = false             # true: where a mask is given, what is off it is shown as the mean
+    mirror = false            # true: looks at the mirrored picture too, and gives the mean of both answers
     [labels]                  # of the scene, for each class; "" for the person without a label; a list: the one there is
     Upper-clothes = "tshirt"
 """
@@ -47,6 +49,8 @@ class _DescribedLabels(BaseModel):
     fit: Literal["stretch", "letterbox"] = "stretch"
     person: bool = False
     padding: float = Field(1.25, ge=1, le=3)
+    blank: bool = False
+    mirror: bool = False
     labels: dict[str, str | list[str]] = {}
 
 
@@ -65,6 +69,8 @@ class Parts:
     fit: str
     person: bool
     padding: float
+    blank: bool
+    mirror: bool
 
 
 def describe(path: Path, inputs: Any, outputs: Any, labels: Mapping[str, int]) -> Parts:
@@ -76,7 +82,7 @@ def describe(path: Path, inputs: Any, outputs: Any, labels: Mapping[str, int]) -
     output, kind, count = _output(path, given, outputs)
     classes = _classes(path, given.classes, count)
     ids = _ids(sidecar, classes, given.labels, labels)
-    rest = given.model_dump(include={*SHARED, "fit", "person", "padding"})
+    rest = given.model_dump(include={*SHARED, "fit", "person", "padding", "blank", "mirror"})
     return Parts(_size(path, given.size, inputs[0].shape[2:]), output, kind, ids, **rest)
 
 

@@ -35,9 +35,9 @@ class Segmenter:
             found = _largest(self.shares(picture, whole)[..., 0] < 0.5)
             box = _box(found) if found.sum() >= FOUND * found.size else None
         if not self.about.person or box is None:
-            return self._decided(self.shares(picture, whole), mask)
+            return self._decided(self.shares(picture, whole, mask), mask)
         middle, half = (box[:2] + box[2:]) / 2, self.about.padding * (box[2:] - box[:2]) / 2
-        return self._decided(self.shares(picture, np.concatenate([middle - half, middle + half])), mask)
+        return self._decided(self.shares(picture, np.concatenate([middle - half, middle + half]), mask), mask)
 
     def _decided(self, shares: Any, mask: Any) -> tuple[Any, Any]:
         ids = np.concatenate([[0], self.ids]).astype(np.uint8)
@@ -51,9 +51,10 @@ class Segmenter:
         sure = np.take_along_axis(shares, best[..., None], -1)[..., 0]
         return ids[best], np.rint(255 * np.clip(sure, 0, 1)).astype(np.uint8)
 
-    def shares(self, picture: Any, box: Any) -> Any:
+    def shares(self, picture: Any, box: Any, mask: Any = None) -> Any:
         """Probabilities (H,W,L+2) float32 of the background, of each label, and of the person without a label, seen in a box
-        (4,) [px: left, top, right, bottom]; all background outside of it."""
+        (4,) [px: left, top, right, bottom]; all background outside of it. Of a network that wants that, what is off a mask
+        (H,W) bool is shown as the mean."""
         (height, width), about = self.about.size, self.about
         extent = np.maximum(box[2:] - box[:2], 1.0)
         scale = extent / [width, height]
@@ -64,7 +65,12 @@ class Segmenter:
         flags, edge = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_REPLICATE
         crop = cv2.warpAffine(_smoothed(picture, scale), M, (width, height), flags=flags, borderMode=edge)
         crop = crop if about.channels == "rgb" else crop[..., ::-1]
-        values = self._classes(((crop - np.array(about.mean)) / about.std).transpose(2, 0, 1))
+        crop = ((crop - np.array(about.mean)) / about.std).transpose(2, 0, 1)
+        if about.blank and mask is not None:
+            crop[:, cv2.warpAffine(mask.astype(np.float32), M, (width, height), flags=flags) < 0.5] = 0
+        values = self._classes(crop)
+        if about.mirror:
+            values = (values + self._classes(crop[:, :, ::-1])[:, ::-1]) / 2
         grouped = self._grouped(values)
         h, w = grouped.shape[:2]
         back = scale * [width / w, height / h]  # pixels of the picture a pixel of the output
