@@ -110,7 +110,7 @@ def test_a_mask_is_about_the_person_and_off_it_all_is_blank(views, monkeypatch):
         assert (picture[~mask] == drawing.BLANK).all() and not classes[~mask].any()
         assert (classes > 0)[mask].sum() == (on & mask).sum()
         same.append((on & mask).sum() / max((on | mask).sum(), 1))
-    assert 0.7 < np.median(same) < 1  # as good as masks are, and not better
+    assert np.median(same) > 0.7 and np.mean(same) < 0.995  # as good as masks are, and not better
 
 
 @pytest.mark.parametrize("photographs", [(), [np.random.default_rng(0).integers(0, 256, (60, 90, 3), np.uint8)] * 2])
