@@ -215,7 +215,7 @@ def means(found):
 
 def _sums(result, measure, pixels):
     """Squared errors (F,) summed over each frame's pixels, layered and baseline; None where frames do not tell."""
-    frames = [f for f in (result or {}).get("per_frame", ()) if f["baseline"] and f["layered"][pixels]]
+    frames = [f for f in (result or {}).get("per_frame", ()) if f["baseline"] and f["layered"].get(pixels)]
     if not frames:
         return None
     return tuple(np.array([f[side][measure] * f[side][pixels] for f in frames]) for side in ("layered", "baseline"))

@@ -12,7 +12,7 @@ from bench.paper.tables import against, collected, goals, tables
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
 
-MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "silhouette_mse", "ssim")
+MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "face_mse", "silhouette_mse", "ssim")
 
 
 def evaluation(mse=1.0, band=1.0, body=1.0):
