@@ -133,3 +133,20 @@ def test_mean_occlusion_is_that_of_the_registered_frames():
     assert (
         all(0 < mean.mean() <= 1 for mean in means) and means[0].mean() < means[1].mean()
     )  # the shirt shades the body
+
+
+def test_rays_are_cast_once_a_frame_amid_the_registered_layers(monkeypatch):
+    """Whatever the networks decode meanwhile, and in whatever batch a frame comes."""
+    job, asked = objective((BODY, SHIRT)), []
+    rays = job.avatar.ambient_occlusion
+    monkeypatch.setattr(job.avatar, "ambient_occlusion", lambda posed: asked.append(posed) or rays(posed))
+    sample, joint = seen_sample(job.avatar, (BODY, SHIRT)), phase((BODY, SHIRT), ("image", "mask"))
+    asked.clear()
+    job(sample, joint, 0.0)
+    awake(job.avatar, 0.5)
+    job({name: values.flip(0) for name, values in sample.items()}, joint, 0.0)
+    assert len(asked) == 2  # frames
+    for b, posed in enumerate(asked):
+        assert all(torch.equal(one.vertices[0], sample[f"vertices.{name}"][b]) for name, one in posed.items())
+    again = job.occlusion(sample)
+    assert torch.equal(again["shirt"][1], rays(asked[1])["shirt"][0]) and not torch.equal(*again["shirt"])

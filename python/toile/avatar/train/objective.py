@@ -21,20 +21,27 @@ class Objective(torch.nn.Module):
         self.avatar, self.settings = avatar, settings
         self.kinds = {layer.name: layer.kind for layer in avatar.layers}
         self.labels = {layer.name: layer.label for layer in avatar.layers}
+        self.open_sky = {}  # {frame: {layer: (n,)}}
 
     @torch.no_grad()
     def prepare(self, data, to_device):
         """Sets what networks' inputs are relative to, before the first step: of ambient occlusion, and of windows of poses."""
         rows = evenly(range(len(data)), OCCLUSION_SAMPLES)
-        found = []
-        for row in rows:
-            batch = to_device(default_collate([data[row]]))
-            layers = {
-                name: Decoded(vertices, vertices) for name in self.kinds for vertices in [batch[f"vertices.{name}"]]
-            }
-            found.append(self.avatar.ambient_occlusion(layers))
+        found = [self.occlusion(to_device(default_collate([data[row]]))) for row in rows]
         self.avatar.fit_projection(data)
         self.avatar.set_mean_ao({name: torch.cat([one[name] for one in found]).mean(0) for name in self.kinds})
+
+    @torch.no_grad()
+    def occlusion(self, batch):
+        """{layer: (B,n)} openness of each vertex amid the registered layers. Those that are decoded lie near them, and theirs
+        would cost a third of each step; these are found once a frame."""
+        for b, frame in enumerate(batch["frame"].tolist()):
+            if frame not in self.open_sky:
+                posed = {name: batch[f"vertices.{name}"][b : b + 1] for name in self.kinds}
+                found = self.avatar.ambient_occlusion({name: Decoded(v, v) for name, v in posed.items()})
+                self.open_sky[frame] = {name: values[0] for name, values in found.items()}
+        frames = [self.open_sky[frame] for frame in batch["frame"].tolist()]
+        return {name: torch.stack([frame[name] for frame in frames]) for name in self.kinds}
 
     def forward(self, batch, phase, share):
         """{term: value} of a phase; `share` of it that is over, 0 to 1, anneals c."""
@@ -75,7 +82,10 @@ class Objective(torch.nn.Module):
     def _together(self, batch, decoded, asked, share):
         """The terms of inverse rendering, means over the batch."""
         several = len(decoded) > 1 and "visibility" in asked and self.settings.weights.visibility > 0
-        rendered = self.avatar.compose(decoded, batch, batch["image"].shape[-2:], layer_depth=several)
+        if self.settings.network.shadow:
+            decoded = self.avatar.shade(decoded, self.occlusion(batch))
+        size = batch["image"].shape[-2:]
+        rendered = self.avatar.compose(decoded, batch, size, layer_depth=several, shadow=False)
         image, mask = (torch.stack([getattr(view, part) for view in rendered]) for part in ("image", "mask"))
         terms = {
             "image": losses.image_l1(image, batch["image"], batch["mask"]),
