@@ -13,9 +13,9 @@ from toile.config import SegmentSettings
 from toile.errors import UserError
 from toile.io.capture import check_capture, open_capture
 from toile.io.image import read_image
-from toile.pipeline.labelling import labelled, scene_segmenter
 from toile.pipeline.plan import plan
 from toile.vision.evidence import soft_labels
+from toile.vision.segmenters.asked import labelled, scene_segmenter
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 

@@ -13,8 +13,8 @@ from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.scene_file import SEGMENTERS
 from toile.pipeline.identity import facts_of
-from toile.pipeline.labelling import scene_segmenter
 from toile.pipeline.plan import plan
+from toile.vision.segmenters.asked import scene_segmenter
 from toile.vision.segmenters.network import Segmenter
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-pictures"

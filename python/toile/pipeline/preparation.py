@@ -139,7 +139,7 @@ def _template(prepared, garment, evidenced, status):
     label, mesh = capture.scene.labels[garment.label], capture.templates.get(garment.name)
     settings, model = prepared.config.dress, prepared.model
     shown, changes = [(tracked, segmented) for _, tracked, segmented, _ in evidenced], []
-    worn = Worn.of(model, prepared.person, shown)
+    worn = Worn.of(model, prepared.person, shown, capture.scene)
     if garment.name in prepared.config.template_from_scan:
         mesh = template_from_scan(model, worn, garment, label)
     elif shown:

@@ -37,11 +37,11 @@ from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse
 from ..measure.verdicts import judge
 from ..scene import InnerShape, Segmented, Tracked
+from ..vision.segmenters.asked import scene_segmenter
 from . import scanning
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from .fusing import fuse
 from .identity import note_of
-from .labelling import scene_segmenter
 from .manifest import check_folder, config_of, note_frame, request_of, try_again, write_request
 from .outcome import Outcome, RunStores, again, diagnostics_of, outcome_of, recover
 from .overlap import overlapped

@@ -14,10 +14,10 @@ from ..io.status import Status
 from ..stages import reconstruct
 from ..surface.sampling import evenly
 from ..surface.thinning import thinned
+from ..vision.segmenters.asked import labelled
 from ..vision.thin_pictures import thin_picture, thin_pictures
 from ..vision.threads import parallel_map
 from .blocks import raise_where_disk
-from .labelling import labelled
 from .scanning import make_scans
 
 PICTURES = ("images", "masks", "labels", "certainty")  # fields of a Frame

@@ -3,24 +3,29 @@ garments that `template_from_scan` names."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from .. import kernels
 from ..config import Config, PlacementSettings
 from ..errors import UserError
 from ..io.capture import Capture
 from ..io.files import output_file
 from ..io.mesh import write_mesh
 from ..io.run import Run, open_run
-from ..scene import BodyModel, Garment, GarmentTemplate, Mesh, Person, Segmented, Tracked
+from ..scene import BodyModel, Garment, GarmentTemplate, Mesh, Person, Scene, Segmented, Tracked
 from ..stages.template import make_template, worn_region
 from ..surface.placing import check_near_body, place_template
 from ..surface.transfer import move_with_body
 
 Sample = tuple[Tracked, Segmented]
+UNDER = 0.1  # a part of the body over which a template lies no higher is under it [m]
+RIM = 0.04  # so near to its openings cloth may lie another way [m]
+OTHER = 0.12  # share of the body under a template from which another label on it is named
 REACH = 0.04  # over which the way from the person to the model's mean body is averaged [m]
 
 
@@ -46,19 +51,24 @@ def template_from_scan(model: BodyModel, worn: Worn, garment: Garment, label: in
 
 @dataclass(frozen=True)
 class Worn:
-    """The person's rest surface as sampled frames show it clothed, and its labels (T,n)."""
+    """The person's rest surface as sampled frames show it clothed, and its labels (T,n); `names` {label id: name}, `by`: the
+    network that gave them, if one did."""
 
     person: Person
     labels: np.ndarray
+    names: Mapping[int, str] = field(default_factory=dict)
+    by: str = ""
 
     @staticmethod
-    def of(model: BodyModel, person: Person, samples: Iterable[Sample]) -> Worn:
+    def of(model: BodyModel, person: Person, samples: Iterable[Sample], scene: Scene) -> Worn:
         """The median of the tracked surfaces, unposed."""
         poses, labels = [], []
         for tracked, segmented in samples:
             poses.append(model.unskin(tracked.vertices, person.J, tracked.rotations, tracked.translation))
             labels.append(segmented.vertices)
-        return Worn(replace(person, rest=np.median(poses, axis=0)) if poses else person, np.array(labels))
+        clothed = replace(person, rest=np.median(poses, axis=0)) if poses else person
+        names = {number: name for name, number in scene.labels.items()}
+        return Worn(clothed, np.array(labels), names, scene.segmenter)
 
     def region(self, model: BodyModel, garment: Garment, label: int) -> Mesh:
         """Where the body model at rest carries a garment. UserError: nowhere."""
@@ -79,11 +89,39 @@ def template_on_body(
     covered: bool = False,
 ) -> tuple[Mesh, list[str]]:
     """A capture's template as it lies on the body model at rest, and what was changed of it; see surface/placing.py. One
-    that is worn under another, `covered`, shows only a part: it must lie on the body as it is. UserError: it cannot be laid."""
+    that is worn under another, `covered`, shows only a part: it must lie on the body as it is. UserError: it cannot be laid,
+    with what speaks against the labels, which may be at fault as well."""
     if covered:
         check_near_body(model, garment.name, mesh, settings)
         return mesh, []
-    return place_template(model, garment.name, mesh, worn.region(model, garment, label), settings)
+    region, other = worn.region(model, garment, label), _labelled_otherwise(model, worn, mesh, label)
+    by = f" by the network '{worn.by}'" if worn.by else ""
+    try:
+        mesh, words = place_template(model, garment.name, mesh, region, settings)
+    except UserError as error:
+        covers, large = (kernels.face_areas(of.vertices, of.faces).sum() for of in (region, mesh))
+        against = f"the labels{by} are wrong: they give the garment {covers:.2f} m2 of the body, its template has {large:.2f} m2"
+        raise UserError(f"{error}; or {against}{f', {other}' if other else ''}: see toile inspect") from None
+    if other:
+        words.append(
+            f"garment {garment.name}: {other}: the labels{by} are wrong, or it is of another cut: see toile inspect"
+        )
+    return mesh, words
+
+
+def _labelled_otherwise(model: BodyModel, worn: Worn, mesh: Mesh, label: int) -> str:
+    """In words, what else than `label` much of the body carries where a template lies on it as it is; "" where nothing does."""
+    V, F = model.v_template, model.skin_faces
+    outwards = kernels.vertex_normals(V, F)
+    under = kernels.SurfaceIndex(mesh.vertices, mesh.faces).occluded(V, outwards, 0.0, UNDER)
+    loops = kernels.boundary_loops(mesh.faces)
+    if len(loops):
+        under &= cKDTree(mesh.vertices[np.concatenate(loops)]).query(V)[0] > RIM
+    area = under * np.bincount(F.ravel(), np.repeat(kernels.face_areas(V, F) / 3, 3), minlength=len(V))
+    ids = np.array(sorted(worn.names))
+    shares = np.array([(worn.labels == i).mean(0) @ area for i in ids]) / max(area.sum(), 1e-12)
+    said = [f"{100 * x:.0f} % '{worn.names[i]}'" for i, x in zip(ids, shares) if i != label and x > OTHER]
+    return f"where the template lies the body is labelled {' and '.join(said)}" if said else ""
 
 
 def check_templates(capture: Capture, config: Config) -> None:

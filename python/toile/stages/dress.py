@@ -146,7 +146,7 @@ def _report_fit(template, shown, settings):
         elif abs(shown[i] / own - 1) > settings.size_tolerance:
             warnings.warn(
                 f"garment {template.name}: loop {name} is {shown[i] / own:.2f} times as long in the capture as "
-                "in the template: is it of another size?",
+                "in the template: is it of another size, or labelled wrong?",
                 stacklevel=4,
             )
 

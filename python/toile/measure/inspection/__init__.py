@@ -6,6 +6,7 @@ Only what can be told in seconds is looked at: all keypoints, and the pictures o
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,19 +17,23 @@ from ...errors import UserError
 from ...io.capture import Capture, open_capture
 from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
-from ...scene import Camera, Frame
+from ...scene import Camera, Frame, Points3D
+from ...surface.sampling import evenly
 from .body import check_units, check_up, stature, upward
 from .cameras import AGREES, Finding, convention_of, diagonal, offsets, read_as, steps, strangers
+from .doubts import asked, doubted
 from .files import KINDS, gaps, labels_seen, looks, uneven, unpadded
 from .fractions import fractions
 from .masks import COVERED, centroids, coverage
-from .rays import Meeting, Sighting, epipolar, meet
+from .rays import SURE, Meeting, Sighting, epipolar, meet
 
 SAMPLED = 5  # frames whose pictures are read
+LABELLED = 2  # frames besides, where few have label images and none of those has one
 SHOWN = (*KINDS, "scan.ply")
 READ = 200  # frames whose keypoints are read, in a row
 DETECTIONS = 60_000  # that checks of all cameras look at
 ENOUGH = 8  # of the body's keypoints, to leave hands and face alone
+SIGMA = 0.01  # m, of points where keypoints meet
 CULPRIT = 0.05  # by how much a hull without a camera covers the others better
 
 
@@ -46,6 +51,7 @@ class Inspection:
     lines: Floats | None = None  # (C,C) epipolar errors [px]
     labels: dict[str, dict[str, int]] = field(default_factory=dict)
     hulls: dict[str, tuple[float, float]] = field(default_factory=dict)
+    doubted: list[Frame] = field(default_factory=list)  # frames whose labels were looked at
 
     @property
     def wasted(self) -> bool:
@@ -66,6 +72,8 @@ def inspect(path: Path) -> Inspection:
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)
     _detections(found, capture)
+    if not found.wasted:  # by cameras that are wrong nothing is told of labels
+        _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
     return found
 
@@ -73,8 +81,10 @@ def inspect(path: Path) -> Inspection:
 def _look(found: Inspection, capture: Capture) -> None:
     """The pictures, masks, labels and scans of a few frames."""
     shown = [n for n in capture.frames if any((capture.folder(n) / what).exists() for what in SHOWN)] or capture.frames
-    pick = np.unique(np.linspace(0, len(shown) - 1, SAMPLED).astype(int))
-    for number in (shown[i] for i in pick):
+    pick = evenly(shown, SAMPLED)
+    if capture.scene.garments and not capture.scene.segmenter and not any(map(capture.labelled, pick)):
+        pick = sorted({*pick, *evenly([n for n in shown if capture.labelled(n)], LABELLED)})
+    for number in pick:
         try:
             found.frames.append(capture.pictures(number))
         except UserError as error:
@@ -86,6 +96,10 @@ def _look(found: Inspection, capture: Capture) -> None:
                 found.frames[-1] = replace(found.frames[-1], scan=scan)
             except UserError as error:
                 found.findings.append(Finding(str(error)))
+    try:
+        found.frames = asked(capture, found.frames)
+    except UserError as error:
+        found.findings.append(Finding(str(error)))
     found.labels, said = labels_seen(capture, found.frames)
     found.findings += looks(found.frames) + said
 
@@ -116,6 +130,32 @@ def _detections(found: Inspection, capture: Capture) -> None:
     if not of_masks:
         _person(found, capture, found.meeting)
     _hulls(found, dict(zip((camera.name for camera in sighting.cameras), sighting.cameras)))
+
+
+def _doubts(found: Inspection, capture: Capture) -> None:
+    """Whether the labels can be right."""
+    told = doubted(capture, found.frames, dict(_points(found, capture)))
+    found.findings += told.findings
+    found.facts |= told.facts
+    found.doubted = told.frames
+
+
+def _points(found: Inspection, capture: Capture) -> Iterator[tuple[int, Points3D]]:
+    """Keypoints in space of the frames that were looked at, where they have some."""
+    for frame in found.frames:
+        try:
+            own = capture.points3d(frame.number)
+        except UserError as error:
+            found.findings.append(Finding(str(error)))
+            continue
+        if own is not None:
+            yield frame.number, own
+        elif found.sighting is not None and found.meeting is not None and found.sighting.names != ("middle",):
+            t = frame.number - found.first
+            if 0 <= t < len(found.meeting.points):
+                points = found.meeting.points[t]
+                views = (found.sighting.weight[:, t] > SURE).sum(0)
+                yield frame.number, Points3D(found.sighting.names, points, np.full(len(points), SIGMA), views)
 
 
 def _apart_by(error: float) -> str:

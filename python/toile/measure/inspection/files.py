@@ -84,8 +84,8 @@ def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str
     found = []
     for garment in capture.scene.garments:
         where = {camera: count for camera, count in seen[garment.label].items() if count}
-        if not where and capture.scene.segmenter:
-            continue
+        if not where and capture.scene.segmenter and not any(frame.certainty for frame in frames):
+            continue  # the network could not be asked
         if not where:
             text = (
                 f"garment {garment.name}: its label '{garment.label}' is seen nowhere in {len(frames)} frames looked at"

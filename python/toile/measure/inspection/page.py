@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,9 @@ def write_inspection(found: Inspection, out: Path, title: str) -> Path:
             "green; the mask's outline is yellow.</p>"
         )
         parts += [_row(found, frame) for frame in found.frames[:3]]
+    if found.doubted and found.capture is not None:
+        parts.append(f"<h2>What the labels say</h2><p class='soft'>{_legend(found.capture.scene.labels)}</p>")
+        parts += [_labels_row(found.capture.scene.labels, frame) for frame in found.doubted]
     if found.lines is not None and found.sighting is not None:
         names = [camera.name for camera in found.sighting.cameras]
         rows = [[name, *(None if np.isnan(v) else float(v) for v in row)] for name, row in zip(names, found.lines)]
@@ -55,6 +59,42 @@ def write_inspection(found: Inspection, out: Path, title: str) -> Path:
 def _row(found: Inspection, frame: Frame) -> str:
     figures = "".join(figure(_overlay(found, frame, name, image), name) for name, image in frame.images.items())
     return f"<div class='frame'><h3>frame {frame.number}</h3><div class='row'>{figures}</div></div>"
+
+
+def _legend(labels: Mapping[str, int]) -> str:
+    """The labels' names in their colours."""
+    named = (
+        f"<span style='border-left: 1em solid rgb{_colour(labels, number)}; padding: 0 1em 0 .4em'>{html.escape(name)}</span>"
+        for name, number in labels.items()
+    )
+    return "".join(named)
+
+
+def _labels_row(labels: Mapping[str, int], frame: Frame) -> str:
+    figures = "".join(figure(_painted(labels, frame, name), name) for name in frame.labels)
+    return f"<div class='frame'><h3>frame {frame.number}</h3><div class='row'>{figures}</div></div>"
+
+
+def _painted(labels: Mapping[str, int], frame: Frame, name: str) -> Any:
+    """A picture (h,WIDE,3), or grey without one, in the colours of its labels."""
+    import cv2
+
+    given = frame.labels[name]
+    image = frame.images.get(name, np.full((*given.shape, 3), 128, np.uint8))
+    table = np.zeros((256, 3), np.uint8)
+    for number in labels.values():
+        table[number] = _colour(labels, number)
+    shown = np.where(given[..., None] > 0, image // 2 + table[given] // 2, image // 3)
+    return cv2.resize(shown, None, fx=WIDE / shown.shape[1], fy=WIDE / shown.shape[1], interpolation=cv2.INTER_AREA)
+
+
+def _colour(labels: Mapping[str, int], number: int) -> tuple[int, int, int]:
+    """Of a label, evenly round the wheel."""
+    import colorsys
+
+    order = sorted(set(labels.values()))
+    r, g, b = colorsys.hsv_to_rgb(order.index(number) / len(order), 0.75, 1.0)
+    return int(255 * r), int(255 * g), int(255 * b)
 
 
 def _overlay(found: Inspection, frame: Frame, name: str, image: Any) -> Any:

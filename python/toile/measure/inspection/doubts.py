@@ -1,0 +1,167 @@
+"""What is said of labels that can hardly be right: the network of the scene is asked about a few pictures, then masks, colours
+and templates are held against what it, or anyone else, gave."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import median
+
+import numpy as np
+
+from ...io.body import model_in_capture
+from ...io.capture import Capture
+from ...scene import BodyModel, Frame, Points3D, Scene
+from ...surface.sampling import evenly
+from ...vision.segmenters.asked import labelled
+from .cameras import Finding
+from .clothed import Clothed, Reading, clothed, read_labels
+from .labels import REFERENCE, alike, off_masks, on_template, skin_colours
+
+FRAMES, VIEWS = 2, 8  # that are looked at
+KINDS = ("images", "masks", "labels", "certainty")
+OFF = 0.15  # share of a label image that lies off the mask
+OWN = 0.7  # of a template's seen area carries the garment's label
+ALIKE, PICTURES = 0.85, 3  # colours of both sides of a border that pictures do not show, and how many pictures must
+WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
+COLOUR = 6.0  # of a*, b*; head and hands of one person differ by up to 5
+SAMPLES = 60  # of the skin of a part
+LONG = ("trousers", "pants", "jeans", "leggings")  # cover the upper legs
+SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show bare ones
+HARDLY = 0.005  # share of what label images show
+UNSURE, DOUBTED = 0.5, 0.15  # certainty of an unsure pixel, and share of the person's pixels
+
+Posed = list[tuple[Frame, Clothed, Reading]]
+
+
+@dataclass
+class Doubts:
+    """What was found of labels, the frames that were looked at with no more than the pictures of these cameras, and figures
+    for the page."""
+
+    findings: list[Finding] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    facts: dict[str, float | None] = field(default_factory=dict)
+
+
+def asked(capture: Capture, frames: Sequence[Frame]) -> list[Frame]:
+    """`frames`, some with labels of the scene's network: FRAMES of them, in VIEWS of those pictures that have no label image.
+    UserError: the network cannot serve."""
+    found = list(frames)
+    for i in evenly(range(len(frames)), FRAMES) if capture.scene.segmenter else ():
+        missing = [name for name in frames[i].images if name not in frames[i].labels]
+        told = labelled(capture, _only(frames[i], evenly(missing, VIEWS))) if missing else frames[i]
+        found[i] = replace(frames[i], labels=frames[i].labels | told.labels, certainty=told.certainty)
+    return found
+
+
+def doubted(capture: Capture, frames: Sequence[Frame], points: Mapping[int, Points3D]) -> Doubts:
+    """Doubts about the labels of some frames; `points` are keypoints in space by the frame's number. Nothing of a scene
+    without garments, which asks for no labels."""
+    told = [frame for frame in frames if any(image.any() for image in frame.labels.values())]
+    if not capture.scene.garments or not told:
+        return Doubts()
+    looked = [_only(frame, evenly(list(frame.labels), VIEWS)) for frame in evenly(told, FRAMES)]
+    scene, model = capture.scene, model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
+    posed = list(_posed(capture, model, looked, points))
+    found = [*_of_garments(scene, looked), *_of_masks(looked), *_of_borders(scene, looked)]
+    found += [*_of_skin(scene, model, posed), *_of_templates(scene, posed)]
+    unsure = _unsure(looked)
+    if unsure > DOUBTED:
+        text = f"labels: the network is unsure of {100 * unsure:.0f} % of the person's pixels"
+        found.append(Finding(text, serious=False))
+    return Doubts(found, looked, {} if np.isnan(unsure) else {"labels unsure %": 100 * unsure})
+
+
+def _only(frame: Frame, names: Sequence[str]) -> Frame:
+    """A frame with the pictures of these cameras alone."""
+    return replace(frame, **{kind: {n: of for n, of in getattr(frame, kind).items() if n in names} for kind in KINDS})
+
+
+def _posed(
+    capture: Capture, model: BodyModel, frames: Sequence[Frame], points: Mapping[int, Points3D]
+) -> Iterator[tuple[Frame, Clothed, Reading]]:
+    """Of the frames whose keypoints pose the body, it and what the label images say of it."""
+    for frame in frames:
+        made = clothed(capture, model, frame, points[frame.number]) if frame.number in points else None
+        if made is not None:
+            yield frame, made, read_labels(capture.cameras, frame.labels, made)
+
+
+def _of_garments(scene: Scene, frames: Sequence[Frame]) -> Iterator[Finding]:
+    """Garments whose label is hardly anywhere; of one that is nowhere `labels_seen` says so."""
+    images = [image for frame in frames for image in frame.labels.values()]
+    person = sum(int((image > 0).sum()) for image in images)
+    for garment in scene.garments:
+        share = sum(int((image == scene.labels[garment.label]).sum()) for image in images) / person
+        if 0 < share < HARDLY:
+            text = f"garment {garment.name}: its label is on {100 * share:.2g} % of what the label images show"
+            yield Finding(f"{text}: is it labelled otherwise?", serious=False)
+
+
+def _of_masks(frames: Sequence[Frame]) -> Iterator[Finding]:
+    """Label images that show somebody elsewhere than the masks do."""
+    shares: dict[str, list[float]] = {}
+    for name, share in (pair for frame in frames for pair in off_masks(frame)):
+        shares.setdefault(name, []).append(share)
+    odd = {name: median(of) for name, of in shares.items() if median(of) > OFF}
+    if odd:
+        text = f"{', '.join(odd)}: {100 * median(odd.values()):.0f} % of what the label images show lies off the masks"
+        yield Finding(f"{text}: are they of other cameras or frames, or mirrored?", serious=False)
+
+
+def _of_borders(scene: Scene, frames: Sequence[Frame]) -> Iterator[Finding]:
+    """Borders of garments' labels that the pictures do not show."""
+    own = list(dict.fromkeys(garment.label for garment in scene.garments))
+    for k, name in enumerate(own):
+        for other in (label for label in scene.labels if label not in own[: k + 1]):
+            if scene.labels[other] == scene.labels[name]:
+                continue
+            found = [x for frame in frames for x in alike(frame, scene.labels[name], scene.labels[other])]
+            if len(found) >= PICTURES and median(found) >= ALIKE:
+                many = sum(x >= ALIKE for x in found)
+                text = f"labels: in {many} of {len(found)} pictures nothing is seen of the border between '{name}' and '{other}'"
+                yield Finding(f"{text}: it is elsewhere, or both have the same colours", serious=False)
+
+
+def _of_skin(scene: Scene, model: BodyModel, posed: Posed) -> Iterator[Finding]:
+    """Limbs that are labelled skin, of other colours than the skin of head and hands, or where the scene has trousers."""
+    if "skin" not in scene.labels or not posed:
+        return
+    told = [skin_colours(model, *of, scene.labels["skin"]) for of in posed]
+    bare = [part for part in told[0] if np.mean([of[part][0] for of in told]) > WORN]
+    colours = {part: np.concatenate([of[part][1] for of in told]) for part in told[0]}
+    middle = {part: np.median(of, axis=0) for part, of in colours.items() if len(of) >= SAMPLES}
+    known = [middle[part] for part in REFERENCE if part in middle]
+    asked_of = [part for part in bare if known and part in middle and part not in REFERENCE]
+    odd = [p for p in asked_of if min(float(np.linalg.norm(middle[p] - other)) for other in known) > COLOUR]
+    long = [name for name in LONG if name in scene.labels and not any(other in scene.labels for other in SHORT)]
+    if odd:
+        text = f"labels: 'skin' on the {' and the '.join(odd)} has other colours than on head and hands: is it cloth?"
+        yield Finding(text, serious=False)
+    elif long and "upper legs" in bare:
+        text = f"labels: the upper legs are labelled 'skin', but the scene has '{long[0]}': is it cloth?"
+        yield Finding(text, serious=False)
+
+
+def _of_templates(scene: Scene, posed: Posed) -> Iterator[Finding]:
+    """Garments whose label lies on too little of their templates."""
+    ids = np.array(sorted(set(scene.labels.values())))
+    for i, garment in enumerate(scene.garments):
+        over = [scene.labels[worn.label] for worn in scene.garments[i + 1 :]]
+        areas = np.sum([on_template(made, reading, ids, i, over) for _, made, reading in posed], axis=0)
+        own = ids == scene.labels[garment.label]
+        if not np.sum(areas) > 0 or areas[own][0] >= OWN * areas.sum():
+            continue
+        other = ids[np.where(own, 0, areas).argmax()]
+        name = next(name for name, number in scene.labels.items() if number == other)
+        text = f"garment {garment.name}: {100 * areas[own][0] / areas.sum():.0f} % of what is seen of its template carries its label"
+        text = f"{text}, {100 * areas[ids == other][0] / areas.sum():.0f} % '{name}'"
+        yield Finding(f"{text}: the labels are wrong, or the template is of another cut", serious=False)
+
+
+def _unsure(frames: Sequence[Frame]) -> float:
+    """Share of the person's pixels of which the network is unsure; NaN where it was not asked."""
+    pairs = [(frame.labels[name] > 0, sure) for frame in frames for name, sure in frame.certainty.items()]
+    person = sum(int(on.sum()) for on, _ in pairs)
+    return sum(int((sure[on] < 255 * UNSURE).sum()) for on, sure in pairs) / person if person else float("nan")

@@ -1,0 +1,99 @@
+"""Measures of label images, whoever made them, by what does not come from labels: masks, colours, templates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ...kernels.arrays import Array, Floats
+from ...scene import BodyModel, Frame
+from .clothed import Clothed, Reading
+
+REFERENCE = {"head": ("head", "jaw", "neck"), "hands": ("wrist", "metacarpal", "finger")}  # where cloth is rare
+LIMBS = {
+    "upper arms": ("upperarm",),
+    "lower arms": ("lowerarm",),
+    "upper legs": ("upperleg",),
+    "lower legs": ("lowerleg",),
+}
+BINS = (12, 8, 8)  # of L*, a*, b* in a histogram
+BAND = 0.03  # of the person's height in the picture: colours on either side of a border
+SOFT = 1.0  # px, by which pictures are blurred
+SIDE = 30  # pixels of a band
+
+
+def off_masks(frame: Frame) -> Iterator[tuple[str, float]]:
+    """(camera, share of what its label image shows that lies off its mask), where a picture has both."""
+    for name, labels in frame.labels.items():
+        mask, on = frame.masks.get(name), labels > 0
+        if mask is not None and on.any():
+            yield name, float((on & ~mask).sum() / on.sum())
+
+
+def on_template(clothed: Clothed, reading: Reading, ids: Array, garment: int, over: Sequence[int]) -> Floats:
+    """Areas (L,) [m^2] of a garment's template, away from its openings, on which most cameras show each label of `ids`; the
+    labels of garments worn `over` it count as unseen."""
+    votes = np.stack([(reading.labels == i).sum(0) for i in ids], axis=1).astype(float)
+    votes[:, np.isin(ids, over)] = 0
+    asked = (clothed.worn == garment) & clothed.inner & (votes.sum(1) > 0)
+    return np.bincount(votes[asked].argmax(1), clothed.areas[asked], minlength=len(ids))
+
+
+def skin_colours(
+    model: BodyModel, frame: Frame, clothed: Clothed, reading: Reading, label: int
+) -> dict[str, tuple[float, Floats]]:
+    """{part of the body: (share that carries the label `label`, a* and b* (k,2) where it does)}."""
+    roles = np.array([role.partition(".")[0].rstrip("0123456789-") for role in model.joint_roles])[clothed.joint]
+    found: dict[str, tuple[float, Floats]] = {}
+    chroma = {name: _lab(frame.images[name])[..., 1:] for name in reading.cameras if name in frame.images}
+    for part, names in {**REFERENCE, **LIMBS}.items():
+        at = np.flatnonzero(np.isin(roles, names))
+        shown, carry, colours = 0, 0, [np.zeros((0, 2))]
+        for i, name in enumerate(reading.cameras):
+            given, (x, y) = reading.labels[i, at], reading.pixels[i, at].T
+            shown, carry = shown + int((given >= 0).sum()), carry + int((given == label).sum())
+            if name in chroma:
+                colours.append(chroma[name][y[given == label], x[given == label]])
+        found[part] = carry / max(shown, 1), np.concatenate(colours)
+    return found
+
+
+def alike(frame: Frame, one: int, other: int) -> list[float]:
+    """Of each picture in which two labels meet, how alike the colours are on both sides of their border, 0 to 1 (Bhattacharyya).
+    Of each label the largest connected part counts, so that specks have no border."""
+    found = []
+    for name, labels in frame.labels.items():
+        rows = np.flatnonzero((labels > 0).any(1))
+        if name not in frame.images or not len(rows):
+            continue
+        parts, reach = (_largest(labels == one), _largest(labels == other)), max(3.0, BAND * float(np.ptp(rows)))
+        if not all(part.any() for part in parts):
+            continue
+        away = [cv2.distanceTransform((~part).astype(np.uint8), cv2.DIST_L2, 5) for part in parts]
+        bands = [part & (far > 1.5) & (far < reach) for part, far in zip(parts, away[::-1])]
+        if min(band.sum() for band in bands) >= SIDE:
+            lab = _lab(frame.images[name])
+            found.append(_overlap(*(lab[band] for band in bands)))
+    return found
+
+
+def _overlap(a: Floats, b: Floats) -> float:
+    """Of two sets of colours (k,3) in L*a*b*."""
+    cells = np.floor(np.concatenate([a, b]) / BINS).astype(int)
+    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    p, q = (np.bincount(of, minlength=cell.max() + 1) / len(of) for of in (cell[: len(a)], cell[len(a) :]))
+    return float(np.sqrt(p * q).sum())
+
+
+def _lab(image: Any) -> Any:
+    """L*a*b* (H,W,3) of a picture, a little blurred."""
+    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+
+
+def _largest(mask: Any) -> Any:
+    """Its largest connected part (H,W) bool."""
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    return parts == 1 + stats[1:, cv2.CC_STAT_AREA].argmax() if len(stats) > 1 else mask
