@@ -7,7 +7,7 @@ import numpy as np
 
 from ..paint import SKIN_TONES
 from . import CLASSES
-from .rooms import PRINT, any_colour, background, blotches, printed, skin_colour
+from .rooms import PRINT, any_colour, background, blotches, earth_colour, printed, skin_colour
 
 PRINTS, BACKGROUNDS = 160, 160  # how many are kept
 RENEWED = 0.04  # backgrounds drawn anew a picture
@@ -111,12 +111,13 @@ class Looks:
     def painted(self, classes, place):
         """Colours (p,3): cloth plain or printed, skin and hair mottled."""
         rng, out = self.rng, np.zeros((len(classes), 3), np.float32)
-        alike = any_colour(rng) if rng.uniform() < 0.15 else None
+        tone = self.tone()
+        alike = (any_colour(rng), tone, None)[rng.choice(3, p=[0.12, 0.13, 0.75])]
         for kind in np.unique(classes[classes > 0]):
             mine = classes == kind
             P = place[mine]
             if kind in (SKIN, HAIR, SHOES):
-                out[mine] = self.skin(P) if kind == SKIN else self.hair() if kind == HAIR else any_colour(rng)
+                out[mine] = self.skin(P, tone) if kind == SKIN else self.hair() if kind == HAIR else any_colour(rng)
             else:
                 out[mine] = self.cloth(P, alike)
             k = (rng.standard_normal((3, 6)) * np.exp(rng.uniform(2.7, 6))).astype(np.float32)
@@ -135,21 +136,30 @@ class Looks:
         return out
 
     def stuff(self, P, alike):
-        """Colours (p,3), plain or printed; a plain one is near the colour `alike` where one is given, or as skin at times."""
+        """Colours (p,3), plain or printed; a plain one is near the colour `alike` where one is given, or as earth or skin are."""
         rng, kind = self.rng, self.rng.uniform()
         if kind > 0.55:
             return self.print_at(P)
-        plain = any_colour(rng) if kind > 0.2 else skin_colour(rng) * rng.uniform(0.5, 1.2)
+        plain = (
+            any_colour(rng)
+            if kind > 0.3
+            else earth_colour(rng)
+            if kind > 0.12
+            else skin_colour(rng) * rng.uniform(0.5, 1.2)
+        )
         if alike is not None and rng.uniform() < 0.7:
-            plain = alike * rng.uniform(0.75, 1.25) * rng.uniform(0.95, 1.05, 3)
+            plain = alike * rng.uniform(0.75, 1.25) * rng.uniform(0.9, 1.1, 3)
         return np.broadcast_to(np.clip(plain, 0.02, 1), (len(P), 3)).astype(np.float32)
 
-    def skin(self, P):
-        """Colours (p,3) of skin: a tone between two known ones, lips, eyes, at times a beard and marks."""
+    def tone(self):
+        """RGB (3,) of a person's skin, between two known tones."""
+        a, b = np.array(SKIN_TONES)[self.rng.integers(len(SKIN_TONES), size=2)]
+        return np.clip((a + self.rng.uniform(-0.3, 1) * (b - a)) * self.rng.uniform(0.9, 1.1, 3), 0.05, 1)
+
+    def skin(self, P, tone):
+        """Colours (p,3) of skin of a tone: with lips, eyes, at times a beard and marks."""
         rng = self.rng
-        a, b = np.array(SKIN_TONES)[rng.integers(len(SKIN_TONES), size=2)]
-        tone = (a + rng.uniform(-0.3, 1) * (b - a)) * rng.uniform(0.9, 1.1, 3)
-        colour = np.broadcast_to(np.clip(tone, 0.05, 1), (len(P), 3)).astype(np.float32)
+        colour = np.broadcast_to(tone, (len(P), 3)).astype(np.float32)
         near = lambda middle, wide: np.exp(-0.5 * (((P - np.float32(middle)) / np.float32(wide)) ** 2).sum(1))
         face = 0.4 * near(LIPS, (0.022, 0.02, 0.007)) + sum(0.8 * near(eye, (0.014, 0.02, 0.008)) for eye in EYES)
         if rng.uniform() < 0.25:

@@ -25,6 +25,12 @@ def thing_colour(rng):
     return any_colour(rng) if rng.uniform() > 0.15 else skin_colour(rng)
 
 
+def earth_colour(rng):
+    """RGB (3,) in 0..1 of cloth as earth is: beige, khaki, olive, brown; skin lies among them."""
+    value, chroma = rng.uniform(0.08, 0.95), rng.uniform(0.05, 0.65)
+    return value * np.array([1, 1 - chroma * rng.uniform(0.1, 0.7), 1 - chroma])
+
+
 def skin_colour(rng):
     """RGB (3,) in 0..1 about a tone of skin."""
     return np.clip(np.array(SKIN_TONES[rng.integers(len(SKIN_TONES))]) * rng.uniform(0.7, 1.2, 3), 0, 1)
