@@ -208,12 +208,20 @@ class PosedPart:
     def normals(self):
         return kernels.vertex_normals(self.V, self.part.faces)
 
+    def _side(self, p, behind):
+        """(k,) -1 of points inside, 1 of others. Those `behind` (k,) the nearest normal are inside if the part winds about them: past
+        where it is cut off its normals say nothing."""
+        side, behind = np.ones(len(p)), np.flatnonzero(behind)
+        if len(behind):
+            side[behind[kernels.winding_number(p[behind], self.V, self.part.faces) > 0.5]] = -1
+        return side
+
     def nearest(self, p, margin):
         """Of points (k,3) those `hit` (h,) nearer than `margin`: distance, nearest point, direction away, and what carries it."""
         face, q, bary, distance = self.index.closest(p, REACH)
         corners = self.part.faces[face]
         normal = np.einsum("kc,kcx->kx", bary, self.normals[corners])
-        side = np.where(np.einsum("kx,kx->k", p - q, normal) < 0, -1.0, 1.0)
+        side = self._side(p, np.einsum("kx,kx->k", p - q, normal) < 0)
         at_border = (self.part.border[corners] | (bary < 1e-9)).all(1)  # beyond it the part goes on in another
         hit = np.flatnonzero((face >= 0) & (side * distance < margin) & ~at_border)
         corners, bary, q, distance = corners[hit], bary[hit], q[hit], (side * distance)[hit]
