@@ -46,21 +46,50 @@ class Apart:
         }
 
 
-def keep_apart(limbs, frames, rotations, translation, fps):
+def keep_apart(limbs, frames, rotations, translation, fps, needed=None, progress=lambda stage, done, total: None):
     """A motion of rotation vectors (T,K,3) and translations (T,3) [m] with the limbs of a `Limbs` out of its other parts -> Apart.
 
     `frames` (T,) numbers it at `fps` a second; where they leave a gap, what lies on either side is solved by itself. Only rows within
-    AROUND of a collision change: a motion without one comes back as it is, bit for bit."""
-    before = collisions(limbs, rotations, translation)
-    out = Apart(rotations.copy(), np.zeros(len(rotations)), before, before.copy())
+    AROUND of a collision change: a motion without one comes back as it is, bit for bit. `needed` (T,) bool: rows that are asked for;
+    they come out the same as with all, and others stay as given but for stretches that hold one of them."""
+    before, found = np.zeros(len(rotations), int), []
+    needed = np.ones(len(frames), bool) if needed is None else needed
     steps = np.diff(frames)
     step = int(steps.min(initial=1 if len(steps) == 0 else steps.max()))
+    rate = fps / step
     for rows in np.split(np.arange(len(frames)), np.flatnonzero(steps != step) + 1):
-        rate = fps / step
-        for first, end in stretches(before[rows] > 0, int(np.ceil(AROUND * rate))):
-            free = first == 0, end == len(rows)
-            _solve(limbs, out, translation, slice(rows[0] + first, rows[0] + end), rate, free)
+        around = int(np.ceil(AROUND * rate))
+        say = lambda done, total: progress("collisions of limbs", int(rows[0]) + done, int(rows[0]) + total)
+        before[rows] = collided = _collided(limbs, rotations[rows], translation[rows], needed[rows], around, say)
+        found += [
+            (slice(rows[0] + first, rows[0] + end), (first == 0, end == len(rows)))
+            for first, end in stretches(collided > 0, around)
+            if needed[rows][first:end].any()
+        ]
+    out = Apart(rotations.copy(), np.zeros(len(rotations)), before, before.copy())
+    done, total = 0, sum(rows.stop - rows.start for rows, _ in found)
+    for rows, free in found:
+        length = rows.stop - rows.start
+        say = lambda share: progress("limbs apart", done + round(share * length), total)
+        _solve(limbs, out, translation, rows, rate, free, say)
+        done += length
+        say(0)
     return out
+
+
+def _collided(limbs, rotations, translation, needed, around, say):
+    """Pairs (T,) of neighbouring rows, looked at as far as a stretch that holds a needed row may reach; beyond 0."""
+    pairs, known = np.zeros(len(needed), int), np.zeros(len(needed), bool)
+    asked = _near(needed, 2 * around + 1)
+    while (asked & ~known).any():
+        for row in np.flatnonzero(asked & ~known):
+            pairs[row] = collisions(limbs, rotations[[row]], translation[[row]])[0]
+            known[row] = True
+            say(int(known.sum()), int(asked.sum()))
+        for first, end in stretches(pairs > 0, around):
+            if needed[first:end].any():
+                asked[max(first - around - 1, 0) : end + around + 1] = True
+    return pairs
 
 
 def collisions(limbs, rotations, translation):
@@ -76,28 +105,33 @@ def poses(limbs, rotations, translation):
 
 def stretches(hit, around):
     """[(first, end)] of the rows that lie within `around` rows of one that is hit (T,) bool."""
-    near = np.convolve(hit, np.ones(2 * around + 1), mode="full")[around : around + len(hit)] > 0.5
-    edges = np.flatnonzero(np.diff(np.r_[False, near, False]))
+    edges = np.flatnonzero(np.diff(np.r_[False, _near(hit, around), False]))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist()))
 
 
-def _solve(limbs, out, translation, rows, rate, free):
+def _near(hit, around):
+    """Rows (T,) bool within `around` rows of one that is hit."""
+    return np.convolve(hit, np.ones(2 * around + 1), mode="full")[around : around + len(hit)] > 0.5
+
+
+def _solve(limbs, out, translation, rows, rate, free, say):
     """Writes these rows of `out`."""
     given = out.rotations[rows].copy()
-    c = corrections(limbs, given, translation[rows], rate, free)
+    c = corrections(limbs, given, translation[rows], rate, free, say)
     out.rotations[rows] = turned(limbs, given, c)
     out.angles[rows] = np.linalg.norm(c.reshape(len(c), -1, 3), axis=2).max(1)
     out.pairs_left[rows] = collisions(limbs, out.rotations[rows], translation[rows])
 
 
-def corrections(limbs, rotations, translation, rate, free):
+def corrections(limbs, rotations, translation, rate, free, say=lambda share: None):
     """Turns c (T,D) [rad] that minimise  sum w (margin - distance)+^2 + `smoothness`, by Gauss-Newton over all rows at once. `free`: may
-    change at its (first, last) row, else comes from and goes to nothing."""
+    change at its (first, last) row, else comes from and goes to nothing. `say` hears the share of the rounds that is done."""
     T, D = len(rotations), len(limbs.stiff)
     c, at = np.zeros((T, D)), np.full((T, D), np.inf)
     H, g = np.zeros((T, D, D)), np.zeros((T, D))
     still, factor = smoothness(T, limbs.stiff * LENGTH, LAG * rate, free), kernels.CholeskyFactor()
-    for _ in range(ROUNDS):
+    for turn in range(ROUNDS):
+        say(turn / ROUNDS)
         stale = np.flatnonzero(np.abs(c - at).max(1) > STALE)
         if not len(stale):
             break

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,9 +11,13 @@ import pytest
 import torch
 from PIL import Image
 
+from toile.avatar.drive import apart
 from toile.avatar.drive.animate import DrivenAvatar, animate, filmed, resized, turned
+from toile.avatar.drive.apart import take
+from toile.avatar.drive.driver import REACH, load_driver, make_track
 from toile.avatar.drive.posing import PosedAvatar
 from toile.avatar.drive.teaching import train_temporal
+from toile.avatar.model.checkpoint import load_avatar
 from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
 from toile.io.export.clip import rest_surface
@@ -22,6 +27,7 @@ from toile.io.mesh import read_mesh
 from toile.io.run import open_run
 from toile.kernels import intersecting_pairs
 from toile.scene import Camera
+from toile.surface.apart import keep_apart
 
 
 @pytest.fixture(scope="module")
@@ -76,13 +82,53 @@ def test_limbs_of_a_motion_file_stay_out_of_the_trunk_and_the_record_says_so(ava
 
 
 def test_the_run_that_taught_an_avatar_drives_it_as_it_is(avatar_folder, sample_run):
-    plain, apart = (DrivenAvatar(avatar_folder, sample_run, apart=value) for value in (False, True))
-    assert apart.apart is None and np.array_equal(plain.motion.rotations, apart.motion.rotations)
+    plain, kept = (take(avatar_folder, sample_run, apart=value) for value in (False, True))
+    assert kept.apart is None and np.array_equal(plain.motion.rotations, kept.motion.rotations)
 
 
 def test_a_baseline_moves_as_the_avatar_that_it_lies_in(avatar_folder, sample_avatar, arm_in):
-    layered, single = (DrivenAvatar(f, arm_in, apart=True) for f in (avatar_folder, avatar_folder / "baseline"))
+    layered, single = (take(f, arm_in, apart=True) for f in (avatar_folder, avatar_folder / "baseline"))
     assert np.array_equal(layered.motion.rotations, single.motion.rotations) and layered.apart.angles.any()
+
+
+def test_limbs_are_kept_apart_once_for_all_workers_and_with_frames_only_as_far_as_they_reach(
+    avatar_folder, arm_in, tmp_path, monkeypatch
+):
+    asked, said, contents = [], [], []
+
+    def once(*given):
+        asked.append(given[-2])
+        return keep_apart(*given)
+
+    monkeypatch.setattr(apart, "keep_apart", once)
+    for frames, workers in ((None, 1), ([1], 1), ([1], 2)):
+        out, hear = tmp_path / f"{frames}{workers}", lambda *at: said.append(at)
+        animate(avatar_folder, arm_in, out, frames=frames, height=32, workers=workers, progress=hear)
+        contents.append((out / "meshes" / "body" / "000001.ply").read_bytes())
+    assert len(set(contents)) == 1
+    assert asked[0] is None and len(asked) == 3 and asked[1].tolist() == asked[2].tolist() == [True, True]
+    assert ("limbs apart", 2, 2) in said and ("collisions of limbs", 2, 2) in said
+
+
+def test_codes_of_a_frame_are_read_from_the_window_before_it_and_what_smoothing_sees(avatar_folder, sample_run):
+    motion = DrivenAvatar(avatar_folder, sample_run).motion
+    long = replace(motion, frames=np.arange(40), rotations=np.repeat(motion.rotations[:1], 40, 0), face=None, fps=30.0)
+    shown = np.arange(40) == 20
+    read = np.flatnonzero(apart.rows_read(avatar_folder, long, {}, False, shown))
+    driver, stride, _ = load_driver(avatar_folder)
+    smooth, window = int(REACH * 30), (driver.settings.window - 1) * stride
+    assert read.tolist() == list(range(20 - smooth - window, 20 + smooth + 1))
+    assert apart.rows_read(avatar_folder, long, {}, True, shown)[:21].all()
+    with_track = lambda rotations: driver.latents(
+        make_track(load_avatar(avatar_folder), long.frames, rotations, None, stride, 30.0)
+    )["tshirt"][20]
+    moved = np.array(long.rotations)
+    moved[~apart.rows_read(avatar_folder, long, {}, False, shown)] += 0.3
+    with torch.no_grad():
+        assert torch.equal(with_track(long.rotations), with_track(moved))
+    moved[read[0]] += 0.3
+    with torch.no_grad():
+        assert not torch.equal(with_track(long.rotations), with_track(moved))
 
 
 def test_an_animation_has_the_same_bits_by_one_process_and_by_two_workers(avatar_folder, sample_run, tmp_path):

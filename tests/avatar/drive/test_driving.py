@@ -10,7 +10,7 @@ import torch
 from tests.support import small_avatar
 from toile.avatar.command import temporal_options
 from toile.avatar.drive.animate import DrivenAvatar
-from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, without
+from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, smoothed, without
 from toile.avatar.drive.teaching import code_reach, relative_error, stop_at, train_temporal
 from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
 from toile.avatar.model.temporal import DampedModel
@@ -21,10 +21,10 @@ from toile.io.run import open_run
 from toile.io.run_folder import capture_folder
 
 
-def track(frames, stride=1, features=3):
+def track(frames, stride=1, features=3, rate=1.0):
     frames = np.asarray(frames)
     own = np.diff(frames).min()
-    return Track(frames, torch.randn(len(frames), features), row_starts(np.diff(frames) != own), stride // own)
+    return Track(frames, torch.randn(len(frames), features), row_starts(np.diff(frames) != own), stride // own, rate)
 
 
 def wake(driver, motion):
@@ -53,17 +53,38 @@ def test_a_finer_motion_drives_as_its_every_nth_frame_does(model):
     driver = Driver(TemporalSettings(model=model, window=4, channels=8), 3, {"shirt": 5}).eval()
     fine = track(range(24), stride=6)
     wake(driver, fine)
-    coarse = Track(fine.frames[::6], fine.features[::6], fine.first[::6] * 0, 1)
+    coarse = Track(fine.frames[::6], fine.features[::6], fine.first[::6] * 0, 1, 1.0)
     with torch.no_grad():
         assert torch.allclose(driver.latents(fine)["shirt"][::6], driver.latents(coarse)["shirt"], atol=1e-6)
+
+
+def test_smoothing_takes_noise_and_leaves_a_line_and_does_not_cross_a_gap():
+    frames = np.r_[np.arange(40), 60 + np.arange(40)]
+    fine = track(frames, rate=30.0)
+    line = torch.as_tensor(frames, dtype=torch.float32)[:, None]
+    found = smoothed(line, fine)
+    assert torch.allclose(found[5:35], line[5:35], atol=1e-4) and torch.allclose(found[45:75], line[45:75], atol=1e-4)
+    assert found[:40].max() <= 39 and found[40:].min() >= 60
+    noise = torch.randn(80, 3)
+    assert smoothed(noise, fine).diff(n=2, dim=0).std() < 0.2 * noise.diff(n=2, dim=0).std()
+    weights = smoothed(torch.eye(80), fine)[20]  # a Gaussian of 50 ms, over its sum
+    expected = np.exp(-0.5 * ((np.arange(40) - 20) / 1.5) ** 2) * (np.abs(np.arange(40) - 20) <= 4)
+    assert np.allclose(weights[:40], expected / expected.sum(), atol=1e-6) and not weights[40:].any()
+
+
+def test_frames_a_fifth_of_a_second_apart_and_a_single_one_are_not_smoothed():
+    noise = torch.randn(20, 3)
+    assert torch.equal(smoothed(noise, track(range(20), rate=5.0)), noise)
+    one = Track(np.array([0]), torch.zeros(1, 3), torch.zeros(1, dtype=torch.int64), 1, 30.0)
+    assert torch.equal(smoothed(noise[:1], one), noise[:1])
 
 
 def test_a_motion_of_another_step_is_refused():
     avatar = small_avatar.avatar()
     poses = np.zeros((4, 3, 3))
     with pytest.raises(UserError, match="its frames are 4 apart, the temporal model was trained on poses 6 apart"):
-        make_track(avatar, [0, 4, 8, 12], poses, None, 6)
-    assert make_track(avatar, [0, 3, 6, 9], poses, None, 6).step == 2
+        make_track(avatar, [0, 4, 8, 12], poses, None, 6, 30.0)
+    assert make_track(avatar, [0, 3, 6, 9], poses, None, 6, 30.0).step == 2
 
 
 def test_an_untaught_model_gives_the_mean_codes_of_each_garment():
@@ -161,7 +182,9 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
     driven = DrivenAvatar(folder, sample_run)
     motion = driven.motion
     with torch.no_grad():
-        expected = driver.latents(make_track(driven.avatar, motion.frames, motion.rotations, motion.face, 1))
+        expected = driver.latents(
+            make_track(driven.avatar, motion.frames, motion.rotations, motion.face, 1, motion.fps)
+        )
     assert torch.equal(driven.latents["tshirt"], expected["tshirt"])
 
 

@@ -26,7 +26,7 @@ from ...io.camera import read_cameras
 from ...io.files import save_record, write_text
 from ...io.image import read_image, write_image
 from ...io.mesh import write_mesh
-from ...io.motion import Motion, read_motion
+from ...io.motion import Motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...pipeline.workers import Workers, check_workers, everywhere
@@ -34,7 +34,7 @@ from ...scene import Camera, Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
-from .apart import limbs_apart
+from .apart import take
 from .draping import Draping, load_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
@@ -61,25 +61,19 @@ class DrivenAvatar:
 
     def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=(), apart=False):
         """`motion`: a Motion, or the path of one. `physics`: garments hang as cloth, see `ensure_worn`. `garments` {name: folder of
-        the avatar whose garment it wears}. `apart`: limbs are kept out of the trunk and of one another, unless the motion is the
-        avatar's own run, whose poses were seen."""
+        the avatar whose garment it wears}. `apart`: as `take` takes it."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
         scene = self.avatar.scene
         self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
-        J, poses = self.avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)
-        path = None if isinstance(motion, Motion) else Path(motion)
-        if path:
-            motion = read_motion(path, self.model, J, scene.fps, poses["translation"].mean(0))
-        self.motion, self.apart = motion, None
-        if apart and path and path.resolve() != Path(self.facts["run"]).resolve():
-            self.motion, self.apart = limbs_apart(motion, self.folder, self.avatar, self.model, J)
+        poses = training_poses(folder)
+        self.motion = motion if isinstance(motion, Motion) else take(folder, motion, apart).motion
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.latents = self._latents(seed)
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
-        self.layering = GarmentLayering(self.avatar.layers, self.model.skin_faces)
+        self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
         self.draping = None
         if physics:
             self.draping = self.draped(self._cloths(), np.arange(len(motion)))
@@ -95,7 +89,8 @@ class DrivenAvatar:
         """A Draping of these rows of the motion."""
         times, rotations = self.motion.frames[rows] / self.motion.fps, self.motion.rotations[rows]
         readers = dict.fromkeys(cloths, self.avatar) | {one.name: one.lender for one in self.lent}
-        return Draping(self.avatar, cloths, self.layering, times, rotations, lambda k: self.geometry(rows[k]), readers)
+        frame = lambda k: (self.geometry(rows[k]), self.unseen(rows[k]))
+        return Draping(self.avatar, cloths, self.layering, times, rotations, frame, readers)
 
     def hold(self, motion, seed=0):
         """Takes another motion in place of the one there was."""
@@ -122,7 +117,7 @@ class DrivenAvatar:
         motion = self.motion
         with torch.no_grad():
             track = make_track(
-                reader_of(self.folder, self.avatar), motion.frames, motion.rotations, motion.face, stride
+                reader_of(self.folder, self.avatar), motion.frames, motion.rotations, motion.face, stride, motion.fps
             )
             return driver.latents(track)
 
@@ -185,7 +180,7 @@ class DrivenAvatar:
         decoded = self.avatar.decode(batch, self._codes(i))
         if self.draping:
             decoded = self.draping.at(i, decoded, batch)
-        return self.layering(decoded)
+        return self.layering(decoded, batch)
 
     @torch.no_grad()
     def picture(self, decoded, batch, size):
@@ -206,10 +201,10 @@ class Shot:
     meshes: bool
 
     @classmethod
-    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics, garments, apart):
+    def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics, garments):
         """UserError: what is asked does not fit the avatar."""
         with one_thread():
-            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments, apart=apart)
+            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments)
         rows = chosen_rows(driven.motion.frames, frames)
         return cls(driven, rows, camera_path(driven, camera, height), out, meshes)
 
@@ -257,19 +252,20 @@ def animate(
     pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
     turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_worn`. `garments` {name: folder of another avatar}: those
-    that it wears of others. `apart`: as DrivenAvatar takes it. `workers` processes share the frames, or those of a running dask `scheduler`.
+    that it wears of others. `apart`: as `take` takes it. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
     whole = Path(out).resolve()
     out = whole.with_name(f".{whole.name}.part")
     if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
         raise UserError(f"{whole}: exists already and is not empty")
     check_workers(workers, scheduler)
-    paths = [everywhere(Path(path), scheduler) for path in (folder, motion)]
+    place, garments = everywhere(Path(folder), scheduler), dict(garments)
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
-    lent = {name: everywhere(Path(path), scheduler) for name, path in dict(garments).items()}
-    asked = frames, camera, height, meshes, seed, physics, lent, apart
-    with Workers(workers, Shot.of, *paths, out, *asked, scheduler=scheduler) as pool:
+    lent = {name: everywhere(Path(path), scheduler) for name, path in garments.items()}
+    taken = take(folder, motion, apart, garments, physics, frames, progress)  # once, for all workers
+    asked = frames, camera, height, meshes, seed, physics, lent
+    with Workers(workers, Shot.of, place, taken.motion, out, *asked, scheduler=scheduler) as pool:
         pool.start()
         shot = pool.prepared()
         driven, rows = shot.driven, shot.rows
@@ -277,7 +273,7 @@ def animate(
         with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
             pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
     before, left = (sum(counts) for counts in zip(*pairs.values()))
-    limbs = driven.apart and driven.apart.facts(rows)
+    limbs = taken.apart and taken.apart.facts(rows)
     done = Animation(len(rows), before, left, tuple(driven.warnings), limbs)
     facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
     facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []

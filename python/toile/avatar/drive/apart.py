@@ -2,20 +2,66 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...surface.apart import keep_apart
+import numpy as np
+
+from ...io.motion import Motion, read_motion
+from ...io.run_folder import body_model_of
+from ...surface.apart import Apart, keep_apart
 from ...surface.limbs import Limbs
-from ..model.checkpoint import load_avatar
+from ..model.assets import training_poses
+from ..model.checkpoint import load_avatar, read_facts
+from .driver import FILE, REACH, load_driver, stride_of
 
 
-def limbs_apart(motion, folder, avatar, model, J):
-    """(Motion with limbs out of the trunk and of one another, Apart) of an Avatar, read from `folder`, with joints `J` (K,3) of the
-    BodyModel `model`. A single layer moves as the avatar that it is the baseline of, or without one by its own surface."""
+@dataclass(frozen=True)
+class Taken:
+    """A motion as an avatar takes it; `apart`: what was done to its limbs, None where they go as given."""
+
+    motion: Motion
+    apart: Apart | None = None
+
+
+def take(folder, path, apart, garments=(), physics=False, frames=None, progress=lambda stage, done, total: None):
+    """Taken of the motion at `path` for the avatar in `folder`. `apart`: limbs are kept out of the trunk and of one another, unless
+    the motion is the avatar's own run, whose poses were seen; where only `frames` of it are shown, as far as these depend on it,
+    see `rows_read`. UserError names the file and the field."""
+    facts, avatar, path = read_facts(folder), load_avatar(folder), Path(path)
+    model = body_model_of(facts["run"], avatar.scene.body_model, avatar.scene.up)
+    J, start = avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)["translation"].mean(0)
+    motion = read_motion(path, model, J, avatar.scene.fps, start)
+    if not apart or path.resolve() == Path(facts["run"]).resolve():
+        return Taken(motion)
+    needed = (
+        None if frames is None else rows_read(folder, motion, garments, physics, np.isin(motion.frames, list(frames)))
+    )
+    limbs, moved = Limbs(model, moving_surface(avatar, folder), J), (motion.rotations, motion.translation, motion.fps)
+    found = keep_apart(limbs, motion.frames, *moved, needed, progress)
+    return Taken(replace(motion, rotations=found.rotations), found)
+
+
+def moving_surface(avatar, folder):
+    """Vertices (n,3) at rest of what must not run through itself: a single layer moves as the avatar that it is the baseline of,
+    or without one by its own surface."""
     layers, above = avatar.layers, Path(folder).parent
     if all(layer.kind == "surface" for layer in layers) and (above / "avatar.json").is_file():
         layers = load_avatar(above).layers
-    rest = next(layer.rest for layer in layers if layer.kind != "garment")
-    found = keep_apart(Limbs(model, rest, J), motion.frames, motion.rotations, motion.translation, motion.fps)
-    return replace(motion, rotations=found.rotations), found
+    return next(layer.rest for layer in layers if layer.kind != "garment")
+
+
+def rows_read(folder, motion, garments, physics, shown):
+    """(T,) bool: rows of a Motion that the codes of those `shown` (T,) are read from. A window looks back, smoothing over time both
+    ways; a damped model and cloth by physics have seen all that was before. `garments` {name: folder of another avatar}."""
+    back, own, needed = 0, stride_of(motion.frames) or 1, np.zeros(len(shown), bool)
+    for place in (folder, *dict(garments).values()):
+        if (Path(place) / FILE).exists():
+            driver, stride, _ = load_driver(place)
+            window = driver.settings.model == "window"
+            back = max(back, (driver.settings.window - 1) * stride // own if window else len(shown))
+    smooth = int(REACH * motion.fps / own)
+    back = len(shown) if physics else back + smooth
+    for row in np.flatnonzero(shown):
+        needed[max(row - back, 0) : row + smooth + 1] = True
+    return needed

@@ -70,7 +70,7 @@ def check_cloth(path, cloth, n):
 class Draping:
     """Garments of `avatar` as the cloths {name: Cloth}, inner to outer, over the layers under them.
 
-    `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins; `times` (T,) [s] and
+    `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins, and its batch; `times` (T,) [s] and
     `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth
     begins at rest on the first frame, out of the body by `layering`, and settles there.
     """
@@ -86,9 +86,9 @@ class Draping:
     def at(self, i, decoded, batch):
         """`decoded` of frame i with the garments where cloth falls. Frames are simulated in order: going back begins anew."""
         if self.row is None or i < self.row:
-            self._begin(decoded if i == 0 else self.frame(0))
+            self._begin(*((decoded, batch) if i == 0 else self.frame(0)))
         while self.row < i:
-            self._go_on(decoded if self.row + 1 == i else self.frame(self.row + 1))
+            self._go_on(decoded if self.row + 1 == i else self.frame(self.row + 1)[0])
         transforms = self.avatar.skeleton(batch["rotations"], batch["translation"])
         shown = {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
         return decoded | shown
@@ -100,8 +100,8 @@ class Draping:
         unposed = like.new_tensor(self.cloths[name].residual.add(unposed, self.poses[name][self.row]))
         return replace(decoded, vertices=skin.pose(unposed[None], *transforms))
 
-    def _begin(self, decoded):
-        clear = self.layering(decoded)[0]
+    def _begin(self, decoded, batch):
+        clear = self.layering(decoded, batch)[0]
         self.row, self.solvers = 0, {}
         self._fall(decoded, lambda name, under: self.solvers[name].start(points(clear[name]), under))
 

@@ -23,6 +23,8 @@ from ..settings import TemporalSettings
 
 FILE = "temporal.safetensors"
 PREFIX = "model."
+SMOOTH = 0.05  # [s] standard deviation of the Gaussian that codes are smoothed by over time: noise of poses must not shake cloth
+REACH = 3 * SMOOTH  # [s] that it sees before and after
 LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
 
 
@@ -40,21 +42,22 @@ def one_thread():
 @dataclass(frozen=True)
 class Track:
     """The poses of a motion in order. `first` (T,): where the row of neighbouring frames that each belongs to begins; the
-    poses of a window lie `step` rows apart."""
+    poses of a window lie `step` rows apart; `rate` neighbouring rows make a second."""
 
     frames: np.ndarray  # (T,)
     features: torch.Tensor  # (T,P) of Avatar.carried
     first: torch.Tensor  # (T,) int64
-    step: int = 1
+    step: int
+    rate: float
 
     def rows(self, frames):
         """Rows of these frames, of those that the track has."""
         return [i for i, n in enumerate(self.frames.tolist()) if n in frames]
 
 
-def make_track(avatar, frames, rotations, face, stride):
-    """Poses (T,K,3) and faces (T,q,3) or None, as `avatar` reads them. `stride`: frame numbers between the poses of a
-    window; the motion's own step must divide it. Frames farther apart than that step are no neighbours."""
+def make_track(avatar, frames, rotations, face, stride, fps):
+    """Poses (T,K,3) and faces (T,q,3) or None, as `avatar` reads them. `stride`: frame numbers, `fps` a second, between the poses of
+    a window; the motion's own step must divide it. Frames farther apart than that step are no neighbours."""
     like = dict(dtype=torch.float32, device=avatar.up.device)
     features = avatar.carried(
         torch.as_tensor(rotations, **like), None if face is None else torch.as_tensor(face, **like)
@@ -63,7 +66,7 @@ def make_track(avatar, frames, rotations, face, stride):
     own = stride_of(frames) or stride
     if stride % own:
         raise UserError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
-    return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own)
+    return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own, fps / own)
 
 
 def reader_of(folder, avatar):
@@ -79,7 +82,8 @@ def run_track(avatar, run, stride=None):
     """The Track of all registered frames of a Run, with pictures or without; `stride`: their own step by default."""
     rows = run.rows()
     frames, face = run.frames[rows], None if run.face is None else run.face[rows]
-    return make_track(avatar, frames, run.pose.rotations[rows], face, stride or stride_of(frames) or 1)
+    stride = stride or stride_of(frames) or 1
+    return make_track(avatar, frames, run.pose.rotations[rows], face, stride, run.scene.fps)
 
 
 def row_starts(breaks):
@@ -99,7 +103,7 @@ def without(track, frames):
     keep = ~np.isin(track.frames, list(frames))
     kept = np.flatnonzero(keep)
     breaks = (np.diff(kept) > 1) | (track.first.numpy()[kept[1:]] == kept[1:])
-    return Track(track.frames[keep], track.features[torch.as_tensor(keep)], row_starts(breaks), track.step)
+    return Track(track.frames[keep], track.features[torch.as_tensor(keep)], row_starts(breaks), track.step, track.rate)
 
 
 def held_out_span(frames):
@@ -147,8 +151,8 @@ class Driver(nn.Module):
 
     def latents(self, track):
         """{garment: (T,Z)} for every frame of a Track, kept within the range of the training's codes: beyond it the decoder
-        was never taught, and a pose far from the training's must not tear the cloth."""
-        read = self._read(track).clamp(*self.code_range)
+        was never taught, and a pose far from the training's must not tear the cloth. Smoothed over time."""
+        read = smoothed(self._read(track).clamp(*self.code_range), track)
         codes = self.code_mean + self.code_spread * read / self.code_weight
         return dict(zip(self.sizes, codes.split(list(self.sizes.values()), dim=1)))
 
@@ -173,6 +177,19 @@ class Driver(nn.Module):
         """(F,) squared errors of the scaled codes that windows (F,L,COMPONENTS) give, of scaled `targets` (F,Z)."""
         read = self.model(poses)
         return (read if read.dim() == 2 else read[:, -1]).sub(targets).square().sum(1)
+
+
+def smoothed(codes, track):
+    """Codes (T,Z) of a Track averaged over neighbouring rows by a Gaussian of SMOOTH."""
+    total, weight = codes, torch.ones(len(codes), 1)
+    for k in range(1, min(int(REACH * track.rate), len(codes) - 1) + 1):
+        w = float(np.exp(-0.5 * (k / (SMOOTH * track.rate)) ** 2))
+        near = w * (track.first[k:] == track.first[:-k])[:, None]
+        pad = codes.new_zeros(k, 1)
+        total = total + torch.cat([near * codes[k:], pad.expand(k, codes.shape[1])])
+        total = total + torch.cat([pad.expand(k, codes.shape[1]), near * codes[:-k]])
+        weight = weight + torch.cat([near, pad]) + torch.cat([pad, near])
+    return total / weight
 
 
 def load_driver(folder):

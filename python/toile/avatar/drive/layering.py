@@ -3,49 +3,82 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 
+import numpy as np
 import torch
 
+from ... import kernels
 from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
-# options of kernels.UntangleSolver: parts of a limb's width are crossed
-PATIENT = {"max_depth": 0.2, "max_iterations": 300}
+STRETCH = 0.02  # [m] by which an edge may grow on the way out; more has led cloth across a limb
+TURN = 0.05  # [rad] of the joint that turns most, between two poses of the way from rest
 
 
 class GarmentLayering:
-    """Garments out of the layers under them, inner to outer. `skin_faces`: those of the body that cloth can meet."""
+    """Garments of an Avatar out of the layers under them, inner to outer. `skin_faces`: those of the body that cloth can meet."""
 
-    def __init__(self, layers, skin_faces):
-        self.body = next(layer for layer in layers if layer.kind != "garment")
-        self.garments = [layer for layer in layers if layer.kind == "garment"]
+    def __init__(self, avatar, skin_faces):
+        self.avatar = avatar
+        self.body = next(layer for layer in avatar.layers if layer.kind != "garment")
+        self.garments = [layer for layer in avatar.layers if layer.kind == "garment"]
         self.skin_faces = skin_faces
-        self.layering = self._layering()
-
-    def _layering(self, **options):
         sizes = [(layer.name, layer.faces, len(layer.rest)) for layer in self.garments]
-        return Layering(self.skin_faces, len(self.body.rest), sizes, MARGIN, **options)
+        self.layering = Layering(skin_faces, len(self.body.rest), sizes, MARGIN)
+        self.edges = {layer.name: kernels.unique_edges(layer.faces).T for layer in self.garments}
 
-    @cached_property
-    def patient(self):
-        """Made where a frame keeps pairs: few animations have one."""
-        return self._layering(**PATIENT)
-
-    def __call__(self, decoded):
-        """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left). What keeps pairs, as where the body
-        runs through itself, is tried once more with patience; the fewer pairs count."""
-        body, cloth = _points(decoded[self.body.name]), {g.name: _points(decoded[g.name]) for g in self.garments}
-        found = self.layering.solve(body, cloth)
-        if found.intersections_left:
-            again = self.patient.solve(body, cloth)
-            found = min(found, again, key=lambda f: f.intersections_left)
+    @torch.no_grad()
+    def __call__(self, decoded, pose):
+        """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left). `pose` {"rotations" (1,K,3),
+        "translation" (1,3)}: the sample's. What keeps pairs, or is drawn out long, is led there from rest in its stead, if that
+        leaves fewer pairs, or as few and shorter edges."""
+        cloth = {g.name: points(decoded[g.name]) for g in self.garments}
+        found = self.layering.solve(points(decoded[self.body.name]), cloth)
+        before = found.intersections_before
+        if found.intersections_left or self._stretch(cloth, found.vertices) > STRETCH:
+            rank = lambda f: (f.intersections_left, self._stretch(cloth, f.vertices))
+            found = min(found, self._from_rest(decoded, pose), key=rank)
         moved = dict(decoded)
         for name, V in found.vertices.items():
-            posed = torch.tensor(V, dtype=torch.float32, device=decoded[name].vertices.device)[None]
-            moved[name] = replace(decoded[name], vertices=posed)
-        return moved, found.intersections_before, found.intersections_left
+            moved[name] = replace(decoded[name], vertices=self._tensor(V, decoded[name]))
+        return moved, before, found.intersections_left
+
+    def _stretch(self, cloth, moved):
+        """By how much the edge grew that grew most [m]."""
+        length = lambda V, ij: np.linalg.norm(V[ij[0]] - V[ij[1]], axis=1)
+        grown = [length(moved[name], ij) - length(cloth[name], ij) for name, ij in self.edges.items()]
+        return max((float(one.max(initial=0)) for one in grown), default=0.0)
+
+    def _from_rest(self, decoded, pose):
+        """Layered of the frame's shapes, taken from rest to its pose in small turns: cloth carried along and moved out at each, so that
+        a limb comes to its place pushing the cloth before it."""
+        skin = {name: self.avatar.model(name).skin for name in decoded}
+        transforms = self.avatar.skeleton(pose["rotations"], pose["translation"])
+        unposed = {name: skin[name].unpose(one.vertices, *transforms) for name, one in decoded.items()}
+        for share in shares(pose["rotations"]):
+            rotations = pose["rotations"] * share
+            rotations[:, 0] = pose["rotations"][:, 0]  # turns all alike
+            transforms = self.avatar.skeleton(rotations, pose["translation"])
+            posed = {name: _array(skin[name].pose(V, *transforms)) for name, V in unposed.items()}
+            found = self.layering.solve(posed.pop(self.body.name), posed)
+            for name, V in found.vertices.items():
+                unposed[name] = skin[name].unpose(self._tensor(V, decoded[name]), *transforms)
+        return found
+
+    def _tensor(self, V, like):
+        return torch.tensor(V, dtype=torch.float32, device=like.vertices.device)[None]
 
 
-def _points(decoded):
-    return decoded.vertices[0].double().cpu().numpy()
+def shares(rotations):
+    """Of rotation vectors (1,K,3), from none to all, so that no joint but the root turns by more than TURN [rad] at once."""
+    most = float(rotations[:, 1:].norm(dim=-1).max()) if rotations.shape[1] > 1 else 0.0
+    turns = int(np.ceil(most / TURN))
+    return np.linspace(0, 1, turns + 1) if turns else np.ones(1)
+
+
+def points(decoded):
+    return _array(decoded.vertices)
+
+
+def _array(V):
+    return V[0].double().cpu().numpy()

@@ -58,7 +58,8 @@ class Lent:
             known = face_mean is not None and face_mean.shape == own.shape
             face = face + (own - face_mean).double().numpy() if known else None
         stride = max(round(stride * motion.fps / self.lender.scene.fps), 1)
-        return driver.latents(make_track(self.lender, motion.frames, motion.rotations, face, stride))[self.name]
+        track = make_track(self.lender, motion.frames, motion.rotations, face, stride, motion.fps)
+        return driver.latents(track)[self.name]
 
 
 def lend(avatar, garments: Mapping[str, Path], folder, skin_faces):

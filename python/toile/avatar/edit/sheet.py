@@ -101,7 +101,7 @@ class ShownGarment:
         self.data = held.data[self.first]
         self.spacing = []  # of the pixels at the person [mm]
         skin = held.registered.run.body_model.skin_faces
-        self.layering = {name: GarmentLayering(avatar.layers, skin) for name, avatar in held.avatars.items()}
+        self.layering = {name: GarmentLayering(avatar, skin) for name, avatar in held.avatars.items()}
         self.vertices = {}  # by avatar and frame, {layer: (1,n,3)}
         self.cover = {layer.name: torch.as_tensor(made.cover[None] / np.float32(255))}
         self.region = {"layered": {layer.name: torch.ones(1, 2, 2)}}
@@ -155,7 +155,7 @@ class ShownGarment:
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)), texture=texture)
         key = name, int(sample["frame"])
         if key not in self.vertices:  # no camera changes the geometry
-            self.vertices[key] = {layer: one.vertices for layer, one in self.layering[name](decoded)[0].items()}
+            self.vertices[key] = {layer: one.vertices for layer, one in self.layering[name](decoded, batch)[0].items()}
         return (
             avatar,
             batch,

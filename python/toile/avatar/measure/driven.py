@@ -61,7 +61,7 @@ class Driven(HeldOut):
         """Cloth of the layered avatar over the span, begun some frames before it."""
         frames, run = self.led + self.span, self.registered.run
         times, rotations = np.array(frames) / run.scene.fps, np.stack([run.pose.at(n)[0] for n in frames])
-        decoded = lambda k: self._posed("layered", frames[k])
+        decoded = lambda k: (self._posed("layered", frames[k]), self._steered(frames[k]))
         layered = self.avatars["layered"]
         readers = dict.fromkeys(cloths, layered)
         return Draping(layered, cloths, self.layering, times, rotations, decoded, readers)
@@ -111,11 +111,10 @@ class Driven(HeldOut):
     def _placed(self, name, frame):
         """{layer: vertices (n,3)}, garments out of the body."""
         if frame not in self.decoded[name]:
-            decoded = self._posed(name, frame)
+            decoded, pose = self._posed(name, frame), self._steered(frame)
             if name == "layered" and self.draping:
-                row = (self.led + self.span).index(frame)
-                decoded = self.draping.at(row, decoded, self._steered(frame))
-            self._keep(name, frame, decoded)
+                decoded = self.draping.at((self.led + self.span).index(frame), decoded, pose)
+            self._keep(name, frame, decoded, pose)
         return self.decoded[name][frame]
 
     def summary(self, errors):

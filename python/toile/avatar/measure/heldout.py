@@ -77,7 +77,7 @@ class HeldOut:
         self.layering, self.intersections = None, {}  # by frame: pairs of triangles before and after untangling
         if "layered" in self.avatars:
             faces = self.registered.run.body_model.skin_faces
-            self.layering = GarmentLayering(self.avatars["layered"].layers, faces)
+            self.layering = GarmentLayering(self.avatars["layered"], faces)
         self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}
         self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
@@ -149,17 +149,17 @@ class HeldOut:
         avatar, frame = self.avatars[name], int(sample["frame"])
         batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
         decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
-        placed = self._keep(name, frame, decoded)
+        placed = self._keep(name, frame, decoded, batch)
         return {layer: replace(one, vertices=self._tensor(placed[layer])) for layer, one in decoded.items()}
 
     def _tensor(self, V):
         return torch.as_tensor(V, dtype=torch.float32, device=self.device)[None]
 
-    def _keep(self, name, frame, decoded):
+    def _keep(self, name, frame, decoded, pose):
         """{layer: vertices (n,3)} of a frame, which no camera changes; the layered avatar's garments out of the body."""
         if frame not in self.decoded[name]:
             if self.shown[name] == "layered":
-                decoded, *self.intersections[frame] = self.layering(decoded)
+                decoded, *self.intersections[frame] = self.layering(decoded, pose)
             self.decoded[name][frame] = {
                 layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()
             }
