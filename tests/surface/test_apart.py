@@ -1,12 +1,15 @@
 """Limbs out of the trunk and of one another: what collides comes apart, what does not is left alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.support.cloths import ball
 from toile import kernels, load_body_model
 from toile.surface.apart import MARGIN, keep_apart, stretches
-from toile.surface.limbs import Limbs
+from toile.surface.limbs import Limbs, PosedPart
 
 FPS = 30.0
 ARM_IN = {"upperarm01.L": (0.0, 1.2, 0.0), "lowerarm01.L": (0.0, 0.35, 0.0)}  # hangs, its forearm in the hip
@@ -116,6 +119,27 @@ def test_a_gap_in_the_frames_parts_what_is_solved(model, limbs):
     both = solved(limbs, rotations, np.r_[np.arange(3), 50 + np.arange(2)])
     first, last = solved(limbs, rotations[:3]), solved(limbs, rotations[3:])
     assert np.array_equal(both.rotations, np.concatenate([first.rotations, last.rotations]))
+
+
+def test_rows_that_are_asked_for_come_out_as_with_all_and_other_stretches_stay_as_given(model, limbs):
+    """Collisions in rows 2 and 9 change rows 0 to 12 together, at 7 frames a second; the one in row 19 is too far off."""
+    hit = np.isin(np.arange(22), [2, 9, 19])
+    rotations = posed(model, ARM_IN, hit * 0.7)
+    every = solved(limbs, rotations, fps=7)
+    assert (every.angles > 0).tolist() == [n < 14 or n > 14 for n in range(22)]
+    asked = keep_apart(limbs, np.arange(22), rotations, np.zeros((22, 3)), 7, np.arange(22) == 4)
+    assert np.array_equal(asked.rotations[:14], every.rotations[:14]) and not asked.pairs_left[:14].any()
+    assert np.array_equal(asked.rotations[14:], rotations[14:])
+
+
+def test_a_point_past_where_a_part_is_cut_off_is_not_inside():
+    """A dish, its rim 5 cm above its bottom, curved about 10 cm above it: the bottom is nearest to both points."""
+    V, faces = ball(0.1, at=(0, 0, 0.1))
+    faces = np.ascontiguousarray(faces[(V[faces][:, :, 2] < 0.05).all(1)])
+    part = SimpleNamespace(span=slice(0, len(V)), faces=faces, border=kernels.border_vertices(faces, len(V)))
+    dish = PosedPart(V, part, np.ones((len(V), 1)))
+    hit, distance, _, away, _ = dish.nearest(np.array([[0.001, 0, 0.02], [0.001, 0, 0.08]]), MARGIN)
+    assert hit.tolist() == [0] and np.allclose(distance, -0.02, atol=1e-3) and away[0, 2] < -0.9
 
 
 def test_the_bits_do_not_depend_on_the_threads(model, limbs, threads):

@@ -119,6 +119,9 @@ def test_codes_of_a_frame_are_read_from_the_window_before_it_and_what_smoothing_
     smooth, window = int(REACH * 30), (driver.settings.window - 1) * stride
     assert read.tolist() == list(range(20 - smooth - window, 20 + smooth + 1))
     assert apart.rows_read(avatar_folder, long, {}, True, shown)[:21].all()
+    faster = np.flatnonzero(apart.rows_read(avatar_folder, replace(long, fps=60.0), {"a": avatar_folder}, False, shown))
+    taught = load_avatar(avatar_folder).scene.fps  # the lent garment's window is as long in time
+    assert faster[0] == max(20 - int(REACH * 60) - round(window * 60 / taught), 0)
     with_track = lambda rotations: driver.latents(
         make_track(load_avatar(avatar_folder), long.frames, rotations, None, stride, 30.0)
     )["tshirt"][20]

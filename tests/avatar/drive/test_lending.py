@@ -154,8 +154,8 @@ def test_its_model_reads_poses_as_far_apart_in_time_and_faces_as_they_differ_fro
     """Taught on poses 6 frames apart, by a person whose face lies 1 cm higher in the head's frame."""
     read = {}
 
-    def track(avatar, frames, rotations, face, stride):
-        read.update(face=face, stride=stride)
+    def track(avatar, frames, rotations, face, stride, fps):
+        read.update(face=face, stride=stride, fps=fps)
 
     monkeypatch.setattr(lending, "make_track", track)
     monkeypatch.setattr(
@@ -166,7 +166,7 @@ def test_its_model_reads_poses_as_far_apart_in_time_and_faces_as_they_differ_fro
     motion = Motion(np.arange(1), np.zeros((1, 3, 3)), np.zeros((1, 3)), np.full((1, 2, 3), 0.5), 30.0)
     lent = lending.Lent("shirt", Path("other"), lender, None, 0.0)
     assert lent.latents(motion, mean) == "codes"
-    assert read["stride"] == stride and np.allclose(read["face"], [0.5, 0.5, 0.51])
+    assert read["stride"] == stride and read["fps"] == 30 and np.allclose(read["face"], [0.5, 0.5, 0.51])
     lent.latents(motion, torch.zeros(5, 3))  # of other points: a face that rests
     assert read["face"] is None
 

@@ -76,7 +76,7 @@ class DrivenAvatar:
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
         self.draping = None
         if physics:
-            self.draping = self.draped(self._cloths(), np.arange(len(motion)))
+            self.draping = self.draped(self._cloths(), np.arange(len(self.motion)))
 
     def _cloths(self):
         lent = {one.name for one in self.lent}

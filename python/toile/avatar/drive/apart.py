@@ -13,7 +13,7 @@ from ...surface.apart import Apart, keep_apart
 from ...surface.limbs import Limbs
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
-from .driver import FILE, REACH, load_driver, stride_of
+from .driver import FILE, REACH, load_driver, stride_at, stride_of
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
     motion = read_motion(path, model, J, avatar.scene.fps, start)
     if not apart or path.resolve() == Path(facts["run"]).resolve():
         return Taken(motion)
-    needed = (
-        None if frames is None else rows_read(folder, motion, garments, physics, np.isin(motion.frames, list(frames)))
-    )
-    limbs, moved = Limbs(model, moving_surface(avatar, folder), J), (motion.rotations, motion.translation, motion.fps)
-    found = keep_apart(limbs, motion.frames, *moved, needed, progress)
+    needed = None
+    if frames is not None:
+        needed = rows_read(folder, motion, dict(garments), physics, np.isin(motion.frames, list(frames)))
+    limbs = Limbs(model, moving_surface(avatar, folder), J)
+    found = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
     return Taken(replace(motion, rotations=found.rotations), found)
 
 
@@ -54,14 +54,20 @@ def moving_surface(avatar, folder):
 def rows_read(folder, motion, garments, physics, shown):
     """(T,) bool: rows of a Motion that the codes of those `shown` (T,) are read from. A window looks back, smoothing over time both
     ways; a damped model and cloth by physics have seen all that was before. `garments` {name: folder of another avatar}."""
-    back, own, needed = 0, stride_of(motion.frames) or 1, np.zeros(len(shown), bool)
-    for place in (folder, *dict(garments).values()):
-        if (Path(place) / FILE).exists():
-            driver, stride, _ = load_driver(place)
-            window = driver.settings.model == "window"
-            back = max(back, (driver.settings.window - 1) * stride // own if window else len(shown))
-    smooth = int(REACH * motion.fps / own)
-    back = len(shown) if physics else back + smooth
+    ahead = int(REACH * motion.fps / (stride_of(motion.frames) or 1))
+    back = max(_rows_back(folder, motion), *(_rows_back(place, motion, lent=True) for place in garments.values()), 0)
+    back, needed = len(shown) if physics else back + ahead, np.zeros(len(shown), bool)
     for row in np.flatnonzero(shown):
-        needed[max(row - back, 0) : row + smooth + 1] = True
+        needed[max(row - back, 0) : row + ahead + 1] = True
     return needed
+
+
+def _rows_back(folder, motion, lent=False):
+    """How many rows before its own the temporal model of an avatar's folder reads for a code."""
+    if not (Path(folder) / FILE).exists():
+        return 0
+    driver, stride, _ = load_driver(folder)
+    if driver.settings.model != "window":
+        return len(motion)
+    stride = stride_at(motion.fps, stride, load_avatar(folder).scene.fps) if lent else stride
+    return (driver.settings.window - 1) * stride // (stride_of(motion.frames) or 1)

@@ -98,6 +98,11 @@ def stride_of(frames):
     return int(steps[counts.argmax()]) if len(steps) else 0
 
 
+def stride_at(fps, stride, taught):
+    """Frames at `fps` a second that lie as far apart, as nearly as can be, as `stride` frames at `taught` a second."""
+    return max(round(stride * fps / taught), 1)
+
+
 def without(track, frames):
     """The track less these frames; those on either side are no neighbours."""
     keep = ~np.isin(track.frames, list(frames))
@@ -152,9 +157,12 @@ class Driver(nn.Module):
     def latents(self, track):
         """{garment: (T,Z)} for every frame of a Track, kept within the range of the training's codes: beyond it the decoder
         was never taught, and a pose far from the training's must not tear the cloth. Smoothed over time."""
-        read = smoothed(self._read(track).clamp(*self.code_range), track)
-        codes = self.code_mean + self.code_spread * read / self.code_weight
+        codes = self.code_mean + self.code_spread * smoothed(self.read(track), track) / self.code_weight
         return dict(zip(self.sizes, codes.split(list(self.sizes.values()), dim=1)))
+
+    def read(self, track):
+        """Scaled codes (T,Z) of a Track as the model gives them, within the range of the training's."""
+        return self._read(track).clamp(*self.code_range)
 
     def _read(self, track):
         features = self.projection(track.features)

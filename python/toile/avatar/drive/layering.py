@@ -12,7 +12,7 @@ from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
 STRETCH = 0.02  # [m] by which an edge may grow on the way out; more has led cloth across a limb
-TURN = 0.05  # [rad] of the joint that turns most, between two poses of the way from rest
+TURN = 0.025  # [rad] of the joint that turns most, between two poses of the way from rest
 
 
 class GarmentLayering:

@@ -16,7 +16,7 @@ from ..model.assets import training_poses
 from ..model.avatar import Avatar
 from ..model.checkpoint import load_avatar
 from .draping import load_cloths
-from .driver import load_driver, make_track
+from .driver import load_driver, make_track, stride_at
 
 TIGHT = 0.1  # 95th percentile of strain beyond which a garment is said to be too small
 
@@ -57,7 +57,7 @@ class Lent:
         if face is not None and own is not None:
             known = face_mean is not None and face_mean.shape == own.shape
             face = face + (own - face_mean).double().numpy() if known else None
-        stride = max(round(stride * motion.fps / self.lender.scene.fps), 1)
+        stride = stride_at(motion.fps, stride, self.lender.scene.fps)
         track = make_track(self.lender, motion.frames, motion.rotations, face, stride, motion.fps)
         return driver.latents(track)[self.name]
 

@@ -146,6 +146,6 @@ def fit(driver, poses, targets, steps):
 @torch.no_grad()
 def relative_error(driver, track, frames, targets):
     """Mean squared error of the codes of `frames`, whose own are `targets` (F,Z), as they move the cloth, over their variance
-    in training."""
-    read = torch.cat(list(driver.latents(track).values()), dim=1)[track.rows(set(frames))]
-    return float((driver.scaled(read) - driver.scaled(targets)).square().sum(1).mean())
+    in training; before smoothing."""
+    read = driver.read(track)[track.rows(set(frames))]
+    return float((read - driver.scaled(targets)).square().sum(1).mean())
