@@ -14,6 +14,7 @@ from tests.support.rig import ring_of_cameras
 from toile.io.body import load_body_model
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
+from toile.measure.inspection.body import check_units
 from toile.measure.inspection.page import write_inspection
 
 FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
@@ -206,6 +207,14 @@ def test_lengths_that_are_no_metres_are_named(walk, factor, words):
 
     recalibrated(walk, posed(change))
     assert any(text.startswith("units: ") and words in text for text in texts(walk, serious=True))
+
+
+def test_a_child_and_a_giant_are_said_but_stop_nothing():
+    assert check_units(1.7, "m") is None
+    for tall in (1.19, 2.21):
+        assert not check_units(tall, "m").serious and f"{tall} m tall" in check_units(tall, "m").text
+    for tall in (0.5, 5.6, 170):
+        assert check_units(tall, "m").serious
 
 
 def test_another_axis_that_is_up_and_a_person_upside_down_are_named(walk):

@@ -8,6 +8,7 @@ from ...kernels.arrays import Floats
 from .cameras import Finding
 
 STATURE = (1.2, 2.2)  # m, of a person who may be measured
+RARE = (0.8, 2.6)  # m, of a child or a giant; no unit is taken for another within it
 LEG = 0.491  # of the stature from hip over knee to ankle (Winter 2009, table 4.1)
 UNITS = {"mm": 1000.0, "cm": 100.0, "dm": 10.0, "m": 1.0, "inches": 39.37, "feet": 3.281}
 LEANS = np.cos(np.radians(50))
@@ -34,6 +35,9 @@ def check_units(tall: float, units: str) -> Finding | None:
         return None
     from ...io.scene_file import METRES
 
+    if RARE[0] <= tall <= RARE[1]:
+        advice = "a child or a very tall person, or lengths that are off"
+        return Finding(f"units: the person is {tall:.3g} m tall by her legs' bones: {advice}", serious=False)
     raw = tall / METRES[units]
     fits = next((name for name, many in UNITS.items() if STATURE[0] * many <= raw <= STATURE[1] * many), None)
     if fits in METRES:
