@@ -52,6 +52,26 @@ def replace_file(path, write):
         raise
 
 
+@contextmanager
+def whole_folder(path):
+    """A new folder to write into, renamed to `path` at the end, gone after an exception. It is made at once, so that a place that cannot
+    be written to is known before any work. UserError: `path` holds something, or cannot be made."""
+    path = Path(path).resolve()
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise UserError(f"{path}: exists already and is not empty")
+    folder = path.with_name(f".{path.name}.part")
+    shutil.rmtree(folder, ignore_errors=True)  # of one that was killed
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be made: {error.strerror or first_line(error)}") from None
+    try:
+        yield folder
+        os.replace(folder, path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def output_file(path):
     """The path of a file that will be written at the end of long work, in a folder that is there. UserError: it cannot be."""
     path = Path(path)

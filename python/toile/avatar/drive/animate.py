@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ from ...io.animation import (
     texture_file,
 )
 from ...io.camera import read_cameras
-from ...io.files import save_record, write_text
+from ...io.files import save_record, whole_folder, write_text
 from ...io.image import read_image, write_image
 from ...io.mesh import write_mesh
 from ...io.motion import Motion
@@ -254,34 +253,29 @@ def animate(
     turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_worn`. `garments` {name: folder of another avatar}: those
     that it wears of others. `apart`: as `take` takes it. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
-    whole = Path(out).resolve()
-    out = whole.with_name(f".{whole.name}.part")
-    if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
-        raise UserError(f"{whole}: exists already and is not empty")
     check_workers(workers, scheduler)
-    place, garments = everywhere(Path(folder), scheduler), dict(garments)
+    place, lent = (
+        everywhere(Path(folder), scheduler),
+        {n: everywhere(Path(p), scheduler) for n, p in dict(garments).items()},
+    )
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
-    lent = {name: everywhere(Path(path), scheduler) for name, path in garments.items()}
-    taken = take(folder, motion, apart, garments, physics, frames, progress)  # once, for all workers
-    asked = frames, camera, height, meshes, seed, physics, lent
-    with Workers(workers, Shot.of, place, taken.motion, out, *asked, scheduler=scheduler) as pool:
-        pool.start()
-        shot = pool.prepared()
-        driven, rows = shot.driven, shot.rows
-        shutil.rmtree(out, ignore_errors=True)  # of one that was stopped
-        with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
-            pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
-    before, left = (sum(counts) for counts in zip(*pairs.values()))
-    limbs = taken.apart and taken.apart.facts(rows)
-    done = Animation(len(rows), before, left, tuple(driven.warnings), limbs)
-    facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
-    facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
-    facts["garments"] = {
-        one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent
-    }
-    write_text(out / "animation.json", json.dumps(facts | done.__dict__, indent=1))
-    out.replace(whole)
+    with whole_folder(out) as out:
+        taken = take(folder, motion, apart, dict(garments), physics, frames, progress)  # once, for all workers
+        asked = frames, camera, height, meshes, seed, physics, lent
+        with Workers(workers, Shot.of, place, taken.motion, out, *asked, scheduler=scheduler) as pool:
+            pool.start()
+            shot = pool.prepared()
+            driven, rows = shot.driven, shot.rows
+            with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
+                pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
+        before, left = (sum(counts) for counts in zip(*pairs.values()))
+        limbs = taken.apart and taken.apart.facts(rows)
+        done = Animation(len(rows), before, left, tuple(driven.warnings), limbs)
+        facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
+        facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
+        worn = {one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent}
+        write_text(out / "animation.json", json.dumps(facts | {"garments": worn} | done.__dict__, indent=1))
     return done
 
 

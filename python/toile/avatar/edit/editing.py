@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...io.bounded import read_json
-from ...io.files import write_text
+from ...io.files import whole_folder, write_text
 from ...io.image import read_rgba
 from ...io.run import open_run
 from ...io.run_folder import body_model_of
@@ -69,11 +69,8 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
     the garment lies on it in the first trained frame. `run`: where the run is now, if it was moved. UserError: one
     line that names what is wrong.
     """
-    folder, whole = Path(folder), Path(out).resolve()
     change.check()
-    if whole.exists() and (not whole.is_dir() or any(whole.iterdir())):
-        raise UserError(f"{whole}: exists already and is not empty")
-    facts, part = read_facts(folder), whole.with_name(f".{whole.name}.part")
+    folder, facts = Path(folder), read_facts(folder)
     if not facts["layered"]:
         raise UserError(f"{folder}: a single layer has no garment: edit the layered avatar, its baseline goes along")
     avatar, run = load_avatar(folder), Path(run or facts["run"])
@@ -83,8 +80,7 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
     if (folder / "baseline" / "avatar.json").exists():
         (surface,) = load_avatar(folder / "baseline").layers
         marked = marked_baseline(surface, layer, run, facts["frames"][0])
-    shutil.rmtree(part, ignore_errors=True)  # of one that was killed
-    try:
+    with whole_folder(out) as part:
         add_edit(folder, part, made)
         if marked is not None:
             add_edit(folder / "baseline", part / "baseline", edit_of_surface(made, surface, marked))
@@ -93,9 +89,6 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
 
             measured = compare(part, layer, made, marked, frames, run, progress)
             write_text(part / "edit.json", json.dumps({"edit": made.words, "garment": layer.name} | measured, indent=1))
-        part.replace(whole)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return Edited(made.words, marked is not None, measured)
 
 

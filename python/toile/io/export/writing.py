@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UserError
-from ..files import output_file
+from ..files import output_file, whole_folder
 from .alembic import write_alembic
 from .arrays import write_arrays
 from .bvh import write_bvh
@@ -105,7 +105,8 @@ def rounding(clip: Clip) -> list[str]:
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A path of the same name to write to, in a folder beside; renamed to `path` at the end, gone after an exception."""
-    folder = part_of(output_file(path))
+    path = output_file(path)
+    folder = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         folder.mkdir()
         yield folder / path.name
@@ -116,21 +117,3 @@ def whole_file(path: Path) -> Iterator[Path]:
         os.replace(folder / path.name, path)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """A folder to write into, renamed to `path` at the end, gone after an exception. UserError: `path` holds something."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise UserError(f"{path}: exists already and is not empty")
-    folder = part_of(path)
-    try:
-        folder.mkdir(parents=True)
-        yield folder
-        os.replace(folder, path)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def part_of(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
