@@ -21,6 +21,7 @@ from toile import kernels, open_capture
 from toile.config import changed, read_set
 from toile.config.stereo import scan_preset
 from toile.measure.truth import open_truth
+from toile.pipeline.threads import one_blas_thread
 from toile.scene import Camera, Mesh
 from toile.stages.stereo import scan
 
@@ -183,6 +184,7 @@ def main():
     parser.add_argument("--set", action="append", default=[])
     given = parser.parse_args()
     settings = changed(scan_preset(given.quality), read_set(given.set)).stereo
+    one_blas_thread()
     kernels.set_threads(given.threads)
     if given.picture:
         show_temple(given.path, given.picture, settings)

@@ -147,34 +147,39 @@ std::vector<std::vector<View>> make_pyramid(const std::vector<StereoCamera>& cam
 
 void list_pixels(Field& field, const Picture& picture) {
     for (auto& pixels : field.pixels) pixels.clear();
+    field.slots.assign(picture.mask.size(), -1);
+    int count = 0;
     for (int y = 0; y < picture.height; ++y)
         for (int x = 0; x < picture.width; ++x)
-            if (picture.mask[picture.index(x, y)] && field.bound(x, y).high > 0)
+            if (picture.mask[picture.index(x, y)] && field.bound(x, y).high > 0) {
                 field.pixels[(x + y) & 1].push_back(static_cast<int>(picture.index(x, y)));
-    field.cells.assign(picture.mask.size(), {});
-    field.planes.assign(picture.mask.size(), {});
+                field.slots[picture.index(x, y)] = count++;
+            }
+    field.cells.assign(count, {});
+    field.planes.assign(count, {});
 }
 
-/// The next finer level begins with each parent's plane, continued to the child's centre.
+/// The next finer level begins with each parent's plane, continued to the child's centre. Each listed pixel's parent is listed:
+/// its mask holds any of four, and both have one bound.
 void refine_field(Field& field, const Picture& coarse, const Picture& fine) {
     const std::vector<Cell> parents = std::move(field.cells);
+    const std::vector<int> slots = std::move(field.slots);
     ++field.shift;
     list_pixels(field, fine);
     for (const auto& pixels : field.pixels)
         for (const int pixel : pixels) {
             const int x = pixel % fine.width, y = pixel / fine.width;
-            Plane plane = parents[coarse.index(x / 2, y / 2)].plane;
+            Plane plane = parents[slots[coarse.index(x / 2, y / 2)]].plane;
             plane.wx *= 0.5F;
             plane.wy *= 0.5F;
-            field.cells[pixel].plane = plane.moved(x % 2 ? 0.5F : -0.5F, y % 2 ? 0.5F : -0.5F);
+            field.cells[field.slots[pixel]].plane = plane.moved(x % 2 ? 0.5F : -0.5F, y % 2 ? 0.5F : -0.5F);
         }
 }
 
 /// What the other cameras compare with from now on.
 void publish(std::vector<Field>& fields) {
     for (Field& field : fields)
-        for (const auto& pixels : field.pixels)
-            for (const int pixel : pixels) field.planes[pixel] = field.cells[pixel].plane;
+        for (std::size_t k = 0; k < field.cells.size(); ++k) field.planes[k] = field.cells[k].plane;
 }
 
 /// One call of PatchMatch over all cameras.
@@ -221,7 +226,7 @@ void write_maps(const std::vector<View>& views, const std::vector<Field>& fields
         const Window window = search.window(x, y);
         if (window.variance < std::pow(PLAIN * options.noise, 2))
             return leave(window.mean > WHITE || window.mean < BLACK ? Hole::saturated : Hole::untextured);
-        const Plane& plane = fields[c].planes[pixel];
+        const Plane& plane = fields[c].planes[fields[c].slots[pixel]];
         const Opinion opinion = search.opinion(window, x, y, plane);
         if (!(opinion.colour < options.max_cost)) return leave(Hole::unmatched);
         int agree = 0;
@@ -286,6 +291,7 @@ StereoMaps StereoSolver::solve(const StereoPictures& pictures, const Matrix& ran
         const int iterations = level > 0 ? options_.coarse_iterations : options_.iterations;
         play(views, fields, {iterations, true, false, 1}, level, 1, spacing, options_);
     }
+    for (Field& field : fields) field.bounds = {};  // asked no more: room for the bends
     for (int k = 0; k < options_.refinements; ++k) {
         for (std::size_t c = 0; c < fields.size(); ++c) {
             const Search search(pyramid[0], fields, c, finest, true, options_);

@@ -138,22 +138,23 @@ std::vector<Bounds> bound_depths(const std::vector<View>& views, std::size_t own
                   v < static_cast<float>(other.height)))
                 continue;
             ++seen;
-            denied += !other.mask[other.index(static_cast<int>(u), static_cast<int>(v))];
+            if (other.mask[other.index(static_cast<int>(u), static_cast<int>(v))]) continue;
+            if (++denied * MASKS_A_DENIAL > static_cast<int>(others.size())) return false;  // whatever the rest say
         }
-        return denied == 0 || denied * MASKS_A_DENIAL <= seen;
+        return denied * MASKS_A_DENIAL <= seen;
     };
     parallel_for(picture.height, [&](std::int64_t y) {
         for (int x = 0; x < picture.width; ++x) {
             const std::size_t at = picture.index(x, static_cast<int>(y));
             if (!picture.mask[at]) continue;
-            int first = given ? 0 : STEPS, last = given ? STEPS - 1 : -1;
-            for (int k = 0; k < STEPS && !given; ++k) {
+            const auto empty = [&](int k) {
                 const double z = near + (k + 0.5) * step;
-                if (!left(static_cast<float>(x), static_cast<float>(y), static_cast<float>(1 / z))) continue;
-                first = std::min(first, k);
-                last = k;
-            }
-            if (last < first) continue;
+                return !given && !left(static_cast<float>(x), static_cast<float>(y), static_cast<float>(1 / z));
+            };
+            int first = 0, last = STEPS - 1;
+            while (first < STEPS && empty(first)) ++first;
+            if (first == STEPS) continue;
+            while (empty(last)) --last;
             const double slack = given ? 0 : 1.5;
             bounds[at] = {static_cast<float>(1 / (near + (last + 1 + slack) * step)),
                           static_cast<float>(1 / std::max(near + (first - slack) * step, 0.5 * near))};

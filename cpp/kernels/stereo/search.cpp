@@ -52,11 +52,11 @@ void each(const std::vector<int>& pixels, Function&& f) {
 
 Search::Search(const std::vector<View>& views, const std::vector<Field>& fields, std::size_t own, float spacing,
                bool geometric, const StereoOptions& options)
-    : views_(views), fields_(fields), view_(views[own]), bends_(fields[own].bends), grid_(spacing),
-      geometric_(geometric), options_(options), noise2_(static_cast<float>(options.noise * options.noise)) {}
+    : views_(views), fields_(fields), view_(views[own]), own_(fields[own]), grid_(spacing), geometric_(geometric),
+      options_(options), noise2_(static_cast<float>(options.noise * options.noise)) {}
 
 Window Search::window(int x, int y) const {
-    const Bend bend = bends_.empty() ? Bend{} : bends_[view_.picture.index(x, y)];
+    const Bend bend = own_.bends.empty() ? Bend{} : own_.bends[own_.slots[view_.picture.index(x, y)]];
     return Window(view_.picture, grid_, x, y, static_cast<float>(options_.colour), bend);
 }
 
@@ -74,7 +74,10 @@ float Search::disagreement(const Pair& pair, const Warp& warp, float w) const {
     const int x = static_cast<int>(std::floor(warp.u + 0.5F)), y = static_cast<int>(std::floor(warp.v + 0.5F));
     const Picture& picture = views_[pair.view].picture;
     if (!(warp.q[2] > 0) || !picture.inside(x, y)) return none;
-    const Plane& there = fields_[pair.view].planes[picture.index(x, y)];
+    const Field& field = fields_[pair.view];
+    const int slot = field.slots[picture.index(x, y)];
+    if (slot < 0) return none;
+    const Plane& there = field.planes[slot];
     const float turned = warp.q[2] - pair.b[2] * w;  // d(1/z there) / dw = turned / q2^2
     if (!(there.w > 0) || !(turned > 0)) return none;
     const float own = w / warp.q[2];
@@ -118,7 +121,7 @@ void Search::start(Field& field, std::uint64_t key) const {
             const Window window = this->window(x, y);
             const Bounds& bound = field.bound(x, y);
             Dice random = dice(key, pixel);
-            Cell& cell = field.cells[pixel];
+            Cell& cell = field.cells[field.slots[pixel]];
             cell.cost = std::numeric_limits<float>::infinity();
             for (int k = 0; k < STARTS; ++k) {
                 Plane plane{bound.low + (bound.high - bound.low) * 0.5F * (random.roll() + 1), 0, 0};
@@ -135,7 +138,7 @@ void Search::weigh(Field& field) const {
     for (const auto& pixels : field.pixels)
         each(pixels, [&](int pixel) {
             const int x = pixel % view_.picture.width, y = pixel / view_.picture.width;
-            Cell& cell = field.cells[pixel];
+            Cell& cell = field.cells[field.slots[pixel]];
             cell.cost = opinion(window(x, y), x, y, cell.plane).cost;
         });
 }
@@ -149,7 +152,7 @@ void Search::visit(Field& field, int pixel, float reach, std::uint64_t key) cons
     const int width = view_.picture.width, x = pixel % width, y = pixel / width;
     const Bounds& bound = field.bound(x, y);
     const Window window = this->window(x, y);
-    Cell cell = field.cells[pixel];
+    Cell cell = field.cells[field.slots[pixel]];
     const float pixels = std::max(scale(x, y, cell.plane), 1e-12F);
     const auto attempt = [&](const Plane& plane) {
         if (!(plane.w >= bound.low && plane.w <= bound.high)) return;
@@ -165,8 +168,8 @@ void Search::visit(Field& field, int pixel, float reach, std::uint64_t key) cons
         for (int k = 1; k <= 5; k += 2) {  // odd, so of the other colour
             const int nx = x + k * side[0], ny = y + k * side[1];
             if (!view_.picture.inside(nx, ny)) break;
-            const int n = ny * width + nx;
-            if (field.cells[n].plane.w > 0 && (best < 0 || field.cells[n].cost < field.cells[best].cost))
+            const int n = field.slots[ny * width + nx];
+            if (n >= 0 && field.cells[n].plane.w > 0 && (best < 0 || field.cells[n].cost < field.cells[best].cost))
                 best = n, steps = k;
         }
         if (best >= 0)
@@ -180,7 +183,7 @@ void Search::visit(Field& field, int pixel, float reach, std::uint64_t key) cons
     attempt({cell.plane.w, cell.plane.wx + tilt * b, cell.plane.wy + tilt * c});
     const float d = random.roll(), e = random.roll(), f = random.roll();
     attempt({cell.plane.w + 0.3F * far * d, cell.plane.wx + 0.3F * tilt * e, cell.plane.wy + 0.3F * tilt * f});
-    field.cells[pixel] = cell;
+    field.cells[field.slots[pixel]] = cell;
 }
 
 void Search::bend(Field& field) const {
@@ -188,7 +191,8 @@ void Search::bend(Field& field) const {
     std::vector<Bend> bends(field.cells.size());
     const auto fit = [&](int pixel) {
         const int width = view_.picture.width, x = pixel % width, y = pixel / width;
-        const Plane& plane = field.cells[pixel].plane;
+        const int slot = field.slots[pixel];
+        const Plane& plane = field.cells[slot].plane;
         const float pixels = std::max(scale(x, y, plane), 1e-12F);
         Eigen::Matrix<double, 6, 6> H = Eigen::Matrix<double, 6, 6>::Zero();
         Terms right = Terms::Zero();
@@ -196,7 +200,8 @@ void Search::bend(Field& field) const {
             for (int j = -2; j <= 2; ++j) {
                 const int nx = x + ARM * j, ny = y + ARM * i;
                 if (!view_.picture.inside(nx, ny)) continue;
-                const float w = field.cells[view_.picture.index(nx, ny)].plane.w;
+                const int there = field.slots[view_.picture.index(nx, ny)];
+                const float w = there < 0 ? 0 : field.cells[there].plane.w;
                 if (!(w > 0)) continue;
                 const float beyond = w - plane.moved(static_cast<float>(ARM * j), static_cast<float>(ARM * i)).w;
                 const double r = beyond * pixels, weight = 1 / std::pow(1 + std::pow(r / SAME_SURFACE, 2), 2);
@@ -209,7 +214,7 @@ void Search::bend(Field& field) const {
         H.diagonal().tail<3>().array() += STRAIGHT;
         const Terms found = H.ldlt().solve(right) / (ARM * ARM * pixels);
         if (found.allFinite())
-            bends[pixel] = {static_cast<float>(found[3]), static_cast<float>(found[4]), static_cast<float>(found[5])};
+            bends[slot] = {static_cast<float>(found[3]), static_cast<float>(found[4]), static_cast<float>(found[5])};
     };
     for (const auto& pixels : field.pixels) each(pixels, fit);
     field.bends = std::move(bends);
@@ -219,7 +224,7 @@ void Search::refine(Field& field, int steps) const {
     const auto improve = [&](int pixel) {
         const int x = pixel % view_.picture.width, y = pixel / view_.picture.width;
         const Window window = this->window(x, y);  // bent as the surface is
-        Cell& cell = field.cells[pixel];
+        Cell& cell = field.cells[field.slots[pixel]];
         Opinion now = opinion(window, x, y, cell.plane);
         for (int k = 0; k < steps; ++k) {
             std::array<double, 6> h{};

@@ -13,14 +13,15 @@ struct Cell {
     float cost = 0;
 };
 
-/// What one camera knows on one level. `planes` are those that the other cameras compare with, of the round before;
-/// w = 0 where there is none.
+/// What one camera knows on one level of those pixels that have bounds, row by row: a person fills a quarter of its box.
+/// `planes` are those that the other cameras compare with, of the round before; w = 0 where there is none.
 struct Field {
+    std::vector<int> slots;  ///< of each pixel of the picture its place in the lists below; -1: it has no bounds
     std::vector<Cell> cells;
     std::vector<Plane> planes;
     std::vector<Bend> bends;                 ///< of the surface at each pixel; empty: planes alone
     std::array<std::vector<int>, 2> pixels;  ///< that have bounds, by colour of the checkerboard
-    std::vector<Bounds> bounds;              ///< of the coarsest level
+    std::vector<Bounds> bounds;              ///< of all pixels of the coarsest level
     int shift = 0;                           ///< levels from this one to the coarsest
     int bounds_width = 0;
 
@@ -69,7 +70,7 @@ private:
     const std::vector<View>& views_;
     const std::vector<Field>& fields_;
     const View& view_;
-    const std::vector<Bend>& bends_;
+    const Field& own_;
     Grid grid_;
     bool geometric_;
     const StereoOptions& options_;

@@ -58,9 +58,10 @@ class StereoSolver:
         images: one a camera, (H,W) or (H,W,3), values 0 to 255. masks: (H,W), not zero where the object is; None: all is
         looked at. depth_range: (C,2) nearest and farthest depth [m]; None: the masks' visual hull bounds each pixel.
 
-        Memory: 20 bytes a pixel of the result, about 40 at work; cut pictures to the object first. Bits do not depend on the
-        number of threads. InputError: fewer than two cameras, sizes that differ from the camera's, values out of range, a
-        lens that is not ideal, neither masks nor depth_range.
+        Memory: 26 bytes a pixel of the result, pictures among them; at work at most 17 more a pixel of a camera's
+        picture and 44 more a pixel of its mask; cut pictures to the object first. Bits do not depend on the number of
+        threads. InputError: fewer than two cameras, sizes that differ from the camera's, values out of range, a lens that
+        is not ideal, neither masks nor depth_range.
         Source: S. Galliani, K. Lasinger, K. Schindler, Massively parallel multiview stereopsis by surface normal
         diffusion, ICCV 2015.
         """

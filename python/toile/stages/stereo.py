@@ -79,11 +79,13 @@ def _surface(points, cameras, masks, pixel, settings):
 
 def _denials(V, cameras, masks, border):
     """How many masks each vertex (n,3) lies outside of, by more than `border` pixels."""
-    from scipy.ndimage import distance_transform_edt
+    from scipy.ndimage import binary_dilation
 
+    reach = np.arange(-int(border), int(border) + 1)
+    disc = reach**2 + reach[:, None] ** 2 <= border**2
     count = np.zeros(len(V), int)
     for camera, mask in zip(cameras, masks):
-        outside = distance_transform_edt(~mask) > border
+        outside = ~binary_dilation(mask, disc)
         uv, depth = camera.project(V)
         u, v = np.floor(uv).astype(int).T
         shown = (depth > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)

@@ -26,6 +26,8 @@ def ideal(camera, image, mask, margin):
 def reduced(camera, image, mask, times):
     """An ideal camera whose pixels are `times` as large a side, its picture (h,w,3) uint8 of their means and its mask (h,w) bool
     of those that at least half lie inside; what is left over at the right and the bottom is cut off."""
+    if times == 1:
+        return camera, image, mask
     height, width = camera.height // times, camera.width // times
     K = camera.K.copy()
     K[:2] /= times
