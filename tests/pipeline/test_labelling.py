@@ -16,6 +16,7 @@ from toile.io.image import read_image
 from toile.pipeline.plan import plan
 from toile.vision.evidence import soft_labels
 from toile.vision.segmenters.asked import labelled, scene_segmenter
+from toile.vision.segmenters.limbs import limbs_of
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -61,6 +62,20 @@ def test_label_images_are_written_where_there_are_none(capture):
     assert "are unsure" in done.output and (folder / "cam02.png").read_bytes() == there
     for name, label in meant.items():
         assert (read_image(folder / f"{name}.png", label.shape, "L") == label).all()
+
+
+def test_keypoints_tell_where_the_person_is_where_no_mask_does(capture):
+    described(capture / "parts.onnx", labels=MAP, person=True)
+    shutil.rmtree(capture / "frames/000000/masks")
+    opened = open_capture(capture)
+    frame, segmenter = opened.frame(0), scene_segmenter(opened)
+    limbs = {name: limbs_of(frame.keypoints.names, rows) for name, rows in frame.keypoints.points.items()}
+    name = next(name for name in frame.images if limbs[name] is not None and name not in frame.labels)
+    meant, _ = segmenter.label(frame.images[name], None, limbs[name])
+    assert not np.array_equal(segmenter.label(frame.images[name])[0], meant)
+    assert np.array_equal(labelled(opened, frame).labels[name], meant)
+    CliRunner().invoke(app, ["detect", str(capture), "--labels", str(capture / "parts.onnx")])
+    assert np.array_equal(read_image(capture / f"frames/000000/labels/{name}.png", meant.shape, "L"), meant)
 
 
 def test_a_capture_whose_network_cannot_serve_is_refused_by_file_and_field(capture):

@@ -8,6 +8,7 @@ import pytest
 
 from tests.support.segmenters import CLASSES, MAP, SIZE, by_colour, constant, described, graph
 from toile.errors import UserError
+from toile.vision.segmenters.limbs import SeenLimbs
 from toile.vision.segmenters.network import Segmenter
 
 LABELS = {"skin": 1, "tshirt": 3, "trousers": 7}
@@ -133,6 +134,36 @@ def test_of_two_apart_the_larger_is_the_person(tmp_path):
     assert (sure[35:45, 62:70] < 10).all() and (sure[15:75, 15:45] > 250).all()
     mask = np.ones((96, 96), bool)
     assert (Segmenter(path, LABELS).label(picture, mask)[0][35:45, 62:70] == 3).all()  # a mask says who is meant
+
+
+def test_without_a_mask_the_whole_picture_and_the_persons_box_are_averaged(tmp_path):
+    picture = np.zeros((400, 400, 3), np.uint8)
+    picture[40:88, 30:62] = [255, 0, 0]
+    path = described(by_colour(tmp_path / "a.onnx", (48, 48)), person=True, fit="letterbox", padding=1.5)
+    segmenter, inner = Segmenter(path, LABELS), np.s_[44:84, 34:58]
+    label, sure = segmenter.label(picture)
+    whole = segmenter.shares(picture, np.array([0.0, 0, 400, 400]))
+    found = np.argwhere(whole[..., 0] < 0.5)[:, ::-1]
+    left_top, right_bottom = found.min(0), found.max(0) + 1.0
+    middle, half = (left_top + right_bottom) / 2, 1.5 * (right_bottom - left_top) / 2
+    closely = segmenter.shares(picture, np.concatenate([middle - half, middle + half]))
+    mean = (whole + closely)[..., 2] / 2  # of background, 1, 3 and 7
+    assert (label[inner] == 3).all() and np.abs(sure[inner] / 255.0 - mean[inner]).max() < 0.003
+
+
+def test_of_two_the_network_doubts_limbs_tell_who_is_the_person(tmp_path):
+    """The larger stands where no limbs are; of a person that the network is sure of they change nothing."""
+    picture = np.zeros((96, 96, 3), np.uint8)
+    picture[10:80, 5:50], picture[20:70, 60:85] = [140, 0, 0], [140, 0, 0]
+    limbs = SeenLimbs(np.zeros((0, 2, 2)), np.array([[62.0, 25], [83, 25], [83, 65], [62, 65]]), 40.0)
+    for sharp, told in ((5.0, True), (500.0, False)):
+        path = described(by_colour(tmp_path / "a.onnx", (96, 96), sharp=sharp), person=True, fit="letterbox")
+        alone, _ = Segmenter(path, LABELS).label(picture)
+        with_limbs, _ = Segmenter(path, LABELS).label(picture, None, limbs)
+        assert (alone[20:70, 15:40] == 3).all() and (alone[30:60, 65:80] == 0).all()
+        assert (with_limbs[20:70, 15:40] == 3).all() != told and (with_limbs[30:60, 65:80] == 3).all() == told
+        mask = picture[..., 0] > 0
+        assert np.array_equal(*(Segmenter(path, LABELS).label(picture, mask, at)[0] for at in (None, limbs)))
 
 
 def test_the_person_without_a_label_votes_for_none(tmp_path):

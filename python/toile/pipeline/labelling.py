@@ -60,7 +60,7 @@ def _write_labels(prepared: tuple[Capture, Segmenter, bool], number: int) -> Ite
     """One frame's; yields how many were written and how many were there, and pixels: of the person, and unsure ones."""
     capture, segmenter, again = prepared
     capture.check_pictures(number)
-    frame = capture.pictures(number)
+    frame = replace(capture.pictures(number), keypoints=capture.keypoints(number))
     missing = [name for name in frame.images if again or name not in frame.labels]
     frame, person, unsure = labelled_by(segmenter, frame, missing), 0, 0
     for name in missing:

@@ -12,6 +12,7 @@ from ...errors import UserError
 from ...io.capture import Capture
 from ...io.scene_file import network_files
 from ..threads import parallel_map
+from .limbs import limbs_of
 from .network import Segmenter
 
 
@@ -24,8 +25,14 @@ def labelled(capture: Capture, frame: Any) -> Any:
 
 
 def labelled_by(segmenter: Segmenter, frame: Any, names: Sequence[str]) -> Any:
-    """The Frame with a network's labels, and how sure they are, of the pictures of these cameras."""
-    found = parallel_map(lambda name: segmenter.label(frame.images[name], frame.masks.get(name)), names)
+    """The Frame with a network's labels, and how sure they are, of the pictures of these cameras; where these have keypoints
+    and no mask, keypoints help to find the person."""
+    keypoints = frame.keypoints
+    points = keypoints.points if keypoints is not None else {}
+    limbs = {name: limbs_of(keypoints.names, rows) for name, rows in points.items()}
+    found = parallel_map(
+        lambda name: segmenter.label(frame.images[name], frame.masks.get(name), limbs.get(name)), names
+    )
     labels = {name: label for name, (label, _) in zip(names, found)}
     sure = {name: certainty for name, (_, certainty) in zip(names, found)}
     return replace(frame, labels=frame.labels | labels, certainty=frame.certainty | sure)

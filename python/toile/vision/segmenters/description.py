@@ -9,7 +9,7 @@ it, and from a description NAME.toml, which has the last word.
     std = [58.395, 57.12, 57.375]
     channels = "rgb"          # or "bgr"
     fit = "stretch"           # of the picture to the input; "letterbox" keeps its shape
-    person = false            # true: the largest connected part alone, looked at again in its box, or in the mask's
+    person = false            # true: the largest connected part alone, looked at again in its box (the mean), or in the mask's
     padding = 1.25            # of that box
     blank = false             # true: where a mask is given, what is off it is shown as the mean
     mirror = false            # true: looks at the mirrored picture too, and gives the mean of both answers

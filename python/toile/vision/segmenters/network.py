@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import UserError
 from ..networks import open_network, run_network
 from .description import Parts, describe
+from .limbs import SeenLimbs
 
 FOUND = 0.002  # share of the picture, at least, that is taken for a person
 
@@ -24,20 +25,28 @@ class Segmenter:
         self.about: Parts = describe(path, self.session.get_inputs(), self.session.get_outputs(), labels)
         self.ids = np.array(sorted({*labels.values()}))  # (L,)
 
-    def label(self, picture: Any, mask: Any = None) -> tuple[Any, Any]:
+    def label(self, picture: Any, mask: Any = None, limbs: SeenLimbs | None = None) -> tuple[Any, Any]:
         """The labels (H,W) uint8 of a picture (H,W,3) uint8 RGB and how sure they are (H,W) uint8 [1/255]. Off a mask (H,W)
         bool is background, surely; on it is none. Of a network that looks for one person, what is apart from the largest
-        connected part is background, as sure as the network is of that. Where the network sees a part of the person that has no label, the most
-        probable label stands, and is not sure at all."""
+        connected part is background, as sure as the network is of that; without a mask, what it sees in the whole picture
+        and in the person's box is averaged, and limbs tell where the person is. Where the network sees a part of the person
+        that has no label, the most probable label stands, and is not sure at all."""
         whole = np.array([0.0, 0, picture.shape[1], picture.shape[0]])
         box = _box(mask) if mask is not None else None
-        if self.about.person and box is None:
-            found = _largest(self.shares(picture, whole)[..., 0] < 0.5)
-            box = _box(found) if found.sum() >= FOUND * found.size else None
-        if not self.about.person or box is None:
-            return self._decided(self.shares(picture, whole, mask), mask)
+        if self.about.person and box is not None:
+            return self._decided(self.shares(picture, self._padded(box), mask), mask)
+        shares = self.shares(picture, whole, mask)
+        if self.about.person and mask is None:
+            told = limbs.background(picture.shape[:2]) if limbs is not None else None
+            found = _largest(_told(shares, told)[..., 0] < 0.5)
+            if found.sum() >= FOUND * found.size:
+                shares = (shares + self.shares(picture, self._padded(_box(found)))) / 2
+            shares = _told(shares, told)
+        return self._decided(shares, mask)
+
+    def _padded(self, box: Any) -> Any:
         middle, half = (box[:2] + box[2:]) / 2, self.about.padding * (box[2:] - box[:2]) / 2
-        return self._decided(self.shares(picture, np.concatenate([middle - half, middle + half]), mask), mask)
+        return np.concatenate([middle - half, middle + half])
 
     def _decided(self, shares: Any, mask: Any) -> tuple[Any, Any]:
         ids = np.concatenate([[0], self.ids]).astype(np.uint8)
@@ -110,6 +119,14 @@ class Segmenter:
             column = 0 if id == 0 else -1 if id < 0 else 1 + int(np.searchsorted(self.ids, id))
             out[..., column] += values[..., k]
         return out
+
+
+def _told(shares: Any, background: Any) -> Any:
+    """Shares (H,W,L+2) whose background has these log-odds (H,W) more; themselves where None are told."""
+    if background is None:
+        return shares
+    weighed = np.concatenate([shares[..., :1] * np.exp(background)[..., None], shares[..., 1:]], -1)
+    return weighed / np.maximum(weighed.sum(-1, keepdims=True), 1e-9)
 
 
 def _smoothed(picture: Any, scale: Any) -> Any:
