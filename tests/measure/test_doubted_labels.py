@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toile.measure.inspection import inspect
+from toile.config import preset
+from toile.measure.inspection import doubts, inspect
 from toile.measure.inspection.page import write_inspection
+from toile.pipeline import run
 
 SAMPLES = Path(__file__).parents[2] / "data_samples"
 SKIN, HAIR, SHIRT, TROUSERS, SHOES = 1, 2, 3, 4, 5
@@ -94,6 +96,14 @@ def test_trousers_that_are_labelled_skin_have_other_colours_than_head_and_hands(
     assert len(texts) == 1 and "the upper legs and the lower legs has other colours than on head and hands" in texts[0]
 
 
+def test_register_says_the_same_of_labels_where_it_makes_what_all_frames_need(capture):
+    register = lambda name: run.register(capture, capture.parent / name, preset("draft"))
+    assert register("right").warnings == ()
+    relabelled(capture, lambda labels: np.where(labels == TROUSERS, SKIN, labels).astype(np.uint8))
+    (warning,) = register("wrong").warnings
+    assert warning in said(capture) and "'skin' on the upper legs and the lower legs" in warning
+
+
 def without_colours(capture):
     """Grey pictures: no colour tells cloth from skin."""
     for path in capture.glob("frames/*/images/*"):
@@ -175,3 +185,17 @@ def test_a_few_painted_pictures_are_looked_at_wherever_they_are(tmp_path):
             shutil.rmtree(path)
     found = inspect(root)
     assert [frame.number for frame in found.doubted] == [4] and not found.wasted
+
+
+def test_empty_label_images_beside_few_painted_ones_are_passed_over(capture, monkeypatch):
+    monkeypatch.setattr(doubts, "VIEWS", 3)
+    relabelled(capture, np.zeros_like, [f"cam{i:02d}" for i in range(8) if i != 1])
+    (seen,) = inspect(capture).doubted
+    assert list(seen.labels) == ["cam01"]
+
+
+def test_two_garments_of_one_label_do_not_hide_each_others(capture):
+    scene = capture / "scene.toml"
+    garment = '[[garment]]\nname = "vest"\ntemplate = "templates/tshirt.obj"\nlabel = "tshirt"\n\n[cameras]'
+    scene.write_text(scene.read_text().replace("[cameras]", garment))
+    assert said(capture) == []

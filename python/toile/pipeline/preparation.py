@@ -16,6 +16,7 @@ from ..io.capture import Capture
 from ..io.files import identity_of, load_record, save_record
 from ..io.image import read_rgba
 from ..io.status import Status
+from ..measure.inspection.doubts import doubted_on
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
 from ..stages import dress, inner, motion, prints, segment, track
@@ -117,7 +118,9 @@ def _prepare_garments(prepared, tracked, status):
         samples = tracked()
         cameras = thin_cameras(prepared.capture.cameras, config.picture_side)
         coarse = segment.coarse_pictures(cameras, samples, config.segment)
-        for warning in (*prepared.capture.warnings, *coarse, *segment.unlabelled_pictures(samples)):
+        doubts = doubted_on(scene, model, cameras, [(frame, body.vertices) for frame, body in samples])
+        said = (*coarse, *segment.unlabelled_pictures(samples), *(doubt.text for doubt in doubts))
+        for warning in (*prepared.capture.warnings, *said):
             status.add(stage="dress", ok=False, warning=warning)
         learn = partial(segment.prepare, scene, cameras, samples, model.f, config.segment)
         made = kept(colours, segment.SegmentModel, learn, ids["colours"], colours=ColourModel)

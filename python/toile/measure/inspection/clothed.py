@@ -50,7 +50,7 @@ def clothed(capture: Capture, model: BodyModel, frame: Frame, points: Points3D) 
     rest, J = model.rest(np.asarray(fit.shape))
     R, x = model.joint_transforms(J, np.asarray(fit.rotations), np.asarray(fit.translation))
     bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
-    layers = [(np.asarray(fit.V), model.skin_faces, -1)]
+    layers = [_body(model, np.asarray(fit.V))]
     for i, garment in enumerate(capture.scene.garments):
         mesh = capture.templates.get(garment.name)
         if mesh is None or kernels.SurfaceIndex(model.v_template, model.f).closest(mesh.vertices)[3].mean() > NEAR:
@@ -59,7 +59,16 @@ def clothed(capture: Capture, model: BodyModel, frame: Frame, points: Points3D) 
         blended = transfer_skin(model, mesh.vertices, mesh.faces, SMOOTHED) @ bones
         V = np.einsum("gij,gj->gi", blended[:, :9].reshape(-1, 3, 3), worn) + blended[:, 9:]
         layers.append((V, mesh.faces, i))
-    return _joined(layers, np.asarray(model.weights_idx)[np.arange(len(rest)), np.argmax(model.weights_val, axis=1)])
+    return _joined(layers, model)
+
+
+def bare(model: BodyModel, vertices: Floats) -> Clothed:
+    """The Clothed of a body whose vertices (n,3) [m] are known, without templates."""
+    return _joined([_body(model, vertices)], model)
+
+
+def _body(model: BodyModel, vertices: Floats) -> tuple[Floats, Array, int]:
+    return vertices, model.skin_faces, -1
 
 
 def _posed(model: BodyModel, frame: Frame, points: Points3D) -> Any:
@@ -75,7 +84,7 @@ def _posed(model: BodyModel, frame: Frame, points: Points3D) -> Any:
     return fit if fit.stop != "unmatched" and fit.keypoint_rms < MISSED else None
 
 
-def _joined(layers: list[tuple[Floats, Array, int]], joint: Array) -> Clothed:
+def _joined(layers: list[tuple[Floats, Array, int]], model: BodyModel) -> Clothed:
     from scipy.spatial import cKDTree
 
     first = np.cumsum([0, *(len(V) for V, _, _ in layers)])
@@ -92,7 +101,7 @@ def _joined(layers: list[tuple[Floats, Array, int]], joint: Array) -> Clothed:
         np.concatenate([np.full(len(V), i) for V, _, i in layers]),
         np.concatenate(areas),
         np.concatenate(inner),
-        joint,
+        np.asarray(model.weights_idx)[np.arange(len(model.v_template)), np.argmax(model.weights_val, axis=1)],
     )
 
 

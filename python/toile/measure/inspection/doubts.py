@@ -11,14 +11,17 @@ import numpy as np
 
 from ...io.body import model_in_capture
 from ...io.capture import Capture
-from ...scene import BodyModel, Frame, Points3D, Scene
+from ...kernels.arrays import Floats
+from ...scene import BodyModel, Camera, Frame, Points3D, Scene
 from ...surface.sampling import evenly
 from ...vision.segmenters.asked import labelled
+from ...vision.thin_pictures import thin_cameras, thin_pictures
 from .cameras import Finding
-from .clothed import Clothed, Reading, clothed, read_labels
+from .clothed import Clothed, Reading, bare, clothed, read_labels
 from .labels import REFERENCE, alike, off_masks, on_template, skin_colours
 
 FRAMES, VIEWS = 2, 8  # that are looked at
+SIDE = 768  # px, longer side, to which a run's pictures are thinned for this
 KINDS = ("images", "masks", "labels", "certainty")
 OFF = 0.15  # share of a label image that lies off the mask
 OWN = 0.7  # of a template's seen area carries the garment's label
@@ -58,19 +61,33 @@ def asked(capture: Capture, frames: Sequence[Frame]) -> list[Frame]:
 def doubted(capture: Capture, frames: Sequence[Frame], points: Mapping[int, Points3D]) -> Doubts:
     """Doubts about the labels of some frames; `points` are keypoints in space by the frame's number. Nothing of a scene
     without garments, which asks for no labels."""
-    told = [frame for frame in frames if any(image.any() for image in frame.labels.values())]
-    if not capture.scene.garments or not told:
+    looked = _looked_at(capture.scene, frames)
+    if not looked:
         return Doubts()
-    looked = [_only(frame, evenly(list(frame.labels), VIEWS)) for frame in evenly(told, FRAMES)]
     scene, model = capture.scene, model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
     posed = list(_posed(capture, model, looked, points))
-    found = [*_of_garments(scene, looked), *_of_masks(looked), *_of_borders(scene, looked)]
-    found += [*_of_skin(scene, model, posed), *_of_templates(scene, posed)]
+    found = [*_of_labels(scene, model, looked, posed), *_of_templates(scene, posed)]
     unsure = _unsure(looked)
-    if unsure > DOUBTED:
-        text = f"labels: the network is unsure of {100 * unsure:.0f} % of the person's pixels"
-        found.append(Finding(text, serious=False))
     return Doubts(found, looked, {} if np.isnan(unsure) else {"labels unsure %": 100 * unsure})
+
+
+def doubted_on(
+    scene: Scene, model: BodyModel, cameras: Mapping[str, Camera], samples: Sequence[tuple[Frame, Floats]]
+) -> list[Finding]:
+    """Doubts about the labels of frames whose body is known, (Frame, its vertices (n,3) [m]); of templates nothing is asked.
+    Nothing of frames without label images."""
+    bodies, cameras = {frame.number: V for frame, V in samples}, thin_cameras(cameras, SIDE)
+    looked = [thin_pictures(frame, SIDE) for frame in _looked_at(scene, [frame for frame, _ in samples])]
+    made = [bare(model, bodies[frame.number]) for frame in looked]
+    posed = [(frame, body, read_labels(cameras, frame.labels, body)) for frame, body in zip(looked, made)]
+    return list(_of_labels(scene, model, looked, posed)) if looked else []
+
+
+def _looked_at(scene: Scene, frames: Sequence[Frame]) -> list[Frame]:
+    """FRAMES of those that show labels, with VIEWS of the pictures that do; none where no garment asks for labels."""
+    told = [frame for frame in frames if any(image.any() for image in frame.labels.values())]
+    shown = lambda frame: [name for name, image in frame.labels.items() if image.any()]
+    return [_only(frame, evenly(shown(frame), VIEWS)) for frame in evenly(told, FRAMES)] if scene.garments else []
 
 
 def _only(frame: Frame, names: Sequence[str]) -> Frame:
@@ -86,6 +103,18 @@ def _posed(
         made = clothed(capture, model, frame, points[frame.number]) if frame.number in points else None
         if made is not None:
             yield frame, made, read_labels(capture.cameras, frame.labels, made)
+
+
+def _of_labels(scene: Scene, model: BodyModel, looked: Sequence[Frame], posed: Posed) -> Iterator[Finding]:
+    """All that is said of labels, but for templates."""
+    yield from _of_garments(scene, looked)
+    yield from _of_masks(looked)
+    yield from _of_borders(scene, looked)
+    yield from _of_skin(scene, model, posed)
+    unsure = _unsure(looked)
+    if unsure > DOUBTED:
+        text = f"labels: the network is unsure of {100 * unsure:.0f} % of the person's pixels"
+        yield Finding(text, serious=False)
 
 
 def _of_garments(scene: Scene, frames: Sequence[Frame]) -> Iterator[Finding]:
@@ -148,7 +177,7 @@ def _of_templates(scene: Scene, posed: Posed) -> Iterator[Finding]:
     """Garments whose label lies on too little of their templates."""
     ids = np.array(sorted(set(scene.labels.values())))
     for i, garment in enumerate(scene.garments):
-        over = [scene.labels[worn.label] for worn in scene.garments[i + 1 :]]
+        over = [scene.labels[worn.label] for worn in scene.garments[i + 1 :] if worn.label != garment.label]
         areas = np.sum([on_template(made, reading, ids, i, over) for _, made, reading in posed], axis=0)
         own = ids == scene.labels[garment.label]
         if not np.sum(areas) > 0 or areas[own][0] >= OWN * areas.sum():

@@ -87,9 +87,8 @@ def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str
         if not where and capture.scene.segmenter and not any(frame.certainty for frame in frames):
             continue  # the network could not be asked
         if not where:
-            text = (
-                f"garment {garment.name}: its label '{garment.label}' is seen nowhere in {len(frames)} frames looked at"
-            )
+            many = sum(bool(frame.labels) or frame.scan_labels is not None for frame in frames)
+            text = f"garment {garment.name}: its label '{garment.label}' is seen nowhere in {many} frames looked at"
             found.append(Finding(text))
         elif "scan" not in where and len(where) < 2:
             text = f"garment {garment.name}: its label '{garment.label}' is seen by {next(iter(where))} alone"
