@@ -46,6 +46,14 @@ def test_a_template_where_labels_are_its_own_is_laid_without_a_word(model, captu
     assert laid(model, capture, worn(model))[1] == []
 
 
+@pytest.mark.parametrize("axes", [[0, 2, 1], [2, 1, 0]])
+def test_right_labels_are_not_doubted_where_a_template_came_in_other_axes(model, capture, axes):
+    shirt = capture.templates["tshirt"]
+    turned = Mesh(shirt.vertices[:, axes] * [1, 1, -1], shirt.faces)
+    (said,) = laid(model, capture, worn(model), turned)[1]
+    assert "does not lie on the body as it is" in said
+
+
 def test_a_template_over_much_of_another_label_is_laid_with_a_word_on_both(model, capture):
     *_, said = laid(model, capture, worn(model, hem=0.3))[1]
     assert said.startswith("garment tshirt: where the template lies the body is labelled ") and "% 'trousers'" in said

@@ -75,7 +75,7 @@ def test_a_turned_template_is_turned_back_though_it_would_lie_on_the_body(model,
     assert np.linalg.norm(mesh.vertices - shirt.vertices, axis=1).max() < 0.06 and "-x -y +z" in said[0]
 
 
-def test_a_hem_about_two_legs_is_left_and_one_far_above_their_rims_refused(model, shirt):
+def test_a_hem_about_two_legs_is_drawn_to_their_rims_and_one_far_above_them_refused(model, shirt):
     V = shirt.vertices
     down = np.clip(1 - (V[:, 2] - V[:, 2].min()) / 0.2, 0, 1)
     dress = Mesh(V - np.outer(0.25 * down, [0, 0, 1]), shirt.faces)
@@ -83,7 +83,12 @@ def test_a_hem_about_two_legs_is_left_and_one_far_above_their_rims_refused(model
     assert len(kernels.boundary_loops(legs.faces)) == 5  # neck, arms, two legs
     assert np.array_equal(placed(model, dress, legs)[0].vertices, dress.vertices)
     higher = Mesh(V - np.outer(0.11 * down, [0, 0, 1]), shirt.faces)
-    assert np.array_equal(placed(model, higher, legs)[0].vertices, higher.vertices)
+    drawn, said = placed(model, higher, legs)
+    assert "rims that lie apart were drawn to the capture's: hem 1" in said[-1] and said[-1].endswith(" mm")
+    low = lambda mesh: min(rims(mesh), key=lambda rim: rim[:, 2].mean())
+    about = np.sort([rim[:, 2].mean() for rim in rims(legs)])[:2].mean()
+    assert abs(low(drawn)[:, 2].mean() - about) < 0.005 and abs(low(higher)[:, 2].mean() - about) > 0.1
+    assert abs(low(drawn)[:, 0].mean()) < 0.02 and np.array_equal(drawn.faces, higher.faces)
     with pytest.raises(UserError, match="another kind of garment"):
         placed(model, shirt, legs)
 

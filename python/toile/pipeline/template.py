@@ -19,7 +19,7 @@ from ..io.mesh import write_mesh
 from ..io.run import Run, open_run
 from ..scene import BodyModel, Garment, GarmentTemplate, Mesh, Person, Scene, Segmented, Tracked
 from ..stages.template import make_template, worn_region
-from ..surface.placing import check_near_body, place_template
+from ..surface.placing import check_near_body, off_body, place_template
 from ..surface.transfer import move_with_body
 
 Sample = tuple[Tracked, Segmented]
@@ -97,16 +97,16 @@ def template_on_body(
     region, other = worn.region(model, garment, label), _labelled_otherwise(model, worn, mesh, label)
     by = f" by the network '{worn.by}'" if worn.by else ""
     try:
-        mesh, words = place_template(model, garment.name, mesh, region, settings)
+        placed, words = place_template(model, garment.name, mesh, region, settings)
     except UserError as error:
         covers, large = (kernels.face_areas(of.vertices, of.faces).sum() for of in (region, mesh))
         against = f"the labels{by} are wrong: they give the garment {covers:.2f} m2 of the body, its template has {large:.2f} m2"
         raise UserError(f"{error}; or {against}{f', {other}' if other else ''}: see toile inspect") from None
-    if other:
+    if other and off_body(model, mesh) <= 2 * settings.lies:  # where one of other axes lay tells nothing
         words.append(
             f"garment {garment.name}: {other}: the labels{by} are wrong, or it is of another cut: see toile inspect"
         )
-    return mesh, words
+    return placed, words
 
 
 def _labelled_otherwise(model: BodyModel, worn: Worn, mesh: Mesh, label: int) -> str:

@@ -22,6 +22,7 @@ LIMBS = {"sleeve": "arm", "armhole": "arm", "leg": "leg", "ankle": "leg"}
 POINTS = 300  # of each surface that are asked
 SETTLED, STEPS = 6, 8  # places that are bettered, by so many steps
 AXES = "xyz"
+PART = 0.2  # of a hem is nearest to the rim of a limb that it hangs about
 STRANGE = 0.25  # length of an opening that no hole in the labels has [m]
 
 
@@ -67,9 +68,14 @@ def place_template(model: BodyModel, garment, mesh: Mesh, region: Mesh, settings
 
 def check_near_body(model: BodyModel, garment, mesh: Mesh, settings) -> None:
     """UserError: the template does not lie on the body model at rest."""
-    off = kernels.SurfaceIndex(model.v_template, model.f).closest(mesh.vertices)[3].mean()
+    off = off_body(model, mesh)
     if off > 2 * settings.lies:
         raise UserError(f"garment {garment}: the template lies {off:.3g} m from the body model at rest on average")
+
+
+def off_body(model: BodyModel, mesh: Mesh) -> float:
+    """Mean distance of a template's vertices from the body model at rest [m]."""
+    return float(kernels.SurfaceIndex(model.v_template, model.f).closest(mesh.vertices)[3].mean())
 
 
 # Units, axes, place ---------------------------------------------------------------------------------------------------
@@ -175,13 +181,16 @@ def _rims_drawn(model, garment, V, F, region, s):
     seen = name_loops(model, region.vertices, kernels.boundary_loops(region.faces))
     pairs = _paired(V[cloth], names, loops, seen, rims, s)
     at_rest = {name: V[cloth][loop] for name, loop in zip(names, loops)}
-    _check_openings(garment, at_rest, seen, rims, pairs, s.limbs_reach)
+    parted = _parted(at_rest, rims, pairs, s.limbs_reach)
+    _check_openings(garment, at_rest, seen, rims, pairs, parted)
     _check_apart(garment, at_rest, rims, pairs, s.rim_near)
     targets, gaps = [], {}  # [m]
     for name, loop in zip(names, loops):
         at = V[cloth][loop]
         if name not in pairs:
-            targets.append(at)
+            shift = _about_limbs(at, parted.get(name, []))
+            gaps[name] = np.linalg.norm(shift)
+            targets.append(at + shift if gaps[name] > s.rim_near else at)
             continue
         rim = rims[pairs[name]]
         share = loop_length(rim) / loop_length(at)
@@ -225,13 +234,32 @@ def _limb(name):
     return f"{LIMBS.get(stem, stem)}_{side}"
 
 
-def _check_openings(garment, loops, seen, rims, pairs, near):
-    """Both have openings that the other lacks: another kind of garment. A hem {name: (k,3)} that hangs about two limbs lacks
-    none: the body's rims below it are its own, in parts."""
-    strange = [i for i in range(len(rims)) if i not in pairs.values() and loop_length(rims[i]) > STRANGE]
-    about = lambda loop: strange and np.min([distance_to_polyline(loop, rims[i]) for i in strange], 0).mean() < near
-    lacking = [name for name, loop in loops.items() if name not in pairs and not about(loop)]
-    if lacking and strange:
+def _strange(rims, pairs):
+    """Indices of the region's rims that no loop of the template is paired with, and that are no speck's."""
+    return [i for i in range(len(rims)) if i not in pairs.values() and loop_length(rims[i]) > STRANGE]
+
+
+def _parted(loops, rims, pairs, near):
+    """{loop: the rims [(k,3)] that it is in parts}: a hem {name: (k,3)} that hangs about two limbs, `near` the body's rims about
+    each of them."""
+    strange, found = [rims[i] for i in _strange(rims, pairs)], {}
+    for name, loop in loops.items() if strange else ():
+        gaps = np.array([distance_to_polyline(loop, rim) for rim in strange])
+        if name not in pairs and gaps.min(0).mean() < near:
+            share = np.bincount(gaps.argmin(0), minlength=len(strange)) / len(loop)
+            found[name] = [rim for rim, of in zip(strange, share) if of > PART]
+    return found
+
+
+def _about_limbs(at, rims):
+    """How far (3,) a hem (k,3) lies from the two limbs' rims that it is; none where one limb alone shows its."""
+    return np.mean([rim.mean(0) for rim in rims], axis=0) - at.mean(0) if len(rims) > 1 else np.zeros(3)
+
+
+def _check_openings(garment, loops, seen, rims, pairs, parted):
+    """Both have openings that the other lacks: another kind of garment."""
+    lacking = [name for name in loops if name not in pairs and name not in parted]
+    if lacking and _strange(rims, pairs):
         own, shown = ", ".join(loops), ", ".join(seen)
         raise UserError(
             f"garment {garment}: the template has the openings {own}, the capture shows {shown}: it lies askew, or is another "
