@@ -1,12 +1,8 @@
-"""The layered avatar, and the single-layer baseline in the same code: networks joined with meshes, poses and cameras.
-
-A layer of kind "body" is driven by pose and face, a "garment" by its code alone, and the baseline's only layer, a
-"surface", by all three. All geometry is unposed until linear blend skinning poses it.
-"""
+"""The layered avatar, and the single-layer baseline in the same code: layers joined with skeleton, poses and cameras."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,138 +10,15 @@ from torch import nn
 from torch.nn.functional import avg_pool2d
 
 from ... import kernels
-from ...surface.uv import UvMap
-from ..render.renderer import Surface, render
+from ..render.renderer import render
 from .carried import Carried, Projection
-from .networks import COLOUR_IN, LayerNetworks, channels_last, count, reparameterised, resize
-from .operators import Facing, joint_centroids, uniform_laplacian
+from .layer_model import LayerModel
+from .networks import count, reparameterised
+from .operators import joint_centroids, uniform_laplacian
 from .sizes import layer_sizes, modes_of
-from .skinning import Skeleton, Skin, rotation_matrices
-from .uv import TexelValues, UvSampler
+from .skinning import Skeleton, rotation_matrices
 
-GEOMETRY_IN = 0.01  # displacement that the encoder reads as 1 [m]
-GEOMETRY_OUT, COLOUR_OUT = 0.1, 0.5  # displacement [m] and colour of 1 in a head's map: small steps of Adam do
 FACE_SCALE = 0.01  # a usual motion of a facial keypoint [m]
-HEAD_REACH = 0.12  # vertices that facial keypoints drive lie this near to one of them [m]
-MASK_HOPS = 2  # a joint acts on what it skins, and on what joints this near to it in the skeleton skin
-
-
-@dataclass
-class Decoded:
-    """One layer of a batch."""
-
-    unposed: torch.Tensor  # (B,n,3) [m]
-    vertices: torch.Tensor  # (B,n,3) posed, in the world [m]
-    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view in particular; an edit's may be finer
-    texture: torch.Tensor | None = None  # (B,3,T,T) as this sample's camera sees it, before shadow
-    shadow: torch.Tensor | None = None  # (B,1,T,T) quasi-shadow
-
-    @property
-    def shaded(self):
-        """The texture to draw (B,3,T,T)."""
-        return self.texture if self.shadow is None else self.texture * resize(self.shadow, self.texture.shape[-1])
-
-
-class LayerModel(nn.Module):
-    """One layer: its fixed surface (buffers, rebuilt from the assets) and its networks (the saved state)."""
-
-    def __init__(self, layer, sizes, mean_texture, valid, parents, face=None):
-        super().__init__()
-        self.name, self.kind, self.label, self.sizes = layer.name, layer.kind, layer.label, sizes
-        geometry_map = UvMap(layer, sizes.geometry)
-        if sizes.joints:
-            sizes = replace(sizes, mask=joint_masks(layer, geometry_map, parents, sizes.start))
-        if sizes.face_points:
-            sizes = replace(sizes, head=head_mask(layer, geometry_map, face, sizes.start))
-        self.networks = LayerNetworks(sizes)
-        fixed = dict(
-            rest=torch.as_tensor(np.asarray(layer.rest, dtype=np.float32)),
-            faces=torch.as_tensor(np.asarray(layer.faces, dtype=np.int64)),
-            uv=torch.as_tensor(np.asarray(layer.uv, dtype=np.float32)),
-            face_uv=torch.as_tensor(np.asarray(layer.face_uv, dtype=np.int64)),
-            mean_texture=channels_last(torch.as_tensor(mean_texture, dtype=torch.float32)[None])[0],
-            valid=torch.as_tensor(valid, dtype=torch.float32)[None],
-        )
-        for key, value in fixed.items():
-            self.register_buffer(key, value.clone(), persistent=False)
-        coarse = resize(self.mean_texture[None], sizes.view_size) if sizes.view else None
-        self.register_buffer("coarse_texture", coarse, persistent=False)
-        modes = np.zeros((0, *layer.rest.shape)) if layer.modes is None else layer.modes
-        self.register_buffer("modes", torch.as_tensor(modes, dtype=torch.float32).flatten(1), persistent=False)
-        self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
-        self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
-        self.geometry_texels = TexelValues(geometry_map, layer.faces)
-        self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
-        self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
-        self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
-        self.edits = None  # edits.LayerEdits
-
-    def encode(self, unposed, texture, weight):
-        """Code (mean, logvar), each (B,Z), Z = modes + latent: of unposed vertices (B,n,3), texture (B,3,T,T) and its
-        weights (B,1,T,T)."""
-        shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_IN)
-        seen = (weight > 0) & (self.valid > 0)
-        colour = torch.where(seen, texture - self.mean_texture, 0.0) / COLOUR_IN
-        mean, logvar = self.networks.encoder(shape, resize(colour, self.sizes.texture))
-        return torch.cat([self.amplitudes(unposed), mean], 1), logvar
-
-    @property
-    def texels(self):
-        """T, along a side of the texture."""
-        return self.mean_texture.shape[-1]
-
-    @property
-    def code_size(self):
-        """Z, numbers of the code."""
-        return len(self.modes) + self.sizes.latent
-
-    def amplitudes(self, unposed):
-        """Of the principal modes (B,M) in vertices (B,n,3): 1 = a standard deviation over the training frames."""
-        with torch.autocast(unposed.device.type, enabled=False):
-            return (unposed - self.rest).flatten(1) @ (self.modes / self.modes.square().sum(1, keepdim=True)).T
-
-    def decode(self, pose, face, z, transforms, centre, texture=True):
-        """Pose features (B,K,C), face (B,q,3) and code (B,Z), posed by `transforms` and seen from centre (B,3)."""
-        features = self.networks.features(pose, face, z)
-        unposed = self.decode_shape(features, z)
-        with torch.autocast(features.device.type, enabled=False):
-            decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
-        if not texture:
-            return decoded
-        residual = self.networks.texture(features)
-        decoded.mean_texture = decoded.texture = self._coloured(self.mean_texture, residual)
-        if self.networks.view is not None:
-            cosine = self.view_texels(self.facing(decoded.vertices, centre))
-            seen = self.networks.view_residual(self._coloured(self.coarse_texture[0], residual), cosine)
-            decoded.texture = self._coloured(self.mean_texture, residual + seen)
-        if self.edits is not None:
-            decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
-        return decoded
-
-    def decode_shape(self, features, z):
-        """Unposed vertices (B,n,3), float32, of what the networks decode of their features, and of the code's amplitudes."""
-        displacement = self.networks.geometry(features)
-        with torch.autocast(features.device.type, enabled=False):
-            unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
-            if len(self.modes):
-                unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
-        return unposed
-
-    @staticmethod
-    def _coloured(mean, residual):
-        """A mean texture (3,T,T) with a residual (B,3,s,s) of it."""
-        return torch.add(mean, resize(residual, mean.shape[-1]), alpha=COLOUR_OUT)
-
-    def quasi_shadow(self, occlusion):
-        """Quasi-shadow (B,1,T,T) of ambient occlusion (B,n): 1 = as its mean; None where settings ask for none."""
-        if self.networks.shadow is None:
-            return None
-        maps = self.shadow_texels((occlusion - self.mean_ao)[..., None])
-        return resize(self.networks.shadow(maps), self.texels)
-
-    def surface(self, decoded, b):
-        """Sample b of a batch, as the renderer takes it."""
-        return Surface(decoded.vertices[b], self.faces, self.uv, self.face_uv, decoded.shaded[b])
 
 
 class Avatar(nn.Module):
@@ -386,35 +259,3 @@ def pose_features(rotations, up):
         features[:, 0] = 0
         features[:, 0, :3] = R[:, 0].transpose(1, 2) @ up - up
     return features
-
-
-def joint_masks(layer, texels, parents, size):
-    """Where each joint may act, (K,size,size): skinning weights of the joint and of those within MASK_HOPS of it."""
-    joints = len(parents)
-    near = np.eye(joints)
-    for k, p in enumerate(parents):
-        if p >= 0:
-            near[k, p] = near[p, k] = 1
-    near = np.linalg.matrix_power(near, MASK_HOPS) > 0
-    near[0] = True  # the root's tilt acts everywhere
-    weights = np.zeros((len(layer.rest), joints))
-    np.add.at(weights, (np.arange(len(weights))[:, None], layer.skin_idx), layer.skin_val)
-    return shrunk(np.minimum(weights @ near.T, 1), texels, size)
-
-
-def head_mask(layer, texels, face, size):
-    """Where facial keypoints (q,3), placed on the rest pose, may act: (size,size), 1 near them, 0 beyond HEAD_REACH."""
-    from scipy.spatial import cKDTree
-
-    distance, _ = cKDTree(face).query(layer.rest)
-    return shrunk(np.clip(2 - 2 * distance / HEAD_REACH, 0, 1)[:, None], texels, size)[0]
-
-
-def shrunk(values, texels, size):
-    """Vertex values (n,C) as a map (C,size,size), each texel the mean over what is valid of it."""
-    maps, step = texels.texels(values).transpose(2, 0, 1), texels.size // size
-
-    def pooled(x):
-        return x.reshape(*x.shape[:-2], size, step, size, step).sum((-3, -1))
-
-    return torch.as_tensor(pooled(maps) / np.maximum(pooled(texels.valid.astype(float)), 1), dtype=torch.float32)

@@ -6,7 +6,7 @@ import torch
 from torch.utils.data import default_collate
 
 from ...surface.sampling import evenly
-from ..model.avatar import Decoded
+from ..model.layer_model import Decoded
 from . import losses
 
 GUESSED = 0.1  # weight of a vertex of confidence 0: what nothing has seen is still held where the registration put it
