@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import pipeline_captures as make
+from .posed_captures import CROSSED, CURLED, POCKETS, front, posed
 
 TIMEOUT = 900  # s of a row
 FRAMES = (0, 1)
@@ -83,9 +84,9 @@ ROWS = {
     "lying": solved(make.turned("x", 90)),
     "upside down": solved(make.turned("x", 180)),
     "seen from behind": solved(make.turned("z", 180)),
-    "arms crossed": said(POSE, make.posed(make.CROSSED)),
-    "curled up": said(POSE, make.posed(make.CURLED, 1.0)),
-    "hands in pockets": said(POSE, make.posed(make.POCKETS, hidden=("hand_left", "hand_right"))),
+    "arms crossed": said(POSE, posed(CROSSED)),
+    "curled up": said(POSE, posed(CURLED, 1.0)),
+    "hands in pockets": said(POSE, posed(POCKETS, hidden=("hand_left", "hand_right"))),
     "two people in the scan": said(POSE, make.second_person),
     "a frame out of step": said("^frame 1 (doubtful|wrong).*(keypoints|silhouette)", make.out_of_step, (0, 1, 2)),
     "1 frame": solved(same, (0,)),
@@ -102,15 +103,15 @@ ROWS = {
     "garment leaves the picture": solved(make.cropped),
     "garment named, not worn": refused("coat.*worn", make.not_worn),
     "garment worn, not named": solved(make.not_named),
-    "garment half taken off": said(OTHER, make.posed({}, bare=lambda V: V[:, 0] > 0.03)),
-    "one-piece, a shirt's template": refused(OTHER, make.posed({}, also=(4,))),
-    "one-piece, cut from the scan": solved(make.posed({}, also=(4,)), settings=CUT),
-    "jacket, a shirt's template": refused(OTHER, make.posed({}, bare=make.front)),
-    "jacket, cut from the scan": solved(make.posed({}, bare=make.front), settings=CUT),
-    "hood, a shirt's template": said("loop neck", make.posed({}, also=(2,))),
-    "hood, cut from the scan": solved(make.posed({}, also=(2,)), settings=CUT),
-    "dress, a shirt's template": refused(OTHER, make.posed({}, skirt=0.5)),
-    "dress, cut from the scan": said(f"{POSE}|loop hem", make.posed({}, skirt=0.5), settings=CUT),
+    "garment half taken off": said(OTHER, posed({}, bare=lambda V: V[:, 0] > 0.03)),
+    "one-piece, a shirt's template": refused(OTHER, posed({}, also=(4,))),
+    "one-piece, cut from the scan": solved(posed({}, also=(4,)), settings=CUT),
+    "jacket, a shirt's template": refused(OTHER, posed({}, bare=front)),
+    "jacket, cut from the scan": solved(posed({}, bare=front), settings=CUT),
+    "hood, a shirt's template": said("loop neck", posed({}, also=(2,))),
+    "hood, cut from the scan": solved(posed({}, also=(2,)), settings=CUT),
+    "dress, a shirt's template": refused(OTHER, posed({}, skirt=0.5)),
+    "dress, cut from the scan": said(f"{POSE}|loop hem", posed({}, skirt=0.5), settings=CUT),
     "a button on the shirt": solved(make.with_button),
 }
 

@@ -162,7 +162,7 @@ def test_only_kernels_import_the_compiled_module():
 KEY = re.compile(r"(registered\.zarr|(track|inner|pose|garment|confidence)/.*)$")
 STORE_FILES = {"io/layout", "io/run", "io/run_writer"}
 TRUTH_FILES = {"measure/truth", "studio/make", "studio/sequence", "studio/truth"}  # truth.zarr has a layout of its own
-TRUTH_BENCHES = {"clothing", "draping", "pipeline_captures"}
+TRUTH_BENCHES = {"clothing", "draping", "pipeline_captures", "posed_captures"}
 
 
 def store_keys(path):
