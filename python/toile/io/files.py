@@ -33,11 +33,14 @@ def naming(path):
         raise OSError(error.errno, error.strerror or str(error), str(path)) from None
 
 
+def _part_of(path):
+    """Another name beside `path`; processes of two machines may share a number, so it is drawn."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
+
+
 def replace_file(path, write):
     """Calls `write(temporary path)` and renames the result to `path`. An OSError names `path`, and leaves nothing behind."""
-    temporary = path.with_name(
-        f".{path.name}.{uuid.uuid4().hex[:12]}.part"
-    )  # processes of two machines may share a number
+    temporary = _part_of(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write(temporary)
@@ -55,21 +58,25 @@ def replace_file(path, write):
 @contextmanager
 def whole_folder(path):
     """A new folder to write into, renamed to `path` at the end, gone after an exception. It is made at once, so that a place that cannot
-    be written to is known before any work. UserError: `path` holds something, or cannot be made."""
+    be written to is known before any work; two writers of one place do not meet. UserError: `path` holds something, or cannot be made."""
     path = Path(path).resolve()
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise UserError(f"{path}: exists already and is not empty")
-    folder = path.with_name(f".{path.name}.part")
-    shutil.rmtree(folder, ignore_errors=True)  # of one that was killed
+    _refuse_full(path)
+    folder = _part_of(path)
     try:
         folder.mkdir(parents=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be made: {error.strerror or first_line(error)}") from None
     try:
         yield folder
+        _refuse_full(path)  # another writer was first
         os.replace(folder, path)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _refuse_full(path):
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise UserError(f"{path}: exists already and is not empty")
 
 
 def output_file(path):
