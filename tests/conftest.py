@@ -1,5 +1,6 @@
 """What several tests share."""
 
+import shutil
 import time
 from pathlib import Path
 
@@ -90,4 +91,16 @@ def sample_avatar(sample_run, tmp_path_factory):
     make_avatar(
         Request(sample_run, preset("draft").model_copy(update=sizes), say=lambda _: None), folder, baseline=True
     )
+    return folder
+
+
+@pytest.fixture(scope="session")
+def driven_avatar(sample_avatar):
+    """The same with a temporal model, barely taught; copy it to write into it."""
+    from toile.avatar.drive.teaching import train_temporal
+    from toile.avatar.settings import TemporalSettings
+
+    folder = sample_avatar.parent / "with_driver"
+    shutil.copytree(sample_avatar, folder)
+    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
     return folder

@@ -1,5 +1,7 @@
 """After a kernel ran, a forked child computes the same bits, on one thread, and ends."""
 
+import faulthandler
+import gc
 import multiprocessing
 import os
 import pickle
@@ -16,13 +18,17 @@ from toile import kernels
 from toile.vision.threads import parallel_map
 
 SECONDS = 300  # a child that waits for threads that are not there waits for ever
+TOLD = SECONDS - 20  # when such a child says where it stands
 
 
 def in_forked_child(function):
     """function() in a child of os.fork; fails when the child does not answer in time."""
+    gc.collect()  # garbage of other libraries, such as a film's decoder, waits for its threads where it is thrown away
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
+        gc.disable()
+        faulthandler.dump_traceback_later(TOLD, file=sys.__stderr__)
         try:
             with os.fdopen(writer, "wb") as pipe:
                 pickle.dump(function(), pipe)

@@ -16,9 +16,7 @@ from toile.avatar.drive.animate import DrivenAvatar, animate, filmed, resized, t
 from toile.avatar.drive.apart import take
 from toile.avatar.drive.driver import REACH, load_driver, make_track
 from toile.avatar.drive.posing import PosedAvatar
-from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.model.checkpoint import load_avatar
-from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
 from toile.io.export.clip import rest_surface
 from toile.io.export.source import open_clip
@@ -31,11 +29,8 @@ from toile.surface.apart import keep_apart
 
 
 @pytest.fixture(scope="module")
-def avatar_folder(sample_avatar):
-    folder = sample_avatar.parent / "animated"
-    shutil.copytree(sample_avatar, folder)
-    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
-    return folder
+def avatar_folder(driven_avatar, tmp_path_factory):
+    return shutil.copytree(driven_avatar, tmp_path_factory.mktemp("animated") / "animated")
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,6 @@ from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_worn
 from toile.avatar.drive.draping import cloth_file
 from toile.avatar.drive.posing import PosedAvatar
-from toile.avatar.drive.teaching import train_temporal
-from toile.avatar.settings import TemporalSettings
 from toile.errors import UserError
 from toile.io.files import load_record, save_record
 from toile.io.motion import Motion
@@ -26,11 +24,8 @@ from toile.surface.layers import Layer
 
 
 @pytest.fixture(scope="module")
-def owner(sample_avatar):
-    folder = sample_avatar.parent / "owner"
-    shutil.copytree(sample_avatar, folder)
-    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
-    return folder
+def owner(driven_avatar, tmp_path_factory):
+    return shutil.copytree(driven_avatar, tmp_path_factory.mktemp("owner") / "owner")
 
 
 @pytest.fixture(scope="module")

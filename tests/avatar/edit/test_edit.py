@@ -12,7 +12,6 @@ from PIL import Image
 
 from tests.support import small_avatar
 from toile.avatar.drive.animate import animate
-from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.edit import paint
 from toile.avatar.edit.editing import Change, edit
 from toile.avatar.edit.marking import edit_of_surface, mark
@@ -20,7 +19,6 @@ from toile.avatar.edit.sheet import border_distances
 from toile.avatar.measure.sheet import GAP, TILE
 from toile.avatar.model.checkpoint import load_avatar
 from toile.avatar.model.edits import Edit, LayerEdits, apply_edits, load_edits, save_edits
-from toile.avatar.settings import TemporalSettings
 from toile.cli import main
 from toile.errors import UserError
 from toile.surface.uv import UvMap
@@ -257,11 +255,8 @@ def hashes(folder):
 
 
 @pytest.fixture(scope="module")
-def source(sample_avatar):
-    folder = sample_avatar.parent / "to_edit"
-    shutil.copytree(sample_avatar, folder)
-    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
-    return folder
+def source(driven_avatar, tmp_path_factory):
+    return shutil.copytree(driven_avatar, tmp_path_factory.mktemp("to_edit") / "to_edit")
 
 
 @pytest.fixture(scope="module")
