@@ -70,7 +70,7 @@ class LayerModel(nn.Module):
         self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
         self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
         self.geometry_texels = TexelValues(geometry_map, layer.faces)
-        self.facing = Facing(layer.faces, len(layer.rest)) if sizes.view else None
+        self.facing = Facing(layer.faces) if sizes.view else None
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
         self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
         self.edits = None  # edits.LayerEdits

@@ -9,6 +9,7 @@ import torch
 from scipy.sparse import coo_matrix, diags
 from torch import nn
 
+from ...kernels import vertex_normals
 from ...surface.operators import adjacency, neighbour_mean, sides
 
 
@@ -59,23 +60,17 @@ class Facing(nn.Module):
     """The view code of a mesh: n.v of each vertex towards a camera. Without gradient: geometry shall not move to mend
     colours."""
 
-    def __init__(self, faces, n):
+    def __init__(self, faces):
         super().__init__()
-        faces = np.asarray(faces, dtype=np.int64)
-        rows, columns = faces.ravel(), np.repeat(np.arange(len(faces)), 3)
-        self.around = Linear(coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, len(faces))))
-        self.register_buffer(
-            "corners", torch.from_numpy(faces.T.ravel().copy()), persistent=False
-        )  # first, second, third
+        self.faces = np.asarray(faces, dtype=np.int32)
 
     @torch.no_grad()
     def forward(self, vertices, centre):
         """Vertices (B,n,3), camera centres (B,3) -> (B,n,1), -1 to 1; 0 where a vertex has no normal."""
-        a, b, c = vertices.index_select(1, self.corners).chunk(3, 1)
-        normal = self.around(torch.linalg.cross(b - a, c - a))  # sum of area-weighted normals
+        normals = np.stack([vertex_normals(v, self.faces) for v in vertices.cpu().double().numpy()])
         view = centre[:, None] - vertices
-        length = (normal.square().sum(-1) * view.square().sum(-1)).clamp(min=1e-24).sqrt()
-        return ((normal * view).sum(-1) / length)[..., None]
+        length = view.square().sum(-1).clamp(min=1e-24).sqrt()
+        return ((torch.from_numpy(normals).to(view) * view).sum(-1) / length)[..., None]
 
 
 def uniform_laplacian(faces, n):

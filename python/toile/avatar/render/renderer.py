@@ -154,7 +154,8 @@ class _Scene:
         self.surfaces, self.K, self.size = surfaces, K, size
         world = torch.cat([s.vertices.float() for s in surfaces])
         # no matrix product: on the way back autocast would round it
-        self.vertices = (world[:, None] * T_camera_world[:3, :3]).sum(2) + T_camera_world[:3, 3]
+        x, y, z, t = T_camera_world[:3].unbind(1)
+        self.vertices = world[:, :1] * x + world[:, 1:2] * y + world[:, 2:] * z + t
         self.first_vertex = _starts([s.vertices for s in surfaces])
         self.first_face = _starts([s.faces for s in surfaces])
 
