@@ -32,6 +32,7 @@ TOLERANCE = 0.003  # m behind the nearest surface that still counts as seen
 WITHIN = (0.002, 0.005, 0.010)  # m
 HAND = ("wrist", "finger", "metacarpal")  # names of its joints begin so
 WINDOW = 7  # px, a side
+LUMA = (0.299, 0.587, 0.114)  # of red, green, blue (BT.601)
 CONTRAST = 10.0  # of 255, standard deviation within a window: that much is a print
 
 
@@ -88,7 +89,7 @@ def contrast(mesh, images, cameras):
     facing = [np.einsum("nc,nc->n", mesh.normals, unit(cameras[n].centre - mesh.vertices)) for n in images]
     best, found = np.argmax(facing, 0), np.zeros(len(mesh.vertices))
     for c, (name, image) in enumerate(images.items()):
-        grey, camera = image.astype(float) @ kernels.stereo.LUMA, cameras[name]
+        grey, camera = image.astype(float) @ LUMA, cameras[name]
         variance = uniform_filter(grey * grey, WINDOW) - uniform_filter(grey, WINDOW) ** 2
         mine = np.flatnonzero(best == c)
         u, v = np.clip(camera.project(mesh.vertices[mine])[0].astype(int), 0, [camera.width - 1, camera.height - 1]).T

@@ -10,7 +10,9 @@ from .. import _core
 from .arrays import Anything, Array, Floats, Ints, as_floats
 
 HOLES = ("none", "masked", "saturated", "untextured", "unmatched", "inconsistent")
-LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of red, green, blue (BT.601)
+GREY = np.full(
+    3, 1 / 3, np.float32
+)  # of red, green, blue: the weights of brightness would let a sixth more of their noise through
 
 
 class StereoResult(NamedTuple):
@@ -55,7 +57,7 @@ class StereoSolver:
     ) -> StereoResult:
         """Depth, normals and confidence of every camera's picture.
 
-        images: one a camera, (H,W) or (H,W,3), values 0 to 255. masks: (H,W), not zero where the object is; None: all is
+        images: one a camera, (H,W) or (H,W,3) (its channels' mean counts), values 0 to 255. masks: (H,W), not zero where the object is; None: all is
         looked at. depth_range: (C,2) nearest and farthest depth [m]; None: the masks' visual hull bounds each pixel.
 
         Memory: 26 bytes a pixel of the result, pictures among them; at work at most 17 more a pixel of a camera's
@@ -117,7 +119,7 @@ def _grey(name: str, image: Anything, size: tuple[int, int]) -> Anything:
         raise _core.InputError(
             f"stereo: {name} has shape {image.shape} of {image.dtype}, expected {size} or {(*size, 3)}"
         )
-    return image if image.ndim == 2 else image.astype(np.float32) @ LUMA
+    return image if image.ndim == 2 else image.astype(np.float32) @ GREY
 
 
 def _mask(name: str, mask: Anything, size: tuple[int, int]) -> Anything:
