@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from toile import kernels, load_body_model
-from toile.scene import Points3D
-from toile.surface.keypoints import learnt_offsets, with_offsets
+from toile.config import TrackSettings
+from toile.scene import HIDDEN, INTERPOLATED, OBSERVED, Points3D
+from toile.surface.keypoints import facial_places, learnt_offsets, with_offsets
 
 NAMES = tuple(f"body.{bone}.{side}" for bone in ("upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
               for side in "LR") + ("face.nose_tip", "face.ear.L", "hand_left.finger2-tip.L")  # fmt: skip
@@ -89,3 +90,25 @@ def test_a_pose_from_such_keypoints_is_right_where_the_offsets_are_known(model, 
 def test_a_rig_that_names_no_keypoint_stays_as_it_is(model):
     bare = replace(model, keypoint_names=(), keypoint_joint=np.zeros(0, int), keypoint_vertices=())
     assert with_offsets(bare, np.zeros((0, 3))) is bare
+
+
+@pytest.mark.parametrize("confidence, noise", [(OBSERVED, 0.003), (INTERPOLATED, 0.012), (HIDDEN, np.inf)])
+def test_facial_keypoints_are_weighed_with_the_surface_and_what_lies_off_the_face_is_none(
+    model, offsets, confidence, noise
+):
+    settings = TrackSettings(face_sigma=0.003, pose_unseen_factor=4.0, face_reach=0.04)
+    pose = next(poses_of(model, 1))
+    transforms = model.joint_transforms(model.J, *pose[:2])
+    exact = detected(model, offsets, pose)  # of sigma 10 mm
+    names = [name for name in NAMES if name.startswith("face.")]
+    rows = [model.face_names.index(name) for name in names]
+    there = exact.points[[NAMES.index(name) for name in names]]
+    certain = np.full(len(model.v_template), confidence)
+    given = lambda move: replace(exact, points=exact.points + move)
+    places = lambda points: facial_places(model, points, pose[2], transforms, offsets, certain, settings)
+    near, far, unseen = (places(given(move)) for move in ([0.02, 0, 0], [0.2, 0, 0], [np.nan, 0, 0]))
+    assert np.isnan(np.delete(near, rows, 0)).all()  # no keypoint of the capture's
+    assert np.allclose(near[rows] - there, [0.02 / (1 + (0.01 / noise) ** 2), 0, 0], atol=1e-9)
+    expected = np.full_like(there, np.nan) if confidence == HIDDEN else there
+    assert np.allclose(far[rows], expected, atol=1e-9, equal_nan=True)
+    assert np.allclose(unseen[rows], expected, atol=1e-9, equal_nan=True)

@@ -103,6 +103,15 @@ class TrackSettings(Settings):
         "frames whose offsets of keypoints from the model's count half; more: keypoints are the model's",
         ge=0,
     )
+    face_sigma: float = setting(
+        0.003,
+        "m",
+        "noise of the tracked surface at a facial keypoint; pose_unseen_factor times so much where it is interpolated",
+        gt=0,
+    )
+    face_reach: float = setting(
+        0.04, "m", "a facial keypoint farther than this from the tracked surface's is none", gt=0
+    )
     starts: StartsSettings = StartsSettings()
     search: SearchSettings = SearchSettings()
     skeleton: SkeletonSettings = SkeletonSettings()

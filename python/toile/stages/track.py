@@ -9,7 +9,7 @@ import numpy as np
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
-from ..surface.keypoints import learnt_offsets, with_offsets
+from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
 from ..surface.pose_search import PoseSearch, quick_solver
 from ..surface.starts import Starts
@@ -134,7 +134,7 @@ class Tracker:
             kept = float(np.isfinite(points.points).all(1).mean())
             diagnostics |= {"keypoints_kept": kept} | ({"keypoint_gate_px": points.gate} if points.gate else {})
         diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
-        return Tracked(V, *pose, self._face(*pose, points), confidence, diagnostics)
+        return Tracked(V, *pose, self._face(*pose, points, V, confidence), confidence, diagnostics)
 
     def _start(self, previous):
         """The person's rest surface (n,3), with a share of the frame's before that its surface was off the pose: a limb
@@ -196,18 +196,15 @@ class Tracker:
             return np.zeros((K, 3)), middle, self.person.shape
         return np.asarray(start.rotations), np.asarray(start.translation), self.person.shape
 
-    def _face(self, rotations, translation, points):
+    def _face(self, rotations, translation, points, V, confidence):
         """Facial keypoints in the head joint's frame (q,3), NaN where unseen."""
-        names = self.model.face_names
-        face = np.full((len(names), 3), np.nan)
-        if points is None or self.model.joint("head") is None:
-            return face
-        R, x = self.model.joint_transforms(self.person.J, rotations, translation)
-        head, at = self.model.joint("head"), {n: i for i, n in enumerate(points.names)}
-        for row, name in enumerate(names):
-            if name in at:
-                face[row] = R[head].T @ (points.points[at[name]] - x[head])
-        return face
+        head = self.model.joint("head")
+        if points is None or head is None:
+            return np.full((len(self.model.face_names), 3), np.nan)
+        transforms = R, x = self.model.joint_transforms(self.person.J, rotations, translation)
+        offsets = self.person.keypoint_offsets
+        places = facial_places(self.model, points, V, transforms, offsets, confidence, self.settings)
+        return (places - x[head]) @ R[head]
 
 
 class _Poser:
