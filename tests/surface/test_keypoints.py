@@ -106,7 +106,9 @@ def test_facial_keypoints_are_weighed_with_the_surface_and_what_lies_off_the_fac
     certain = np.full(len(model.v_template), confidence)
     given = lambda move: replace(exact, points=exact.points + move)
     places = lambda points: facial_places(model, points, pose[2], transforms, offsets, certain, settings)
-    near, far, unseen = (places(given(move)) for move in ([0.02, 0, 0], [0.2, 0, 0], [np.nan, 0, 0]))
+    moves = [0.02, 0, 0], [0.2, 0, 0], [np.nan, 0, 0]
+    (near, far, unseen), left_out = zip(*(places(given(move)) for move in moves))
+    assert left_out == (0, len(rows), 0)
     assert np.isnan(np.delete(near, rows, 0)).all()  # no keypoint of the capture's
     assert np.allclose(near[rows] - there, [0.02 / (1 + (0.01 / noise) ** 2), 0, 0], atol=1e-9)
     expected = np.full_like(there, np.nan) if confidence == HIDDEN else there

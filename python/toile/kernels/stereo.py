@@ -10,9 +10,8 @@ from .. import _core
 from .arrays import Anything, Array, Floats, Ints, as_floats
 
 HOLES = ("none", "masked", "saturated", "untextured", "unmatched", "inconsistent")
-GREY = np.full(
-    3, 1 / 3, np.float32
-)  # of red, green, blue: the weights of brightness would let a sixth more of their noise through
+# of red, green, blue; the weights of brightness (BT.601) would let a sixth more of their noise through
+GREY = np.full(3, 1 / 3, np.float32)
 
 
 class StereoResult(NamedTuple):

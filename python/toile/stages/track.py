@@ -134,7 +134,9 @@ class Tracker:
             kept = float(np.isfinite(points.points).all(1).mean())
             diagnostics |= {"keypoints_kept": kept} | ({"keypoint_gate_px": points.gate} if points.gate else {})
         diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
-        return Tracked(V, *pose, self._face(*pose, points, V, confidence), confidence, diagnostics)
+        face, left_out = self._face(*pose, points, V, confidence)
+        diagnostics |= {"face_left_out": float(left_out)} if left_out else {}
+        return Tracked(V, *pose, face, confidence, diagnostics)
 
     def _start(self, previous):
         """The person's rest surface (n,3), with a share of the frame's before that its surface was off the pose: a limb
@@ -197,14 +199,14 @@ class Tracker:
         return np.asarray(start.rotations), np.asarray(start.translation), self.person.shape
 
     def _face(self, rotations, translation, points, V, confidence):
-        """Facial keypoints in the head joint's frame (q,3), NaN where unseen."""
+        """Facial keypoints in the head joint's frame (q,3), NaN where unseen, and how many were left out."""
         head = self.model.joint("head")
         if points is None or head is None:
-            return np.full((len(self.model.face_names), 3), np.nan)
+            return np.full((len(self.model.face_names), 3), np.nan), 0
         transforms = R, x = self.model.joint_transforms(self.person.J, rotations, translation)
         offsets = self.person.keypoint_offsets
-        places = facial_places(self.model, points, V, transforms, offsets, confidence, self.settings)
-        return (places - x[head]) @ R[head]
+        places, left_out = facial_places(self.model, points, V, transforms, offsets, confidence, self.settings)
+        return (places - x[head]) @ R[head], left_out
 
 
 class _Poser:

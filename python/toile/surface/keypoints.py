@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.arrays import Anything
+from ..kernels.arrays import Anything, Floats
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, BodyModel
 
 
@@ -84,25 +84,29 @@ def facial_places(
     offsets: Anything | None,
     confidence: Anything,
     settings: Any,
-) -> Any:
-    """Facial keypoints in the world (q,3) [m], NaN where unseen: the mean, weighted by their variances, of what was triangulated (Points3D)
-    and of where a tracked surface V (n,3) of this confidence (n,) has them, unless it is hidden there. What lies farther than
-    `face_reach` from the surface's is no keypoint of this face. `transforms` of the joints: R (K,3,3), x (K,3); `offsets`
-    are those of `learnt_offsets` or None; `settings` TrackSettings."""
+) -> tuple[Floats, int]:
+    """Facial keypoints in the world (q,3) [m], NaN where unseen, and how many triangulated ones were left out.
+
+    Each is the mean, weighted by their variances, of what was triangulated (Points3D) and of where a tracked surface V (n,3)
+    of this confidence (n,) has them, unless it is hidden there. What lies farther than `face_reach` from the surface's is no
+    keypoint of this face. `transforms` of the joints: R (K,3,3), x (K,3); `offsets` are those of `learnt_offsets` or None;
+    `settings` TrackSettings."""
     times = {OBSERVED: 1.0, INTERPOLATED: settings.pose_unseen_factor, HIDDEN: np.inf}
     (R, x), found = transforms, {name: i for i, name in enumerate(points.names)}
     places = model.keypoints(V, x)
     if offsets is not None and len(offsets):
         places = places + np.einsum("qij,qj->qi", R[_bones(model)], offsets)
-    facial = np.full((len(model.face_names), 3), np.nan)
+    facial, left_out = np.full((len(model.face_names), 3), np.nan), 0
     for row, name in enumerate(model.face_names):
         if name not in found:
             continue
         k, point, sigma = model.keypoint_names.index(name), points.points[found[name]], points.sigma[found[name]]
         vertices = np.asarray(model.keypoint_vertices[k], dtype=np.int64)
         spread = settings.face_sigma * times[confidence[vertices].min() if len(vertices) else HIDDEN]
-        if np.linalg.norm(point - places[k]) < settings.face_reach:  # NaN is not
+        off = np.linalg.norm(point - places[k])
+        left_out += int(off >= settings.face_reach)
+        if off < settings.face_reach:  # NaN is neither
             facial[row] = places[k] + (point - places[k]) / (1 + (sigma / spread) ** 2)
         elif np.isfinite(spread):
             facial[row] = places[k]
-    return facial
+    return facial, left_out
