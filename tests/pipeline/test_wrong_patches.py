@@ -3,8 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tests.support.lasting_blobs import WrongPatches
-from toile import kernels
+from tests.support.lasting_blobs import WrongPatches, iou_by_label
 from toile.config import SegmentSettings
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
@@ -34,15 +33,5 @@ def test_labels_are_found_among_wrong_patches():
     for frame, body in samples:
         found = segment.evidence(frame, capture.cameras, model, body, faces, settings)
         segmented = segment.segment(capture.scene, found, model, body, faces, settings)
-        iou = by_label(capture, patches.truth, frame, segmented)
+        iou = iou_by_label(capture, patches.truth, frame, segmented)
         assert all(iou[name] > least for name, least in LEAST.items()), iou
-
-
-def by_label(capture, truth, frame, segmented):
-    """Intersection over union {label: share} by area of the scan's faces."""
-    scan = frame.scan
-    V, F, label = truth.outer(frame.number, {"tshirt": capture.scene.labels["tshirt"]}, bare=True)
-    true = label[kernels.SurfaceIndex(V, F).closest(scan.vertices[scan.faces].mean(1))[0]]
-    area, given = kernels.face_areas(scan.vertices, scan.faces), segmented.scan_faces
-    each = {name: (true == id, given == id) for name, id in capture.scene.labels.items()}
-    return {name: float(area[a & b].sum() / area[a | b].sum()) for name, (a, b) in each.items()}

@@ -46,3 +46,13 @@ class WrongPatches:
         face, bary = np.asarray(seen.face), np.asarray(seen.barycentric)
         on = face >= 0
         return on, np.einsum("pc,pcd->pd", bary[on], self.first[F[face[on]]]), label[face[on]]
+
+
+def iou_by_label(capture, truth, frame, segmented):
+    """Intersection over union {label: share} by area of the scan's faces."""
+    scan = frame.scan
+    V, F, label = truth.outer(frame.number, {"tshirt": capture.scene.labels["tshirt"]}, bare=True)
+    true = label[kernels.SurfaceIndex(V, F).closest(scan.vertices[scan.faces].mean(1))[0]]
+    area, given = kernels.face_areas(scan.vertices, scan.faces), segmented.scan_faces
+    each = {name: (true == id, given == id) for name, id in capture.scene.labels.items()}
+    return {name: float(area[a & b].sum() / area[a | b].sum()) for name, (a, b) in each.items()}

@@ -22,12 +22,14 @@ from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
 from ..stages import dress, inner, motion, prints, segment, track
 from ..surface.curves import Curve
 from ..vision.colours import ColourModel
+from ..vision.limb_colours import LimbCloth, parts_of
 from ..vision.thin_pictures import thin_cameras
 from ..vision.threads import parallel_map
 from .identity import Identities
 from .samples import as_labels_see, samples_of
 from .template import Worn, template_from_scan, template_on_body
 
+COLOURS = {"colours": ColourModel, "cloth": LimbCloth}  # records of a SegmentModel
 LARGE = 1 << 22  # pixels of a frame above which what its thinned pictures say is gathered twice, not kept
 
 
@@ -117,23 +119,29 @@ def _prepare_garments(prepared, tracked, status):
         status.forget("dress")
         samples = tracked()
         cameras = thin_cameras(prepared.capture.cameras, config.picture_side)
-        coarse = segment.coarse_pictures(cameras, samples, config.segment)
-        doubts = doubted_on(scene, model, cameras, [(frame, body.vertices) for frame, body in samples])
-        said = (*coarse, *segment.unlabelled_pictures(samples), *(doubt.text for doubt in doubts))
-        for warning in (*prepared.capture.warnings, *said):
+        learn = partial(segment.prepare, scene, cameras, samples, model.f, config.segment, parts_of(model))
+        made = kept(colours, segment.SegmentModel, learn, ids["colours"], **COLOURS)
+        for warning in (*prepared.capture.warnings, *_said(scene, model, cameras, samples, made.cloth, config)):
             status.add(stage="dress", ok=False, warning=warning)
-        learn = partial(segment.prepare, scene, cameras, samples, model.f, config.segment)
-        made = kept(colours, segment.SegmentModel, learn, ids["colours"], colours=ColourModel)
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
         evidenced = parallel_map(partial(_evidenced, prepared, made), wanted)
         for garment, path in zip(scene.garments, paths):
             save_record(path, _template(prepared, garment, evidenced, status), ids["template"])
-    prepared.colours = load_record(colours, segment.SegmentModel, colours=ColourModel)
+    prepared.colours = load_record(colours, segment.SegmentModel, **COLOURS)
     prepared.templates = tuple(load_record(path, GarmentTemplate, ("loops",)) for path in paths)
     prepared.dressers = tuple(
         dress.Dresser(model, person, template, config.dress, _over(scene, template.name))
         for template in prepared.templates
     )
+
+
+def _said(scene, model, cameras, samples, cloth, config):
+    """What to warn of labels and pictures of sampled frames [(Frame, Tracked)]."""
+    told = lambda frame, tracked: segment.believed(frame, frame.labels, cameras, cloth, tracked, model.f)
+    doubts = doubted_on(scene, model, cameras, [(told(frame, tracked), tracked.vertices) for frame, tracked in samples])
+    coarse = segment.coarse_pictures(cameras, samples, config.segment)
+    taken = [] if cloth is None else [cloth.words(scene)]
+    return *coarse, *segment.unlabelled_pictures(samples), *taken, *(doubt.text for doubt in doubts)
 
 
 def _template(prepared, garment, evidenced, status):

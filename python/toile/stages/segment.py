@@ -21,6 +21,7 @@ from ..vision.evidence import (
     spread_views,
     visibility,
 )
+from ..vision.limb_colours import LimbCloth, limb_cloth, retold
 from ..vision.strip import Strip
 from ..vision.visibility import occlusion_border
 
@@ -32,6 +33,7 @@ class SegmentModel:
     ids: np.ndarray  # (L,) uint8, ascending
     colours: ColourModel | None
     prior: np.ndarray  # (n,L) per tracked vertex, rows sum to 1
+    cloth: LimbCloth | None = None  # that a network took for skin
 
 
 def coarse_pictures(cameras, samples, settings):
@@ -43,15 +45,21 @@ def coarse_pictures(cameras, samples, settings):
     return [f"pictures: a pixel is {1e3 * np.median(widths):.0f} mm wide at the person: openings are as uncertain"]
 
 
-def prepare(scene, cameras, samples, faces, settings):
-    """Fits the colour models on sampled frames [(Frame, Tracked)]; `faces` (m,3) of the tracked surface."""
+def prepare(scene, cameras, samples, faces, settings, parts=None):
+    """Fits the colour models on sampled frames [(Frame, Tracked)]; `faces` (m,3) of the tracked surface, `parts` {name: bool
+    (n,)} of the body, by which cloth is found that a network took for skin."""
     ids = np.array(sorted(set(scene.labels.values())), dtype=np.uint8)
     if not any(frame.labels or frame.scan_labels is not None for frame, _ in samples):
         raise UserError(
             "labels: no sampled frame has label images or labels on its scan, and the scene names a garment"
         )
+    views = lambda frame, tracked: depth_views(frame.certainty, cameras, tracked.vertices, faces)
+    cloth = limb_cloth(scene, parts or {}, faces, ((frame, views(frame, tracked)) for frame, tracked in samples))
+    samples = [
+        (believed(frame, frame.certainty, cameras, cloth, tracked, faces), tracked) for frame, tracked in samples
+    ]
     _check_ids(scene, samples)
-    model = _fitted(cameras, samples, faces, ids, settings)
+    model = replace(_fitted(cameras, samples, faces, ids, settings), cloth=cloth)
     for _ in range(settings.completion_rounds):
         if not any(_unlabelled(frame, frame.images, model) for frame, _ in samples):
             break
@@ -60,8 +68,17 @@ def prepare(scene, cameras, samples, faces, settings):
             frame = _completed(given, given.images, cameras, model, tracked, faces, settings)
             views = depth_views(frame.labels, cameras, tracked.vertices, faces)
             _count(votes, frame, views, tracked, faces, ids, settings)
-        model = SegmentModel(ids, model.colours, _prior(votes, faces, settings))
+        model = replace(model, prior=_prior(votes, faces, settings))
     return model
+
+
+def believed(frame, names, cameras, cloth, tracked, faces):
+    """The frame with what its network took for skin told again, in pictures of the cameras `names`; itself where there is no such
+    LimbCloth."""
+    if cloth is None:
+        return frame
+    told = [name for name in frame.certainty if name in names]
+    return retold(frame, depth_views(told, cameras, tracked.vertices, faces), faces, cloth)
 
 
 def _fitted(cameras, samples, faces, ids, settings):
@@ -139,6 +156,7 @@ def evidence(frame, cameras, model, tracked, faces, settings):
     told = frame.images if model.colours is not None else {}  # pictures whose labels can be
     names = [*frame.labels, *(name for name in told if name not in frame.labels)]
     chosen = spread_views(cameras, names, V.mean(0), settings.views, len(frame.labels))
+    frame = believed(frame, chosen, cameras, model.cloth, tracked, faces)
     frame = _completed(frame, chosen, cameras, model, tracked, faces, settings)
     both = np.concatenate([V, tracked.vertices]), np.concatenate([F, faces + len(V)])
     views = depth_views([name for name in frame.labels if name in chosen], chosen, *both)

@@ -14,11 +14,12 @@ from ...io.capture import Capture
 from ...kernels.arrays import Floats
 from ...scene import BodyModel, Camera, Frame, Points3D, Scene
 from ...surface.sampling import evenly
+from ...vision.limb_colours import REFERENCE, WORN, cover_of, odd_parts, surely_covered
 from ...vision.segmenters.asked import labelled
 from ...vision.thin_pictures import thin_cameras, thin_pictures
 from .cameras import Finding
 from .clothed import Clothed, Reading, bare, clothed, read_labels
-from .labels import REFERENCE, alike, off_masks, on_template, skin_colours
+from .labels import alike, off_masks, on_template, skin_colours
 
 FRAMES, VIEWS = 2, 8  # that are looked at
 SIDE = 768  # px, longer side, to which a run's pictures are thinned for this
@@ -26,11 +27,6 @@ KINDS = ("images", "masks", "labels", "certainty")
 OFF = 0.15  # share of a label image that lies off the mask
 OWN = 0.7  # of a template's seen area carries the garment's label
 ALIKE, PICTURES = 0.85, 3  # colours of both sides of a border that pictures do not show, and how many pictures must
-WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
-COLOUR = 6.0  # of a*, b*; head and hands of one person differ by up to 5
-SAMPLES = 60  # of the skin of a part
-LONG = ("trousers", "pants", "jeans", "leggings")  # cover the upper legs
-SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show bare ones
 HARDLY = 0.005  # share of what label images show
 UNSURE, DOUBTED = 0.5, 0.15  # certainty of an unsure pixel, and share of the person's pixels
 
@@ -157,19 +153,19 @@ def _of_skin(scene: Scene, model: BodyModel, posed: Posed) -> Iterator[Finding]:
     """Limbs that are labelled skin, of other colours than the skin of head and hands, or where the scene has trousers."""
     if "skin" not in scene.labels or not posed:
         return
-    told = [skin_colours(model, *of, scene.labels["skin"]) for of in posed]
-    bare = [part for part in told[0] if np.mean([of[part][0] for of in told]) > WORN]
-    colours = {part: np.concatenate([of[part][1] for of in told]) for part in told[0]}
-    middle = {part: np.median(of, axis=0) for part, of in colours.items() if len(of) >= SAMPLES}
-    known = [middle[part] for part in REFERENCE if part in middle]
-    asked_of = [part for part in bare if known and part in middle and part not in REFERENCE]
-    odd = [p for p in asked_of if min(float(np.linalg.norm(middle[p] - other)) for other in known) > COLOUR]
-    long = [name for name in LONG if name in scene.labels and not any(other in scene.labels for other in SHORT)]
+    told = [skin_colours(model, frame, reading, scene.labels["skin"]) for frame, _, reading in posed]
+    bare = [part for part in told[0] if part in REFERENCE or np.mean([of[part][0] for of in told]) > WORN]
+    odd = odd_parts({part: np.concatenate([of[part][1] for of in told]) for part in bare})
+    long = surely_covered(scene)
+    asked = odd or (["upper legs"] if long and "upper legs" in bare else [])
+    taken = dict.fromkeys(cover_of(scene, part) for part in asked if cover_of(scene, part))
+    network = any(frame.certainty for frame, _, _ in posed)
+    then = f"; it is taken for '{', '.join(taken)}'" if network and taken else ": is it cloth?"
     if odd:
-        text = f"labels: 'skin' on the {' and the '.join(odd)} has other colours than on head and hands: is it cloth?"
+        text = f"labels: 'skin' on the {' and the '.join(odd)} has other colours than on head and hands{then}"
         yield Finding(text, serious=False)
-    elif long and "upper legs" in bare:
-        text = f"labels: the upper legs are labelled 'skin', but the scene has '{long[0]}': is it cloth?"
+    elif asked:
+        text = f"labels: the upper legs are labelled 'skin', but the scene has '{long}'{then}"
         yield Finding(text, serious=False)
 
 

@@ -10,18 +10,11 @@ import numpy as np
 
 from ...kernels.arrays import Array, Floats
 from ...scene import BodyModel, Frame
+from ...vision.limb_colours import lab, parts_of
 from .clothed import Clothed, Reading
 
-REFERENCE = {"head": ("head", "jaw", "neck"), "hands": ("wrist", "metacarpal", "finger")}  # where cloth is rare
-LIMBS = {
-    "upper arms": ("upperarm",),
-    "lower arms": ("lowerarm",),
-    "upper legs": ("upperleg",),
-    "lower legs": ("lowerleg",),
-}
 BINS = (12, 8, 8)  # of L*, a*, b* in a histogram
 BAND = 0.03  # of the person's height in the picture: colours on either side of a border
-SOFT = 1.0  # px, by which pictures are blurred
 SIDE = 30  # pixels of a band
 
 
@@ -42,15 +35,12 @@ def on_template(clothed: Clothed, reading: Reading, ids: Array, garment: int, ov
     return np.bincount(votes[asked].argmax(1), clothed.areas[asked], minlength=len(ids))
 
 
-def skin_colours(
-    model: BodyModel, frame: Frame, clothed: Clothed, reading: Reading, label: int
-) -> dict[str, tuple[float, Floats]]:
+def skin_colours(model: BodyModel, frame: Frame, reading: Reading, label: int) -> dict[str, tuple[float, Floats]]:
     """{part of the body: (share that carries the label `label`, a* and b* (k,2) where it does)}."""
-    roles = np.array([role.partition(".")[0].rstrip("0123456789-") for role in model.joint_roles])[clothed.joint]
     found: dict[str, tuple[float, Floats]] = {}
-    chroma = {name: _lab(frame.images[name])[..., 1:] for name in reading.cameras if name in frame.images}
-    for part, names in {**REFERENCE, **LIMBS}.items():
-        at = np.flatnonzero(np.isin(roles, names))
+    chroma = {name: lab(frame.images[name])[..., 1:] for name in reading.cameras if name in frame.images}
+    for part, vertices in parts_of(model).items():
+        at = np.flatnonzero(vertices)
         shown, carry, colours = 0, 0, [np.zeros((0, 2))]
         for i, name in enumerate(reading.cameras):
             given, (x, y) = reading.labels[i, at], reading.pixels[i, at].T
@@ -75,8 +65,8 @@ def alike(frame: Frame, one: int, other: int) -> list[float]:
         away = [cv2.distanceTransform((~part).astype(np.uint8), cv2.DIST_L2, 5) for part in parts]
         bands = [part & (far > 1.5) & (far < reach) for part, far in zip(parts, away[::-1])]
         if min(band.sum() for band in bands) >= SIDE:
-            lab = _lab(frame.images[name])
-            found.append(_overlap(*(lab[band] for band in bands)))
+            image = lab(frame.images[name])
+            found.append(_overlap(*(image[band] for band in bands)))
     return found
 
 
@@ -86,11 +76,6 @@ def _overlap(a: Floats, b: Floats) -> float:
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     p, q = (np.bincount(of, minlength=cell.max() + 1) / len(of) for of in (cell[: len(a)], cell[len(a) :]))
     return float(np.sqrt(p * q).sum())
-
-
-def _lab(image: Any) -> Any:
-    """L*a*b* (H,W,3) of a picture, a little blurred."""
-    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
 
 
 def _largest(mask: Any) -> Any:

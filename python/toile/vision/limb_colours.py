@@ -1,0 +1,181 @@
+"""Cloth that a network of labels calls skin: the skin of one person has the colours of head and hands, wherever it is.
+
+A network knows skin by its colours and by where it is; brown trousers look to it like bare legs. What it cannot know is this
+person: where the skin of a limb has other colours than that of head and hands, and the scene names what covers the limb, its word is
+taken for that garment's. The same where the colours are alike and the scene names what covers the legs for certain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..kernels.arrays import Array, Bools, Floats
+from ..scene import BodyModel, Frame, Scene
+from .colours import ColourModel, counted_colours
+from .visibility import DepthView
+
+REFERENCE = ("head", "hands")  # where cloth is rare
+PARTS = {  # of the body, by the roles of joints that skin most of a vertex
+    "head": ("head", "jaw", "neck"),
+    "hands": ("wrist", "metacarpal", "finger"),
+    "upper arms": ("upperarm",),
+    "lower arms": ("lowerarm",),
+    "upper legs": ("upperleg",),
+    "lower legs": ("lowerleg",),
+}
+LONG = ("trousers", "pants", "jeans", "leggings")  # cover the upper legs, and may cover the lower ones
+SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show bare upper legs
+COVERS = {"upper legs": (*LONG, "shorts", "skirt"), "lower legs": LONG}  # by labels' names, the first that a scene has
+WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
+COLOUR = 6.0  # of a*, b*; head and hands of one person differ by up to 5
+SAMPLES = 60  # of the skin of a part
+SURE = 0.8  # certainty from which on a label of head and hands is skin
+MOST = 4000  # pixels of a part that are read in a picture
+SOFT = 1.0  # px, by which pictures are blurred
+AROUND = 7  # px, over which colours are averaged before a pixel is told
+
+
+@dataclass(frozen=True)
+class LimbCloth:
+    """What is cloth of the skin of limbs: `label`, that of skin; `instead` (n,) uint8, the label of what covers a vertex of the
+    tracked surface, 0 where skin is skin; `colours` of the two, skin first, None where they are alike."""
+
+    label: int
+    instead: Array
+    colours: ColourModel | None
+
+    def words(self, scene: Scene) -> str:
+        """What is said of it."""
+        names = [name for name, label in scene.labels.items() if label in self.instead]
+        why = (
+            "have the colours of skin, but are worn"
+            if self.colours is None
+            else "have other colours than head and hands"
+        )
+        return (
+            f"labels: what the network calls 'skin' on the legs is taken for {', '.join(map(repr, names))}: they {why}"
+        )
+
+
+def parts_of(model: BodyModel) -> dict[str, Bools]:
+    """{part of the body: bool (n,), its vertices}."""
+    most = np.asarray(model.weights_idx)[np.arange(len(model.v_template)), np.argmax(model.weights_val, axis=1)]
+    roles = np.array([role.partition(".")[0].rstrip("0123456789-") for role in model.joint_roles])[most]
+    return {part: np.isin(roles, names) for part, names in PARTS.items()}
+
+
+def lab(image: Any) -> Any:
+    """L*a*b* (H,W,3) of a picture, a little blurred."""
+    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+
+
+def odd_parts(chroma: Mapping[str, Floats]) -> list[str]:
+    """Limbs whose skin has other colours than that of head and hands: `chroma` {part: a* and b* (k,2) of its skin}. None where
+    neither head nor hands show enough."""
+    middle = {part: np.median(of, axis=0) for part, of in chroma.items() if len(of) >= SAMPLES}
+    known = [middle.pop(part) for part in REFERENCE if part in middle]
+    far = {part: min((float(np.linalg.norm(of - skin)) for skin in known), default=0.0) for part, of in middle.items()}
+    return [part for part, distance in far.items() if distance > COLOUR]
+
+
+def surely_covered(scene: Scene) -> str | None:
+    """The label of the scene that covers the upper legs for certain."""
+    if any(name in scene.labels for name in SHORT):
+        return None
+    return next((name for name in LONG if name in scene.labels), None)
+
+
+def cover_of(scene: Scene, part: str) -> str | None:
+    """The scene's label of what covers a part of the body."""
+    return next((name for name in COVERS.get(part, ()) if name in scene.labels), None)
+
+
+def limb_cloth(
+    scene: Scene, parts: Mapping[str, Bools], faces: Array, shown: Iterable[tuple[Frame, Mapping[str, DepthView]]]
+) -> LimbCloth | None:
+    """Of labelled frames, each with the views of its tracked surface (triangles `faces` (m,3)): what a network took for skin.
+    None where there is no such thing, or nothing to tell it by."""
+    asked = [part for part in parts if cover_of(scene, part)]
+    if "skin" not in scene.labels or not asked:
+        return None
+    seen = _skin_of([*asked, *REFERENCE], scene.labels["skin"], parts, faces, shown)
+    if not seen["upper legs"]:
+        return None
+    odd = odd_parts({part: np.concatenate([s.chroma for s in of]) for part, of in seen.items()})
+    alike = surely_covered(scene) if not odd else None
+    if alike and np.sum([s.carry for s in seen["upper legs"]]) <= WORN * np.sum([s.shown for s in seen["upper legs"]]):
+        alike = None
+    cloth = asked if alike else odd
+    if not cloth:
+        return None
+    instead = np.zeros(len(next(iter(parts.values()))), np.uint8)
+    for part in cloth:
+        instead[parts[part]] = scene.labels[cover_of(scene, part)]
+    return LimbCloth(scene.labels["skin"], instead, None if alike else _colours(seen, odd))
+
+
+def retold(frame: Frame, views: Mapping[str, DepthView], faces: Array, cloth: LimbCloth) -> Frame:
+    """The frame with the labels that its network gave, told again on limbs that `cloth` covers; `views` show its tracked
+    surface."""
+    labels, covered = dict(frame.labels), cloth.instead[faces].min(1)
+    for name in (name for name in views if name in frame.certainty):
+        face = views[name].face
+        over = np.where(face >= 0, covered[face], 0)
+        wrong = (frame.labels[name] == cloth.label) & (over > 0)
+        if cloth.colours is not None and wrong.any():
+            wrong &= _cloth_rather(frame.images[name], wrong, cloth.colours)
+        labels[name] = np.where(wrong, over, frame.labels[name])
+    return replace(frame, labels=labels)
+
+
+def _cloth_rather(image: Any, where: Bools, colours: ColourModel) -> Bools:
+    """Pixels (H,W) whose colours, with those around them of `where`, are rather cloth's."""
+    odds = np.zeros(where.shape, np.float32)
+    odds[where] = np.diff(colours.evidence(image[where]), axis=1)[:, 0]
+    return cv2.boxFilter(odds, -1, (AROUND, AROUND)) > 0
+
+
+@dataclass(frozen=True)
+class _Skin:
+    """Of a part in a picture: pixels that show it, how many of them are labelled skin, and these pixels' colours."""
+
+    shown: int
+    carry: int
+    rgb: Array  # (k,3) uint8
+    chroma: Floats  # (k,2)
+
+
+def _skin_of(
+    names: list[str],
+    label: int,
+    parts: Mapping[str, Bools],
+    faces: Array,
+    shown: Iterable[tuple[Frame, Mapping[str, DepthView]]],
+) -> dict[str, list[_Skin]]:
+    """{part: what each picture with a network's labels shows of it}; of head and hands what is surely skin."""
+    on = {part: parts[part][faces].all(1) for part in names}
+    found: dict[str, list[_Skin]] = {part: [] for part in names}
+    for frame, views in shown:
+        for name in (name for name in views if name in frame.certainty and name in frame.images):
+            image, face = lab(frame.images[name]), views[name].face
+            for part in names:
+                there = (face >= 0) & on[part][face]
+                skin = there & (frame.labels[name] == label)
+                if part in REFERENCE:
+                    skin &= frame.certainty[name] > 255 * SURE
+                at = np.flatnonzero(skin)[:: max(1, int(skin.sum()) // MOST)]
+                rgb, ab = frame.images[name].reshape(-1, 3)[at], image.reshape(-1, 3)[at, 1:]
+                found[part].append(_Skin(int(there.sum()), int(skin.sum()), rgb, ab))
+    return found
+
+
+def _colours(seen: Mapping[str, list[_Skin]], odd: list[str]) -> ColourModel:
+    """Of skin, as on head and hands, and of what the odd parts show."""
+    rgb = [np.concatenate([s.rgb for part in of for s in seen.get(part, [])]) for of in (REFERENCE, odd)]
+    given = np.repeat([0, 1], [len(of) for of in rgb])
+    return counted_colours(np.concatenate(rgb), given, np.arange(2))
