@@ -5,6 +5,10 @@ class UserError(ValueError):
     """Bad input: the message is one line that names the file or option, and the field."""
 
 
+class RoomError(UserError):
+    """What is asked for takes more memory than is free."""
+
+
 def first_line(error: BaseException) -> str:
     """An error in one line: of a system's error its file and reason, else the first line of its message, or its kind."""
     if isinstance(error, MemoryError):

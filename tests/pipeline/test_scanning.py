@@ -136,3 +136,18 @@ def test_registering_pictures_gives_the_bits_of_reconstructing_first(tmp_path):
     assert open_run(tmp_path / "run").capture.frame(1).scan is not None
     lines = [json.loads(line) for line in (tmp_path / "run" / "status.jsonl").read_text().splitlines()]
     assert sorted(line["frame"] for line in lines if line["stage"] == "stereo") == [0, 1]
+
+
+@pytest.mark.parametrize("free", [None, 10])
+def test_where_memory_is_lacking_a_frame_fails_and_is_never_made_without_its_scan(capture, tmp_path, monkeypatch, free):
+    monkeypatch.setattr("toile.pipeline.reconstruct.free_memory", lambda: free)
+    opened, status = kept_in(tmp_path, open_capture(capture)), Status.of(tmp_path)
+    if free is None:  # nothing tells
+        make_scan(opened, 0, DRAFT, status, OF)
+        assert (tmp_path / "scans" / "000000" / "scan.ply").exists()
+        return
+    with pytest.raises(
+        UserError, match=r"stereo.reduction = 2: depth maps of \d+ pictures take .* GiB, 0.0 are free: with 4"
+    ):
+        make_scan(opened, 0, DRAFT, status, OF)
+    assert not (tmp_path / "scans" / "000000").exists()

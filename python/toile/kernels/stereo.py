@@ -9,6 +9,8 @@ import numpy.typing as npt
 from .. import _core
 from .arrays import Anything, Array, Floats, Ints, as_floats
 
+# bytes a pixel: of the result, of a camera's picture at work, of its mask at work
+RESULT, PICTURE, MASKED = 26, 17, 44
 HOLES = ("none", "masked", "saturated", "untextured", "unmatched", "inconsistent")
 # of red, green, blue; the weights of brightness (BT.601) would let a sixth more of their noise through
 GREY = np.full(3, 1 / 3, np.float32)
@@ -82,6 +84,14 @@ class StereoSolver:
             np.zeros((count, 2)) if depth_range is None else as_floats("stereo", "depth_range", depth_range, (count, 2))
         )
         return StereoResult(*self._core.solve(grey, mask, ranges))
+
+
+def memory_of(cameras: Sequence[Any], masks: Sequence[Anything]) -> int:
+    """Bytes that `StereoSolver(cameras).solve` takes of pictures with these masks (H,W), at most."""
+    largest = max(camera.height for camera in cameras) * max(camera.width for camera in cameras)
+    pictures = sum(camera.height * camera.width for camera in cameras)
+    shown = sum(int(np.count_nonzero(mask)) for mask in masks)
+    return RESULT * len(cameras) * largest + PICTURE * pictures + MASKED * shown
 
 
 def fuse_depths(cameras: Sequence[Any], depth: Array, normal: Array, confidence: Array, **options: Any) -> Points:

@@ -10,6 +10,7 @@ from ..errors import UserError, first_line
 from ..io.files import replace_file
 from ..io.importing import link
 from ..io.keypoints import keypoints3d_json, read_keypoints
+from ..io.memory import free_memory
 from ..io.mesh import write_mesh
 from ..io.scene_file import METRES
 from ..scene import Mesh, Points3D
@@ -105,7 +106,7 @@ def made_of(capture, number, settings):
     if not frame.images:
         raise UserError(f"{capture.folder(number) / 'images'}: no pictures")
     masks = {name: labels > 0 for name, labels in frame.labels.items()} | frame.masks
-    found = scan(frame.images, masks, capture.cameras, settings.stereo)
+    found = scan(frame.images, masks, capture.cameras, settings.stereo, free_memory())
     mesh = replace(found.scan, vertices=found.scan.vertices / METRES[capture.scene.units])
     keypoints = capture.folder(number) / "keypoints.json"
     points = None

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..config import Config
-from ..errors import UserError, first_line
+from ..errors import RoomError, UserError, first_line
 from ..io.capture import Capture
 from ..io.files import replace_file, write_text
 from ..io.run_folder import scans_folder
@@ -51,7 +51,7 @@ def load_libraries(capture: Capture, numbers: Iterable[int], config: Config) -> 
 def make_scan(capture: Capture, number: int, config: Config, status: Status, identities: Identities) -> None:
     """Makes the scan of a frame that lacks one, where the settings ask for it and it is not there, or of something else. A frame with keypoints
     goes on without, with a warning, where its pictures give none, or a depth to fewer pixels than `least_depth`.
-    UserError: the same of a frame without keypoints."""
+    UserError: the same of a frame without keypoints, and of any where memory is lacking: what is free must not change results."""
     folder, start = _folder(capture, number), time.perf_counter()
     asked = config.make_scans and _text(folder.parent / NONE) != identities.stages["scan"]
     identity = identities.inputs(number)
@@ -74,7 +74,7 @@ def make_scan(capture: Capture, number: int, config: Config, status: Status, ide
         if made.depth < config.least_depth:
             raise UserError(f"frame {number}: too little to make a scan of: {made.said}")
     except UserError as error:
-        if not (capture.folder(number) / "keypoints.json").exists():
+        if isinstance(error, RoomError) or not (capture.folder(number) / "keypoints.json").exists():
             raise
         replace_file(folder, write)
         status.add(stage="stereo", ok=False, warning=f"registered without a scan: {first_line(error)}")

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import kernels
-from ..errors import UserError
-from ..kernels.stereo import HOLES
+from ..errors import RoomError, UserError
+from ..kernels.stereo import HOLES, memory_of
 from ..scene import Mesh
 from ..surface.poisson import keep_vertices, large_pieces, poisson
 from ..vision.ideal import ideal, reduced
+
+GIB = 2**30
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,13 @@ class Scanned:
     holes: dict[str, float]
 
 
-def scan(images, masks, cameras, settings):
+def scan(images, masks, cameras, settings, room=None):
     """The surface that pictures show. `images` {camera: (H,W,3) uint8}, `masks` {camera: (H,W) bool}, `cameras` {name:
     Camera}; `settings` StereoSettings. Returns Scanned, whose scan has a confidence (n,) from 0 to 1 a vertex: 0 where
     nothing supports it, at the borders of holes. Nothing is kept between calls; no randomness but the settings' seed.
 
-    Raises UserError where fewer than two cameras have a picture with a mask, or no surface is found.
+    Raises UserError where fewer than two cameras have a picture with a mask, or no surface is found; RoomError where the depth
+    maps would take more than `room` bytes.
     """
     views = [
         view
@@ -39,6 +42,7 @@ def scan(images, masks, cameras, settings):
     if len(views) < 2:
         raise UserError(f"masks: {len(views)} pictures have one that is not empty; depth needs two")
     seen, pictures, cut = zip(*(reduced(*view, settings.reduction) for view in views))
+    _check_room(seen, cut, settings.reduction, room)
     maps = kernels.StereoSolver(seen, **settings.match.model_dump()).solve(pictures, cut)
     fuse = settings.fuse.model_dump() | {"min_views": min(settings.fuse.min_views, len(views))}
     points = _sure(kernels.fuse_depths(seen, *maps[:3], **fuse), settings.surface.least_confidence)
@@ -48,6 +52,15 @@ def scan(images, masks, cameras, settings):
     shares = _shares(maps.hole, cut)
     del maps  # the surface needs the room
     return Scanned(_surface(points, seen, cut, pixel, settings.surface), points, *shares)
+
+
+def _check_room(cameras, masks, reduction, room):
+    need = memory_of(cameras, masks)
+    if room is not None and need > room:
+        raise RoomError(
+            f"stereo.reduction = {reduction}: depth maps of {len(cameras)} pictures take {need / GIB:.1f} GiB, {room / GIB:.1f} are "
+            f"free: with {2 * reduction} they take a quarter"
+        )
 
 
 def _sure(points, least):

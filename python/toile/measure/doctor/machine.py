@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ... import kernels
+from ...io.memory import machine_memory, memory_limit
 
 PROGRAMS = {"chromium": "pages are tested in it", "blender": "Alembic", "node": "the glTF validator of the tests"}
 WAIT = 20.0  # s for a program to say its version
@@ -63,14 +64,11 @@ def processor() -> str:
 
 def memory() -> str:
     """Free and all, and what this process is held to where that is less."""
-    text = Path("/proc/meminfo").read_text() if Path("/proc/meminfo").exists() else ""
-    size = {name: int(kib) * 1024 / GIB for name, kib in re.findall(r"(\w+):\s+(\d+) kB", text)}
+    size, limit = machine_memory(), memory_limit()
     if "MemTotal" not in size:
         return "unknown"
-    limit = Path("/sys/fs/cgroup/memory.max")
-    held = limit.read_text().strip() if limit.exists() else "max"
-    held = f", this process is held to {int(held) / GIB:.1f}" if held.isdecimal() else ""
-    return f"{size['MemAvailable']:.1f} of {size['MemTotal']:.1f} GiB free{held}"
+    held = f", this process is held to {limit / GIB:.1f}" if limit is not None else ""
+    return f"{size['MemAvailable'] / GIB:.1f} of {size['MemTotal'] / GIB:.1f} GiB free{held}"
 
 
 def graphics() -> str:
