@@ -1,8 +1,9 @@
 """Cloth by physics on frames that it was not measured on, beside the mean shape and ridge regression: geometry alone.
 
-    python -m bench.draping CAPTURE [--teach 10]        # a `toile studio` capture of a T-shirt; prints a table in Markdown
+    python -m bench.draping CAPTURE [--teach 10] [--judge 10]       # a `toile studio` capture of a T-shirt; prints a table in Markdown
 
-Input is the truth, as if registered without error: the first frames teach, the others are driven by the body alone.
+Input is the truth, as if registered without error: the first frames teach, the others are driven by the body alone. Those from `judge`
+on are judged, all the others by default.
 """
 
 import argparse
@@ -102,8 +103,8 @@ def carried(s, shape):
     return moving(np.array(found), np.arange(len(s.X)) / FPS)
 
 
-def row(name, s, Y, teach):
-    X, Y, bodies = s.X[teach:], Y[teach:], s.B[teach:]
+def row(name, s, Y, first):
+    X, Y, bodies = s.X[first:], Y[first:], s.B[first:]
     error = 1e3 * np.linalg.norm(Y - X, axis=2)
     acceleration = 1e3 * np.linalg.norm(np.diff(Y, 2, axis=0), axis=2).mean()
     pairs = np.mean([len(kernels.intersecting_pairs(V, s.F, B, s.body_F)) for V, B in zip(Y, bodies)])
@@ -115,8 +116,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("capture", type=Path)
     parser.add_argument("--teach", type=int, default=10)
+    parser.add_argument("--judge", type=int)
     args = parser.parse_args()
     s, count = Sequence(args.capture), args.teach
+    first = count if args.judge is None else args.judge
     frames, unposed = range(len(s.X)), np.stack([s.unpose(V, t) for t, V in enumerate(s.X)])
     mean, foretold = unposed[:count].mean(0), ridge(s, unposed, count)
     Y = hung(s, s.pose(mean, 0), count)
@@ -127,7 +130,9 @@ def main():
     shown = np.stack([s.pose(residual.add(loose[t], poses[t]), t) for t in frames])
     untangler = kernels.UntangleSolver(s.F, len(mean), s.body_F, len(s.B[0]))
     out = np.stack([untangler.solve(V, B).V for V, B in zip(shown, s.B)])
-    print(f"| {len(s.X) - count} frames after {count} | mean | 95 % | worst | acceleration | pairs | own pairs |")
+    print(
+        f"| {len(s.X) - first} frames from {first} on, after {count} | mean | 95 % | worst | acceleration | pairs | own pairs |"
+    )
     print("|---" * 7 + "|")
     rows = {
         "truth": s.X, "mean shape, skinned": np.stack([s.pose(mean, t) for t in frames]),
@@ -136,7 +141,7 @@ def main():
         "the same, moved out of the body": out,
     }  # fmt: skip
     for name, V in rows.items():
-        print(row(name, s, V, count), flush=True)
+        print(row(name, s, V, first), flush=True)
 
 
 if __name__ == "__main__":

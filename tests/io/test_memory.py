@@ -1,6 +1,5 @@
 """Free memory is the machine's, or what is left of what a container is held to, whichever is less."""
 
-
 import pytest
 
 from toile.io import memory
