@@ -140,8 +140,9 @@ def _said(scene, model, cameras, samples, cloth, config):
     told = lambda frame, tracked: segment.believed(frame, frame.labels, cameras, cloth, tracked, model.f)
     doubts = doubted_on(scene, model, cameras, [(told(frame, tracked), tracked.vertices) for frame, tracked in samples])
     coarse = segment.coarse_pictures(cameras, samples, config.segment)
-    taken = [] if cloth is None else [cloth.words(scene)]
-    return *coarse, *segment.unlabelled_pictures(samples), *taken, *(doubt.text for doubt in doubts)
+    taken = cloth and cloth.words(scene)
+    doubted = [*([taken] if taken else []), *(doubt.text for doubt in doubts)]
+    return *coarse, *segment.unlabelled_pictures(samples), *doubted
 
 
 def _template(prepared, garment, evidenced, status):

@@ -35,6 +35,7 @@ WORN = 0.5  # share of a part of the body that is labelled skin, from which it i
 COLOUR = 6.0  # of a*, b*; head and hands of one person differ by up to 5
 SAMPLES = 60  # of the skin of a part
 SURE = 0.8  # certainty from which on a label of head and hands is skin
+SPECKS = 0.05  # share of limbs: less that is called skin is nothing to speak of
 MOST = 4000  # pixels of a part that are read in a picture
 SOFT = 1.0  # px, by which pictures are blurred
 AROUND = 7  # px, over which colours are averaged before a pixel is told
@@ -43,23 +44,22 @@ AROUND = 7  # px, over which colours are averaged before a pixel is told
 @dataclass(frozen=True)
 class LimbCloth:
     """What is cloth of the skin of limbs: `label`, that of skin; `instead` (n,) uint8, the label of what covers a vertex of the
-    tracked surface, 0 where skin is skin; `colours` of the two, skin first, None where they are alike."""
+    tracked surface, 0 where skin is skin; `colours` of the two, skin first, None where they are alike; `share` of what is seen of
+    these limbs is called skin."""
 
     label: int
     instead: Array
     colours: ColourModel | None
+    share: float
 
-    def words(self, scene: Scene) -> str:
-        """What is said of it."""
-        names = [name for name, label in scene.labels.items() if label in self.instead]
-        why = (
-            "have the colours of skin, but are worn"
-            if self.colours is None
-            else "have other colours than head and hands"
-        )
-        return (
-            f"labels: what the network calls 'skin' on the legs is taken for {', '.join(map(repr, names))}: they {why}"
-        )
+    def words(self, scene: Scene) -> str | None:
+        """What is said of it, nothing of specks."""
+        if self.share < SPECKS:
+            return None
+        names = ", ".join(repr(name) for name, label in scene.labels.items() if label in self.instead)
+        alike = "have the colours of skin, but are worn"
+        why = alike if self.colours is None else "have other colours than head and hands"
+        return f"labels: the network calls {100 * self.share:.0f} % of the legs 'skin', which is taken for {names}: they {why}"
 
 
 def parts_of(model: BodyModel) -> dict[str, Bools]:
@@ -116,7 +116,8 @@ def limb_cloth(
     instead = np.zeros(len(next(iter(parts.values()))), np.uint8)
     for part in cloth:
         instead[parts[part]] = scene.labels[cover_of(scene, part)]
-    return LimbCloth(scene.labels["skin"], instead, None if alike else _colours(seen, odd))
+    skin, whole = (sum(getattr(s, of) for part in cloth for s in seen[part]) for of in ("carry", "shown"))
+    return LimbCloth(scene.labels["skin"], instead, None if alike else _colours(seen, odd), skin / whole)
 
 
 def retold(frame: Frame, views: Mapping[str, DepthView], faces: Array, cloth: LimbCloth) -> Frame:
