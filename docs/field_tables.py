@@ -14,9 +14,11 @@ class FieldTables(griffe.Extension):
         if not cls.docstring or not isinstance(agent, griffe.Visitor):
             return
         lines, rows = cls.filepath.read_text(encoding="utf-8").splitlines(), []
+        # griffe gives a class fields of its base too, whose lines are of another file
+        own = lambda field: field.annotation is not None and (field.endlineno or 0) <= len(lines)
         for name, field in cls.attributes.items():
-            found = COMMENT.search(lines[field.endlineno - 1])
-            if field.annotation is not None and found:
+            found = own(field) and COMMENT.search(lines[field.endlineno - 1])
+            if found:
                 rows.append(f"| `{name}` | {found[1].replace('|', chr(92) + '|')} |")
         if rows:
             cls.docstring.value += "\n\n" + "\n".join(["| field | |", "|---|---|", *rows])
