@@ -148,6 +148,12 @@ def test_one_pair_of_triangles_that_go_through_one_another_is_doubtful():
     assert level == DOUBTFUL and "1 pairs of triangles" in reasons[0]
 
 
+def test_facial_keypoints_half_of_which_lie_off_the_face_are_doubtful_and_never_wrong_alone():
+    assert verdict(FINE | {"face_off": 0.5}, SETTINGS) == (GOOD, [])
+    level, (reason,) = verdict(FINE | {"face_off": 1.0}, SETTINGS)
+    assert level == DOUBTFUL and reason.startswith("1 of the facial keypoints lie off the face")
+
+
 def test_a_frame_without_a_scan_is_doubtful_at_best():
     level, reasons = verdict({"observed": 0.0, "keypoint_mm": 5.0}, SETTINGS)
     assert level >= DOUBTFUL and any("no scan" in reason for reason in reasons)
@@ -159,7 +165,7 @@ def test_every_registered_frame_has_a_verdict_and_its_measures(sample_run):
     for number in run.ok:
         found = run.diagnostics.at(number)
         assert found["verdict"] == run.verdict[run.row(number)] == verdict(found["evidence"], SETTINGS)[0]
-        assert found["evidence"]["tshirt.garment_observed"] > 0.5
+        assert found["evidence"]["tshirt.garment_observed"] > 0.5 and found["evidence"]["face_off"] < 0.3
     counts = evaluate(run)["all"]["verdicts"]
     assert sum(counts.values()) == 4 and counts["wrong"] == 0
 

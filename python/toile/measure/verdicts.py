@@ -41,6 +41,8 @@ def judge(
     layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     measures = agreement(seen, cameras, model, joints, body, layers)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
+    if len(tracked.face):
+        measures["face_off"] = tracked.diagnostics.get("face_left_out", 0.0) / len(tracked.face)
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics)
         measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)
@@ -150,6 +152,7 @@ def _limits(s):
         "pose_mm": (*s.pose_mm, "the posed body lies {} mm from the scan on average"),
         "moved_mm": (*s.moved_mm, "the posed body was bent by {} mm to meet the scan"),
         "keypoint_mm": (*s.keypoint_mm, "half of the keypoints are more than {} mm off"),
+        "face_off": (*s.face_off, "{} of the facial keypoints lie off the face"),
         "silhouette_iou": (*s.silhouette_iou, "silhouette and masks overlap by {}"),
         "uncovered_mm": (*s.uncovered_mm, "the masks of two cameras reach {} mm beyond the silhouette"),
         "overhang_mm": (*s.overhang_mm, "the silhouette reaches {} mm beyond the masks of two cameras"),

@@ -33,6 +33,8 @@ TROUBLES = (
             f"The skeleton missed something, often a limb: {AGAIN}, or add keypoints."),
     Trouble("keypoints disagree", r"keypoints are more than",
             "Look for left and right exchanged, and at the cameras: toile inspect CAPTURE says whether one has moved."),
+    Trouble("the face is elsewhere", r"of the facial keypoints lie off the face",
+            "The detector took another face, or a hand, for it in these frames: the face is told by the surface alone."),
     Trouble("silhouettes disagree", r"silhouette and masks overlap",
             "Look at the masks of these frames: parts missing, or another person in them. Else the pose is off."),
     Trouble("cloth sticks out into the air", r"cloth reaches .* beyond the masks",

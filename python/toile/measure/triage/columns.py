@@ -110,6 +110,7 @@ KINDS = (  # in the order of the page
     _Kind(r"track:skeleton_rms_m", "residual of the pose", "m", POSE, 5, "root of the mean squared distance of the skeleton's fit"),
     _Kind(r"evidence:keypoint_mm", "keypoints, median", "mm", POSE, 8, "the body's keypoints to those detected, at their depth", HIGH, "keypoint_mm"),
     _Kind(r"evidence:keypoint_p95_px", "keypoints, 95 %", "px", POSE, 10, "the body's keypoints to those detected: 95 % are nearer"),
+    _Kind(r"evidence:face_off", "face off", "share", POSE, 10, "share of the facial keypoints that lie off the face and were left out", HIGH, "face_off"),
     _Kind(r"evidence:overhang_mm", "beyond masks", "mm", POSE, 10, "how far the silhouette reaches beyond the masks, in the picture of the second most", HIGH, "overhang_mm"),
     _Kind(r"evidence:uncovered_mm", "not covered", "mm", POSE, 10, "how far the masks reach beyond the silhouette, likewise", HIGH, "uncovered_mm"),
     _Kind(r"evidence:silhouette_iou", "silhouettes", "share", POSE, 3, "intersection over union of body and masks", LOW, "silhouette_iou"),
