@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from tests.support.segmenters import MAP, by_colour, described
@@ -18,6 +19,7 @@ from toile.vision.evidence import soft_labels
 from toile.vision.segmenters.asked import labelled, scene_segmenter
 from toile.vision.segmenters.limbs import limbs_of
 
+SKIN, TROUSERS = 1, 4
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
 
@@ -61,7 +63,29 @@ def test_label_images_are_written_where_there_are_none(capture):
     assert done.exit_code == 0 and f"{len(meant) - 1} label images, 1 were there" in done.output
     assert "are unsure" in done.output and (folder / "cam02.png").read_bytes() == there
     for name, label in meant.items():
-        assert (read_image(folder / f"{name}.png", label.shape, "L") == label).all()
+        written = read_image(folder / f"{name}.png", label.shape, "L")
+        again = written != label  # legs that were called skin
+        assert (label[again] == SKIN).all() and (written[again] == TROUSERS).all() and again.mean() < 0.05
+
+
+def test_legs_that_a_network_calls_skin_are_written_as_what_covers_them_where_keypoints_pose_the_body(capture):
+    described(capture / "parts.onnx", labels={"top": "tshirt", "legs": "skin"})
+    shutil.rmtree(capture / "frames/000000/labels")
+
+    def written(*options):
+        done = CliRunner().invoke(app, ["detect", str(capture), "--labels", str(capture / "parts.onnx"), *options])
+        assert done.exit_code == 0
+        shares = []
+        for path in sorted((capture / "frames/000000/labels").glob("*.png")):
+            given = np.array(Image.open(SAMPLE / "frames/000000/labels" / path.name))
+            shares.append((np.array(Image.open(path))[given == TROUSERS] == TROUSERS).mean())
+        return done.output, np.mean(shares)
+
+    output, share = written()
+    assert "% of the legs 'skin', which is taken for 'trousers'" in output and share > 0.8
+    (capture / "frames/000000/keypoints.json").unlink()
+    output, share = written("--again")
+    assert "taken for" not in output and share == 0
 
 
 def test_keypoints_tell_where_the_person_is_where_no_mask_does(capture):

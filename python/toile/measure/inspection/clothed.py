@@ -44,7 +44,7 @@ class Clothed:
 def clothed(capture: Capture, model: BodyModel, frame: Frame, points: Points3D) -> Clothed | None:
     """A frame's Clothed; None where its keypoints do not pose the body. Templates that do not lie on the body at rest, by
     their units or axes, are left out."""
-    fit = _posed(model, frame, points)
+    fit = posed_body(model, frame, points)
     if fit is None:
         return None
     rest, J = model.rest(np.asarray(fit.shape))
@@ -71,7 +71,7 @@ def _body(model: BodyModel, vertices: Floats) -> tuple[Floats, Array, int]:
     return vertices, model.skin_faces, -1
 
 
-def _posed(model: BodyModel, frame: Frame, points: Points3D) -> Any:
+def posed_body(model: BodyModel, frame: Frame, points: Points3D) -> Any:
     """The SkeletonResult of a frame, None where too few keypoints are seen, or the body misses them."""
     seen = np.isfinite(points.points).all(1) & np.isin(points.names, model.keypoint_names)
     if seen.sum() < ENOUGH:
