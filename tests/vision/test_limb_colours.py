@@ -38,9 +38,9 @@ def called_skin(capture):
     return replace(frame, labels=labels, certainty=certainty), body
 
 
-def found_in(capture, model, frame, body, scene=None):
+def found_in(capture, model, frame, body, scene=None, **changes):
     """(SegmentModel, Segmented) of one frame."""
-    settings, scene = SegmentSettings(), scene or capture.scene
+    settings, scene = SegmentSettings(**changes), scene or capture.scene
     made = segment.prepare(scene, capture.cameras, [(frame, body)], model.f, settings, parts_of(model))
     evidence = segment.evidence(frame, capture.cameras, made, body, model.f, settings)
     return made, segment.segment(scene, evidence, made, body, model.f, settings)
@@ -64,6 +64,12 @@ def test_trousers_that_a_network_calls_skin_are_found_as_if_it_had_known_them(ca
 def test_label_images_that_somebody_gave_are_never_told_again(capture, model):
     frame, body = called_skin(capture)
     made, _ = found_in(capture, model, replace(frame, certainty={}), body)
+    assert made.cloth is None
+
+
+def test_a_limit_of_nothing_takes_the_networks_word(capture, model):
+    frame, body = called_skin(capture)
+    made, _ = found_in(capture, model, frame, body, skin_colour=0)
     assert made.cloth is None
 
 

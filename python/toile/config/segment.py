@@ -72,6 +72,13 @@ class SegmentSettings(Settings):
         "openings later; in the frames that make its template, and without pictures, that is done anyway",
     )
     label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
+    skin_colour: float = setting(
+        6.0,
+        "1",
+        "of a*, b*: legs that a network calls skin, and whose colours are farther from those of head and hands, are what the "
+        "scene says covers them; head and hands of one person differ by up to 5. 0: its word is taken",
+        ge=0,
+    )
     completion_rounds: int = setting(
         1, "count", "in which label images that the sampled frames lack are told from the others, and count", ge=0
     )

@@ -54,7 +54,8 @@ def prepare(scene, cameras, samples, faces, settings, parts=None):
             "labels: no sampled frame has label images or labels on its scan, and the scene names a garment"
         )
     views = lambda frame, tracked: depth_views(frame.certainty, cameras, tracked.vertices, faces)
-    cloth = limb_cloth(scene, parts or {}, faces, ((frame, views(frame, tracked)) for frame, tracked in samples))
+    shown = ((frame, views(frame, tracked)) for frame, tracked in samples)
+    cloth = limb_cloth(scene, parts or {}, faces, shown, settings.skin_colour)
     samples = [
         (believed(frame, frame.certainty, cameras, cloth, tracked, faces), tracked) for frame, tracked in samples
     ]

@@ -32,7 +32,7 @@ LONG = ("trousers", "pants", "jeans", "leggings")  # cover the upper legs, and m
 SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show bare upper legs
 COVERS = {"upper legs": (*LONG, "shorts", "skirt"), "lower legs": LONG}  # by labels' names, the first that a scene has
 WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
-COLOUR = 6.0  # of a*, b*; head and hands of one person differ by up to 5
+COLOUR = 6.0  # of a*, b*, by default; head and hands of one person differ by up to 5
 SAMPLES = 60  # of the skin of a part
 SURE = 0.8  # certainty from which on a label of head and hands is skin
 SPECKS = 0.05  # share of limbs: less that is called skin is nothing to speak of
@@ -74,13 +74,13 @@ def lab(image: Any) -> Any:
     return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
 
 
-def odd_parts(chroma: Mapping[str, Floats]) -> list[str]:
-    """Limbs whose skin has other colours than that of head and hands: `chroma` {part: a* and b* (k,2) of its skin}. None where
-    neither head nor hands show enough."""
+def odd_parts(chroma: Mapping[str, Floats], limit: float = COLOUR) -> list[str]:
+    """Limbs whose skin has colours farther than `limit` from that of head and hands: `chroma` {part: a* and b* (k,2) of its skin}.
+    None where neither head nor hands show enough."""
     middle = {part: np.median(of, axis=0) for part, of in chroma.items() if len(of) >= SAMPLES}
     known = [middle.pop(part) for part in REFERENCE if part in middle]
     far = {part: min((float(np.linalg.norm(of - skin)) for skin in known), default=0.0) for part, of in middle.items()}
-    return [part for part, distance in far.items() if distance > COLOUR]
+    return [part for part, distance in far.items() if distance > limit]
 
 
 def surely_covered(scene: Scene) -> str | None:
@@ -96,17 +96,21 @@ def cover_of(scene: Scene, part: str) -> str | None:
 
 
 def limb_cloth(
-    scene: Scene, parts: Mapping[str, Bools], faces: Array, shown: Iterable[tuple[Frame, Mapping[str, DepthView]]]
+    scene: Scene,
+    parts: Mapping[str, Bools],
+    faces: Array,
+    shown: Iterable[tuple[Frame, Mapping[str, DepthView]]],
+    limit: float = COLOUR,
 ) -> LimbCloth | None:
     """Of labelled frames, each with the views of its tracked surface (triangles `faces` (m,3)): what a network took for skin.
-    None where there is no such thing, or nothing to tell it by."""
+    None where there is no such thing, or nothing to tell it by, or the `limit` of colours is 0."""
     asked = [part for part in parts if cover_of(scene, part)]
-    if "skin" not in scene.labels or not asked:
+    if "skin" not in scene.labels or not asked or not limit:
         return None
     seen = _skin_of([*asked, *REFERENCE], scene.labels["skin"], parts, faces, shown)
     if not seen["upper legs"]:
         return None
-    odd = odd_parts({part: np.concatenate([s.chroma for s in of]) for part, of in seen.items()})
+    odd = odd_parts({part: np.concatenate([s.chroma for s in of]) for part, of in seen.items()}, limit)
     alike = surely_covered(scene) if not odd else None
     if alike and np.sum([s.carry for s in seen["upper legs"]]) <= WORN * np.sum([s.shown for s in seen["upper legs"]]):
         alike = None
