@@ -17,7 +17,7 @@ def learnt_offsets(model: BodyModel, J: Anything, poses: Any, found: Any, few: i
     `poses`: (rotations, translation, vertices (n,3)) of frames, `found`: their Points3D. The median over the frames that saw a
     keypoint, m of them, shrunk by m / (m + few): what few frames show is the pose's error more than the detector's.
     """
-    bones, rows = _bones(model), {name: i for i, name in enumerate(model.keypoint_names)}
+    bones, rows = keypoint_bones(model), {name: i for i, name in enumerate(model.keypoint_names)}
     seen: list[list[Any]] = [[] for _ in rows]
     for (rotations, translation, V), points in zip(poses, found):
         R, x = model.joint_transforms(J, rotations, translation)
@@ -38,7 +38,7 @@ def with_offsets(model: BodyModel, offsets: Anything | None) -> BodyModel:
     moves with its bone. For None, and for a model that names no keypoint, the model as it is."""
     if offsets is None or not len(offsets):
         return model
-    bones, (n, B) = _bones(model), np.shape(model.weights_idx)
+    bones, (n, B) = keypoint_bones(model), np.shape(model.weights_idx)
     at, basis = [], []
     for joint, vertices in zip(model.keypoint_joint, model.keypoint_vertices):
         at.append(model.J[joint] if joint >= 0 else model.v_template[vertices].mean(0))
@@ -57,7 +57,7 @@ def with_offsets(model: BodyModel, offsets: Anything | None) -> BodyModel:
     )
 
 
-def _bones(model: BodyModel) -> Any:
+def keypoint_bones(model: BodyModel) -> Any:
     """The joint (q,) that each keypoint moves with: its own, or the one that moves its vertices most."""
     bones = np.array(model.keypoint_joint)
     for row in np.flatnonzero(bones < 0):
@@ -95,7 +95,7 @@ def facial_places(
     (R, x), found = transforms, {name: i for i, name in enumerate(points.names)}
     places = model.keypoints(V, x)
     if offsets is not None and len(offsets):
-        places = places + np.einsum("qij,qj->qi", R[_bones(model)], offsets)
+        places = places + np.einsum("qij,qj->qi", R[keypoint_bones(model)], offsets)
     facial, left_out = np.full((len(model.face_names), 3), np.nan), 0
     for row, name in enumerate(model.face_names):
         if name not in found:
