@@ -120,6 +120,8 @@ def main():
     args = parser.parse_args()
     s, count = Sequence(args.capture), args.teach
     first = count if args.judge is None else args.judge
+    if first < count:
+        parser.error(f"--judge {first}: frames before {count} teach")
     frames, unposed = range(len(s.X)), np.stack([s.unpose(V, t) for t, V in enumerate(s.X)])
     mean, foretold = unposed[:count].mean(0), ridge(s, unposed, count)
     Y = hung(s, s.pose(mean, 0), count)

@@ -29,7 +29,9 @@ def measure(run):
         rows = [model.keypoint_names.index(seen.names[i]) for i in used]
         R, x = model.joint_transforms(person.J, *run.pose.at(number))
         own = model.keypoints(run.track.at(number), x)
-        beside = own + np.einsum("qij,qj->qi", R[bones], person.keypoint_offsets)
+        beside = (
+            own if person.keypoint_offsets is None else own + np.einsum("qij,qj->qi", R[bones], person.keypoint_offsets)
+        )
         points = triangulate(seen, cameras, ReconstructSettings()).points[used]
         for name, given in seen.points.items():
             for what, places in zip(found, (own[rows], beside[rows], points)):

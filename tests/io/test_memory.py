@@ -28,6 +28,13 @@ def test_a_container_gives_what_is_left_of_its_limit(machine, held, taken, free)
     assert memory.free_memory() == free * 2**30
 
 
+def test_files_that_a_container_has_read_are_no_memory_that_is_taken(machine):
+    (machine / "memory.max").write_text(f"{2 * 2**30}\n")
+    (machine / "memory.current").write_text(f"{2 * 2**30}\n")
+    (machine / "memory.stat").write_text(f"anon 7\ninactive_file {2**29}\nactive_file {2**29}\nslab 9\n")
+    assert memory.free_memory() == 2**30
+
+
 def test_where_nothing_tells_nothing_is_said(machine):
     (machine / "meminfo").unlink()
     assert memory.free_memory() is None and memory.machine_memory() == {}

@@ -169,6 +169,12 @@ def test_the_scenes_network_is_asked_and_what_it_gives_is_doubted(capture, tmp_p
         described(by_colour(capture / f"{name}.onnx", size=(192, 128)), labels=labels)
     scene.write_text(plain.replace("parts", "turned"))
     assert any("of its template carries its label" in f.text for f in inspect(capture).findings)
+    described(by_colour(capture / "bare.onnx", size=(192, 128)), labels={"top": "tshirt", "legs": "skin"})
+    scene.write_text(plain.replace("parts", "bare"))
+    texts = [f.text for f in inspect(capture).findings]
+    assert any(
+        "'skin' on the upper legs" in text and text.endswith("register takes it for 'trousers'") for text in texts
+    )
     scene.write_text(plain.replace("parts", "few"))
     found = inspect(capture)
     assert found.wasted and any("no class is called 'tshirt'" in f.text for f in found.findings)

@@ -147,7 +147,8 @@ def test_where_memory_is_lacking_a_frame_fails_and_is_never_made_without_its_sca
         assert (tmp_path / "scans" / "000000" / "scan.ply").exists()
         return
     with pytest.raises(
-        UserError, match=r"stereo.reduction = 2: depth maps of \d+ pictures take .* GiB, 0.0 are free: with 4"
+        UserError,
+        match=r"stereo.reduction = 2: depth maps of \d+ pictures take .* GiB, 0.0 are free: twice the reduction",
     ):
         make_scan(opened, 0, DRAFT, status, OF)
     assert not (tmp_path / "scans" / "000000").exists()

@@ -1,12 +1,15 @@
 """The tracked surface: onto the scan, also where the pose is off."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tests.support.shapes import sphere
 from toile.config import TrackSettings
 from toile.errors import UserError
-from toile.scene import HIDDEN, OBSERVED, BodyModel, Mesh, Person, Points3D, Tracked
+from toile.io.body import load_body_model
+from toile.scene import HIDDEN, OBSERVED, BodyModel, Frame, Mesh, Person, Points3D, Tracked
 from toile.stages.track import Tracker
 
 
@@ -88,3 +91,19 @@ def test_a_share_of_the_way_off_the_pose_is_carried_on_and_dies_away():
     before = Tracked(V, turns, move, np.zeros((0, 3)), np.full(len(V), OBSERVED), {})
     assert np.allclose((found._start(before) - found.person.rest)[[3, 4, 5]], [[0.01, 0, 0], [0, 0.05, 0], [0, 0, 0]])
     assert np.array_equal(tracker(carried_share=0)._start(before), found.person.rest)
+
+
+@pytest.mark.parametrize(("given", "away", "share"), [(29, 0, 0.0), (29, 29, 1.0), (6, 3, 0.5), (4, 4, None)])
+def test_the_share_of_facial_keypoints_off_the_face_is_of_those_given_and_of_few_none_is_told(given, away, share):
+    model = load_body_model("anny")
+    person = Person(np.zeros(model.shapedirs.shape[2]), model.v_template, model.J)
+    still = np.zeros((len(model.J), 3)), np.zeros(3)
+    rows = [model.keypoint_names.index(name) for name in model.face_names]
+    places = model.keypoints(model.v_template, model.J)[rows]
+    places[given:] = np.nan
+    places[:away] += [0.3, 0, 0]
+    points = Points3D(tuple(model.face_names), places, np.full(len(places), 0.005), np.full(len(places), 4))
+    fit = SimpleNamespace(rotations=still[0], translation=still[1], rms=0.0, iterations=1)
+    seen = model.v_template, np.full(len(model.v_template), OBSERVED, np.uint8)
+    found = Tracker(model, person, TrackSettings()).tracked(Frame(0, None), points, fit, seen)
+    assert found.diagnostics.get("face_off") == share

@@ -10,6 +10,7 @@ from tests.support.lasting_blobs import WrongPatches, iou_by_label
 from toile.config import SegmentSettings
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
+from toile.measure.inspection.doubts import doubted_on
 from toile.measure.truth import open_truth
 from toile.scene import Mesh
 from toile.stages import segment
@@ -71,6 +72,8 @@ def test_a_limit_of_nothing_takes_the_networks_word(capture, model):
     frame, body = called_skin(capture)
     made, _ = found_in(capture, model, frame, body, skin_colour=0)
     assert made.cloth is None
+    texts = [doubt.text for doubt in doubted_on(capture.scene, model, capture.cameras, [(frame, body.vertices)])]
+    assert any("'skin' on the upper legs" in text and text.endswith("is it cloth?") for text in texts)
 
 
 def test_right_labels_of_a_network_stay(capture, model):
@@ -94,7 +97,7 @@ def test_bare_legs_of_a_scene_with_shorts_stay_skin_where_colours_are_alike(capt
 def test_the_scenes_trousers_cover_legs_of_the_colours_of_skin(capture, model):
     frame, body = called_skin(capture)
     made, found = found_in(capture, model, grey(frame), body)
-    assert made.cloth.colours is None and "but are worn" in made.cloth.words(capture.scene)
+    assert made.cloth.colours is None and "but the scene has them worn" in made.cloth.words(capture.scene)
     assert iou_by_label(capture, open_truth(capture), frame, found)["trousers"] > 0.9
 
 

@@ -89,7 +89,7 @@ class VerdictSettings(Settings):
     )
     keypoint_mm: tuple[float, float] = setting((50.0, 80.0), "mm", "keypoints to those detected, median")
     face_off: tuple[float, float] = setting(
-        (0.5, 1.0), "1", "share of the facial keypoints that lie off the face: alone they make no frame wrong"
+        (0.5, 1.0), "1", "share of the facial keypoints given that lie off the face: alone they make no frame wrong"
     )
     silhouette_iou: tuple[float, float] = setting((0.93, 0.85), "1", "overlap of silhouette and masks, at least")
     uncovered_mm: tuple[float, float] = setting(

@@ -25,7 +25,14 @@ def free_memory() -> int | None:
     left, limit, held = machine_memory().get("MemAvailable"), memory_limit(), _number(GROUP / "memory.current")
     if limit is None or held is None:
         return left
-    return max(limit - held, 0) if left is None else min(left, max(limit - held, 0))
+    within = max(limit - held + _cached(), 0)
+    return within if left is None else min(left, within)
+
+
+def _cached() -> int:
+    """Bytes of files that the container holds and gives back when it needs the room."""
+    text = (GROUP / "memory.stat").read_text() if (GROUP / "memory.stat").exists() else ""
+    return sum(map(int, re.findall(r"^(?:in)?active_file (\d+)$", text, re.MULTILINE)))
 
 
 def _number(path: Path) -> int | None:

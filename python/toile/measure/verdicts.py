@@ -12,7 +12,8 @@ from ..scene import OBSERVED
 from .evidence import keypoint_errors, overlap, parted
 
 VERTICES = 2000  # of a surface, that look for the scan
-OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm")  # how the posed body lies before it is bent to the scan
+# how the posed body lies before it is bent to the scan, and facial keypoints
+OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 STEP = 4  # every so many faces are asked for their stretch
@@ -41,8 +42,6 @@ def judge(
     layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     measures = agreement(seen, cameras, model, joints, body, layers)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
-    if len(tracked.face):
-        measures["face_off"] = tracked.diagnostics.get("face_left_out", 0.0) / len(tracked.face)
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics)
         measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)

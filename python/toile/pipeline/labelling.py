@@ -102,12 +102,15 @@ def _frame(capture: Capture, number: int) -> Frame:
 
 def _cloth(capture: Capture, network: Path, frames: Sequence[int]) -> LimbCloth | None:
     """What the network takes for skin in some of the frames, whatever label images they have."""
-    own, shown = Labelling.of(capture, network, True, None), []
-    for number in evenly(frames, SAMPLED):
-        frame = replace(_frame(capture, number), labels={})
-        if views := own.views(frame, list(frame.images)):
-            shown.append((labelled_by(own.segmenter, frame, list(frame.images)), views))
-    return limb_cloth(capture.scene, parts_of(own.model), own.model.f, shown)
+    own = Labelling.of(capture, network, True, None)
+
+    def shown() -> Iterator[tuple[Frame, dict[str, Any]]]:  # asked for only where the scene names what covers the legs
+        for number in evenly(frames, SAMPLED):
+            frame = replace(_frame(capture, number), labels={})
+            if views := own.views(frame, list(frame.images)):
+                yield labelled_by(own.segmenter, frame, list(frame.images)), views
+
+    return limb_cloth(capture.scene, parts_of(own.model), own.model.f, shown())
 
 
 def _write_labels(own: Labelling, number: int) -> Iterator[tuple[int, int, int, int]]:

@@ -59,7 +59,7 @@ def _check_room(cameras, masks, reduction, room):
     if room is not None and need > room:
         raise RoomError(
             f"stereo.reduction = {reduction}: depth maps of {len(cameras)} pictures take {need / GIB:.1f} GiB, {room / GIB:.1f} are "
-            f"free: with {2 * reduction} they take a quarter"
+            "free: twice the reduction takes a quarter"
         )
 
 

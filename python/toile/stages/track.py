@@ -16,6 +16,8 @@ from ..surface.starts import Starts
 from ..surface.two_sided import TwoSided
 from ..vision.threads import parallel_map, parallel_map_with
 
+FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
+
 
 def prepare(model, frames, settings):
     """The Person from sampled frames [(Frame, Points3D | None)], and their Tracked.
@@ -135,7 +137,12 @@ class Tracker:
             diagnostics |= {"keypoints_kept": kept} | ({"keypoint_gate_px": points.gate} if points.gate else {})
         diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
         face, left_out = self._face(*pose, points, V, confidence)
-        diagnostics |= {"face_left_out": float(left_out)} if left_out else {}
+        given = (
+            0
+            if points is None
+            else int(np.isfinite(points.points[np.isin(points.names, model.face_names)]).all(1).sum())
+        )
+        diagnostics |= {"face_off": left_out / given} if given >= FACE else {}
         return Tracked(V, *pose, face, confidence, diagnostics)
 
     def _start(self, previous):

@@ -57,7 +57,7 @@ class LimbCloth:
         if self.share < SPECKS:
             return None
         names = ", ".join(repr(name) for name, label in scene.labels.items() if label in self.instead)
-        alike = "have the colours of skin, but are worn"
+        alike = "look no other than skin, but the scene has them worn"
         why = alike if self.colours is None else "have other colours than head and hands"
         return f"labels: the network calls {100 * self.share:.0f} % of the legs 'skin', which is taken for {names}: they {why}"
 

@@ -62,7 +62,7 @@ def doubted(capture: Capture, frames: Sequence[Frame], points: Mapping[int, Poin
         return Doubts()
     scene, model = capture.scene, model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
     posed = list(_posed(capture, model, looked, points))
-    found = [*_of_labels(scene, model, looked, posed), *_of_templates(scene, posed)]
+    found = [*_of_labels(scene, model, looked, posed, ahead=True), *_of_templates(scene, posed)]
     unsure = _unsure(looked)
     return Doubts(found, looked, {} if np.isnan(unsure) else {"labels unsure %": 100 * unsure})
 
@@ -76,7 +76,7 @@ def doubted_on(
     looked = [thin_pictures(frame, SIDE) for frame in _looked_at(scene, [frame for frame, _ in samples])]
     made = [bare(model, bodies[frame.number]) for frame in looked]
     posed = [(frame, body, read_labels(cameras, frame.labels, body)) for frame, body in zip(looked, made)]
-    return list(_of_labels(scene, model, looked, posed)) if looked else []
+    return list(_of_labels(scene, model, looked, posed, ahead=False)) if looked else []
 
 
 def _looked_at(scene: Scene, frames: Sequence[Frame]) -> list[Frame]:
@@ -101,12 +101,12 @@ def _posed(
             yield frame, made, read_labels(capture.cameras, frame.labels, made)
 
 
-def _of_labels(scene: Scene, model: BodyModel, looked: Sequence[Frame], posed: Posed) -> Iterator[Finding]:
-    """All that is said of labels, but for templates."""
+def _of_labels(scene: Scene, model: BodyModel, looked: Sequence[Frame], posed: Posed, ahead: bool) -> Iterator[Finding]:
+    """All that is said of labels, but for templates; `ahead` of a registration, which will tell a network's legs again."""
     yield from _of_garments(scene, looked)
     yield from _of_masks(looked)
     yield from _of_borders(scene, looked)
-    yield from _of_skin(scene, model, posed)
+    yield from _of_skin(scene, model, posed, ahead)
     unsure = _unsure(looked)
     if unsure > DOUBTED:
         text = f"labels: the network is unsure of {100 * unsure:.0f} % of the person's pixels"
@@ -149,7 +149,7 @@ def _of_borders(scene: Scene, frames: Sequence[Frame]) -> Iterator[Finding]:
                 yield Finding(f"{text}: it is elsewhere, or both have the same colours", serious=False)
 
 
-def _of_skin(scene: Scene, model: BodyModel, posed: Posed) -> Iterator[Finding]:
+def _of_skin(scene: Scene, model: BodyModel, posed: Posed, ahead: bool) -> Iterator[Finding]:
     """Limbs that are labelled skin, of other colours than the skin of head and hands, or where the scene has trousers."""
     if "skin" not in scene.labels or not posed:
         return
@@ -159,8 +159,8 @@ def _of_skin(scene: Scene, model: BodyModel, posed: Posed) -> Iterator[Finding]:
     long = surely_covered(scene)
     asked = odd or (["upper legs"] if long and "upper legs" in bare else [])
     taken = dict.fromkeys(cover_of(scene, part) for part in asked if cover_of(scene, part))
-    network = any(frame.certainty for frame, _, _ in posed)
-    then = f"; it is taken for '{', '.join(taken)}'" if network and taken else ": is it cloth?"
+    again = ahead and taken and all(frame.certainty for frame, _, _ in posed)
+    then = f"; register takes it for '{', '.join(taken)}'" if again else ": is it cloth?"
     if odd:
         text = f"labels: 'skin' on the {' and the '.join(odd)} has other colours than on head and hands{then}"
         yield Finding(text, serious=False)
