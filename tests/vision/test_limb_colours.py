@@ -110,8 +110,10 @@ def test_a_scene_that_names_nothing_for_the_legs_has_bare_ones(capture, model):
 
 
 def test_colours_are_odd_only_beside_head_or_hands_that_show_enough():
-    skin, cloth = np.tile([12.0, 18.0], (100, 1)), np.tile([2.0, 9.0], (100, 1))
-    assert odd_parts({"head": skin, "hands": skin + 4, "upper legs": cloth, "lower legs": skin + 3}) == ["upper legs"]
+    skin, cloth = (np.tile(np.array(rgb, np.uint8), (100, 1)) for rgb in ([180, 130, 105], [100, 90, 70]))
+    shaded = skin // 2
+    assert odd_parts({"head": skin, "hands": skin + 4, "upper legs": cloth, "lower legs": shaded}) == ["upper legs"]
+    assert odd_parts({"head": skin // 3, "upper legs": cloth // 3}) == ["upper legs"]  # in the dark too
     assert odd_parts({"head": skin[:50], "upper legs": cloth}) == []
     assert odd_parts({"head": skin, "upper legs": cloth[:50]}) == []
     assert odd_parts({"head": cloth, "hands": skin, "upper legs": cloth}) == []

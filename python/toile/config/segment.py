@@ -73,10 +73,10 @@ class SegmentSettings(Settings):
     )
     label_error_share: float = setting(0.15, "1", "of the given labels, taken to be wrong", gt=0, lt=1)
     skin_colour: float = setting(
-        6.0,
+        0.08,
         "1",
-        "of a*, b*: legs that a network calls skin, and whose colours are farther from those of head and hands, are what the "
-        "scene says covers them; head and hands of one person differ by up to 5. 0: its word is taken",
+        "of chroma over lightness: legs that a network calls skin, and whose colours are farther from those of head and hands, are "
+        "what the scene says covers them; bare limbs of one person differ by up to 0.075. 0: its word is taken",
         ge=0,
     )
     completion_rounds: int = setting(

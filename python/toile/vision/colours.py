@@ -22,13 +22,19 @@ class ColourModel:
         return self.log_density[colour_bins(rgb)]
 
 
-def colour_bins(rgb):
-    """Bin (...) of (..., 3) uint8 colours; chroma is divided by lightness, so that shading moves it little."""
+def lightness_and_chroma(rgb):
+    """Of (..., 3) uint8 colours their lightness (...) and two ratios (..., 2), red against green and yellow against blue: chroma
+    divided by lightness, so that shading moves it little."""
     c = rgb.astype(np.float32)
     r, g, b = c[..., 0], c[..., 1], c[..., 2]
     light = (r + g + b) / 3
-    u = (r - g) / (light + 12)
-    v = (0.5 * (r + g) - b) / (light + 12)
+    return light, np.stack([(r - g) / (light + 12), (0.5 * (r + g) - b) / (light + 12)], axis=-1)
+
+
+def colour_bins(rgb):
+    """Bin (...) of (..., 3) uint8 colours."""
+    light, chroma = lightness_and_chroma(rgb)
+    u, v = chroma[..., 0], chroma[..., 1]
     cells = (light / 256, np.clip(u / 1.6 + 0.5, 0, 0.9999), np.clip(v / 2.4 + 0.5, 0, 0.9999))
     i, j, k = ((value * n).astype(np.int32) for value, n in zip(cells, _BINS))
     return (i * _BINS[1] + j) * _BINS[2] + k

@@ -14,9 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..kernels.arrays import Array, Bools, Floats
+from ..kernels.arrays import Array, Bools
 from ..scene import BodyModel, Frame, Scene
-from .colours import ColourModel, counted_colours
+from .colours import ColourModel, counted_colours, lightness_and_chroma
 from .visibility import DepthView
 
 REFERENCE = ("head", "hands")  # where cloth is rare
@@ -32,12 +32,13 @@ LONG = ("trousers", "pants", "jeans", "leggings")  # cover the upper legs, and m
 SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show bare upper legs
 COVERS = {"upper legs": (*LONG, "shorts", "skirt"), "lower legs": LONG}  # by labels' names, the first that a scene has
 WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
-COLOUR = 6.0  # of a*, b*, by default; head and hands of one person differ by up to 5
+COLOUR = (
+    0.08  # of chroma over lightness, by default; bare limbs differ by up to 0.075 from head and hands of one person
+)
 SAMPLES = 60  # of the skin of a part
 SURE = 0.8  # certainty from which on a label of head and hands is skin
 SPECKS = 0.05  # share of limbs: less that is called skin is nothing to speak of
 MOST = 4000  # pixels of a part that are read in a picture
-SOFT = 1.0  # px, by which pictures are blurred
 AROUND = 7  # px, over which colours are averaged before a pixel is told
 
 
@@ -69,15 +70,11 @@ def parts_of(model: BodyModel) -> dict[str, Bools]:
     return {part: np.isin(roles, names) for part, names in PARTS.items()}
 
 
-def lab(image: Any) -> Any:
-    """L*a*b* (H,W,3) of a picture, a little blurred."""
-    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
-
-
-def odd_parts(chroma: Mapping[str, Floats], limit: float = COLOUR) -> list[str]:
-    """Limbs whose skin has colours farther than `limit` from that of head and hands: `chroma` {part: a* and b* (k,2) of its skin}.
-    None where neither head nor hands show enough."""
-    middle = {part: np.median(of, axis=0) for part, of in chroma.items() if len(of) >= SAMPLES}
+def odd_parts(colours: Mapping[str, Array], limit: float = COLOUR) -> list[str]:
+    """Limbs whose skin has a chroma farther than `limit` from that of head and hands: `colours` {part: RGB (k,3) uint8 of its skin},
+    medians count. None where neither head nor hands show enough."""
+    chroma = {part: lightness_and_chroma(of)[1] for part, of in colours.items() if len(of) >= SAMPLES}
+    middle = {part: np.median(of, axis=0) for part, of in chroma.items()}
     known = [middle.pop(part) for part in REFERENCE if part in middle]
     far = {part: min((float(np.linalg.norm(of - skin)) for skin in known), default=0.0) for part, of in middle.items()}
     return [part for part, distance in far.items() if distance > limit]
@@ -110,7 +107,7 @@ def limb_cloth(
     seen = _skin_of([*asked, *REFERENCE], scene.labels["skin"], parts, faces, shown)
     if not seen["upper legs"]:
         return None
-    odd = odd_parts({part: np.concatenate([s.chroma for s in of]) for part, of in seen.items()}, limit)
+    odd = odd_parts({part: np.concatenate([s.rgb for s in of]) for part, of in seen.items()}, limit)
     alike = surely_covered(scene) if not odd else None
     if alike and np.sum([s.carry for s in seen["upper legs"]]) <= WORN * np.sum([s.shown for s in seen["upper legs"]]):
         alike = None
@@ -152,7 +149,6 @@ class _Skin:
     shown: int
     carry: int
     rgb: Array  # (k,3) uint8
-    chroma: Floats  # (k,2)
 
 
 def _skin_of(
@@ -167,15 +163,14 @@ def _skin_of(
     found: dict[str, list[_Skin]] = {part: [] for part in names}
     for frame, views in shown:
         for name in (name for name in views if name in frame.certainty and name in frame.images):
-            image, face = lab(frame.images[name]), views[name].face
+            face = views[name].face
             for part in names:
                 there = (face >= 0) & on[part][face]
                 skin = there & (frame.labels[name] == label)
                 if part in REFERENCE:
                     skin &= frame.certainty[name] > 255 * SURE
                 at = np.flatnonzero(skin)[:: max(1, int(skin.sum()) // MOST)]
-                rgb, ab = frame.images[name].reshape(-1, 3)[at], image.reshape(-1, 3)[at, 1:]
-                found[part].append(_Skin(int(there.sum()), int(skin.sum()), rgb, ab))
+                found[part].append(_Skin(int(there.sum()), int(skin.sum()), frame.images[name].reshape(-1, 3)[at]))
     return found
 
 

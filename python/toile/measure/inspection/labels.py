@@ -10,10 +10,11 @@ import numpy as np
 
 from ...kernels.arrays import Array, Floats
 from ...scene import BodyModel, Frame
-from ...vision.limb_colours import lab, parts_of
+from ...vision.limb_colours import parts_of
 from .clothed import Clothed, Reading
 
 BINS = (12, 8, 8)  # of L*, a*, b* in a histogram
+SOFT = 1.0  # px, by which pictures are blurred
 BAND = 0.03  # of the person's height in the picture: colours on either side of a border
 SIDE = 30  # pixels of a band
 
@@ -35,18 +36,17 @@ def on_template(clothed: Clothed, reading: Reading, ids: Array, garment: int, ov
     return np.bincount(votes[asked].argmax(1), clothed.areas[asked], minlength=len(ids))
 
 
-def skin_colours(model: BodyModel, frame: Frame, reading: Reading, label: int) -> dict[str, tuple[float, Floats]]:
-    """{part of the body: (share that carries the label `label`, a* and b* (k,2) where it does)}."""
-    found: dict[str, tuple[float, Floats]] = {}
-    chroma = {name: lab(frame.images[name])[..., 1:] for name in reading.cameras if name in frame.images}
+def skin_colours(model: BodyModel, frame: Frame, reading: Reading, label: int) -> dict[str, tuple[float, Array]]:
+    """{part of the body: (share that carries the label `label`, RGB (k,3) uint8 where it does)}."""
+    found: dict[str, tuple[float, Array]] = {}
     for part, vertices in parts_of(model).items():
         at = np.flatnonzero(vertices)
-        shown, carry, colours = 0, 0, [np.zeros((0, 2))]
+        shown, carry, colours = 0, 0, [np.zeros((0, 3), np.uint8)]
         for i, name in enumerate(reading.cameras):
             given, (x, y) = reading.labels[i, at], reading.pixels[i, at].T
             shown, carry = shown + int((given >= 0).sum()), carry + int((given == label).sum())
-            if name in chroma:
-                colours.append(chroma[name][y[given == label], x[given == label]])
+            if name in frame.images:
+                colours.append(frame.images[name][y[given == label], x[given == label]])
         found[part] = carry / max(shown, 1), np.concatenate(colours)
     return found
 
@@ -65,7 +65,7 @@ def alike(frame: Frame, one: int, other: int) -> list[float]:
         away = [cv2.distanceTransform((~part).astype(np.uint8), cv2.DIST_L2, 5) for part in parts]
         bands = [part & (far > 1.5) & (far < reach) for part, far in zip(parts, away[::-1])]
         if min(band.sum() for band in bands) >= SIDE:
-            image = lab(frame.images[name])
+            image = _lab(frame.images[name])
             found.append(_overlap(*(image[band] for band in bands)))
     return found
 
@@ -76,6 +76,11 @@ def _overlap(a: Floats, b: Floats) -> float:
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     p, q = (np.bincount(of, minlength=cell.max() + 1) / len(of) for of in (cell[: len(a)], cell[len(a) :]))
     return float(np.sqrt(p * q).sum())
+
+
+def _lab(image: Any) -> Any:
+    """L*a*b* (H,W,3) of a picture, a little blurred."""
+    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
 
 
 def _largest(mask: Any) -> Any:
