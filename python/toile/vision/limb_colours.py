@@ -32,6 +32,7 @@ LONG = ("trousers", "pants", "jeans", "leggings")  # cover the upper legs, and m
 SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show bare upper legs
 COVERS = {"upper legs": (*LONG, "shorts", "skirt"), "lower legs": LONG}  # by labels' names, the first that a scene has
 WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
+SEEN_BARE = 0.15  # the same of upper legs by a network, where the scene has trousers: from there on it is in error
 COLOUR = (
     0.08  # of chroma over lightness, by default; bare limbs differ by up to 0.075 from head and hands of one person
 )
@@ -108,17 +109,15 @@ def limb_cloth(
     if not seen["upper legs"]:
         return None
     odd = odd_parts({part: np.concatenate([s.rgb for s in of]) for part, of in seen.items()}, limit)
-    alike = surely_covered(scene) if not odd else None
-    if alike and np.sum([s.carry for s in seen["upper legs"]]) <= WORN * np.sum([s.shown for s in seen["upper legs"]]):
-        alike = None
+    alike = not odd and surely_covered(scene) is not None and _share(seen["upper legs"]) > SEEN_BARE
     cloth = asked if alike else odd
     if not cloth:
         return None
     instead = np.zeros(len(next(iter(parts.values()))), np.uint8)
     for part in cloth:
         instead[parts[part]] = scene.labels[cover_of(scene, part)]
-    skin, whole = (sum(getattr(s, of) for part in cloth for s in seen[part]) for of in ("carry", "shown"))
-    return LimbCloth(scene.labels["skin"], instead, None if alike else _colours(seen, odd), skin / whole)
+    share = _share([s for part in cloth for s in seen[part]])
+    return LimbCloth(scene.labels["skin"], instead, None if alike else _colours(seen, odd), share)
 
 
 def retold(frame: Frame, views: Mapping[str, DepthView], faces: Array, cloth: LimbCloth) -> Frame:
@@ -172,6 +171,11 @@ def _skin_of(
                 at = np.flatnonzero(skin)[:: max(1, int(skin.sum()) // MOST)]
                 found[part].append(_Skin(int(there.sum()), int(skin.sum()), frame.images[name].reshape(-1, 3)[at]))
     return found
+
+
+def _share(skin: list[_Skin]) -> float:
+    """Of all that is shown, what is labelled skin."""
+    return sum(s.carry for s in skin) / max(sum(s.shown for s in skin), 1)
 
 
 def _colours(seen: Mapping[str, list[_Skin]], odd: list[str]) -> ColourModel:

@@ -14,7 +14,7 @@ from ...io.capture import Capture
 from ...kernels.arrays import Floats
 from ...scene import BodyModel, Camera, Frame, Points3D, Scene
 from ...surface.sampling import evenly
-from ...vision.limb_colours import REFERENCE, WORN, cover_of, odd_parts, surely_covered
+from ...vision.limb_colours import REFERENCE, SEEN_BARE, WORN, cover_of, odd_parts, surely_covered
 from ...vision.segmenters.asked import labelled
 from ...vision.thin_pictures import thin_cameras, thin_pictures
 from .cameras import Finding
@@ -156,10 +156,11 @@ def _of_skin(scene: Scene, model: BodyModel, posed: Posed, ahead: bool) -> Itera
     told = [skin_colours(model, frame, reading, scene.labels["skin"]) for frame, _, reading in posed]
     bare = [part for part in told[0] if part in REFERENCE or np.mean([of[part][0] for of in told]) > WORN]
     odd = odd_parts({part: np.concatenate([of[part][1] for of in told]) for part in bare})
-    long = surely_covered(scene)
-    asked = odd or (["upper legs"] if long and "upper legs" in bare else [])
+    long, network = surely_covered(scene), all(frame.certainty for frame, _, _ in posed)
+    thighs = np.mean([of["upper legs"][0] for of in told]) > (SEEN_BARE if network else WORN)
+    asked = odd or (["upper legs"] if long and thighs else [])
     taken = dict.fromkeys(cover_of(scene, part) for part in asked if cover_of(scene, part))
-    again = ahead and taken and all(frame.certainty for frame, _, _ in posed)
+    again = ahead and taken and network
     then = f"; register takes it for '{', '.join(taken)}'" if again else ": is it cloth?"
     if odd:
         text = f"labels: 'skin' on the {' and the '.join(odd)} has other colours than on head and hands{then}"
