@@ -127,6 +127,31 @@ def test_pushing_out_gives_no_velocity():
     assert np.allclose(advanced(cloth, body_V, 0.3).V, out.V, atol=1e-9)
 
 
+def turned_out(body_V, body_F):
+    """A ball whose top is lifted and mirrored: its faces look inwards there, as those of an armpit that folds through itself."""
+    body_V, top = body_V.copy(), body_V[:, 2] > 0.15
+    body_V[top] = body_V[top] * [-1, 1, 1] + [0, 0, 0.1]
+    return body_V, body_F
+
+
+def test_cloth_beside_a_body_that_folds_through_itself_is_not_drawn_through_it():
+    body_V, body_F = turned_out(*ball(0.2))
+    V, F = sheet(across=21, along=21, height=body_V[:, 2].max() + 0.03)
+    cloth = solver(V, F, body_V, body_F, gravity=(0, 0, 0))
+    assert cloth.start(V, body_V, settle=0.1).inside == 0
+    for way in np.arange(1, 6)[:, None] * [0.005, 0, 0.002]:  # beside and towards it
+        found = cloth.step(body_V + way, FRAME)
+    assert found.inside == 0 and np.abs(found.V - V).max() < 1e-9
+
+
+def test_cloth_lies_on_the_part_of_a_body_that_is_turned_out():
+    body_V, body_F = turned_out(*ball(0.2))
+    V, F = sheet(across=25, along=25, height=body_V[:, 2].max() + 0.01)
+    cloth = solver(V, F, body_V, body_F)
+    settled = cloth.start(V, body_V, settle=0.5)
+    assert settled.inside == 0 and settled.strain < 0.2 and settled.V[:, 2].max() > body_V[:, 2].max()
+
+
 def fallen(V, F, body_V, body_F, seconds=0.2, **options):
     cloth = solver(V, F, body_V, body_F, **options)
     cloth.start(V, body_V, settle=0)

@@ -1,6 +1,7 @@
 #include "kernels/drape/contact.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/parallel.h"
 
@@ -8,7 +9,7 @@ namespace toile {
 
 void Contact::place(const Vertices& body_V) {
     from_ = to_ = body_V;
-    stride_ = 0;
+    stride_ = way_ = 0;
     near_.clear();
     body_.move(body_V);
 }
@@ -23,11 +24,19 @@ void Contact::look(const Vertices& x, const Vector& w, const Vector& reach, doub
     near_.resize(static_cast<std::size_t>(x.rows()));
     now_ = from_ + at * (to_ - from_);
     body_.follow(now_);
+    const double way = way_ + at * stride_;
     parallel_for(x.rows(), [&](std::int64_t i) {
         Near& near = near_[static_cast<std::size_t>(i)];
         near.room -= reach[i];
         if (w[i] == 0 || (!first && near.room > 0)) return;
-        const Probe probe = body_.probe(x.row(i), near.face);
+        const Vec3 p = x.row(i);
+        Probe probe = body_.probe(p, near.face);
+        if (first && body_.closed())
+            body_.decide(probe, body_.parts(p));
+        else if (!first && strayed(near, probe, (p - near.seen).norm() + way - near.way))
+            probe.turn();
+        near.seen = p;
+        near.way = way;
         near.face = probe.face;
         near.bound = probe.constrained && probe.face >= 0;
         near.distance = near.bound ? probe.distance : probe.nearest;
@@ -37,6 +46,20 @@ void Contact::look(const Vertices& x, const Vector& w, const Vector& reach, doub
         const BoxTree::Triangle& t = body_.triangle(near.face);
         near.barycentric = closest_on_triangle(probe.point, t.a, t.b, t.c).barycentric;
     });
+}
+
+/// The distance from the body, negative inside, changes by no more than vertex and body move. Where the body folds through
+/// itself the normal at the closest point may look inwards, and says otherwise.
+bool Contact::strayed(const Near& near, const Probe& probe, double moved) {
+    constexpr double rounding = 1e-3;
+    const bool crossed = near.bound && probe.constrained && (probe.distance < 0) != (near.distance < 0);
+    return crossed && std::abs(probe.distance - near.distance) > (1 + rounding) * moved;
+}
+
+void Contact::arrive() {
+    way_ += stride_;
+    stride_ = 0;
+    from_ = to_;
 }
 
 Vec3 Contact::carried(const Near& near, double at) const {

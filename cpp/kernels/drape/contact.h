@@ -11,7 +11,8 @@ namespace toile {
 ///
 /// A vertex keeps the point of the body that was closest to it when it was last looked for, carried by its face, and the
 /// direction from there. It may not come nearer than `margin` along that. As long as vertex and body have moved less than
-/// the distance between them, nothing is looked for.
+/// the distance between them, nothing is looked for. On which side of a closed body it begins is told by winding numbers,
+/// and after that by continuity.
 class Contact {
 public:
     Contact(const Faces& F, double margin, double friction, double max_depth)
@@ -23,7 +24,7 @@ public:
     /// Finds the closest points at share `at`, of vertices that move (`w` > 0) and may, within `reach` (n,) [m], the way
     /// until the next call, meet the body.
     void look(const Vertices& x, const Vector& w, const Vector& reach, double at);
-    void arrive() { from_ = to_; }
+    void arrive();  ///< the step is done
 
     /// Pushes vertices that moved from `before` to x while the body moved on from share `from` to share `to`.
     void push(Vertices& x, const Vertices& before, double from, double to);
@@ -37,17 +38,20 @@ public:
 private:
     struct Near {
         int face = -1;
-        Vec3 barycentric, outward;
+        Vec3 barycentric, outward, seen;  ///< `seen`: where the vertex was when it was looked for [m]
+        double way = 0;       ///< that the body had gone by then [m]
         double distance = 0;  ///< when it was looked for, negative inside [m]
         double room = 0;      ///< how far vertex and body may move together before they can meet [m]
         bool bound = false;   ///< to stay outside: its face gives a direction
         bool pushed = false;  ///< in the last substep
     };
+    static bool strayed(const Near& near, const Probe& probe, double moved);
     Vec3 carried(const Near& near, double at) const;  ///< the point of the body
 
     Faces F_;
     Obstacle body_;
     double margin_, friction_, stride_ = 0;
+    double way_ = 0;  ///< of the body's fastest vertices in all steps that are done [m]
     Vertices from_, to_, now_;
     std::vector<Near> near_;
 };
