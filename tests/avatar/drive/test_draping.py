@@ -8,8 +8,8 @@ import pytest
 
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
-from toile.avatar.drive.draping import cloth_file, load_cloths
-from toile.avatar.drive.residual import Residual
+from toile.avatar.drive.draping import cloth_file, doubts, load_cloths
+from toile.avatar.drive.residual import CLOTH, MEAN, Residual
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import ClothSettings, TemporalSettings
 from toile.errors import UserError
@@ -79,6 +79,16 @@ def test_an_animation_by_physics_is_another_and_leaves_no_pair(avatar_folder, sa
     assert len(intersecting_pairs(shirt.vertices, shirt.faces, body.vertices, body.faces)) == 0
     moved = np.linalg.norm(shirt.vertices - other.vertices, axis=1)
     assert 1e-4 < moved.mean() < 0.05
+
+
+def test_cloth_that_lies_farther_off_than_the_mean_shape_is_said(avatar_folder, driven):
+    cloth = load_cloths(avatar_folder, driven.avatar.layers)["tshirt"]
+    of = lambda still, hung: {
+        "tshirt": replace(cloth, residual=replace(cloth.residual, missed={MEAN: still, CLOTH: hung}))
+    }
+    assert doubts(of(0.02, 0.012)) == []
+    said = "tshirt as cloth lies 39 mm from where it was registered, its mean shape 23 mm: physics does not help it"
+    assert doubts(of(0.023, 0.039)) == [said]
 
 
 def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toile.avatar.drive.residual import FEWEST, Residual, moving, teach
+from toile.avatar.drive.residual import CLOTH, FEWEST, JOINED, MEAN, Residual, moving, teach
 
 RNG = np.random.default_rng(3)
 MODES = RNG.normal(size=(2, 30, 3)) * 0.01
@@ -44,6 +44,25 @@ def test_poses_that_say_nothing_are_not_believed():
     new = RNG.normal(size=(20, 2))
     shown = [np.stack([r.add(s, p) for s, p in zip(hung, new)]) for r in (found, means)]
     assert np.abs(shown[0] - shown[1]).max() < 0.003
+
+
+def test_where_the_same_pose_hangs_in_two_ways_the_simulated_shape_says_which():
+    """Cloth that lies left or right as it came there, in equal poses; its simulation goes the same ways, too short and elsewhere."""
+    side = np.where(np.arange(48) // 3 % 2, 1.0, -1.0)
+    poses, worn, hung = np.full((48, 2), 0.1), 0.3 + side[:, None, None] * MODES[0], side[:, None, None] * MODES[1]
+    poses[:, 0] += 1e-3 * RNG.normal(size=48)
+    found = teach(poses, hung, worn)
+    assert np.isfinite(found.swing_reach) and error(found, poses, hung, worn) < 0.1 * np.abs(MODES[0]).max()
+
+
+def test_what_was_missed_in_frames_left_out_is_kept_and_tells_cloth_that_slid_away():
+    poses, hung, worn = sequence(40, swing=0.8)
+    found = teach(poses, hung, worn).missed
+    assert found[JOINED] <= found[CLOTH] < found[MEAN]
+    motion = np.linalg.norm(worn - worn.mean(0), axis=2)
+    assert np.isclose(found[MEAN], np.sqrt(np.square(motion).mean()), rtol=0.2)
+    slid = hung + np.linspace(0, 0.3, 40)[:, None, None]
+    assert teach(poses, slid, worn).missed[CLOTH] > found[MEAN]
 
 
 def test_few_frames_and_still_ones_keep_their_means():

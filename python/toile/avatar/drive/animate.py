@@ -34,7 +34,7 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .apart import take
-from .draping import Draping, load_cloths
+from .draping import Draping, doubts, load_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
@@ -75,7 +75,9 @@ class DrivenAvatar:
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
         self.draping = None
         if physics:
-            self.draping = self.draped(self._cloths(), np.arange(len(self.motion)))
+            cloths = self._cloths()
+            self.warnings += doubts(cloths)
+            self.draping = self.draped(cloths, np.arange(len(self.motion)))
 
     def _cloths(self):
         lent = {one.name for one in self.lent}

@@ -21,6 +21,8 @@ from .draping import Cloth, cloth_file
 from .driver import held_out_span, stride_of
 from .residual import Residual, teach
 
+VERSION = 2  # of how cloth is simulated and what is kept of it
+
 
 def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, settings=None):
     """Makes AVATAR/cloth.NAME.npz of every garment, unless they are there and made of this avatar as it is trained, by these
@@ -57,7 +59,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
 def made_of(folder, settings):
     """What a cloth is made of, for `identity_of`; without settings the beginning of it."""
     trained = "".join(contents(Path(folder) / file) for file in ("avatar.json", "avatar.safetensors"))
-    return trained + (settings.model_dump_json() if settings else "")
+    return f"{VERSION} {trained}" + (settings.model_dump_json() if settings else "")
 
 
 def ensure_worn(folder, garments, progress=lambda stage, done, total: None, settings=None):

@@ -15,7 +15,7 @@ from ...io.files import load_record
 from ...kernels import DrapeSolver
 from ..model.assets import CheckedArrays
 from ..settings import ClothSettings
-from .residual import Residual, moving
+from .residual import CLOTH, MEAN, Residual, moving
 
 GRAVITY = 9.81  # [m/s^2], against the scene's up
 
@@ -58,13 +58,25 @@ def check_cloth(path, cloth, n):
     fields = CheckedArrays(path, vars(cloth) | {f"residual.{name}": value for name, value in residual.items()})
     fields.get("lengths", (None,)), fields.get("margin", ())
     fields.get("residual.registered", (n, 3)), fields.get("residual.simulated", (n, 3))
-    fields.get("residual.reach", ()), fields.get("residual.share", ())
+    fields.get("residual.reach", ()), fields.get("residual.swing_reach", ()), fields.get("residual.share", ())
     poses, modes = fields.get("residual.poses", (None, None)), fields.get("residual.modes", (None, n, 3))
-    fields.get("residual.weights", (len(poses), len(modes)))
+    fields.get("residual.weights", (len(poses), len(modes))), fields.get("residual.swings", (len(poses), len(modes)))
     try:
         ClothSettings(**(cloth.settings or {}))
     except ValidationError as error:
         raise first_error(path, error) from None
+
+
+def doubts(cloths):
+    """What a user should know of {garment: Cloth}: where physics tells less than no physics."""
+    found = []
+    for name, cloth in cloths.items():
+        missed = cloth.residual.missed
+        if missed and missed[CLOTH] > missed[MEAN]:
+            hung, still = 1e3 * missed[CLOTH], 1e3 * missed[MEAN]
+            words = f"{name} as cloth lies {hung:.0f} mm from where it was registered, its mean shape {still:.0f} mm"
+            found.append(f"{words}: physics does not help it")
+    return found
 
 
 class Draping:

@@ -9,9 +9,15 @@ import numpy as np
 FEWEST = 4  # frames: of fewer the means alone are kept
 FOLDS = 4  # stretches of the frames, each left out once to choose what the poses are worth
 MODES = 64  # of the shapes, at most
-SCALES = (0.25, 0.5, 1.0, 2.0)  # of the usual distance between two poses: what `reach` may be
+SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the usual distance between two poses: what `reach` may be
+SWING_SCALES = (1.0, 2.0, 4.0, np.inf)  # of the usual distance between two simulated shapes: what `swing_reach` may be
 NOISES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # over the kernel's variance
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+MEAN, CLOTH, JOINED = (
+    "mean shape",
+    "cloth",
+    "joined",
+)  # by registered shapes alone; by simulated ones and the mean residual
 SPAN = 1 / 6  # [s] over which a pose's change counts like the pose itself
 
 
@@ -19,20 +25,25 @@ SPAN = 1 / 6  # [s] over which a pose's change counts like the pose itself
 class Residual:
     """A garment's registered vertices from simulated ones s (n,3), both unposed, and a pose p (P,) in metres:
 
-    x = registered + a (s - simulated) + sum_j k_j weights_j modes,  k_j = exp(-|p - poses_j|^2 / (2 reach^2)),
-    a = 1 - (1 - share) max_j k_j.
+    x = registered + a (s - simulated) + sum_j k_j weights_j modes,   a = 1 - (1 - share) max_j k_j,
+    k_j = exp(-|p - poses_j|^2 / (2 reach^2) - |q - swings_j|^2 / (2 swing_reach^2)),   q = modes (s - simulated).
 
-    Near the training's poses it trusts physics by `share` and the poses for the rest (kriging); far from all of them what is
-    left is s and the mean residual.
+    Near the poses and swings of the training it trusts physics by `share`, and for the rest what was seen there (kriging); far
+    from all of them what is left is s and the mean residual.
     """
 
     registered: np.ndarray  # (n,3) mean of the training frames
     simulated: np.ndarray  # (n,3) the same
     poses: np.ndarray  # (T,P) that taught; none where means alone are kept
+    swings: np.ndarray  # (T,k) of the simulated shapes that taught, along the modes [m]
     reach: float  # [m]
+    swing_reach: float  # [m]
     share: float
     weights: np.ndarray  # (T,k)
-    modes: np.ndarray  # (k,n,3)
+    modes: np.ndarray  # (k,n,3), orthonormal
+    missed: (
+        dict  # {MEAN, CLOTH, JOINED: root mean square distance [m] of vertices in frames left out}; {} where none were
+    )
 
     @classmethod
     def none(cls, n):
@@ -41,9 +52,8 @@ class Residual:
 
     @classmethod
     def _means(cls, registered, simulated):
-        return cls(
-            registered, simulated, np.zeros((0, 0)), 1.0, 1.0, np.zeros((0, 0)), np.zeros((0, *registered.shape))
-        )
+        nothing, modes = np.zeros((0, 0)), np.zeros((0, *registered.shape))
+        return cls(registered, simulated, nothing, nothing, 1.0, 1.0, 1.0, nothing, modes, {})
 
     def moved(self, by):
         """Of a garment on another body, where its rest vertices lie `by` (n,3) from what they were."""
@@ -54,7 +64,8 @@ class Residual:
         swing = simulated - self.simulated
         if not len(self.poses):
             return self.registered + swing
-        near = similar(pose[None], self.poses, self.reach)
+        q = np.tensordot(self.modes, swing, 2)
+        near = similar(pose[None], self.poses, self.reach) * similar(q[None], self.swings, self.swing_reach)
         part = 1 - (1 - self.share) * near.max()
         return self.registered + part * swing + np.tensordot((near @ self.weights)[0], self.modes, 1)
 
@@ -62,7 +73,7 @@ class Residual:
 def teach(poses, simulated, registered):
     """A Residual of T frames in a row: poses (T,P), vertices (T,n,3) simulated and registered, all unposed.
 
-    reach, noise and share are those that leave the least squared error on FOLDS stretches left out in turn; where none beats
+    Reaches, noise and share are those that leave the least squared error on FOLDS stretches left out in turn; where none beats
     the means, the means are kept.
     """
     means = Residual._means(registered.mean(0), simulated.mean(0))
@@ -72,34 +83,50 @@ def teach(poses, simulated, registered):
     u, s = ((x - x.mean(0)).reshape(len(x), -1) for x in (registered, simulated))
     basis = principal(np.concatenate([u, s]))
     u, s = u @ basis.T, s @ basis.T
-    best = chosen(poses, s, u)
-    if best is None:
-        return means
-    reach, noise, share = best
-    K = similar(poses, poses, reach)
+    errors = left_out(poses, s, u)
+    best = min((key for key in errors if key != MEAN), key=errors.get)
+    missed = {MEAN: errors[MEAN], CLOTH: errors[CLOTH], JOINED: errors[best]}
+    missed = {name: float(np.sqrt(error / registered[..., 0].size)) for name, error in missed.items()}
+    if best == CLOTH:
+        return replace(means, missed=missed)
+    reach, swing_reach, noise, share = best
+    K = similar(poses, poses, reach) * similar(s, s, swing_reach)
     weights = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s)
     modes = basis.reshape(-1, *registered.shape[1:])
-    return Residual(means.registered, means.simulated, poses, reach, share, weights, modes)
+    return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, missed)
 
 
-def chosen(poses, s, u):
-    """(reach, noise, share) for coordinates s, u (T,k) of simulated and registered shapes, or None for their means alone."""
-    usual = np.median(distances(poses, poses)[np.triu_indices(len(poses), 1)])
+def left_out(poses, s, u):
+    """Squared errors of coordinates u (T,k) of registered shapes in FOLDS stretches, each left out once: {(reach, swing_reach, noise,
+    share), MEAN or CLOTH: sum}. `s` (T,k): of the simulated ones."""
     errors = {}
     for out in np.array_split(np.arange(len(poses)), FOLDS):
         kept = np.setdiff1d(np.arange(len(poses)), out)
         about, swing, swung = u[kept].mean(0), s[out] - s[kept].mean(0), s[kept] - s[kept].mean(0)
-        add(errors, None, about + swing - u[out])
-        for reach in usual * np.array(SCALES) if usual > 0 else ():
-            near = similar(poses[out], poses[kept], reach)
-            values, vectors = np.linalg.eigh(similar(poses[kept], poses[kept], reach))
+        add(errors, MEAN, about - u[out])
+        add(errors, CLOTH, about + swing - u[out])
+        for reach, swing_reach in reaches(poses, s):
+            K = similar(poses, poses[kept], reach) * similar(s, s[kept], swing_reach)
+            near, (values, vectors) = K[out], np.linalg.eigh(K[kept])
             for noise in NOISES:
                 solve = near @ (vectors / (values + noise)) @ vectors.T
                 for share in SHARES:
                     part = 1 - (1 - share) * near.max(1, keepdims=True)
                     told = about + part * swing + solve @ (u[kept] - about - share * swung)
-                    add(errors, (float(reach), noise, share), told - u[out])
-    return min(errors, key=errors.get)
+                    add(errors, (reach, swing_reach, noise, share), told - u[out])
+    return errors
+
+
+def reaches(poses, s):
+    """What the kernel's reaches may be; none where poses stand still."""
+    usual, usual_swing = usual_distance(poses), usual_distance(s)
+    swings = [float(usual_swing * scale) for scale in SWING_SCALES] if usual_swing > 0 else [np.inf]
+    return [(float(usual * scale), swing) for scale in SCALES for swing in swings] if usual > 0 else []
+
+
+def usual_distance(x):
+    """The median of those between two rows (T,D)."""
+    return np.median(distances(x, x)[np.triu_indices(len(x), 1)])
 
 
 def add(errors, key, error):
@@ -114,7 +141,7 @@ def principal(x):
 
 
 def similar(a, b, reach):
-    """(A,B) Gaussian kernel of poses (A,P) and (B,P)."""
+    """(A,B) Gaussian kernel of rows (A,D) and (B,D)."""
     return np.exp(-0.5 * np.square(distances(a, b) / reach))
 
 

@@ -13,7 +13,7 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ..drive.draping import Draping, load_cloths
+from ..drive.draping import Draping, doubts, load_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
@@ -34,6 +34,7 @@ class Driven(HeldOut):
         run = self.registered.run
         self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
         cloths = load_cloths(folder, self.avatars["layered"].layers) if physics and "layered" in self.avatars else {}
+        self.warnings += doubts(cloths)
         lead = max((cloth.asked.lead for cloth in cloths.values()), default=0)
         self.led = [n for n in run.ok if n < self.frames[0]][-lead:] if lead else []
         self.latents, self.driver, self.measured, self.draping, self.shown = {}, None, {}, None, {}
@@ -123,7 +124,7 @@ class Driven(HeldOut):
             "temporal": self.driver
             and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
-            "physics": self.draping and {"strain": self.draping.strain, "self_pairs": self._self_pairs()},
+            "physics": self.draping and self._physics(),
             "baseline_by": self.sources(errors).get("baseline"),
             "baseline_rows": self._rows(errors) if "baseline" in self.avatars else None,
         }
@@ -164,6 +165,12 @@ class Driven(HeldOut):
                 "jitter_mm": second_difference({n: shown[n] - true[n] for n in true}, step),
             }
         return found
+
+    def _physics(self):
+        """strain of the most stretched edge, the cloth's own pairs, and {garment: what was missed where its frames were left out [mm]}."""
+        cloths = self.draping.cloths.items()
+        missed = {n: {of: 1e3 * m for of, m in cloth.residual.missed.items()} for n, cloth in cloths}
+        return {"strain": self.draping.strain, "self_pairs": self._self_pairs(), "missed_mm": missed}
 
     def _self_pairs(self):
         """{garment: pairs of its own triangles that intersect}, mean over the span: cloth does not meet itself."""
