@@ -4,7 +4,7 @@ Everything lies in one folder, and what lies there is not made again: what was s
 work on different captures in one folder.
     OUT/captures/NAME         made by the studio where no capture is named
     OUT/NAME/{run, aligned}   OUT/NAME/cache   samples that all avatars of the subject share
-    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, reconstruction.json, driven.json; a trained
+    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, reconstruction.json, driven.json, physics.json; a trained
                               avatar that lies there, or that a link there leads to, is taken as it is
     OUT/NAME/ablations/ROW/   the same without one part, trained for as many steps
     OUT/{index.html, paper.json, tables.md}
@@ -156,12 +156,15 @@ class Subject:
         if baseline:
             once(folder / "reconstruction.json", lambda: evaluate_avatar(folder, progress=paper.progress), paper.say)
         self._driven(folder)
+        if baseline:
+            self._driven(folder, physics=True)
 
-    def _driven(self, folder):
+    def _driven(self, folder, physics=False):
         from toile.avatar.measure.evaluation import evaluate_avatar
 
         paper = self.paper
-        once(folder / "driven.json", lambda: evaluate_avatar(folder, progress=paper.progress, driven=True), paper.say)
+        how = dict(progress=paper.progress, driven=True, physics=physics, sheets=not physics)
+        once(folder / f"{'physics' if physics else 'driven'}.json", lambda: evaluate_avatar(folder, **how), paper.say)
 
     def _share_cache(self, folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -18,6 +18,7 @@ LAYERS = "layers, by the temporal model"
 PAPER = "The paper's three subjects: -25.7 %, -29.1 %, -21.9 %; SSIM +0.0096, +0.0113, +0.0071."
 HOWS = {
     "driven": "Driven by pose and face alone",
+    "physics": "Driven by pose and face alone, garments hanging as cloth",
     "reconstruction": "Reconstruction: the frame itself is encoded",
 }
 SEEN = {"ms_ssim": "SSIM at five scales", "gradient_similarity": "edges", "legibility": "legibility of prints"}
@@ -39,7 +40,7 @@ def collected(out):
 
 def _jsons(folder):
     """What is whole of a folder's results."""
-    names = ("trained", "temporal", "reconstruction", "driven", "speed", "aligned", "zooms")
+    names = ("trained", "temporal", "reconstruction", "driven", "physics", "speed", "aligned", "zooms")
     return {name: read(folder / f"{name}.json") for name in names if (folder / f"{name}.json").exists()}
 
 
@@ -49,6 +50,7 @@ def tables(found):
         sizes(found),
         means(found),
         against(found, "driven"),
+        against(found, "physics"),
         drivers(found),
         against(found, "reconstruction"),
         visible(found),
@@ -89,7 +91,7 @@ def _size(run, one):
         "minutes: registering": run["seconds"] / 60 if run["quality"] else None,
         "minutes: training, baseline and its search included": minutes("trained"),
         "minutes: temporal model": minutes("temporal"),
-        "minutes: evaluating": minutes("reconstruction", "driven"),
+        "minutes: evaluating": minutes("reconstruction", "driven", "physics"),
     }
 
 
@@ -134,7 +136,7 @@ def against(found, how):
 def goals(changes, how):
     """In words whether every seed meets each goal."""
     worst = lambda measure: max((c[measure] for c in changes if c[measure] is not None), default=None)
-    if how == "driven":
+    if how != "reconstruction":
         asked = {"MSE 22 % lower": _at_most(worst("mse"), GOAL), "SSIM higher": min(c["ssim"] for c in changes) > 0}
     else:
         straw = [1 / (1 + c["body_mse"]) - 1 for c in changes if c["body_mse"] is not None]
