@@ -35,6 +35,9 @@ def train(
     temporal_model: Annotated[
         str | None, typer.Option(help="of --temporal: window (the default), or damped, a state of its own")
     ] = None,
+    physics: Annotated[
+        bool, typer.Option(help="of --temporal: garments are measured as cloth too, and hang where that is nearer")
+    ] = True,
     window: Annotated[int | None, typer.Option(help="poses that the window model sees; default 15")] = None,
     lr: Annotated[float | None, typer.Option(help="learning rate of AdamW; default the quality's")] = None,
     seed: Annotated[
@@ -69,14 +72,33 @@ def train(
             measured = train_temporal(avatar, drive, lambda *at: progress("temporal", *at))
             if (avatar / "baseline" / "avatar.json").exists():
                 train_temporal(avatar / "baseline", drive, lambda *at: progress("baseline temporal", *at))
+            if physics:
+                from .drive.cloths import ensure_cloths
+
+                ensure_cloths(avatar, run, progress)
     if first:
         if drive:
             steps = measured.pop("steps")
             errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
             words = f"temporal model ({drive.model}): {steps} steps, {errors}, of the codes' variance"
             speech.result(words, steps=steps, **measured)
+            if physics:
+                say_cloths(avatar)
         speech.result(f"{avatar}: trained", avatar=avatar)
         speech.next_step("evaluate", avatar)
+
+
+def say_cloths(avatar):
+    """A line a garment: what drives it from now on, and why."""
+    from .drive.draping import load_cloths
+    from .model.checkpoint import load_avatar
+
+    for name, cloth in load_cloths(avatar, load_avatar(avatar).layers).items():
+        missed = {of: 1e3 * value for of, value in cloth.residual.missed.items()}
+        if missed:
+            driver = "it hangs as cloth when driven" if cloth.helps else "poses alone drive it"
+            words = f"{name}: in frames left out poses alone miss it by {missed['poses']:.1f} mm, with cloth {missed['joined']:.1f} mm: {driver}"
+            speech.result(words, garment=name, as_cloth=cloth.helps, missed_mm=missed)
 
 
 def animate(
@@ -92,7 +114,13 @@ def animate(
     ] = None,
     meshes: Annotated[bool, typer.Option(help="also every layer's mesh of every frame")] = True,
     seed: Annotated[int, typer.Option(help="of the code that a baseline is driven by", min=0, max=SEEDS - 1)] = 0,
-    physics: Annotated[bool, typer.Option("--physics", help="garments hang as cloth on the body")] = False,
+    physics: Annotated[
+        bool | None,
+        typer.Option(
+            "--physics/--no-physics",
+            help="garments hang as cloth on the body, or none does; default those that are nearer so",
+        ),
+    ] = None,
     garment: Garments = None,
     apart: Apart = True,
     workers: Workers = 1,
@@ -124,6 +152,8 @@ def animate(
     before, left = done.intersections_before, done.intersections_left
     words = f"{out}: {done.frames} frames; pairs of garments and what lies under them that intersect: {before} as decoded, {left} left"
     speech.result(words, intersections_before=before, intersections_left=left)
+    if done.hung:
+        speech.result(f"as cloth: {', '.join(done.hung)}", as_cloth=list(done.hung))
     speech.next_step("view", out)
 
 

@@ -79,11 +79,16 @@ def evaluate(
     frames: OfAvatar = None,
     run: ItsRun = None,
     driven: Driven = False,
-    physics: Annotated[bool, typer.Option("--physics", help="with --driven: garments hang as cloth")] = False,
+    physics: Annotated[
+        bool | None,
+        typer.Option(
+            "--physics/--no-physics", help="with --driven: garments hang as cloth, or none does; default as animate"
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON on stdout")] = False,
 ):
     """Measure a run against its scans and the truth, or an avatar on held-out pictures, where the capture has them."""
-    if physics and not driven:
+    if physics is not None and not driven:
         raise UserError("--physics: it drives an avatar: give --driven too")
     result = measure(path, frames, run, driven, physics)
     for warning in result.get("warnings", ()):
@@ -123,7 +128,7 @@ def report(
     speech.next_step("view", path)
 
 
-def measure(path, frames, run, driven, physics=False):
+def measure(path, frames, run, driven, physics=None):
     """The evaluation of a run or of an avatar."""
     if is_avatar(path):
         from ..avatar.measure.evaluation import evaluate_avatar

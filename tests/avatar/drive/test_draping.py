@@ -8,8 +8,8 @@ import pytest
 
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
-from toile.avatar.drive.draping import cloth_file, doubts, load_cloths
-from toile.avatar.drive.residual import CLOTH, MEAN, Residual
+from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, worn_cloths
+from toile.avatar.drive.residual import CLOTH, JOINED, MEAN, POSES, Residual
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import ClothSettings, TemporalSettings
 from toile.errors import UserError
@@ -89,6 +89,53 @@ def test_cloth_that_lies_farther_off_than_the_mean_shape_is_said(avatar_folder, 
     assert doubts(of(0.02, 0.012)) == []
     said = "tshirt as cloth lies 39 mm from where it was registered, its mean shape 23 mm: physics does not help it"
     assert doubts(of(0.023, 0.039)) == [said]
+
+
+@pytest.fixture
+def told(avatar_folder, driven, tmp_path):
+    """A function: a copy of the avatar whose shirt was found to be so far off by poses alone and as cloth [m]."""
+
+    def told(poses, joined):
+        folder = tmp_path / "told"
+        shutil.copytree(avatar_folder, folder, dirs_exist_ok=True)
+        cloth = load_cloths(folder, driven.avatar.layers)["tshirt"]
+        missed = {MEAN: 0.02, POSES: poses, CLOTH: 0.015, JOINED: joined}
+        record = replace(cloth, residual=replace(cloth.residual, missed=missed))
+        save_record(cloth_file(folder, "tshirt"), record, made_of(folder, ClothSettings()))
+        return folder
+
+    return told
+
+
+def test_unasked_a_garment_hangs_where_that_is_nearer(told, driven, sample_run, tmp_path):
+    def at(folder, physics):
+        one = DrivenAvatar(folder, sample_run, physics=physics)
+        return one.decode(3, one.unseen(3))[0]["tshirt"].vertices.numpy()
+
+    near, far = (worn_cloths(told(0.014, joined), driven.avatar.layers, None) for joined in (0.010, 0.0139))
+    assert near.keys() == {"tshirt"} and far == {}
+    folder = told(0.014, 0.010)
+    assert np.array_equal(at(folder, None), at(folder, True)) and not np.array_equal(
+        at(folder, None), at(folder, False)
+    )
+    done = animate(folder, sample_run, tmp_path / "hung", frames=[1], height=32)
+    assert done.hung == ("tshirt",)
+    folder = told(0.014, 0.0139)
+    assert np.array_equal(at(folder, None), at(folder, False))
+    assert animate(folder, sample_run, tmp_path / "told_by_poses", frames=[1], height=32).hung == ()
+
+
+def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, driven):
+    folder = told(0.014, 0.010)
+    with open(folder / "avatar.json", "a") as file:
+        file.write("\n")
+    assert worn_cloths(folder, driven.avatar.layers, None) == {}
+
+
+def test_garments_without_a_cloth_go_as_they_are_decoded(driven, sample_run):
+    decoded, batch = driven.geometry(2), driven.unseen(2)
+    bare = driven.draped({}, np.arange(4)).at(2, decoded, batch)
+    assert all(np.array_equal(bare[name].vertices, decoded[name].vertices) for name in decoded)
 
 
 def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toile.avatar.drive.residual import CLOTH, FEWEST, JOINED, MEAN, Residual, moving, teach
+from toile.avatar.drive.residual import CLOTH, FEWEST, JOINED, MEAN, POSES, Residual, moving, teach
 
 RNG = np.random.default_rng(3)
 MODES = RNG.normal(size=(2, 30, 3)) * 0.01
@@ -58,11 +58,17 @@ def test_where_the_same_pose_hangs_in_two_ways_the_simulated_shape_says_which():
 def test_what_was_missed_in_frames_left_out_is_kept_and_tells_cloth_that_slid_away():
     poses, hung, worn = sequence(40, swing=0.8)
     found = teach(poses, hung, worn).missed
-    assert found[JOINED] <= found[CLOTH] < found[MEAN]
+    assert found[JOINED] <= found[CLOTH] < found[MEAN] and found[JOINED] < found[POSES] <= found[MEAN]
     motion = np.linalg.norm(worn - worn.mean(0), axis=2)
     assert np.isclose(found[MEAN], np.sqrt(np.square(motion).mean()), rtol=0.2)
     slid = hung + np.linspace(0, 0.3, 40)[:, None, None]
     assert teach(poses, slid, worn).missed[CLOTH] > found[MEAN]
+
+
+def test_poses_that_tell_all_miss_as_little_without_physics_that_tells_nothing():
+    poses, hung, worn = sequence(60)
+    found = teach(poses, hung.mean(0) + 0.01 * RNG.normal(size=hung.shape), worn).missed
+    assert found[POSES] < 0.1 * found[MEAN] and found[JOINED] > 0.95 * found[POSES]
 
 
 def test_few_frames_and_still_ones_keep_their_means():

@@ -34,7 +34,7 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .apart import take
-from .draping import Draping, doubts, load_cloths
+from .draping import Draping, doubts, worn_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
@@ -53,13 +53,14 @@ class Animation:
     intersections_left: int
     warnings: tuple[str, ...]
     limbs: dict | None = None  # see `Apart.facts`; None where they go as given
+    hung: tuple[str, ...] = ()  # garments that hung as cloth
 
 
 class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
     def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=(), apart=False):
-        """`motion`: a Motion, or the path of one. `physics`: garments hang as cloth, see `ensure_worn`. `garments` {name: folder of
+        """`motion`: a Motion, or the path of one. `physics`: which garments hang as cloth, see `worn_cloths`. `garments` {name: folder of
         the avatar whose garment it wears}. `apart`: as `take` takes it."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -73,17 +74,15 @@ class DrivenAvatar:
         self.warnings = self._warnings(poses)
         self.avatar.to(self.device)
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
-        self.draping = None
-        if physics:
-            cloths = self._cloths()
-            self.warnings += doubts(cloths)
-            self.draping = self.draped(cloths, np.arange(len(self.motion)))
+        cloths = self._cloths(physics)
+        self.warnings += doubts(cloths)
+        self.draping = self.draped(cloths, np.arange(len(self.motion))) if cloths else None
 
-    def _cloths(self):
+    def _cloths(self, physics):
         lent = {one.name for one in self.lent}
-        found = load_cloths(self.folder, [layer for layer in self.avatar.layers if layer.name not in lent])
+        found = worn_cloths(self.folder, [layer for layer in self.avatar.layers if layer.name not in lent], physics)
         for one in self.lent:
-            found |= one.cloth()
+            found |= one.cloth(physics)
         return found
 
     def draped(self, cloths, rows):
@@ -245,14 +244,14 @@ def animate(
     progress=lambda *_: None,
     workers=1,
     scheduler=None,
-    physics=False,
+    physics=None,
     garments=(),
     apart=True,
 ):
     """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
     pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
-    turn. `height` [px]. `physics`: garments hang as cloth, after `ensure_worn`. `garments` {name: folder of another avatar}: those
+    turn. `height` [px]. `physics`: which garments hang as cloth, see `worn_cloths`; True after `ensure_worn`. `garments` {name: folder of another avatar}: those
     that it wears of others. `apart`: as `take` takes it. `workers` processes share the frames, or those of a running dask `scheduler`.
     Returns an Animation. UserError: what is asked does not fit the avatar."""
     check_workers(workers, scheduler)
@@ -263,7 +262,8 @@ def animate(
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
     with whole_folder(out) as out:
-        taken = take(folder, motion, apart, dict(garments), physics, frames, progress)  # once, for all workers
+        hangs = any(worn_cloths(one, load_avatar(one).layers, physics) for one in (folder, *dict(garments).values()))
+        taken = take(folder, motion, apart, dict(garments), hangs, frames, progress)  # once, for all workers
         asked = frames, camera, height, meshes, seed, physics, lent
         with Workers(workers, Shot.of, place, taken.motion, out, *asked, scheduler=scheduler) as pool:
             pool.start()
@@ -273,7 +273,8 @@ def animate(
                 pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
         before, left = (sum(counts) for counts in zip(*pairs.values()))
         limbs = taken.apart and taken.apart.facts(rows)
-        done = Animation(len(rows), before, left, tuple(driven.warnings), limbs)
+        hung = tuple(driven.draping.cloths) if driven.draping else ()
+        done = Animation(len(rows), before, left, tuple(driven.warnings), limbs, hung)
         facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
         facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
         worn = {one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent}

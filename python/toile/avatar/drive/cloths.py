@@ -11,17 +11,14 @@ import torch
 from ... import kernels
 from ...errors import UserError
 from ...io.files import identity_of, save_record
-from ...io.inputs import contents
 from ...io.run import is_run, open_run
 from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
 from ..settings import ClothSettings
 from .animate import DrivenAvatar
-from .draping import Cloth, cloth_file
+from .draping import Cloth, cloth_file, made_of
 from .driver import held_out_span, stride_of
 from .residual import Residual, teach
-
-VERSION = 2  # of how cloth is simulated and what is kept of it
 
 
 def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, settings=None):
@@ -54,12 +51,6 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     for name in names:
         residual = teach(poses, hung[name], worn[name])
         save_record(cloth_file(folder, name), replace(cloths[name], residual=residual), made_of(folder, settings))
-
-
-def made_of(folder, settings):
-    """What a cloth is made of, for `identity_of`; without settings the beginning of it."""
-    trained = "".join(contents(Path(folder) / file) for file in ("avatar.json", "avatar.safetensors"))
-    return f"{VERSION} {trained}" + (settings.model_dump_json() if settings else "")
 
 
 def ensure_worn(folder, garments, progress=lambda stage, done, total: None, settings=None):

@@ -11,13 +11,16 @@ from pydantic import ValidationError
 
 from ...errors import UserError
 from ...io.camera import first_error
-from ...io.files import load_record
+from ...io.files import identity_of, load_record
+from ...io.inputs import contents
 from ...kernels import DrapeSolver
 from ..model.assets import CheckedArrays
 from ..settings import ClothSettings
-from .residual import CLOTH, MEAN, Residual, moving
+from .residual import CLOTH, JOINED, MEAN, POSES, Residual, moving
 
 GRAVITY = 9.81  # [m/s^2], against the scene's up
+GAIN = 0.95  # a garment hangs unasked if that misses at most so much of what poses alone miss
+VERSION = 2  # of how cloth is simulated and what is kept of it
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,31 @@ class Cloth:
     def asked(self):
         return ClothSettings(**self.settings)
 
+    @property
+    def helps(self):
+        """Whether it lay nearer in frames left out than poses alone foretold."""
+        missed = self.residual.missed
+        return bool(missed) and missed[JOINED] <= GAIN * missed[POSES]
+
 
 def cloth_file(folder, name):
     return Path(folder) / f"cloth.{name}.npz"
+
+
+def made_of(folder, settings=None):
+    """What a cloth is made of, for `identity_of`; without ClothSettings the beginning of it."""
+    trained = "".join(contents(Path(folder) / file) for file in ("avatar.json", "avatar.safetensors"))
+    return f"{VERSION} {trained}" + (settings.model_dump_json() if settings else "")
+
+
+def worn_cloths(folder, layers, physics):
+    """{garment: Cloth} of those of an avatar's layers that hang. `physics`: True all, False none, None those that were measured on this
+    avatar as it is trained and are nearer so, see `Cloth.helps`."""
+    if physics is None:
+        identity = made_of(folder)
+        measured = [one for one in layers if identity_of(cloth_file(folder, one.name)).startswith(identity)]
+        return {name: cloth for name, cloth in load_cloths(folder, measured).items() if cloth.helps}
+    return load_cloths(folder, layers) if physics else {}
 
 
 def load_cloths(folder, layers):
@@ -80,7 +105,7 @@ def doubts(cloths):
 
 
 class Draping:
-    """Garments of `avatar` as the cloths {name: Cloth}, inner to outer, over the layers under them.
+    """Garments of `avatar` as the cloths {name: Cloth} over the layers under them; those without one go as they are decoded.
 
     `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins, and its batch; `times` (T,) [s] and
     `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth
@@ -125,12 +150,15 @@ class Draping:
     def _fall(self, decoded, move):
         under_V, under_F = points(decoded[self.layering.body.name]), self.layering.layering.skin_faces
         for layer in self.layering.garments:
-            if layer.name not in self.solvers:
-                self.solvers[layer.name] = self._solver(layer, under_F, len(under_V))
-            found = move(layer.name, under_V)
-            self.fallen[layer.name], self.strain = found.V, max(self.strain, found.strain)
+            V = points(decoded[layer.name])
+            if layer.name in self.cloths:
+                if layer.name not in self.solvers:
+                    self.solvers[layer.name] = self._solver(layer, under_F, len(under_V))
+                found = move(layer.name, under_V)
+                V = self.fallen[layer.name] = found.V
+                self.strain = max(self.strain, found.strain)
             under_F = np.concatenate([under_F, np.asarray(layer.faces, np.int32) + len(under_V)])
-            under_V = np.concatenate([under_V, found.V])
+            under_V = np.concatenate([under_V, V])
 
     def _solver(self, layer, under_F, under_n):
         cloth, gravity = self.cloths[layer.name], -GRAVITY * self.avatar.up.cpu().numpy().astype(np.float64)

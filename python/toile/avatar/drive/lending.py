@@ -15,7 +15,7 @@ from ...surface.refit import Wearer, refit, strain_of
 from ..model.assets import training_poses
 from ..model.avatar import Avatar
 from ..model.checkpoint import load_avatar
-from .draping import load_cloths
+from .draping import worn_cloths
 from .driver import load_driver, make_track, stride_at
 
 TIGHT = 0.1  # 95th percentile of strain beyond which a garment is said to be too small
@@ -42,11 +42,11 @@ class Lent:
             return []
         return [f"{self.name} of {self.folder} hardly fits: edges stretched by more than {100 * self.strain:.0f} %"]
 
-    def cloth(self):
-        """{name: Cloth}, see `load_cloths`, as it lies on the wearer."""
+    def cloth(self, physics):
+        """{name: Cloth} as it lies on the wearer, or {}, see `worn_cloths`."""
         layer = self.lender.layers[self.lender.names.index(self.name)]
-        found = load_cloths(self.folder, [layer])[self.name]
-        return {self.name: replace(found, residual=found.residual.moved(self.moved))}
+        found = worn_cloths(self.folder, [layer], physics).items()
+        return {name: replace(cloth, residual=cloth.residual.moved(self.moved)) for name, cloth in found}
 
     @torch.no_grad()
     def latents(self, motion, face_mean):

@@ -13,11 +13,8 @@ SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the usual distance between two poses: 
 SWING_SCALES = (1.0, 2.0, 4.0, np.inf)  # of the usual distance between two simulated shapes: what `swing_reach` may be
 NOISES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # over the kernel's variance
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-MEAN, CLOTH, JOINED = (
-    "mean shape",
-    "cloth",
-    "joined",
-)  # by registered shapes alone; by simulated ones and the mean residual
+# What places a garment: no physics; no physics but poses; physics and the mean residual; all of them
+MEAN, POSES, CLOTH, JOINED = "mean shape", "poses", "cloth", "joined"
 SPAN = 1 / 6  # [s] over which a pose's change counts like the pose itself
 
 
@@ -41,9 +38,7 @@ class Residual:
     share: float
     weights: np.ndarray  # (T,k)
     modes: np.ndarray  # (k,n,3), orthonormal
-    missed: (
-        dict  # {MEAN, CLOTH, JOINED: root mean square distance [m] of vertices in frames left out}; {} where none were
-    )
+    missed: dict  # {MEAN, POSES, CLOTH, JOINED: root mean square [m] in frames left out}; {} where none were
 
     @classmethod
     def none(cls, n):
@@ -83,9 +78,9 @@ def teach(poses, simulated, registered):
     u, s = ((x - x.mean(0)).reshape(len(x), -1) for x in (registered, simulated))
     basis = principal(np.concatenate([u, s]))
     u, s = u @ basis.T, s @ basis.T
-    errors = left_out(poses, s, u)
-    best = min((key for key in errors if key != MEAN), key=errors.get)
-    missed = {MEAN: errors[MEAN], CLOTH: errors[CLOTH], JOINED: errors[best]}
+    errors, without = left_out(poses, s, u)
+    best = min(errors, key=errors.get)
+    missed = {MEAN: without[MEAN], POSES: min(without.values()), CLOTH: errors[CLOTH], JOINED: errors[best]}
     missed = {name: float(np.sqrt(error / registered[..., 0].size)) for name, error in missed.items()}
     if best == CLOTH:
         return replace(means, missed=missed)
@@ -98,23 +93,25 @@ def teach(poses, simulated, registered):
 
 def left_out(poses, s, u):
     """Squared errors of coordinates u (T,k) of registered shapes in FOLDS stretches, each left out once: {(reach, swing_reach, noise,
-    share), MEAN or CLOTH: sum}. `s` (T,k): of the simulated ones."""
-    errors = {}
+    share) or CLOTH: sum}, and without physics {(reach, noise) or MEAN: sum}. `s` (T,k): of the simulated ones."""
+    errors, without = {}, {}
     for out in np.array_split(np.arange(len(poses)), FOLDS):
         kept = np.setdiff1d(np.arange(len(poses)), out)
         about, swing, swung = u[kept].mean(0), s[out] - s[kept].mean(0), s[kept] - s[kept].mean(0)
-        add(errors, MEAN, about - u[out])
+        add(without, MEAN, about - u[out])
         add(errors, CLOTH, about + swing - u[out])
         for reach, swing_reach in reaches(poses, s):
             K = similar(poses, poses[kept], reach) * similar(s, s[kept], swing_reach)
             near, (values, vectors) = K[out], np.linalg.eigh(K[kept])
             for noise in NOISES:
                 solve = near @ (vectors / (values + noise)) @ vectors.T
+                if swing_reach == np.inf:
+                    add(without, (reach, noise), about + solve @ (u[kept] - about) - u[out])
                 for share in SHARES:
                     part = 1 - (1 - share) * near.max(1, keepdims=True)
                     told = about + part * swing + solve @ (u[kept] - about - share * swung)
                     add(errors, (reach, swing_reach, noise, share), told - u[out])
-    return errors
+    return errors, without
 
 
 def reaches(poses, s):

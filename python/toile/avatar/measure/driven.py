@@ -13,7 +13,7 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ..drive.draping import Draping, doubts, load_cloths
+from ..drive.draping import Draping, doubts, worn_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
@@ -33,7 +33,7 @@ class Driven(HeldOut):
         super().__init__(folder, frames, run)
         run = self.registered.run
         self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
-        cloths = load_cloths(folder, self.avatars["layered"].layers) if physics and "layered" in self.avatars else {}
+        cloths = worn_cloths(folder, self.avatars["layered"].layers, physics) if "layered" in self.avatars else {}
         self.warnings += doubts(cloths)
         lead = max((cloth.asked.lead for cloth in cloths.values()), default=0)
         self.led = [n for n in run.ok if n < self.frames[0]][-lead:] if lead else []
@@ -41,7 +41,7 @@ class Driven(HeldOut):
         if "layered" in self.avatars:
             avatar, self.shown["layered"] = self.avatars["layered"], "layered"
             self.latents["layered"] = self._garment_codes(folder, avatar)
-            if physics:
+            if cloths:
                 self.draping = self._draping(cloths)
         if "baseline" in self.avatars:
             self._baseline_codes(run)

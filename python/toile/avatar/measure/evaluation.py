@@ -105,12 +105,13 @@ def evaluate_avatar(
     progress=lambda stage, done, total: None,
     sheets=True,
     driven=False,
-    physics=False,
+    physics=None,
 ):
     """{"all": {"layered": {...}, "baseline": {...} or None, ...}, "per_frame": [...], "warnings": [...]}.
 
     frames: numbers, by default those that the training held out. run: where the run is now, if it was moved. sheets:
-    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone; physics: garments hang as cloth. UserError:
+    draw AVATAR/sheets/*.png, or driven/*.png. driven: by poses and face alone; physics: which garments
+    hang as cloth then, see `worn_cloths`; True measures them first. UserError:
     one line that names what is missing.
 
     Of each avatar: mse (0..255), ssim, psnr [dB] over the captured foreground of all pictures; band_*: within 10 px of a
