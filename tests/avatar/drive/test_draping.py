@@ -9,7 +9,7 @@ import pytest
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
 from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, worn_cloths
-from toile.avatar.drive.residual import CLOTH, JOINED, MEAN, POSES, Residual
+from toile.avatar.drive.residual import ALIKE, CLOTH, JOINED, MEAN, POSES, Residual, teach
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.settings import ClothSettings, TemporalSettings
 from toile.errors import UserError
@@ -132,6 +132,19 @@ def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, d
     assert worn_cloths(folder, driven.avatar.layers, None) == {}
 
 
+def test_cloth_whose_swings_do_not_count_is_read_back(told, driven):
+    folder = told(0.014, 0.010)
+    cloth = load_cloths(folder, driven.avatar.layers)["tshirt"]
+    teacher = teach(
+        np.arange(16.0)[:, None] * [[1.0, 0.0]],
+        np.repeat(cloth.residual.simulated[None], 16, 0),
+        np.arange(16.0)[:, None, None] + cloth.residual.registered,
+    )
+    assert teacher.swing_reach == ALIKE
+    save_record(cloth_file(folder, "tshirt"), replace(cloth, residual=teacher), made_of(folder, ClothSettings()))
+    assert load_cloths(folder, driven.avatar.layers)["tshirt"].residual.swing_reach == ALIKE
+
+
 def test_garments_without_a_cloth_go_as_they_are_decoded(driven, sample_run):
     decoded, batch = driven.geometry(2), driven.unseen(2)
     bare = driven.draped({}, np.arange(4)).at(2, decoded, batch)
@@ -150,6 +163,10 @@ def test_cloths_are_measured_once_and_checked_when_read(avatar_folder, driven, t
         (replace(cloth, margin=np.nan), "margin is not finite"),
         (replace(cloth, residual=residual), "residual.registered is float64 .2, 3., expected"),
         (replace(cloth, residual=replace(cloth.residual, weights=np.zeros((1, 2)))), "residual.weights is float64"),
+        (
+            replace(cloth, residual=replace(cloth.residual, missed={MEAN: 0.1})),
+            "residual.missed is {'mean shape': 0.1}",
+        ),
         (replace(cloth, settings={"bending": -1.0}), "bending"),
         (replace(cloth, settings={"bent": 1.0}), "bent"),
     ]:

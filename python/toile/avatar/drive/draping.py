@@ -86,6 +86,12 @@ def check_cloth(path, cloth, n):
     fields.get("residual.reach", ()), fields.get("residual.swing_reach", ()), fields.get("residual.share", ())
     poses, modes = fields.get("residual.poses", (None, None)), fields.get("residual.modes", (None, n, 3))
     fields.get("residual.weights", (len(poses), len(modes))), fields.get("residual.swings", (len(poses), len(modes)))
+    missed = residual.get("missed")
+    named = isinstance(missed, dict) and set(missed) in (set(), {MEAN, POSES, CLOTH, JOINED})
+    if not named or not all(isinstance(one, float) and np.isfinite(one) for one in missed.values()):
+        raise UserError(
+            f"{path}: residual.missed is {missed!r}, expected lengths of {MEAN}, {POSES}, {CLOTH} and {JOINED}"
+        )
     try:
         ClothSettings(**(cloth.settings or {}))
     except ValidationError as error:

@@ -10,7 +10,8 @@ FEWEST = 4  # frames: of fewer the means alone are kept
 FOLDS = 4  # stretches of the frames, each left out once to choose what the poses are worth
 MODES = 64  # of the shapes, at most
 SCALES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the usual distance between two poses: what `reach` may be
-SWING_SCALES = (1.0, 2.0, 4.0, np.inf)  # of the usual distance between two simulated shapes: what `swing_reach` may be
+SWING_SCALES = (1.0, 2.0, 4.0)  # of the usual distance between two simulated shapes: what `swing_reach` may be
+ALIKE = 1e6  # [m] the same, where swings do not count
 NOISES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # over the kernel's variance
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # What places a garment: no physics; no physics but poses; physics and the mean residual; all of them
@@ -105,7 +106,7 @@ def left_out(poses, s, u):
             near, (values, vectors) = K[out], np.linalg.eigh(K[kept])
             for noise in NOISES:
                 solve = near @ (vectors / (values + noise)) @ vectors.T
-                if swing_reach == np.inf:
+                if swing_reach == ALIKE:
                     add(without, (reach, noise), about + solve @ (u[kept] - about) - u[out])
                 for share in SHARES:
                     part = 1 - (1 - share) * near.max(1, keepdims=True)
@@ -117,8 +118,8 @@ def left_out(poses, s, u):
 def reaches(poses, s):
     """What the kernel's reaches may be; none where poses stand still."""
     usual, usual_swing = usual_distance(poses), usual_distance(s)
-    swings = [float(usual_swing * scale) for scale in SWING_SCALES] if usual_swing > 0 else [np.inf]
-    return [(float(usual * scale), swing) for scale in SCALES for swing in swings] if usual > 0 else []
+    swings = [float(usual_swing * scale) for scale in SWING_SCALES] if usual_swing > 0 else []
+    return [(float(usual * scale), swing) for scale in SCALES for swing in [*swings, ALIKE]] if usual > 0 else []
 
 
 def usual_distance(x):
