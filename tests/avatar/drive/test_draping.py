@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from toile.avatar.command import say_cloths
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
 from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, worn_cloths
@@ -123,6 +124,15 @@ def test_unasked_a_garment_hangs_where_that_is_nearer(told, driven, sample_run, 
     folder = told(0.014, 0.0139)
     assert np.array_equal(at(folder, None), at(folder, False))
     assert animate(folder, sample_run, tmp_path / "told_by_poses", frames=[1], height=32).hung == ()
+
+
+def test_what_drives_a_garment_is_said_with_both_figures(told, capsys):
+    for joined, said in (
+        (0.010, "with cloth 10.0 mm: it hangs as cloth when driven"),
+        (0.0139, "with cloth 13.9 mm: poses alone drive it"),
+    ):
+        say_cloths(told(0.014, joined))
+        assert f"tshirt: in frames left out poses alone miss it by 14.0 mm, {said}" in capsys.readouterr().out
 
 
 def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, driven):

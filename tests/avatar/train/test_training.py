@@ -138,7 +138,7 @@ def test_a_trained_avatar_takes_the_options_that_it_was_trained_with(
     folder = Path(shutil.copytree(trained, tmp_path / "avatar"))
     code, err = command(monkeypatch, capsys, "train", sample_run, folder, "--temporal", "--set", "temporal.steps=20")
     assert code in (0, None), err
-    assert (folder / "temporal.safetensors").exists()
+    assert (folder / "temporal.safetensors").exists() and (folder / "cloth.tshirt.npz").exists()
     assert read_facts(folder)["settings"] == read_facts(trained)["settings"]
 
 
