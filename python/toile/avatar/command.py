@@ -96,8 +96,9 @@ def say_cloths(avatar):
     for name, cloth in load_cloths(avatar, load_avatar(avatar).layers).items():
         missed = {of: 1e3 * value for of, value in cloth.residual.missed.items()}
         if missed:
-            driver = "it hangs as cloth when driven" if cloth.helps else "poses alone drive it"
-            words = f"{name}: in frames left out poses alone miss it by {missed['poses']:.1f} mm, with cloth {missed['joined']:.1f} mm: {driver}"
+            driver = "it hangs as cloth" if cloth.helps else "poses drive it"
+            off = ", ".join(f"{of} {value:.1f}" for of, value in missed.items())
+            words = f"{name}: {driver} when it is driven; off in training frames left out [mm]: {off}"
             speech.result(words, garment=name, as_cloth=cloth.helps, missed_mm=missed)
 
 

@@ -38,9 +38,9 @@ class Cloth:
 
     @property
     def helps(self):
-        """Whether it lay nearer in frames left out than poses alone foretold."""
+        """Whether it lay nearer in frames left out than poses alone foretold, and by itself nearer than its mean shape."""
         missed = self.residual.missed
-        return bool(missed) and missed[JOINED] <= GAIN * missed[POSES]
+        return bool(missed) and missed[CLOTH] < missed[MEAN] and missed[JOINED] <= GAIN * missed[POSES]
 
 
 def cloth_file(folder, name):
