@@ -39,11 +39,11 @@ private:
     struct Near {
         int face = -1;
         Vec3 barycentric, outward, seen;  ///< `seen`: where the vertex was when it was looked for [m]
-        double way = 0;       ///< that the body had gone by then [m]
-        double distance = 0;  ///< when it was looked for, negative inside [m]
-        double room = 0;      ///< how far vertex and body may move together before they can meet [m]
-        bool bound = false;   ///< to stay outside: its face gives a direction
-        bool pushed = false;  ///< in the last substep
+        double way = 0;                   ///< that the body had gone by then [m]
+        double distance = 0;              ///< when it was looked for, negative inside [m]
+        double room = 0;                  ///< how far vertex and body may move together before they can meet [m]
+        bool bound = false;               ///< to stay outside: its face gives a direction
+        bool pushed = false;              ///< in the last substep
     };
     static bool strayed(const Near& near, const Probe& probe, double moved);
     Vec3 carried(const Near& near, double at) const;  ///< the point of the body

@@ -131,6 +131,25 @@ def test_unasked_a_garment_hangs_where_that_is_nearer(told, driven, sample_run, 
     assert animate(folder, sample_run, tmp_path / "told_by_poses", frames=[1], height=32).hung == ()
 
 
+def test_near_the_poses_of_the_training_cloth_and_codes_are_mixed_and_far_from_them_cloth_is_alone(driven):
+    (cloth,), pose = driven.draping.cloths.values(), driven.draping.poses["tshirt"][3]
+    decoded, batch = driven.geometry(3), driven.unseen(3)
+    nothing = dict(
+        swings=np.zeros((1, 0)), weights=np.zeros((1, 0)), modes=np.zeros((0, *cloth.residual.registered.shape))
+    )
+
+    def shown(at, missed):
+        residual = replace(cloth.residual, poses=at[None], share=1.0, missed=missed, **nothing)
+        one = driven.draped({"tshirt": replace(cloth, residual=residual)}, np.arange(4))
+        return one.at(3, decoded, batch)["tshirt"].vertices
+
+    alike = {MEAN: 0.02, POSES: 0.01, CLOTH: 0.015, JOINED: 0.01}
+    alone, far, near = shown(pose, {}), shown(pose + 9.0, alike), shown(pose, alike)
+    assert np.allclose(far, alone, atol=1e-7)
+    assert np.allclose(near, (alone + decoded["tshirt"].vertices) / 2, atol=1e-6)
+    assert np.allclose(shown(pose, alike | {JOINED: 0.0}), alone, atol=1e-7)
+
+
 def test_what_drives_a_garment_is_said_with_both_figures(told, capsys):
     for joined, driver in ((0.010, "it hangs as cloth"), (0.0139, "poses drive it")):
         say_cloths(told(0.014, joined))

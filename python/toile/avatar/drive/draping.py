@@ -37,6 +37,12 @@ class Cloth:
         return ClothSettings(**self.settings)
 
     @property
+    def trust(self):
+        """Share of physics near the poses of the training, beside what codes give there: by the squares that each left out."""
+        missed = self.residual.missed
+        return missed[POSES] ** 2 / (missed[POSES] ** 2 + missed[JOINED] ** 2) if missed.get(POSES) else 1.0
+
+    @property
     def helps(self):
         """Whether it lay nearer in frames left out than poses alone foretold, and by itself nearer than its mean shape."""
         missed = self.residual.missed
@@ -137,11 +143,14 @@ class Draping:
         return decoded | shown
 
     def _shown(self, name, V, decoded, transforms):
-        """The residual added, where the body carries it."""
-        skin, like = self.avatar.model(name).skin, decoded.vertices
+        """The residual added and the codes' shape mixed in, where the body carries it."""
+        skin, like, cloth = self.avatar.model(name).skin, decoded.vertices, self.cloths[name]
+        pose = self.poses[name][self.row]
         unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
-        unposed = like.new_tensor(self.cloths[name].residual.add(unposed, self.poses[name][self.row]))
-        return replace(decoded, vertices=skin.pose(unposed[None], *transforms))
+        hung = like.new_tensor(cloth.residual.add(unposed, pose))
+        by_codes = (1 - cloth.trust) * cloth.residual.nearness(pose)
+        mixed = torch.lerp(hung, decoded.unposed[0], float(by_codes))
+        return replace(decoded, vertices=skin.pose(mixed[None], *transforms))
 
     def _begin(self, decoded, batch):
         clear = self.layering(decoded, batch)[0]

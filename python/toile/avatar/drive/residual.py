@@ -55,6 +55,10 @@ class Residual:
         """Of a garment on another body, where its rest vertices lie `by` (n,3) from what they were."""
         return replace(self, registered=self.registered + by, simulated=self.simulated + by)
 
+    def nearness(self, pose):
+        """Of a pose to those that taught: 1 at one of them, 0 far from all."""
+        return similar(pose[None], self.poses, self.reach).max() if len(self.poses) else 0.0
+
     def add(self, simulated, pose):
         """(n,3) where the cloth is taken to be, unposed."""
         swing = simulated - self.simulated
