@@ -38,7 +38,7 @@ class Cloth:
 
     @property
     def trust(self):
-        """Share of physics near the poses of the training, beside what codes give there: by the squares that each left out."""
+        """Share of physics near the poses of the training, beside what codes give there: by the squares of what each missed."""
         missed = self.residual.missed
         return missed[POSES] ** 2 / (missed[POSES] ** 2 + missed[JOINED] ** 2) if missed.get(POSES) else 1.0
 
