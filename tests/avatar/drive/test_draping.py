@@ -9,9 +9,10 @@ import pytest
 from toile.avatar.command import say_cloths
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
-from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, worn_cloths
+from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, torn, worn_cloths
 from toile.avatar.drive.residual import ALIKE, CLOTH, JOINED, MEAN, POSES, Residual, teach
 from toile.avatar.drive.teaching import train_temporal
+from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.settings import ClothSettings, TemporalSettings
 from toile.errors import UserError
 from toile.io.files import save_record
@@ -90,6 +91,15 @@ def test_cloth_that_lies_farther_off_than_the_mean_shape_is_said(avatar_folder, 
     assert doubts(of(0.02, 0.012)) == []
     said = "tshirt as cloth lies 39 mm from where it was registered, its mean shape 23 mm: physics does not help it"
     assert doubts(of(0.023, 0.039)) == [said]
+
+
+def test_cloth_that_something_has_drawn_along_is_said(avatar_folder, sample_run, tmp_path, monkeypatch):
+    assert torn(0.8) == []
+    monkeypatch.setattr("toile.avatar.drive.draping.TORN", -1.0)  # any strain is too much
+    done = animate(avatar_folder, sample_run, tmp_path / "torn", frames=[1], height=32, physics=True)
+    assert any("an edge was stretched to 1." in one and "look at it" in one for one in done.warnings)
+    result = evaluate_avatar(avatar_folder, [3], sheets=False, driven=True, physics=True)
+    assert any("look at it" in one for one in result["warnings"])
 
 
 @pytest.fixture

@@ -89,13 +89,17 @@ def test_an_animation_says_whose_garment_it_shows(owner, taller, sample_run, tmp
     assert said["garments"]["tshirt"]["avatar"] == str(owner) and 0 < said["garments"]["tshirt"]["strain_p95"] < 0.05
 
 
-def test_by_physics_it_hangs_as_the_cloth_that_it_is(owner, taller, sample_run):
+def test_by_physics_it_hangs_as_the_cloth_that_it_is(owner, taller, sample_run, tmp_path):
     ensure_worn(taller, {"tshirt": owner})
     assert cloth_file(owner, "tshirt").exists() and not cloth_file(taller, "tshirt").exists()
     driven = DrivenAvatar(taller, sample_run, physics=True, garments={"tshirt": owner})
     decoded, _, left = driven.decode(1, driven.unseen(1))
     by_codes = driven.geometry(1)["tshirt"].vertices
     assert left == 0 and 1e-4 < (decoded["tshirt"].vertices - by_codes).norm(dim=-1).mean() < 0.05
+    done = animate(taller, sample_run, tmp_path / "hung", [1], height=32, physics=True, garments={"tshirt": owner})
+    assert (
+        done.hung == ("tshirt",) and not cloth_file(taller, "tshirt").exists()
+    )  # what it does not wear is not asked for
 
 
 def test_a_posed_avatar_wears_it_too(owner, taller, worn, sample_run):

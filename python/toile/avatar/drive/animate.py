@@ -34,7 +34,7 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .apart import take
-from .draping import Draping, doubts, worn_cloths
+from .draping import Draping, doubts, torn, worn_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
@@ -214,7 +214,7 @@ class Shot:
         return self.path(self.rows[0])[0].size
 
     def make(self, i):
-        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left)."""
+        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, strain of the cloth so far)."""
         with one_thread():
             yield i, *self._make(i)
 
@@ -229,7 +229,7 @@ class Shot:
             write_mesh(mesh_file(self.out, layer.name, number), Mesh(V, layer.faces))
         if self.meshes and i == self.rows[0]:
             write_still(self.out, driven, decoded, self.rows)
-        return int(before), int(left)
+        return int(before), int(left), driven.draping.strain if driven.draping else 0.0
 
 
 def animate(
@@ -262,7 +262,9 @@ def animate(
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
     with whole_folder(out) as out:
-        hangs = any(worn_cloths(one, load_avatar(one).layers, physics) for one in (folder, *dict(garments).values()))
+        hangs = physics
+        if hangs is None:
+            hangs = any(worn_cloths(one, load_avatar(one).layers, None) for one in (folder, *dict(garments).values()))
         taken = take(folder, motion, apart, dict(garments), hangs, frames, progress)  # once, for all workers
         asked = frames, camera, height, meshes, seed, physics, lent
         with Workers(workers, Shot.of, place, taken.motion, out, *asked, scheduler=scheduler) as pool:
@@ -271,10 +273,11 @@ def animate(
             driven, rows = shot.driven, shot.rows
             with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
                 pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
-        before, left = (sum(counts) for counts in zip(*pairs.values()))
+        before, left, strains = zip(*pairs.values())
+        before, left, warnings = sum(before), sum(left), (*driven.warnings, *torn(max(strains)))
         limbs = taken.apart and taken.apart.facts(rows)
         hung = tuple(driven.draping.cloths) if driven.draping else ()
-        done = Animation(len(rows), before, left, tuple(driven.warnings), limbs, hung)
+        done = Animation(len(rows), before, left, warnings, limbs, hung)
         facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
         facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
         worn = {one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent}
@@ -283,7 +286,7 @@ def animate(
 
 
 def filmed(made, shot, film, progress):
-    """{row: (pairs before, pairs left)} of the rows as they are made; their pictures go to the film in the rows' order."""
+    """{row: (pairs before, pairs left, strain)} of the rows as they are made; their pictures go to the film in the rows' order."""
     waiting, pairs = deque(shot.rows), {}
     for row, *counts in made:
         pairs[row] = counts

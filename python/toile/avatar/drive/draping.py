@@ -20,6 +20,7 @@ from .residual import CLOTH, JOINED, MEAN, POSES, Residual, moving
 
 GRAVITY = 9.81  # [m/s^2], against the scene's up
 GAIN = 0.95  # a garment hangs unasked if that misses at most so much of what poses alone miss
+TORN = 1.0  # strain of an edge beyond which something has drawn the cloth along; 0.7 to 0.8 where shirts hung right
 VERSION = 2  # of how cloth is simulated and what is kept of it
 
 
@@ -114,6 +115,15 @@ def doubts(cloths):
             words = f"{name} as cloth lies {hung:.0f} mm from where it was registered, its mean shape {still:.0f} mm"
             found.append(f"{words}: physics does not help it")
     return found
+
+
+def torn(strain):
+    """What a user should know of the largest strain of an edge while cloth was simulated."""
+    if strain <= TORN:
+        return []
+    return [
+        f"cloth: an edge was stretched to {1 + strain:.1f} times its length: something has drawn it along, look at it"
+    ]
 
 
 class Draping:

@@ -13,7 +13,7 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ..drive.draping import Draping, doubts, worn_cloths
+from ..drive.draping import Draping, doubts, torn, worn_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
@@ -168,6 +168,7 @@ class Driven(HeldOut):
 
     def _physics(self):
         """strain of the most stretched edge, the cloth's own pairs, and {garment: what was missed where its frames were left out [mm]}."""
+        self.warnings += torn(self.draping.strain)
         cloths = self.draping.cloths.items()
         missed = {n: {of: 1e3 * m for of, m in cloth.residual.missed.items()} for n, cloth in cloths}
         return {"strain": self.draping.strain, "self_pairs": self._self_pairs(), "missed_mm": missed}
