@@ -84,16 +84,20 @@ class FrameFolders:
         """The steps of `begin()`, which makes a frame; within the limit [s], where there is one."""
         return iter(begin() or ()) if limit is None else self._deadline(frame, limit).within(begin)
 
-    def late(self, frames: Iterable[int], limit: float | None) -> dict[int, str]:
-        """Those of the frames that have ended a process by their limit, and why."""
-        missed = {frame: self._deadline(frame, limit).missed() for frame in frames} if limit is not None else {}
-        return {frame: why for frame, why in missed.items() if why is not None}
-
-    def fail_late(self, frames: Iterable[int], limit: float | None) -> None:
-        """Those of the frames that have ended a process by their limit have failed."""
-        for frame, why in self.late(frames, limit).items():
-            if self.reason(frame) is None:
+    def fail_late(self, frames: Iterable[int], limit: float | None) -> bool | None:
+        """Those of the frames that have ended a process by their limit have failed. None: there are none. False: others were
+        under way in it, and any of them may have kept Python's lock from all: none has failed, they are to be made alone."""
+        if limit is None:
+            return None
+        deadlines = {frame: self._deadline(frame, limit) for frame in frames}
+        late = {frame: why for frame, deadline in deadlines.items() if (why := deadline.missed()) is not None}
+        known = sum(deadline.begun() for deadline in deadlines.values()) == 1
+        for frame, why in late.items():
+            if known:
                 self.fail(frame, TimeoutError(why))
+            else:
+                deadlines[frame].trace.unlink()
+        return known if late else None
 
     def _deadline(self, frame, limit):
         mark = self.identity(frame) if self.identity else f"{frame:06d}"
@@ -135,13 +139,11 @@ class BlockJob:
 
 @dataclass(frozen=True)
 class Block:
-    """Frame numbers in order, of which those in `wanted` are to be made; `alone`: one at a time; `late`: how many of them
-    have ended a process by their limit."""
+    """Frame numbers in order, of which those in `wanted` are to be made; `alone`: one at a time."""
 
     numbers: tuple[int, ...]
     wanted: frozenset[int]
     alone: bool = False
-    late: int = 0
 
     def left(self, results: FrameFolders) -> list[int]:
         """Those that are still to be made."""
@@ -196,7 +198,7 @@ def check_shares(workers: int, shard: tuple[int, int], scheduler: str | None = N
 def _make_block(make, reach, results, limit, prepared, block):
     """One block's frames, in their order and several under way at once; yields each number when it is behind."""
     place = {number: i for i, number in enumerate(block.numbers)}
-    results.fail_late(block.left(results), limit)
+    alone = results.fail_late(block.left(results), limit) is False or block.alone
     whole, left = [number for number in block.numbers if results.whole(number)], block.left(results)
 
     def begin(number, before):
@@ -208,7 +210,7 @@ def _make_block(make, reach, results, limit, prepared, block):
 
     yield from (number for number in block.numbers if number not in left)
     with stoppable():
-        for number, error in overlapped(begin, left, threads=1 if block.alone else None):
+        for number, error in overlapped(begin, left, threads=1 if alone else None):
             if error is None:
                 results.end(number)
             else:
@@ -218,11 +220,11 @@ def _make_block(make, reach, results, limit, prepared, block):
 
 def _after_death(results, limit, block, deaths):
     """The block as it is tried again. First its frames are made alone, so that it shows which one ends its worker; that one
-    fails when it has cost LIVES of them. Of one that was ended by its limit that is known at once."""
+    fails when it has cost LIVES of them. Where a limit ended the worker, that is known at once if one frame was under way."""
+    known = results.fail_late(block.left(results), limit)
+    if known is not None:
+        return block if known else replace(block, alone=True)
     left = block.left(results)
-    late = len(results.late(block.numbers, limit))
-    if late > block.late:
-        return replace(block, late=late)
     if block.alone and deaths >= LIVES and left:
         results.fail(left[0], UserError(killed(deaths)))
     return replace(block, alone=True)

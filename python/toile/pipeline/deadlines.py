@@ -32,14 +32,22 @@ class Deadline:
         """Seconds after which a frame's process ends."""
         return self.limit + GRACE
 
+    def begun(self) -> bool:
+        """A step was under way when its process ended."""
+        return self._told() is not None
+
     def missed(self) -> str | None:
-        """Why the frame failed, where a process ended over it that was of the same `mark`."""
-        lines = self.trace.read_text(errors="replace").split("\n", 1) if self.trace.exists() else [""]
-        if lines[0] != self.mark or not "".join(lines[1:]).strip():
+        """Why the frame failed, where its process ended since a step of it had not."""
+        if not (self._told() or "").strip():
             return None
         return (
             f"the frame had not ended after {self.end:g} s, --frame-limit {self.limit:g}; where it stood: {self.trace}"
         )
+
+    def _told(self) -> str | None:
+        """What lies in the trace; None where none is there of the same `mark`."""
+        mark, _, told = self.trace.read_text(errors="replace").partition("\n") if self.trace.exists() else ("", "", "")
+        return told if mark == self.mark else None
 
     def within(self, begin: Callable[[], Iterator[Any]]) -> Iterator[None]:
         """Goes through the steps of `begin()`, and yields after each. TimeoutError: they have taken longer."""

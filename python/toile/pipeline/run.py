@@ -326,15 +326,20 @@ def _finish(stored, results, limit, prepared, numbers):
                 writer.copy(number, RunWriter.of(run))
                 yield number
             numbers = [number for number in numbers if number not in there]
-            results.fail_late(numbers, limit)
+            alone = results.fail_late(numbers, limit) is False
             make = partial(_last_stage, prepared, layers, results, made)
-            for number, error in overlapped(lambda n, _: results.timed(n, limit, partial(make, n)), numbers):
+            begin = partial(_begin_last, results, limit, make)
+            for number, error in overlapped(begin, numbers, threads=1 if alone else None):
                 if error is not None:
                     results.fail(number, error)
                 _write(stored, writer, results, number, made.pop(number, None))
                 ends()
                 yield number
         ends()
+
+
+def _begin_last(results, limit, make, number, _before):
+    return results.timed(number, limit, partial(make, number))
 
 
 def _write(stored, writer, results, number, made):
