@@ -195,6 +195,22 @@ def test_a_discarded_seed_is_counted_and_replaced(tmp_path, monkeypatch):
     assert make.accepted_sequence(tmp_path, StudioOptions(seed=7), None)[0].rejected == report.rejected
 
 
+def test_where_every_seed_is_discarded_the_reasons_and_what_to_change_are_said(tmp_path, monkeypatch):
+    from toile.studio import make
+    from toile.studio.truth import TruthRejected
+
+    class Never:
+        def __init__(self, folder, options, seed):
+            folder.mkdir()
+
+        def simulate(self, progress):
+            raise TruthRejected("frame 3: tshirt: no")
+
+    monkeypatch.setattr(make, "Sequence", Never)
+    with pytest.raises(UserError, match=r"5 seeds was discarded \(seed 7: frame 3: tshirt: no; .*another --seed"):
+        make.accepted_sequence(tmp_path, StudioOptions(seed=7), None)
+
+
 @pytest.mark.slow
 def test_a_clothed_capture_slides_and_never_intersects(tmp_path):
     pytest.importorskip("newton")

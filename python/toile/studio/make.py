@@ -48,8 +48,7 @@ def make_capture(out, options: StudioOptions, progress=None, workers=1, schedule
     `progress(step, done, total)` is called as it goes; `workers` processes share the frames, or those of a
     running dask `scheduler`. A seed whose truth breaks
     a bound is discarded, reported, and replaced by one derived from it. The same options give the same bits, however
-    many workers and interruptions. UserError: bad options, or OUT.part was begun with others; RuntimeError: ATTEMPTS
-    seeds were discarded.
+    many workers and interruptions. UserError: bad options, OUT.part was begun with others, or ATTEMPTS seeds were discarded.
     """
     out = everywhere(Path(out), scheduler)
     part = out.with_name(f"{out.name}.part")
@@ -132,7 +131,10 @@ def accepted_sequence(work, options, progress):
             shutil.rmtree(folder)
             continue
         return StudioReport(Path(), seed, rejected), folder
-    raise RuntimeError(f"studio: the truth of {ATTEMPTS} seeds was discarded: " + "; ".join(rejected))
+    raise UserError(
+        f"{work.parent}: the truth of {ATTEMPTS} seeds was discarded ({'; '.join(rejected)}); remove it, and try another --seed, a "
+        "calmer --motion or a looser --subject; --set pairs=N allows intersecting triangles"
+    )
 
 
 def derived_seed(seed, attempt):
