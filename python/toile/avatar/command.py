@@ -95,12 +95,11 @@ def say_cloths(avatar):
 
     for name, cloth in load_cloths(avatar, load_avatar(avatar).layers).items():
         missed = {of: 1e3 * value for of, value in cloth.residual.missed.items()}
-        if not missed:
-            speech.result(
-                f"{name}: poses drive it: too few frames in a row to tell how it hangs", garment=name, as_cloth=False
-            )
+        if "codes" not in missed:
+            words = f"{name}: codes drive it: too few frames to leave some out and see how it hangs"
+            speech.result(words, garment=name, as_cloth=False)
         else:
-            driver = "it hangs as cloth" if cloth.helps else "poses drive it"
+            driver = "it hangs as cloth" if cloth.helps else "codes drive it"
             off = ", ".join(f"{of} {value:.1f}" for of, value in missed.items())
             words = f"{name}: {driver} when it is driven; off in training frames left out [mm]: {off}"
             speech.result(words, garment=name, as_cloth=cloth.helps, missed_mm=missed)

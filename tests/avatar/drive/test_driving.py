@@ -11,7 +11,7 @@ from tests.support import small_avatar
 from toile.avatar.command import temporal_options
 from toile.avatar.drive.animate import DrivenAvatar
 from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, smoothed, without
-from toile.avatar.drive.teaching import code_reach, relative_error, stop_at, train_temporal
+from toile.avatar.drive.teaching import code_reach, codes_unseen, relative_error, stop_at, train_temporal
 from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
 from toile.avatar.model.temporal import DampedModel
 from toile.avatar.settings import TemporalSettings
@@ -134,10 +134,30 @@ def test_training_stops_where_frames_left_out_are_met_best():
     for name, codes in (("pose", motion.features @ torch.randn(6, 3)), ("noise", noise)):
         driver.scale(motion.features, codes)
         poses = driver.windows_of(motion, torch.arange(80))
-        stops[name] = stop_at(driver, poses, driver.scaled(codes), lambda done, total: told.append((done, total)))
+        stops[name], copies = stop_at(
+            driver, poses, driver.scaled(codes), lambda done, total: told.append((done, total))
+        )
     assert stops["pose"] > 300 and stops["noise"] < 100
     assert told[-1] == (400, 400) and all(done <= total for done, total in told)
-    assert stop_at(driver, poses[:39], noise[:39], None) == 400  # too few to leave any out
+    assert stop_at(driver, poses[:39], noise[:39], None) == (400, [])  # too few to leave any out
+    assert codes_unseen([], motion, torch.arange(39)) == {}
+
+
+def test_a_code_of_a_frame_left_out_is_by_a_model_that_was_not_taught_it():
+    torch.manual_seed(0)
+    motion, rows = track(range(80), features=6), torch.arange(80)
+    driver = Driver(TemporalSettings(window=1, channels=16, steps=60, lr=5e-3), 6, {"shirt": 3})
+
+    def unseen(codes):
+        copies = stop_at(driver, driver.windows_of(motion, rows), driver.scaled(codes), lambda *_: None)[1]
+        return codes_unseen(copies, motion, rows)["shirt"]
+
+    codes = motion.features @ torch.randn(6, 3)
+    driver.scale(motion.features, codes)
+    other = codes.clone()
+    other[20:40] = codes[:20]  # the second of four stretches
+    assert torch.equal(unseen(codes)[20:40], unseen(other)[20:40])
+    assert not torch.equal(unseen(codes)[40:60], unseen(other)[40:60])
 
 
 def test_numbers_of_a_code_count_as_far_as_they_move_the_cloth(sample_avatar):

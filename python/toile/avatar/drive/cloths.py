@@ -17,8 +17,9 @@ from ..model.checkpoint import read_facts
 from ..settings import ClothSettings
 from .animate import DrivenAvatar
 from .draping import Cloth, cloth_file, made_of
-from .driver import held_out_span, stride_of
+from .driver import held_out_span, stride_of, unseen_codes
 from .residual import Residual, teach
+from .teaching import DECODED
 
 
 def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, settings=None):
@@ -27,7 +28,8 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
 
     Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body. Residual:
     taught by registered and simulated vertices of the frames, unposed; of a row of neighbours the first `lead` frames, at
-    most half of them, are only simulated. No held-out frame is read.
+    most half of them, are only simulated. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
+    taught, where it knows some. No held-out frame is read.
     UserError: the avatar has no garment, or its run is gone.
     """
     facts = read_facts(folder)
@@ -47,9 +49,11 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     cloths = {name: _at_rest(run, driven, name, frames[rows], settings) for name in names}
     stretches = _stretches(rows, frames)
     settled = np.concatenate([rows[min(settings.lead, len(rows) // 2) :] for rows in stretches])
-    poses, hung, worn = _left_over(run, driven, cloths, stretches, evenly(settled, settings.taught), progress)
+    teachers = evenly(settled, settings.taught)
+    poses, hung, worn = _left_over(run, driven, cloths, stretches, teachers, progress)
     for name in names:
-        residual = teach(poses, hung[name], worn[name])
+        decoded = _by_unseen_codes(folder, driven, name, frames[teachers])
+        residual = teach(poses, hung[name], worn[name], decoded)
         save_record(cloth_file(folder, name), replace(cloths[name], residual=residual), made_of(folder, settings))
 
 
@@ -78,6 +82,20 @@ def _stretches(rows, frames):
     """Rows in pieces of neighbouring frames."""
     breaks = np.flatnonzero((np.diff(rows) > 1) | (np.diff(frames[rows]) != (stride_of(frames[rows]) or 1))) + 1
     return np.split(rows, breaks)
+
+
+@torch.no_grad()
+def _by_unseen_codes(folder, driven, name, frames):
+    """(F,n,3) unposed shapes of a garment by the codes of a temporal model that was not taught the frame, NaN where there is none; None
+    where there is none at all."""
+    known, codes = unseen_codes(folder)
+    rows = [known.index(n) if n in known else -1 for n in frames.tolist()]
+    if max(rows, default=-1) < 0:
+        return None
+    shapes = [driven.avatar.unposed_by(name, part.to(driven.device)).cpu() for part in codes[name].split(DECODED)]
+    shapes = torch.cat(shapes).double().numpy()[rows]
+    shapes[np.array(rows) < 0] = np.nan
+    return shapes
 
 
 @torch.no_grad()

@@ -16,12 +16,12 @@ from ...io.inputs import contents
 from ...kernels import DrapeSolver
 from ..model.assets import CheckedArrays
 from ..settings import ClothSettings
-from .residual import CLOTH, JOINED, MEAN, POSES, Residual, moving
+from .residual import CLOTH, CODES, JOINED, MEAN, MIXED, Residual, moving
 
 GRAVITY = 9.81  # [m/s^2], against the scene's up
-GAIN = 0.95  # a garment hangs unasked if that misses at most so much of what poses alone miss
+GAIN = 0.95  # a garment hangs unasked if what is shown then misses at most so much of what codes alone miss
 TORN = 1.0  # strain of an edge beyond which something has drawn the cloth along; 0.7 to 0.8 where shirts hung right
-VERSION = 2  # of how cloth is simulated and what is kept of it
+VERSION = 3  # of how cloth is simulated and what is kept of it
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,10 @@ class Cloth:
         return ClothSettings(**self.settings)
 
     @property
-    def trust(self):
-        """Share of physics near the poses of the training, beside what codes give there: by the squares of what each missed."""
-        missed = self.residual.missed
-        return missed[POSES] ** 2 / (missed[POSES] ** 2 + missed[JOINED] ** 2) if missed.get(POSES) else 1.0
-
-    @property
     def helps(self):
-        """Whether it lay nearer in frames left out than poses alone foretold, and by itself nearer than its mean shape."""
+        """Whether, mixed with codes, it lay nearer in frames left out than codes alone, and by itself nearer than its mean shape."""
         missed = self.residual.missed
-        return bool(missed) and missed[CLOTH] < missed[MEAN] and missed[JOINED] <= GAIN * missed[POSES]
+        return CODES in missed and missed[CLOTH] < missed[MEAN] and missed[MIXED] <= GAIN * missed[CODES]
 
 
 def cloth_file(folder, name):
@@ -90,14 +84,16 @@ def check_cloth(path, cloth, n):
     fields = CheckedArrays(path, vars(cloth) | {f"residual.{name}": value for name, value in residual.items()})
     fields.get("lengths", (None,)), fields.get("margin", ())
     fields.get("residual.registered", (n, 3)), fields.get("residual.simulated", (n, 3))
-    fields.get("residual.reach", ()), fields.get("residual.swing_reach", ()), fields.get("residual.share", ())
+    for name in ("reach", "swing_reach", "share", "trust"):
+        fields.get(f"residual.{name}", ())
     poses, modes = fields.get("residual.poses", (None, None)), fields.get("residual.modes", (None, n, 3))
     fields.get("residual.weights", (len(poses), len(modes))), fields.get("residual.swings", (len(poses), len(modes)))
     missed = residual.get("missed")
-    named = isinstance(missed, dict) and set(missed) in (set(), {MEAN, POSES, CLOTH, JOINED})
+    lengths = {MEAN, CLOTH, JOINED}
+    named = isinstance(missed, dict) and set(missed) in (set(), lengths, lengths | {CODES, MIXED})
     if not named or not all(isinstance(one, float) and np.isfinite(one) for one in missed.values()):
         raise UserError(
-            f"{path}: residual.missed is {missed!r}, expected lengths of {MEAN}, {POSES}, {CLOTH} and {JOINED}"
+            f"{path}: residual.missed is {missed!r}, expected lengths of {MEAN}, {CLOTH}, {JOINED}, {CODES} and {MIXED}"
         )
     try:
         ClothSettings(**(cloth.settings or {}))
@@ -157,10 +153,9 @@ class Draping:
         skin, like, cloth = self.avatar.model(name).skin, decoded.vertices, self.cloths[name]
         pose = self.poses[name][self.row]
         unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
-        hung = like.new_tensor(cloth.residual.add(unposed, pose))
-        by_codes = (1 - cloth.trust) * cloth.residual.nearness(pose)
-        mixed = torch.lerp(hung, decoded.unposed[0], float(by_codes))
-        return replace(decoded, vertices=skin.pose(mixed[None], *transforms))
+        by_codes = decoded.unposed[0].double().cpu().numpy()
+        mixed = cloth.residual.mix(cloth.residual.add(unposed, pose), by_codes, pose)
+        return replace(decoded, vertices=skin.pose(like.new_tensor(mixed)[None], *transforms))
 
     def _begin(self, decoded, batch):
         clear = self.layering(decoded, batch)[0]

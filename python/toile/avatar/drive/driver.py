@@ -23,6 +23,7 @@ from ..settings import TemporalSettings
 
 FILE = "temporal.safetensors"
 PREFIX = "model."
+UNSEEN = "unseen."  # codes of a garment by models that were not taught the frame
 SMOOTH = 0.05  # [s] standard deviation of the Gaussian that codes are smoothed by over time: noise of poses must not shake cloth
 REACH = 3 * SMOOTH  # [s] that it sees before and after
 LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
@@ -216,3 +217,10 @@ def load_driver(folder):
         raise UserError(f"{path}: not a temporal model's facts: {error}") from None
     load_model(driver, tensors, path)
     return driver.eval(), int(facts["stride"]), facts.get("measured", {})
+
+
+def unseen_codes(folder):
+    """([frame], {garment: (F,Z)}) of the training's frames: codes of temporal models alike, each taught without the frame. Nothing where
+    none were left out."""
+    tensors, facts = read_tensors(Path(folder) / FILE)
+    return facts.get("unseen", []), {n.removeprefix(UNSEEN): z for n, z in tensors.items() if n.startswith(UNSEEN)}

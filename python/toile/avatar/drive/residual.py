@@ -14,8 +14,8 @@ SWING_SCALES = (1.0, 2.0, 4.0)  # of the usual distance between two simulated sh
 ALIKE = 1e6  # [m] the same, where swings do not count
 NOISES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # over the kernel's variance
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-# What places a garment: no physics; no physics but poses; physics and the mean residual; all of them
-MEAN, POSES, CLOTH, JOINED = "mean shape", "poses", "cloth", "joined"
+# What places a garment: nothing; learnt codes; physics and the mean residual; physics and what poses add; that and the codes' shape
+MEAN, CODES, CLOTH, JOINED, MIXED = "mean shape", "codes", "cloth", "joined", "mixed"
 SPAN = 1 / 6  # [s] over which a pose's change counts like the pose itself
 
 
@@ -27,7 +27,8 @@ class Residual:
     k_j = exp(-|p - poses_j|^2 / (2 reach^2) - |q - swings_j|^2 / (2 swing_reach^2)),   q = modes (s - simulated).
 
     Near the poses and swings of the training it trusts physics by `share`, and for the rest what was seen there (kriging); far
-    from all of them what is left is s and the mean residual.
+    from all of them what is left is s and the mean residual. Beside the shape c that codes give, what is shown is
+    x + (1 - trust) max_j exp(-|p - poses_j|^2 / (2 reach^2)) (c - x).
     """
 
     registered: np.ndarray  # (n,3) mean of the training frames
@@ -39,7 +40,8 @@ class Residual:
     share: float
     weights: np.ndarray  # (T,k)
     modes: np.ndarray  # (k,n,3), orthonormal
-    missed: dict  # {MEAN, POSES, CLOTH, JOINED: root mean square [m] in frames left out}; {} where none were
+    trust: float  # share of x beside c
+    missed: dict  # {MEAN, CLOTH, JOINED, and where codes were known CODES, MIXED: root mean square [m] in frames left out}
 
     @classmethod
     def none(cls, n):
@@ -49,7 +51,7 @@ class Residual:
     @classmethod
     def _means(cls, registered, simulated):
         nothing, modes = np.zeros((0, 0)), np.zeros((0, *registered.shape))
-        return cls(registered, simulated, nothing, nothing, 1.0, 1.0, 1.0, nothing, modes, {})
+        return cls(registered, simulated, nothing, nothing, 1.0, 1.0, 1.0, nothing, modes, 1.0, {})
 
     def moved(self, by):
         """Of a garment on another body, where its rest vertices lie `by` (n,3) from what they were."""
@@ -70,53 +72,85 @@ class Residual:
         return self.registered + part * swing + np.tensordot((near @ self.weights)[0], self.modes, 1)
 
 
-def teach(poses, simulated, registered):
-    """A Residual of T frames in a row: poses (T,P), vertices (T,n,3) simulated and registered, all unposed.
+    def mix(self, hung, decoded, pose):
+        """(n,3) unposed: `hung` as `add` gave it, and the shape `decoded` from codes."""
+        return hung + (1 - self.trust) * self.nearness(pose) * (decoded - hung)
+
+
+def teach(poses, simulated, registered, decoded=None):
+    """A Residual of T frames in a row: poses (T,P), vertices (T,n,3) simulated and registered, all unposed. `decoded` (T,n,3): by
+    codes of a temporal model that was not taught the frame, NaN where there is none.
 
     Reaches, noise and share are those that leave the least squared error on FOLDS stretches left out in turn; where none beats
-    the means, the means are kept.
+    the means, the means are kept. `trust` is the share that leaves the least on them. What is `missed` in a stretch is by the
+    choice that the others make.
     """
-    means = Residual._means(registered.mean(0), simulated.mean(0))
     if len(poses) < FEWEST:
+        return Residual._means(registered.mean(0), simulated.mean(0))
+    poses, stretches = np.asarray(poses, np.float64), np.array_split(np.arange(len(poses)), FOLDS)
+    errors = left_out(poses, simulated, registered, stretches)
+    found = fitted(poses, simulated, registered, min(errors, key=lambda choice: sum(errors[choice])))
+    mean, cloth, joined, near = (np.zeros(x) for x in (registered.shape,) * 3 + (len(poses),))
+    for k, out in enumerate(stretches):
+        kept = np.setdiff1d(np.arange(len(poses)), out)
+        choice = min(errors, key=lambda choice, k=k: sum(errors[choice]) - errors[choice][k])
+        told = fitted(poses[kept], simulated[kept], registered[kept], choice)
+        mean[out], cloth[out] = told.registered, simulated[out] + told.registered - told.simulated
+        for i in out:
+            joined[i], near[i] = told.add(simulated[i], poses[i]), told.nearness(poses[i])
+    shapes = {MEAN: mean, CLOTH: cloth, JOINED: joined}
+    known = np.ones(len(poses), bool) if decoded is None else np.isfinite(decoded).all((1, 2))
+    if decoded is not None and known.any():
+        trust = best_share(registered[known], joined[known], decoded[known], near[known])
+        shapes |= {CODES: decoded, MIXED: joined + ((1 - trust) * near)[:, None, None] * (decoded - joined)}
+        found = replace(found, trust=trust)
+    off = {of: np.linalg.norm((x - registered)[known], axis=2) for of, x in shapes.items()}
+    return replace(found, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
+
+
+def fitted(poses, simulated, registered, choice):
+    """A Residual of frames by a choice of `left_out`."""
+    means = Residual._means(registered.mean(0), simulated.mean(0))
+    if choice == CLOTH:
         return means
-    poses = np.asarray(poses, np.float64)
+    reach, swing_reach, noise, share = choice
+    basis, u, s = coordinates(simulated, registered)
+    K = similar(poses, poses, reach) * similar(s, s, swing_reach)
+    weights, modes = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s), basis.reshape(-1, *registered.shape[1:])
+    return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, 1.0, {})
+
+
+def best_share(registered, joined, decoded, near):
+    """w in 0..1 of the least sum of |joined + (1 - w) near (decoded - joined) - registered|^2, of shapes (F,n,3) and `near` (F,)."""
+    towards = near[:, None, None] * (decoded - joined)
+    total = np.square(towards).sum()
+    return 1 - float(np.clip((towards * (registered - joined)).sum() / total, 0, 1)) if total else 1.0
+
+
+def coordinates(simulated, registered):
+    """A basis (k,3n) of how shapes (T,n,3) depart from their means, and registered and simulated ones (T,k) in it."""
     u, s = ((x - x.mean(0)).reshape(len(x), -1) for x in (registered, simulated))
     basis = principal(np.concatenate([u, s]))
-    u, s = u @ basis.T, s @ basis.T
-    errors, without = left_out(poses, s, u)
-    best = min(errors, key=errors.get)
-    missed = {MEAN: without[MEAN], POSES: min(without.values()), CLOTH: errors[CLOTH], JOINED: errors[best]}
-    missed = {name: float(np.sqrt(error / registered[..., 0].size)) for name, error in missed.items()}
-    if best == CLOTH:
-        return replace(means, missed=missed)
-    reach, swing_reach, noise, share = best
-    K = similar(poses, poses, reach) * similar(s, s, swing_reach)
-    weights = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s)
-    modes = basis.reshape(-1, *registered.shape[1:])
-    return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, missed)
+    return basis, u @ basis.T, s @ basis.T
 
 
-def left_out(poses, s, u):
-    """Squared errors of coordinates u (T,k) of registered shapes in FOLDS stretches, each left out once: {(reach, swing_reach, noise,
-    share) or CLOTH: sum}, and without physics {(reach, noise) or MEAN: sum}. `s` (T,k): of the simulated ones."""
-    errors, without = {}, {}
-    for out in np.array_split(np.arange(len(poses)), FOLDS):
+def left_out(poses, simulated, registered, stretches):
+    """{(reach, swing_reach, noise, share) or CLOTH: squared error of each of the stretches, left out once}."""
+    errors, (_, u, s) = {}, coordinates(simulated, registered)
+    for out in stretches:
         kept = np.setdiff1d(np.arange(len(poses)), out)
         about, swing, swung = u[kept].mean(0), s[out] - s[kept].mean(0), s[kept] - s[kept].mean(0)
-        add(without, MEAN, about - u[out])
         add(errors, CLOTH, about + swing - u[out])
         for reach, swing_reach in reaches(poses, s):
             K = similar(poses, poses[kept], reach) * similar(s, s[kept], swing_reach)
             near, (values, vectors) = K[out], np.linalg.eigh(K[kept])
             for noise in NOISES:
                 solve = near @ (vectors / (values + noise)) @ vectors.T
-                if swing_reach == ALIKE:
-                    add(without, (reach, noise), about + solve @ (u[kept] - about) - u[out])
                 for share in SHARES:
                     part = 1 - (1 - share) * near.max(1, keepdims=True)
                     told = about + part * swing + solve @ (u[kept] - about - share * swung)
                     add(errors, (reach, swing_reach, noise, share), told - u[out])
-    return errors, without
+    return errors
 
 
 def reaches(poses, s):
@@ -132,7 +166,7 @@ def usual_distance(x):
 
 
 def add(errors, key, error):
-    errors[key] = errors.get(key, 0.0) + float(np.square(error).sum())
+    errors.setdefault(key, []).append(float(np.square(error).sum()))
 
 
 def principal(x):

@@ -19,7 +19,7 @@ from ...io.holdout import held
 from ...io.run import open_run
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
-from .driver import FILE, PREFIX, Driver, held_out_span, one_thread, reader_of, run_track, stride_of, without
+from .driver import FILE, PREFIX, UNSEEN, Driver, held_out_span, one_thread, reader_of, run_track, stride_of, without
 
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
 FEWEST = 40  # frames of which stretches can be left out; fewer are neighbours, and learnt by heart
@@ -53,16 +53,18 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     driver = Driver(settings, track.features.shape[1], sizes)
     driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))
     poses, scaled = driver.windows_of(track, rows), driver.scaled(targets)
-    steps = stop_at(driver, poses, scaled, progress)
+    steps, copies = stop_at(driver, poses, scaled, progress)
+    unseen = codes_unseen(copies, track, rows)
     list(fit(driver, poses, scaled, steps))
     measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
-        unseen = data_of(run, folder, facts, "evaluation", facts["holdout"])
-        measured["held_out"] = relative_error(driver, whole, unseen.frames, codes_of(avatar, unseen)[0])
+        new = data_of(run, folder, facts, "evaluation", facts["holdout"])
+        measured["held_out"] = relative_error(driver, whole, new.frames, codes_of(avatar, new)[0])
     write_tensors(
         folder / FILE,
-        {PREFIX + name: value for name, value in driver.state_dict().items()},
-        {"settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
+        {PREFIX + name: value for name, value in driver.state_dict().items()}
+        | {UNSEEN + name: codes.contiguous() for name, codes in unseen.items()},
+        {"unseen": track.frames[rows].tolist() if unseen else [], "settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
          "stride": stride_of(whole.frames) or 1, "measured": measured},
     )  # fmt: skip
     return measured
@@ -99,17 +101,17 @@ def code_reach(avatar, sizes, mean, spread):
 def stop_at(driver, poses, targets, progress):
     """The number of steps that leaves the least error on frames not trained on, of windows (F,L,COMPONENTS) in their order and
     scaled codes (F,Z): copies of the untaught driver, each without a stretch of the frames, are trained side by side until
-    twice the best number of steps and PATIENCE more have brought nothing."""
+    twice the best number of steps and PATIENCE more have brought nothing. Then [(stretch, its copy after so many steps)]."""
     steps = driver.settings.steps
     if len(poses) < FEWEST:
-        return steps
+        return steps, []
     folds = []
     for left_out in torch.arange(len(poses)).chunk(FOLDS):
         kept = torch.ones(len(poses), dtype=torch.bool)
         kept[left_out] = False
         model = deepcopy(driver)
         folds.append((model, left_out, fit(model, poses[kept], targets[kept], steps)))
-    best, least = steps, np.inf
+    best, least, copies = steps, np.inf, []
     for done in range(CHECK, steps + 1, CHECK):
         error = 0.0
         for model, left_out, training in folds:
@@ -118,12 +120,20 @@ def stop_at(driver, poses, targets, progress):
             with torch.no_grad():
                 error += model.errors(poses[left_out], targets[left_out]).sum().item()
         if error < least:
-            best, least = done, error
+            best, least, copies = done, error, [(left_out, deepcopy(model)) for model, left_out, _ in folds]
         progress(done, steps)
         if done > 2 * best + PATIENCE:
             break
     progress(steps, steps)
-    return best
+    return best, copies
+
+
+@torch.no_grad()
+def codes_unseen(copies, track, rows):
+    """{garment: (F,Z)} of the frames at these rows (F,) of a Track, each by the copy of `stop_at` that was not taught it; {}
+    where there are none."""
+    found = [{name: codes[rows[left_out]] for name, codes in copy.latents(track).items()} for left_out, copy in copies]
+    return {name: torch.cat([one[name] for one in found]) for name in found[0]} if found else {}
 
 
 def fit(driver, poses, targets, steps):
