@@ -167,10 +167,11 @@ def test_what_drives_a_garment_is_said_with_both_figures(told, capsys):
         assert said in capsys.readouterr().out
 
 
-def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, driven):
+@pytest.mark.parametrize("file", ["avatar.json", "temporal.safetensors"])
+def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, driven, file):
     folder = told(0.014, 0.010)
-    with open(folder / "avatar.json", "a") as file:
-        file.write("\n")
+    with open(folder / file, "a") as trained:
+        trained.write("\n")
     assert worn_cloths(folder, driven.avatar.layers, None) == {}
 
 

@@ -91,7 +91,10 @@ def test_the_share_is_the_one_of_least_error():
     shares = np.linspace(0, 1, 1001)
     assert np.isclose(best_share(registered, joined, decoded, near), min(shares, key=error), atol=1e-3)
     assert best_share(registered, joined, decoded, 0 * near) == 1.0  # codes have no say
-    assert best_share(registered, registered, decoded, near) == 1.0 and best_share(decoded, joined, decoded, near**0) == 0.0
+    assert (
+        best_share(registered, registered, decoded, near) == 1.0
+        and best_share(decoded, joined, decoded, near**0) == 0.0
+    )
 
 
 def test_few_frames_and_still_ones_keep_their_means():

@@ -16,6 +16,7 @@ from ...io.inputs import contents
 from ...kernels import DrapeSolver
 from ..model.assets import CheckedArrays
 from ..settings import ClothSettings
+from .driver import FILE
 from .residual import CLOTH, CODES, JOINED, MEAN, MIXED, Residual, moving
 
 GRAVITY = 9.81  # [m/s^2], against the scene's up
@@ -50,7 +51,8 @@ def cloth_file(folder, name):
 
 def made_of(folder, settings=None):
     """What a cloth is made of, for `identity_of`; without ClothSettings the beginning of it."""
-    trained = "".join(contents(Path(folder) / file) for file in ("avatar.json", "avatar.safetensors"))
+    files = (Path(folder) / name for name in ("avatar.json", "avatar.safetensors", FILE))
+    trained = "".join(contents(path) for path in files if path.exists())
     return f"{VERSION} {trained}" + (settings.model_dump_json() if settings else "")
 
 

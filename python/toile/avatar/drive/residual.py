@@ -41,7 +41,9 @@ class Residual:
     weights: np.ndarray  # (T,k)
     modes: np.ndarray  # (k,n,3), orthonormal
     trust: float  # share of x beside c
-    missed: dict  # {MEAN, CLOTH, JOINED, and where codes were known CODES, MIXED: root mean square [m] in frames left out}
+    missed: (
+        dict  # {MEAN, CLOTH, JOINED, and where codes were known CODES, MIXED: root mean square [m] in frames left out}
+    )
 
     @classmethod
     def none(cls, n):
@@ -70,7 +72,6 @@ class Residual:
         near = similar(pose[None], self.poses, self.reach) * similar(q[None], self.swings, self.swing_reach)
         part = 1 - (1 - self.share) * near.max()
         return self.registered + part * swing + np.tensordot((near @ self.weights)[0], self.modes, 1)
-
 
     def mix(self, hung, decoded, pose):
         """(n,3) unposed: `hung` as `add` gave it, and the shape `decoded` from codes."""
@@ -116,7 +117,10 @@ def fitted(poses, simulated, registered, choice):
     reach, swing_reach, noise, share = choice
     basis, u, s = coordinates(simulated, registered)
     K = similar(poses, poses, reach) * similar(s, s, swing_reach)
-    weights, modes = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s), basis.reshape(-1, *registered.shape[1:])
+    weights, modes = (
+        np.linalg.solve(K + noise * np.eye(len(K)), u - share * s),
+        basis.reshape(-1, *registered.shape[1:]),
+    )
     return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, 1.0, {})
 
 
