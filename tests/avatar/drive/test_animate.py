@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from toile.avatar.drive import apart
-from toile.avatar.drive.animate import DrivenAvatar, animate, filmed, resized, turned
+from toile.avatar.drive.animate import DrivenAvatar, animate, camera_path, filmed, resized, turned
 from toile.avatar.drive.apart import take
 from toile.avatar.drive.driver import REACH, load_driver, make_track
 from toile.avatar.drive.posing import PosedAvatar
@@ -216,6 +216,21 @@ def test_an_orbit_turns_the_world_about_the_person():
     assert np.allclose(
         resized(camera, 96).project(np.array([[0.1, 0.2, 0]]))[0], 2 * camera.project(np.array([[0.1, 0.2, 0]]))[0]
     )
+
+
+def test_an_orbit_follows_who_walks_and_lets_him_jump(avatar_folder, sample_run):
+    driven = DrivenAvatar(avatar_folder, sample_run)
+    there, up = driven.motion.translation.copy(), driven.avatar.up.numpy().astype(float)
+    path, level = camera_path(driven, "orbit", 32), np.cross(up, [0.3, 0.5, 0.7])
+    seen = [path(i)[0].project(there[i : i + 1])[0] for i in range(4)]
+    driven.motion = replace(driven.motion, translation=there + np.arange(4)[:, None] * 5 * level)
+    path = camera_path(driven, "orbit", 32)
+    away = driven.motion.translation
+    assert np.allclose([path(i)[0].project(away[i : i + 1])[0] for i in range(4)], seen)
+    driven.motion = replace(driven.motion, translation=there + 0.2 * up)
+    path = camera_path(driven, "orbit", 32)
+    higher = [path(i)[0].project(there[i : i + 1] + 0.2 * up)[0] for i in range(4)]
+    assert np.abs(np.subtract(higher, seen)).max() > 1  # [px]
 
 
 def test_a_stopped_animation_leaves_no_folder_that_looks_whole(avatar_folder, sample_run, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from toile.avatar.command import say_cloths
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
-from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, torn, worn_cloths
+from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, outdated, torn, worn_cloths
 from toile.avatar.drive.residual import ALIKE, CLOTH, CODES, JOINED, MEAN, MIXED, Residual, teach
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.measure.evaluation import evaluate_avatar
@@ -172,7 +172,11 @@ def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, d
     folder = told(0.014, 0.010)
     with open(folder / file, "a") as trained:
         trained.write("\n")
-    assert worn_cloths(folder, driven.avatar.layers, None) == {}
+    layers = driven.avatar.layers
+    assert worn_cloths(folder, layers, None) == {}
+    (said,) = outdated(folder, layers, None)
+    assert "cloth.tshirt.npz: was measured before the avatar was trained as it is: codes drive the garment" in said
+    assert outdated(folder, layers, False) == outdated(folder, layers, True) == []
 
 
 def test_cloth_whose_swings_do_not_count_is_read_back(told, driven):

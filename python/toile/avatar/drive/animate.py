@@ -34,13 +34,13 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .apart import take
-from .draping import Draping, doubts, torn, worn_cloths
+from .draping import Draping, doubts, outdated, torn, worn_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
 
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
-ORBIT = 10.0  # seconds of a camera's way about the person
+ORBIT = 10.0  # seconds of a camera's way about the person, whom it follows
 BACKGROUND = 1.0
 
 
@@ -75,7 +75,7 @@ class DrivenAvatar:
         self.avatar.to(self.device)
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
         cloths = self._cloths(physics)
-        self.warnings += doubts(cloths)
+        self.warnings += doubts(cloths) + outdated(self.folder, self.avatar.layers, physics)
         self.draping = self.draped(cloths, np.arange(len(self.motion))) if cloths else None
 
     def _cloths(self, physics):
@@ -329,9 +329,10 @@ def camera_path(driven, camera, height):
         chosen = resized(chosen, height)
         return lambda i: (chosen, index)
     if camera == "orbit":
-        first = resized(next(iter(own.values()))[0], height)
-        middle, up = driven.motion.translation.mean(0), driven.avatar.up.cpu().numpy().astype(np.float64)
-        return lambda i: (turned(first, middle, up, 2 * np.pi * i / (ORBIT * driven.motion.fps)), -1)
+        first, to = resized(next(iter(own.values()))[0], height), driven.motion.translation
+        home = training_poses(driven.folder)["translation"].mean(0)  # where that camera saw the person
+        up, turn = driven.avatar.up.cpu().numpy().astype(np.float64), 2 * np.pi / (ORBIT * driven.motion.fps)
+        return lambda i: (turned(followed(first, to[i] - home, up), to[i], up, turn * i), -1)
     if not Path(camera).is_file():
         raise UserError(f"--camera {camera}: expected orbit, a cameras.json, or one of {', '.join(own)}")
     cameras = [resized(c, height) for c in read_cameras(Path(camera)).values()]
@@ -349,6 +350,13 @@ def resized(camera: Camera, height):
     scale = height / camera.height
     K = np.diag([scale, scale, 1.0]) @ camera.K
     return replace(camera, K=K, width=round(camera.width * scale), height=height)
+
+
+def followed(camera, way, up):
+    """The camera carried along with who has gone the `way` (3,) [m], on the level."""
+    carried = np.eye(4)
+    carried[:3, 3] = way - (way @ up) * up
+    return replace(camera, T_camera_world=camera.T_camera_world @ np.linalg.inv(carried))
 
 
 def turned(camera, centre, up, angle):

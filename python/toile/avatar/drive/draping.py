@@ -66,6 +66,16 @@ def worn_cloths(folder, layers, physics):
     return load_cloths(folder, layers) if physics else {}
 
 
+def outdated(folder, layers, physics):
+    """What a user should know of garments that would be asked whether they hang, but were measured before the last training."""
+    if physics is not None:
+        return []
+    files = [cloth_file(folder, one.name) for one in layers if one.kind == "garment"]
+    old = [file for file in files if file.exists() and not identity_of(file).startswith(made_of(folder))]
+    again = "codes drive the garment; `toile train RUN AVATAR --temporal` or `animate --physics` measures it anew"
+    return [f"{file}: was measured before the avatar was trained as it is: {again}" for file in old]
+
+
 def load_cloths(folder, layers):
     """{garment: Cloth} of an avatar's layers. UserError names the file and the field."""
     found = {}

@@ -13,7 +13,7 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ..drive.draping import Draping, doubts, torn, worn_cloths
+from ..drive.draping import Draping, doubts, outdated, torn, worn_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
@@ -33,8 +33,9 @@ class Driven(HeldOut):
         super().__init__(folder, frames, run)
         run = self.registered.run
         self.span = [n for n in run.ok if self.frames[0] <= n <= self.frames[-1]]
-        cloths = worn_cloths(folder, self.avatars["layered"].layers, physics) if "layered" in self.avatars else {}
-        self.warnings += doubts(cloths)
+        layers = self.avatars["layered"].layers if "layered" in self.avatars else ()
+        cloths = worn_cloths(folder, layers, physics)
+        self.warnings += doubts(cloths) + outdated(folder, layers, physics)
         lead = max((cloth.asked.lead for cloth in cloths.values()), default=0)
         self.led = [n for n in run.ok if n < self.frames[0]][-lead:] if lead else []
         self.latents, self.driver, self.measured, self.draping, self.shown = {}, None, {}, None, {}
