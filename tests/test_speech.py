@@ -52,6 +52,18 @@ def test_quiet_leaves_results_warnings_and_frames(capsys):
     assert said.out == "a result\n" and said.err == "  warning: a warning\n  frame 7: wrong: lost\n"
 
 
+def test_of_a_thousand_frames_a_reader_is_told_the_gravest_and_a_machine_all(capsys):
+    told = {"failed": {7: "lost"}, "doubtful": {n: "cut off" for n in range(1000)}}
+    speech.frame_notes(told)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "  frame 7: lost" and len(lines) == 21 and lines[-1] == "  and 981 more"
+    speech.frame_notes({"failed": {7: "lost"}})
+    assert capsys.readouterr().err == "  frame 7: lost\n"
+    speech.speak(json=True)
+    speech.frame_notes(told)
+    assert len(capsys.readouterr().out.splitlines()) == 1001
+
+
 def test_json_is_one_object_a_line_on_stdout_and_nothing_else(capsys):
     speech.speak(json=True)
     all_of_them()

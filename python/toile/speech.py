@@ -54,6 +54,15 @@ def frame_note(number: int, verdict: str, reason: str) -> None:
     _tell("frame", words, f"  {coloured(words, colour, sys.stderr)}", sys.stderr, frame=number, verdict=verdict)
 
 
+def frame_notes(told: dict[str, dict[int, str]], most: int = 20) -> None:
+    """`frame_note` of {verdict: {frame: reason}}; to a reader no more than `most`, and how many there are besides."""
+    notes = [(number, verdict, reason) for verdict, reasons in told.items() for number, reason in reasons.items()]
+    for one in notes if manner.json else notes[:most]:
+        frame_note(*one)
+    if not manner.json and len(notes) > most:
+        print(f"  and {len(notes) - most} more", file=sys.stderr)
+
+
 def next_step(*command: str | Path) -> None:
     """The command that goes on from here."""
     words = shlex.join(["toile", *map(str, command)])

@@ -117,7 +117,7 @@ def register(
     waiting = f", {len(outcome.pending)} wait for other shards" if outcome.pending else ""
     judged = f" ({len(outcome.doubtful)} doubtful, {len(outcome.wrong)} wrong)" if outcome.ok else ""
     words = f"{run}: {len(outcome.ok)} frames registered{judged}, {len(outcome.failed)} failed{waiting}"
-    of_verdict = {"doubtful": outcome.doubtful, "wrong": outcome.wrong, "failed": outcome.failed}
+    of_verdict = {"failed": outcome.failed, "wrong": outcome.wrong, "doubtful": outcome.doubtful}
     speech.result(words, registered=outcome.ok, pending=outcome.pending, **of_verdict)
     for note in outcome.notes:
         speech.note(f"  {note}")
@@ -125,9 +125,7 @@ def register(
         speech.warn(warning)
     if outcome.unsupported_contact:
         speech.warn(f"unsupported contact, hands touch the cloth: frames {frame_ranges(outcome.unsupported_contact)}")
-    for verdict, reasons in of_verdict.items():
-        for number, reason in reasons.items():
-            speech.frame_note(number, verdict, reason)
+    speech.frame_notes(of_verdict)
     go_on(run, outcome)
     raise typer.Exit(2 if outcome.failed or outcome.wrong else 0)
 
