@@ -90,23 +90,34 @@ def teach(poses, simulated, registered, decoded=None):
         return Residual._means(registered.mean(0), simulated.mean(0))
     poses, stretches = np.asarray(poses, np.float64), np.array_split(np.arange(len(poses)), FOLDS)
     errors = left_out(poses, simulated, registered, stretches)
-    found = fitted(poses, simulated, registered, min(errors, key=lambda choice: sum(errors[choice])))
-    mean, cloth, joined, near = (np.zeros(x) for x in (registered.shape,) * 3 + (len(poses),))
-    for k, out in enumerate(stretches):
-        kept = np.setdiff1d(np.arange(len(poses)), out)
-        choice = min(errors, key=lambda choice, k=k: sum(errors[choice]) - errors[choice][k])
-        told = fitted(poses[kept], simulated[kept], registered[kept], choice)
-        mean[out], cloth[out] = told.registered, simulated[out] + told.registered - told.simulated
-        for i in out:
-            joined[i], near[i] = told.add(simulated[i], poses[i]), told.nearness(poses[i])
-    shapes = {MEAN: mean, CLOTH: cloth, JOINED: joined}
-    known = np.ones(len(poses), bool) if decoded is None else np.isfinite(decoded).all((1, 2))
-    if decoded is not None and known.any():
+    found = fitted(poses, simulated, registered, least(errors))
+    shapes, near = unseen_shapes(poses, simulated, registered, stretches, errors)
+    known = np.ones(len(poses), bool)
+    if decoded is not None and (seen := np.isfinite(decoded).all((1, 2))).any():
+        known, joined = seen, shapes[JOINED]
         trust = best_share(registered[known], joined[known], decoded[known], near[known])
         shapes |= {CODES: decoded, MIXED: joined + ((1 - trust) * near)[:, None, None] * (decoded - joined)}
         found = replace(found, trust=trust)
     off = {of: np.linalg.norm((x - registered)[known], axis=2) for of, x in shapes.items()}
     return replace(found, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
+
+
+def unseen_shapes(poses, simulated, registered, stretches, errors):
+    """{MEAN, CLOTH, JOINED: (T,n,3)} of each stretch by a Residual of the others, by the choice of least `errors` on them; how near
+    (T,) each pose is to theirs."""
+    mean, cloth, joined, near = (np.zeros(x) for x in (registered.shape,) * 3 + (len(poses),))
+    for k, out in enumerate(stretches):
+        kept = np.setdiff1d(np.arange(len(poses)), out)
+        told = fitted(poses[kept], simulated[kept], registered[kept], least(errors, without=k))
+        mean[out], cloth[out] = told.registered, simulated[out] + told.registered - told.simulated
+        for i in out:
+            joined[i], near[i] = told.add(simulated[i], poses[i]), told.nearness(poses[i])
+    return {MEAN: mean, CLOTH: cloth, JOINED: joined}, near
+
+
+def least(errors, without=None):
+    """The choice of least error over the stretches, one of them left aside."""
+    return min(errors, key=lambda choice: sum(e for k, e in enumerate(errors[choice]) if k != without))
 
 
 def fitted(poses, simulated, registered, choice):
@@ -117,10 +128,8 @@ def fitted(poses, simulated, registered, choice):
     reach, swing_reach, noise, share = choice
     basis, u, s = coordinates(simulated, registered)
     K = similar(poses, poses, reach) * similar(s, s, swing_reach)
-    weights, modes = (
-        np.linalg.solve(K + noise * np.eye(len(K)), u - share * s),
-        basis.reshape(-1, *registered.shape[1:]),
-    )
+    weights = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s)
+    modes = basis.reshape(-1, *registered.shape[1:])
     return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, 1.0, {})
 
 
