@@ -70,6 +70,25 @@ def test_a_forearm_that_has_come_through_a_sleeve_goes_out_by_its_end(bend):
     assert np.array_equal(moved["body"].vertices, decoded["body"].vertices)
 
 
+@pytest.mark.parametrize("bend", [1.2, -1.6])
+def test_a_shape_that_meets_even_the_resting_body_comes_from_the_garments_rest_shape(bend):
+    """A straight arm in a sleeve that the codes have bent past its elbow."""
+    layering, decoded, pose = arm(0.0)
+    body, straight = (decoded[name].vertices[0].double().numpy() for name in ("body", "shirt"))
+    root = pose["rotations"] * torch.tensor([1.0, 0.0])[None, :, None]
+    turned = layering.avatar.skeleton(root + torch.tensor([[[0.0, 0, 0], [0, 0, bend]]]), pose["translation"])
+    past = layering.garments[0].rest[:, 0] > ELBOW
+    skin = layer("shirt", layering.garments[0].rest, layering.garments[0].faces, past.astype(float))
+    shirt = Skin(skin).pose(torch.tensor(skin.rest, dtype=torch.float32)[None], *turned)
+    aside = {"shirt": shirt[0].double().numpy()}
+    at_once = layering._stretch(aside, layering.layering.solve(body, aside).vertices)
+    moved, before, left = layering(decoded | {"shirt": Decoded(shirt)}, pose)
+    V = moved["shirt"].vertices[0].double().numpy()
+    assert before > 0 and left == 0 and layering._stretch(aside, {"shirt": V}) < 0.75 * at_once
+    assert np.linalg.norm(V - straight, axis=1).max() < 0.1
+    assert len(intersecting_pairs(V, layering.garments[0].faces, body, layering.skin_faces)) == 0
+
+
 def test_what_comes_out_at_first_is_not_touched_again(monkeypatch):
     layering, decoded, pose = arm(0.3)
     monkeypatch.setattr(layering, "_from_rest", None)

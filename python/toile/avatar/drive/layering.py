@@ -11,6 +11,7 @@ from ... import kernels
 from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
+SHAPES = 10  # steps from a garment's rest shape to the frame's
 STRETCH = 0.02  # [m] by which an edge may grow on the way out; more has led cloth across a limb
 TURN = 0.025  # [rad] of the joint that turns most, between two poses of the way from rest
 
@@ -35,13 +36,17 @@ class GarmentLayering:
         cloth = {g.name: points(decoded[g.name]) for g in self.garments}
         found = self.layering.solve(points(decoded[self.body.name]), cloth)
         before = found.intersections_before
-        if found.intersections_left or self._stretch(cloth, found.vertices) > STRETCH:
+        if self._caught(cloth, found):
             rank = lambda f: (f.intersections_left, self._stretch(cloth, f.vertices))
             found = min(found, self._from_rest(decoded, pose), key=rank)
         moved = dict(decoded)
         for name, V in found.vertices.items():
             moved[name] = replace(decoded[name], vertices=self._tensor(V, decoded[name]))
         return moved, before, found.intersections_left
+
+    def _caught(self, cloth, found):
+        """Whether cloth was not led out, or was drawn out long."""
+        return found.intersections_left > 0 or self._stretch(cloth, found.vertices) > STRETCH
 
     def _stretch(self, cloth, moved):
         """By how much the edge grew that grew most [m]."""
@@ -51,22 +56,51 @@ class GarmentLayering:
 
     def _from_rest(self, decoded, pose):
         """Layered of the frame's shapes, taken from rest to its pose in small turns: cloth carried along and moved out at each, so that
-        a limb comes to its place pushing the cloth before it."""
-        skin = {name: self.avatar.model(name).skin for name in decoded}
-        transforms = self.avatar.skeleton(pose["rotations"], pose["translation"])
-        unposed = {name: skin[name].unpose(one.vertices, *transforms) for name, one in decoded.items()}
+        a limb comes to its place pushing the cloth before it. Shapes that meet even the resting body come there in small steps
+        from the garments' rest shapes."""
+        way = _Way(self, decoded, pose)
+        goal = {name: way.unposed[name] for name in self.edges}
+        if self._caught(way.posed(0.0)[1], way.go(0.0)):
+            rest = {g.name: goal[g.name].new_tensor(g.rest)[None] for g in self.garments}
+            step = {name: (goal[name] - rest[name]) / SHAPES for name in goal}
+            way.unposed |= rest
+            way.go(0.0)
+            for _ in range(SHAPES):
+                way.unposed |= {name: way.unposed[name] + one for name, one in step.items()}
+                way.go(0.0)
         for share in shares(pose["rotations"]):
-            rotations = pose["rotations"] * share
-            rotations[:, 0] = pose["rotations"][:, 0]  # turns all alike
-            transforms = self.avatar.skeleton(rotations, pose["translation"])
-            posed = {name: _array(skin[name].pose(V, *transforms)) for name, V in unposed.items()}
-            found = self.layering.solve(posed.pop(self.body.name), posed)
-            for name, V in found.vertices.items():
-                unposed[name] = skin[name].unpose(self._tensor(V, decoded[name]), *transforms)
+            found = way.go(share)
         return found
 
     def _tensor(self, V, like):
         return torch.tensor(V, dtype=torch.float32, device=like.vertices.device)[None]
+
+
+class _Way:
+    """`unposed` {layer: (1,n,3)}, a frame's shapes, which change as they go: its garments are moved out wherever they come by."""
+
+    def __init__(self, layering, decoded, pose):
+        avatar = layering.avatar
+        self.layering, self.pose, self.skeleton = layering, pose, avatar.skeleton
+        self.skin = {name: avatar.model(name).skin for name in decoded}
+        transforms = self.skeleton(pose["rotations"], pose["translation"])
+        self.unposed = {name: self.skin[name].unpose(one.vertices, *transforms) for name, one in decoded.items()}
+
+    def posed(self, share):
+        """(body (n,3), {garment: (n,3)}, transforms) at so much of the way from rest to the pose; the root turns as in the pose."""
+        rotations = self.pose["rotations"] * share
+        rotations[:, 0] = self.pose["rotations"][:, 0]
+        transforms = self.skeleton(rotations, self.pose["translation"])
+        posed = {name: _array(self.skin[name].pose(V, *transforms)) for name, V in self.unposed.items()}
+        return posed.pop(self.layering.body.name), posed, transforms
+
+    def go(self, share):
+        """Layered of the shapes there, which they take on."""
+        body, cloth, transforms = self.posed(share)
+        found = self.layering.layering.solve(body, cloth)
+        for name, V in found.vertices.items():
+            self.unposed[name] = self.skin[name].unpose(self.unposed[name].new_tensor(V)[None], *transforms)
+        return found
 
 
 def shares(rotations):
