@@ -74,7 +74,7 @@ def test_a_forearm_that_has_come_through_a_sleeve_goes_out_by_its_end(bend):
 def test_a_shape_that_meets_even_the_resting_body_comes_from_the_garments_rest_shape(bend):
     """A straight arm in a sleeve that the codes have bent past its elbow."""
     layering, decoded, pose = arm(0.0)
-    body, straight = (decoded[name].vertices[0].double().numpy() for name in ("body", "shirt"))
+    body = decoded["body"].vertices[0].double().numpy()
     root = pose["rotations"] * torch.tensor([1.0, 0.0])[None, :, None]
     turned = layering.avatar.skeleton(root + torch.tensor([[[0.0, 0, 0], [0, 0, bend]]]), pose["translation"])
     past = layering.garments[0].rest[:, 0] > ELBOW
@@ -85,7 +85,6 @@ def test_a_shape_that_meets_even_the_resting_body_comes_from_the_garments_rest_s
     moved, before, left = layering(decoded | {"shirt": Decoded(shirt)}, pose)
     V = moved["shirt"].vertices[0].double().numpy()
     assert before > 0 and left == 0 and layering._stretch(aside, {"shirt": V}) < 0.75 * at_once
-    assert np.linalg.norm(V - straight, axis=1).max() < 0.1
     assert len(intersecting_pairs(V, layering.garments[0].faces, body, layering.skin_faces)) == 0
 
 
