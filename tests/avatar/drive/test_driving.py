@@ -143,6 +143,26 @@ def test_training_stops_where_frames_left_out_are_met_best():
     assert codes_unseen([], motion, torch.arange(39)) == {}
 
 
+def test_what_poses_tell_by_chance_is_not_believed():
+    """A garment that follows the pose, and one of pure noise, by one model."""
+    torch.manual_seed(0)
+    motion, rows = track(range(80), features=6), torch.arange(80)
+    driver = Driver(TemporalSettings(window=1, channels=32, steps=300, lr=5e-3), 6, {"shirt": 3, "trousers": 3})
+    codes = torch.cat([motion.features @ torch.randn(6, 3), torch.randn(80, 3)], 1)
+    driver.scale(motion.features, codes)
+    copies = stop_at(driver, driver.windows_of(motion, rows), driver.scaled(codes), lambda *_: None)[1]
+    unseen = codes_unseen(copies, motion, rows)
+    driver.believe(torch.cat(list(unseen.values()), 1), codes)
+    shirt, trousers = driver.code_trust.split(3)
+    assert len(shirt.unique()) == 1 and shirt[0] > 0.8 and trousers[0] < 0.4
+    believed = codes_unseen(copies, motion, rows, driver.code_trust)["trousers"]
+    error = lambda x: (x - codes[:, 3:]).square().sum()
+    assert error(believed) < error(unseen["trousers"])
+    assert torch.allclose(
+        believed, codes[:, 3:].mean(0) + trousers * (unseen["trousers"] - codes[:, 3:].mean(0)), atol=1e-5
+    )
+
+
 def test_a_code_of_a_frame_left_out_is_by_a_model_that_was_not_taught_it():
     torch.manual_seed(0)
     motion, rows = track(range(80), features=6), torch.arange(80)

@@ -137,6 +137,7 @@ class Driver(nn.Module):
         self.register_buffer("code_spread", torch.ones(total))
         self.register_buffer("code_weight", torch.ones(total) / total**0.5)  # their squares sum to 1
         self.register_buffer("code_range", torch.tensor([[-1.0], [1.0]]).repeat(1, total))  # of training, scaled
+        self.register_buffer("code_trust", torch.ones(total))  # share of what is read that is believed, one a garment
 
     @torch.no_grad()
     def scale(self, features, codes, reach=None):
@@ -162,8 +163,18 @@ class Driver(nn.Module):
         return dict(zip(self.sizes, codes.split(list(self.sizes.values()), dim=1)))
 
     def read(self, track):
-        """Scaled codes (T,Z) of a Track as the model gives them, within the range of the training's."""
-        return self._read(track).clamp(*self.code_range)
+        """Scaled codes (T,Z) of a Track as far as the model is believed, within the range of the training's."""
+        return self._read(track).clamp(*self.code_range) * self.code_trust
+
+    @torch.no_grad()
+    def believe(self, unseen, targets):
+        """Sets the share of each garment that leaves the least squared error, of codes (F,Z) that poses told where they were not taught
+        and the right ones: what poses say by chance is not shown."""
+        told, right = self.scaled(unseen), self.scaled(targets)
+        parts = zip(told.split(list(self.sizes.values()), 1), right.split(list(self.sizes.values()), 1))
+        shares = [(a * b).sum() / a.square().sum().clamp(min=1e-12) for a, b in parts]
+        sizes = torch.tensor(list(self.sizes.values()))
+        self.code_trust.copy_(torch.stack(shares).clamp(0, 1).repeat_interleave(sizes))
 
     def _read(self, track):
         features = self.projection(track.features)
@@ -215,7 +226,10 @@ def load_driver(folder):
         ) from None
     except (KeyError, TypeError) as error:
         raise UserError(f"{path}: not a temporal model's facts: {error}") from None
-    load_model(driver, tensors, path)
+    try:
+        load_model(driver, tensors, path)
+    except UserError as error:
+        raise UserError(f"{error}; `toile train RUN {folder} --temporal` makes the model anew") from None
     return driver.eval(), int(facts["stride"]), facts.get("measured", {})
 
 

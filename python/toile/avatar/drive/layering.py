@@ -31,14 +31,14 @@ class GarmentLayering:
     @torch.no_grad()
     def __call__(self, decoded, pose):
         """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left). `pose` {"rotations" (1,K,3),
-        "translation" (1,3)}: the sample's. What keeps pairs, or is drawn out long, is led there from rest in its stead, if that
+        "translation" (1,3)}: the sample's. What keeps pairs, or is drawn out long, is led there in its stead, if that
         leaves fewer pairs, or as few and shorter edges."""
         cloth = {g.name: points(decoded[g.name]) for g in self.garments}
         found = self.layering.solve(points(decoded[self.body.name]), cloth)
         before = found.intersections_before
-        if self._caught(cloth, found):
-            rank = lambda f: (f.intersections_left, self._stretch(cloth, f.vertices))
-            found = min(found, self._from_rest(decoded, pose), key=rank)
+        ways = self._ways(decoded, pose)
+        while self._caught(cloth, found) and (other := next(ways, None)) is not None:
+            found = min(found, other, key=lambda f: (f.intersections_left, self._stretch(cloth, f.vertices)))
         moved = dict(decoded)
         for name, V in found.vertices.items():
             moved[name] = replace(decoded[name], vertices=self._tensor(V, decoded[name]))
@@ -54,23 +54,23 @@ class GarmentLayering:
         grown = [length(moved[name], ij) - length(cloth[name], ij) for name, ij in self.edges.items()]
         return max((float(one.max(initial=0)) for one in grown), default=0.0)
 
-    def _from_rest(self, decoded, pose):
-        """Layered of the frame's shapes, taken from rest to its pose in small turns: cloth carried along and moved out at each, so that
-        a limb comes to its place pushing the cloth before it. Shapes that meet even the resting body come there in small steps
-        from the garments' rest shapes."""
+    def _ways(self, decoded, pose):
+        """Layered of the frame's shapes as they come to its pose: from rest, in small turns, cloth carried along and moved out at each,
+        so that a limb comes to its place pushing the cloth before it; and so that cloth is about the right limbs even at rest, after
+        small steps there from the garments' rest shapes."""
         way = _Way(self, decoded, pose)
-        goal = {name: way.unposed[name] for name in self.edges}
-        if self._caught(way.posed(0.0)[1], way.go(0.0)):
-            rest = {g.name: goal[g.name].new_tensor(g.rest)[None] for g in self.garments}
-            step = {name: (goal[name] - rest[name]) / SHAPES for name in goal}
-            way.unposed |= rest
+        if way.go(0.0).intersections_left == 0:
+            yield way.turn()
+        way = _Way(self, decoded, pose)
+        goal = {g.name: way.unposed[g.name] for g in self.garments}
+        rest = {g.name: goal[g.name].new_tensor(g.rest)[None] for g in self.garments}
+        step = {name: (goal[name] - rest[name]) / SHAPES for name in goal}
+        way.unposed |= rest
+        way.go(0.0)
+        for _ in range(SHAPES):
+            way.unposed |= {name: way.unposed[name] + one for name, one in step.items()}
             way.go(0.0)
-            for _ in range(SHAPES):
-                way.unposed |= {name: way.unposed[name] + one for name, one in step.items()}
-                way.go(0.0)
-        for share in shares(pose["rotations"]):
-            found = way.go(share)
-        return found
+        yield way.turn()
 
     def _tensor(self, V, like):
         return torch.tensor(V, dtype=torch.float32, device=like.vertices.device)[None]
@@ -86,18 +86,19 @@ class _Way:
         transforms = self.skeleton(pose["rotations"], pose["translation"])
         self.unposed = {name: self.skin[name].unpose(one.vertices, *transforms) for name, one in decoded.items()}
 
-    def posed(self, share):
-        """(body (n,3), {garment: (n,3)}, transforms) at so much of the way from rest to the pose; the root turns as in the pose."""
+    def turn(self):
+        """Layered at the pose, all the way from rest."""
+        for share in shares(self.pose["rotations"]):
+            found = self.go(share)
+        return found
+
+    def go(self, share):
+        """Layered of the shapes at so much of the way from rest to the pose, which they take on; the root turns as in the pose."""
         rotations = self.pose["rotations"] * share
         rotations[:, 0] = self.pose["rotations"][:, 0]
         transforms = self.skeleton(rotations, self.pose["translation"])
         posed = {name: _array(self.skin[name].pose(V, *transforms)) for name, V in self.unposed.items()}
-        return posed.pop(self.layering.body.name), posed, transforms
-
-    def go(self, share):
-        """Layered of the shapes there, which they take on."""
-        body, cloth, transforms = self.posed(share)
-        found = self.layering.layering.solve(body, cloth)
+        found = self.layering.layering.solve(posed.pop(self.layering.body.name), posed)
         for name, V in found.vertices.items():
             self.unposed[name] = self.skin[name].unpose(self.unposed[name].new_tensor(V)[None], *transforms)
         return found

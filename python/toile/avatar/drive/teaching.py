@@ -56,6 +56,9 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     steps, copies = stop_at(driver, poses, scaled, progress)
     unseen = codes_unseen(copies, track, rows)
     list(fit(driver, poses, scaled, steps))
+    if unseen:
+        driver.believe(torch.cat([unseen[name] for name in sizes], 1), targets)
+        unseen = codes_unseen(copies, track, rows, driver.code_trust)
     measured = {"steps": steps, "code_error": relative_error(driver, track, data.frames, targets)}
     if facts["holdout"]:
         new = data_of(run, folder, facts, "evaluation", facts["holdout"])
@@ -129,10 +132,13 @@ def stop_at(driver, poses, targets, progress):
 
 
 @torch.no_grad()
-def codes_unseen(copies, track, rows):
-    """{garment: (F,Z)} of the frames at these rows (F,) of a Track, each by the copy of `stop_at` that was not taught it; {}
-    where there are none."""
-    found = [{name: codes[rows[left_out]] for name, codes in copy.latents(track).items()} for left_out, copy in copies]
+def codes_unseen(copies, track, rows, trust=1.0):
+    """{garment: (F,Z)} of the frames at these rows (F,) of a Track, each by the copy of `stop_at` that was not taught it, as far as
+    they are believed; {} where there are none."""
+    found = []
+    for left_out, copy in copies:
+        copy.code_trust.copy_(torch.as_tensor(trust))
+        found.append({name: codes[rows[left_out]] for name, codes in copy.latents(track).items()})
     return {name: torch.cat([one[name] for one in found]) for name in found[0]} if found else {}
 
 
