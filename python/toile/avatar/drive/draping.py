@@ -129,9 +129,8 @@ def torn(strain):
     """What a user should know of the largest strain of an edge while cloth was simulated."""
     if strain <= TORN:
         return []
-    return [
-        f"cloth: an edge was stretched to {1 + strain:.1f} times its length: something has drawn it along, look at it"
-    ]
+    drawn = f"cloth: an edge was stretched to {1 + strain:.1f} times its length: something has drawn it along"
+    return [f"{drawn}, look at it; with --no-physics codes drive instead"]
 
 
 class Draping:
