@@ -98,3 +98,19 @@ def test_a_trace_counts_for_what_it_was_left_by(tmp_path):
     for text, late in (("mark\n", False), ("mark\nTimeout (0:00:02)!\nThread", True), ("other\nTimeout", False)):
         trace.write_text(text)
         assert (own.missed() is not None) == late
+
+
+def test_frames_that_failed_keep_their_traces_and_blame_nobody_later(tmp_path):
+    results = FrameFolders(tmp_path / "frames", Status.of(tmp_path), "make")
+    trace = {number: results.folder(number) / "late.txt" for number in (1, 2, 3)}
+
+    def ended(number):
+        write_text(trace[number], f"{number:06d}\nTimeout (0:00:15)!\nThread")
+
+    for number in (1, 2):  # one after the other
+        ended(number)
+        assert results.fail_late([1, 2, 3], LIMIT) is True
+    assert results.fail_late([1, 2, 3], LIMIT) is None  # as when what is left is made by a later pass
+    assert all(trace[number].exists() and results.reason(number) for number in (1, 2))
+    ended(3)
+    assert results.fail_late([1, 2, 3], LIMIT) is True and results.reason(3)

@@ -91,11 +91,12 @@ def train(
 def say_cloths(avatar):
     """A line a garment: what drives it from now on, and why."""
     from .drive.draping import load_cloths
+    from .drive.residual import CODES
     from .model.checkpoint import load_avatar
 
     for name, cloth in load_cloths(avatar, load_avatar(avatar).layers).items():
         missed = {of: 1e3 * value for of, value in cloth.residual.missed.items()}
-        if "codes" not in missed:
+        if CODES not in missed:
             words = f"{name}: codes drive it: too few frames to leave some out and see how it hangs"
             speech.result(words, garment=name, as_cloth=False)
         else:

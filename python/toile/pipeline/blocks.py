@@ -85,11 +85,12 @@ class FrameFolders:
         return iter(begin() or ()) if limit is None else self._deadline(frame, limit).within(begin)
 
     def fail_late(self, frames: Iterable[int], limit: float | None) -> bool | None:
-        """Those of the frames that have ended a process by their limit have failed. None: there are none. False: others were
-        under way in it, and any of them may have kept Python's lock from all: none has failed, they are to be made alone."""
+        """Those of the frames that have ended a process by their limit, and have not failed yet, have failed. None: there are none.
+        False: others were under way in it, and any of them may have kept Python's lock from all: none has failed, they are to be
+        made alone."""
         if limit is None:
             return None
-        deadlines = {frame: self._deadline(frame, limit) for frame in frames}
+        deadlines = {frame: self._deadline(frame, limit) for frame in frames if self.reason(frame) is None}
         late = {frame: why for frame, deadline in deadlines.items() if (why := deadline.missed()) is not None}
         known = sum(deadline.begun() for deadline in deadlines.values()) == 1
         for frame, why in late.items():
