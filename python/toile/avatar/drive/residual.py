@@ -41,9 +41,7 @@ class Residual:
     weights: np.ndarray  # (T,k)
     modes: np.ndarray  # (k,n,3), orthonormal
     trust: float  # share of x beside c
-    missed: (
-        dict  # {MEAN, CLOTH, JOINED, and where codes were known CODES, MIXED: root mean square [m] in frames left out}
-    )
+    missed: dict  # {MEAN, CLOTH, JOINED, CODES, MIXED: root mean square [m] in frames left out}, of codes where known
 
     @classmethod
     def none(cls, n):
