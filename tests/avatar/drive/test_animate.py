@@ -164,7 +164,7 @@ def test_no_pair_of_cloth_and_body_is_left(made):
 
 def test_the_registered_poses_place_the_body_where_it_was_registered(avatar_folder, sample_run):
     driven = DrivenAvatar(avatar_folder, sample_run)
-    decoded, _, _ = driven.decode(1, driven.batch(1, driven.avatar.cameras[0]))
+    decoded, *_ = driven.decode(1, driven.batch(1, driven.avatar.cameras[0]))
     registered = open_run(sample_run).inner.at(1)
     assert np.linalg.norm(decoded["body"].vertices[0].numpy() - registered, axis=1).mean() < 0.02
 
@@ -262,7 +262,7 @@ def test_an_animation_is_exported_with_its_skeleton_and_textures(made, tmp_path)
 
 def test_a_posed_avatar_turns_what_it_is_told_to_and_nothing_else(avatar_folder, sample_run):
     posed, driven = PosedAvatar(avatar_folder, sample_run), DrivenAvatar(avatar_folder, sample_run)
-    decoded, _, _ = driven.decode(1, driven.batch(1, driven.avatar.cameras[0]))
+    decoded, *_ = driven.decode(1, driven.batch(1, driven.avatar.cameras[0]))
     for name, V in posed.vertices(1, {}).items():
         assert np.abs(V - decoded[name].vertices[0].numpy()).max() < 1e-5
     still, raised = posed.vertices(1, {"head turned": 0.0})["body"], posed.vertices(1, {"left arm up": 0.5})["body"]

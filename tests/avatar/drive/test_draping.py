@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from toile.avatar.command import say_cloths
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
-from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, outdated, torn, worn_cloths
+from toile.avatar.drive.draping import cloth_file, doubts, load_cloths, made_of, outdated, relieved, worn_cloths
 from toile.avatar.drive.residual import ALIKE, CLOTH, CODES, JOINED, MEAN, MIXED, Residual, teach
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.measure.evaluation import evaluate_avatar
@@ -93,13 +94,56 @@ def test_cloth_that_lies_farther_off_than_the_mean_shape_is_said(avatar_folder, 
     assert doubts(of(0.023, 0.039)) == [said]
 
 
-def test_cloth_that_something_has_drawn_along_is_said(avatar_folder, sample_run, tmp_path, monkeypatch):
-    assert torn(0.8) == []
+def test_where_codes_drive_in_place_of_cloth_is_said(avatar_folder, sample_run, tmp_path, monkeypatch):
+    assert relieved({}, 0.8) == []
+    (said,) = relieved({4: 0.5, 7: 0.25}, 2.1)
+    assert "codes drive in its stead in 2 frames, in frame 7 by 75 %: an edge had been stretched to 3.1 times" in said
+    assert "cloth could not be led out of the body" in relieved({4: 0.0}, 0.7)[0]
     monkeypatch.setattr("toile.avatar.drive.draping.TORN", -1.0)  # any strain is too much
     done = animate(avatar_folder, sample_run, tmp_path / "torn", frames=[1], height=32, physics=True)
-    assert any("an edge was stretched to 1." in one and "look at it" in one for one in done.warnings)
+    assert any("codes drive in its stead in 1 frames, in frame 1" in one for one in done.warnings)
     result = evaluate_avatar(avatar_folder, [3], sheets=False, driven=True, physics=True)
-    assert any("look at it" in one for one in result["warnings"])
+    assert any("codes drive in its stead in 1 frames, in frame 3" in one for one in result["warnings"])
+    assert 0 < result["all"]["driven"]["physics"]["shares"][3] < 1
+
+
+def test_the_farther_an_edge_is_drawn_out_the_less_cloth_is_shown_until_it_begins_anew(driven):
+    """And then comes back within half a second."""
+    one = driven.draped(driven.draping.cloths, np.arange(4))
+    one.times = np.arange(4) * 0.25
+    strains, begun = iter((1.5, 2.5, 0.1)), []
+    V = driven.draping.fallen["tshirt"] + 0.01
+
+    def start(V, under):
+        begun.append(one.row)
+        return SimpleNamespace(V=V, strain=0.0)
+
+    def at(row):
+        decoded = driven.geometry(row)
+        shown = one.at(row, decoded, driven.unseen(row))["tshirt"].vertices
+        return float((shown - decoded["tshirt"].vertices).norm(dim=2).mean())
+
+    one._solver = lambda *_: SimpleNamespace(start=start, step=lambda *_: SimpleNamespace(V=V, strain=next(strains)))
+    off = [at(0)]
+    assert one.shares == {"tshirt": 1.0} and begun == [0]
+    off.append(at(1))
+    assert one.shares == {"tshirt": 0.5} and begun == [0] and off[1] > 1e-3
+    off.append(at(2))
+    assert one.shares == {"tshirt": 0.0} and begun == [0, 2] and off[2] < 1e-6
+    off.append(at(3))
+    assert one.shares == {"tshirt": 0.5} and begun == [0, 2] and off[3] > 1e-3
+
+
+def test_cloth_that_cannot_be_led_out_of_the_body_gives_way_to_codes(driven):
+    one, decoded, batch = driven.draped(driven.draping.cloths, np.arange(4)), driven.geometry(2), driven.unseen(2)
+    cloth = one.at(2, decoded, batch)["tshirt"].vertices
+    away = lambda shown: float((shown["tshirt"].vertices - decoded["tshirt"].vertices).norm())
+    whole = away({"tshirt": replace(decoded["tshirt"], vertices=cloth)})
+    for most, share in ((whole, 1.0), (0.6 * whole, 0.5), (0.4 * whole, 0.0), (-1.0, 1.0)):
+        one.layering = lambda shown, _, most=most: (shown, 9, 0 if away(shown) <= most * 1.001 else 5)
+        (shown, before, left), told = one.clear(2, decoded, batch)
+        assert told == share and before == 9 and left == (5 if most < 0 else 0)
+        assert abs(away(shown) - share * whole) < 1e-3 * whole
 
 
 @pytest.fixture

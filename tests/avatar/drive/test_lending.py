@@ -93,7 +93,7 @@ def test_by_physics_it_hangs_as_the_cloth_that_it_is(owner, taller, sample_run, 
     ensure_worn(taller, {"tshirt": owner})
     assert cloth_file(owner, "tshirt").exists() and not cloth_file(taller, "tshirt").exists()
     driven = DrivenAvatar(taller, sample_run, physics=True, garments={"tshirt": owner})
-    decoded, _, left = driven.decode(1, driven.unseen(1))
+    decoded, _, left, _ = driven.decode(1, driven.unseen(1))
     by_codes = driven.geometry(1)["tshirt"].vertices
     assert left == 0 and 1e-4 < (decoded["tshirt"].vertices - by_codes).norm(dim=-1).mean() < 0.05
     done = animate(taller, sample_run, tmp_path / "hung", [1], height=32, physics=True, garments={"tshirt": owner})

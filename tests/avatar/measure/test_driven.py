@@ -51,7 +51,7 @@ def test_it_shows_what_an_animation_of_the_run_shows(held, folder, sample_run):
     for name, place in (("layered", folder), ("temporal model", folder / "baseline")):
         driven = DrivenAvatar(place, sample_run)
         i, camera = list(driven.motion.frames).index(3), driven.avatar.cameras[0]
-        decoded, _, _ = driven.decode(i, driven.batch(i, camera, 0))
+        decoded, *_ = driven.decode(i, driven.batch(i, camera, 0))
         placed = held._placed(name, 3)
         for layer, one in decoded.items():
             assert np.abs(one.vertices[0].cpu().numpy() - placed[layer]).max() < 1e-5

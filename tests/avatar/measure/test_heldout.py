@@ -9,6 +9,7 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
+from toile.avatar.drive.layering import GarmentLayering
 from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.measure.heldout import HeldOut, _chosen
 from toile.avatar.measure.report import write_avatar_report
@@ -39,6 +40,15 @@ def avatar(sample_run, tmp_path_factory):
 @pytest.fixture(scope="module")
 def result(avatar):
     return evaluate_avatar(avatar)
+
+
+def test_pairs_that_are_left_are_said_with_the_worst_frame(avatar, result, monkeypatch):
+    said = (
+        "5 pairs of triangles of garments and what lies under them still intersect, in 1 of 1 frames, most in frame 3"
+    )
+    assert result["all"]["intersections"]["left"] == 0 and said not in result["warnings"]
+    monkeypatch.setattr(GarmentLayering, "__call__", lambda self, decoded, pose: (decoded, 9, 5))
+    assert said in evaluate_avatar(avatar, sheets=False)["warnings"]
 
 
 def test_the_json_has_the_documented_shape(avatar, result):

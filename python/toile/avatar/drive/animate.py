@@ -34,7 +34,7 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import pose_distance
 from .apart import take
-from .draping import Draping, doubts, outdated, torn, worn_cloths
+from .draping import Draping, doubts, outdated, relieved, worn_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
@@ -176,11 +176,13 @@ class DrivenAvatar:
 
     @torch.no_grad()
     def decode(self, i, batch):
-        """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left)."""
+        """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left, share of what hangs that is
+        shown as cloth)."""
         decoded = self.avatar.decode(batch, self._codes(i))
         if self.draping:
-            decoded = self.draping.at(i, decoded, batch)
-        return self.layering(decoded, batch)
+            placed, share = self.draping.clear(i, decoded, batch)
+            return *placed, share
+        return *self.layering(decoded, batch), 1.0
 
     @torch.no_grad()
     def picture(self, decoded, batch, size):
@@ -214,14 +216,14 @@ class Shot:
         return self.path(self.rows[0])[0].size
 
     def make(self, i):
-        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, strain of the cloth so far)."""
+        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, share of cloth, its strain so far)."""
         with one_thread():
             yield i, *self._make(i)
 
     def _make(self, i):
         driven, (seen_by, index) = self.driven, self.path(i)
         batch = driven.batch(i, seen_by, index)
-        decoded, before, left = driven.decode(i, batch)
+        decoded, before, left, share = driven.decode(i, batch)
         number = int(driven.motion.frames[i])
         write_image(picture_file(self.out, number), driven.picture(decoded, batch, seen_by.size))
         for layer in driven.avatar.layers if self.meshes else ():
@@ -229,7 +231,7 @@ class Shot:
             write_mesh(mesh_file(self.out, layer.name, number), Mesh(V, layer.faces))
         if self.meshes and i == self.rows[0]:
             write_still(self.out, driven, decoded, self.rows)
-        return int(before), int(left), driven.draping.strain if driven.draping else 0.0
+        return int(before), int(left), share, driven.draping.strain if driven.draping else 0.0
 
 
 def animate(
@@ -272,9 +274,11 @@ def animate(
             shot = pool.prepared()
             driven, rows = shot.driven, shot.rows
             with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
-                pairs = filmed(pool.each(Shot.make, rows), shot, film, progress)
-        before, left, strains = zip(*pairs.values())
-        before, left, warnings = sum(before), sum(left), (*driven.warnings, *torn(max(strains)))
+                made = filmed(pool.each(Shot.make, rows), shot, film, progress)
+        before, left, shares, strains = zip(*(made[row] for row in rows))
+        before, left = sum(before), sum(left)
+        less = {int(driven.motion.frames[row]): share for row, share in zip(rows, shares) if share < 1}
+        warnings = (*driven.warnings, *relieved(less, max(strains)))
         limbs = taken.apart and taken.apart.facts(rows)
         hung = tuple(driven.draping.cloths) if driven.draping else ()
         done = Animation(len(rows), before, left, warnings, limbs, hung)
@@ -286,15 +290,16 @@ def animate(
 
 
 def filmed(made, shot, film, progress):
-    """{row: (pairs before, pairs left, strain)} of the rows as they are made; their pictures go to the film in the rows' order."""
-    waiting, pairs = deque(shot.rows), {}
-    for row, *counts in made:
-        pairs[row] = counts
-        while waiting and waiting[0] in pairs:
+    """{row: (pairs before, pairs left, share of cloth, strain)} of the rows as they are made; their pictures go to the film in the rows'
+    order."""
+    waiting, found = deque(shot.rows), {}
+    for row, *measured in made:
+        found[row] = measured
+        while waiting and waiting[0] in found:
             file = picture_file(shot.out, int(shot.driven.motion.frames[waiting.popleft()]))
             film.add(read_image(file, shot.size, "RGB"))
-        progress("animate", len(pairs), len(shot.rows))
-    return pairs
+        progress("animate", len(found), len(shot.rows))
+    return found
 
 
 def write_still(out, driven, decoded, rows):

@@ -22,7 +22,10 @@ from .residual import CLOTH, CODES, JOINED, MEAN, MIXED, Residual, moving
 GRAVITY = 9.81  # [m/s^2], against the scene's up
 GAIN = 0.95  # a garment hangs unasked if what is shown then misses at most so much of what codes alone miss
 TORN = 1.0  # strain of an edge beyond which something has drawn the cloth along; 0.7 to 0.8 where shirts hung right
-VERSION = 3  # of how cloth is simulated and what is kept of it
+LOST = 2.0  # strain at which none of it is shown and cloth begins anew
+RETURN = 0.5  # [s] in which cloth that began anew is shown in full again
+LESS = (1.0, 0.5, 0.0)  # of the cloth's share, tried in turn until no pair is left with what lies under it
+VERSION = 4  # of how cloth is simulated and what is kept of it
 
 
 @dataclass(frozen=True)
@@ -125,12 +128,21 @@ def doubts(cloths):
     return found
 
 
-def torn(strain):
-    """What a user should know of the largest strain of an edge while cloth was simulated."""
-    if strain <= TORN:
+def relieved(shares, strain):
+    """What a user should know of the shares {frame: of cloth beside codes, where it is not all} and of the largest strain of an edge while
+    cloth was simulated."""
+    if not shares:
         return []
-    drawn = f"cloth: an edge was stretched to {1 + strain:.1f} times its length: something has drawn it along"
-    return [f"{drawn}, look at it; with --no-physics codes drive instead"]
+    worst = min(shares, key=shares.get)
+    least = f"in frame {worst} by {100 * (1 - shares[worst]):.0f} %"
+    why = (
+        f"an edge had been stretched to {1 + strain:.1f} times its length"
+        if strain > TORN
+        else "cloth could not be led out of the body"
+    )
+    return [
+        f"cloth: codes drive in its stead in {len(shares)} frames, {least}: {why}; with --no-physics they drive all"
+    ]
 
 
 class Draping:
@@ -138,45 +150,69 @@ class Draping:
 
     `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins, and its batch; `times` (T,) [s] and
     `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth
-    begins at rest on the first frame, out of the body by `layering`, and settles there.
+    begins at rest on the first frame, out of the body by `layering`, and settles there. The more an edge is drawn out beyond TORN, the
+    more of the codes' shape is shown in its stead; beyond LOST it begins anew.
     """
 
     def __init__(self, avatar, cloths, layering, times, rotations, frame, readers):
         self.avatar, self.cloths, self.layering, self.times, self.frame = avatar, cloths, layering, times, frame
-        self.row, self.solvers, self.fallen, self.strain = None, {}, {}, 0.0
+        self.row, self.solvers, self.fallen, self.shares, self.strain = None, {}, {}, {}, 0.0
         rotations = torch.as_tensor(rotations, dtype=torch.float32)
         read = {one: moving(one.carried(rotations.to(one.up.device)).cpu().numpy(), times) for one in readers.values()}
         self.poses = {name: read[readers[name]] for name in cloths}
 
     @torch.no_grad()
-    def at(self, i, decoded, batch):
-        """`decoded` of frame i with the garments where cloth falls. Frames are simulated in order: going back begins anew."""
+    def at(self, i, decoded, batch, part=1.0):
+        """`decoded` of frame i with the garments where cloth falls, of its share beside codes so large a `part`. Frames are simulated in
+        order: going back begins anew."""
         if self.row is None or i < self.row:
             self._begin(*((decoded, batch) if i == 0 else self.frame(0)))
         while self.row < i:
-            self._go_on(decoded if self.row + 1 == i else self.frame(self.row + 1)[0])
+            self._go_on(*((decoded, batch) if self.row + 1 == i else self.frame(self.row + 1)))
         transforms = self.avatar.skeleton(batch["rotations"], batch["translation"])
-        shown = {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
+        shown = {name: self._shown(name, V, decoded[name], transforms, part) for name, V in self.fallen.items()}
         return decoded | shown
 
-    def _shown(self, name, V, decoded, transforms):
+    def clear(self, i, decoded, batch):
+        """(What `layering` gives of frame i, the least share of cloth in it); of less cloth where it keeps pairs of more."""
+        best, share = None, 1.0
+        for part in LESS:
+            found = self.layering(self.at(i, decoded, batch, part), batch)
+            if best is None or found[2] < best[2]:
+                best, share = found, part
+            if not best[2]:
+                break
+        return best, share * min(self.shares.values(), default=1.0)
+
+    def _shown(self, name, V, decoded, transforms, part):
         """The residual added and the codes' shape mixed in, where the body carries it."""
         skin, like, cloth = self.avatar.model(name).skin, decoded.vertices, self.cloths[name]
         pose = self.poses[name][self.row]
         unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
         by_codes = decoded.unposed[0].double().cpu().numpy()
         mixed = cloth.residual.mix(cloth.residual.add(unposed, pose), by_codes, pose)
+        mixed = by_codes + part * self.shares[name] * (mixed - by_codes)
         return replace(decoded, vertices=skin.pose(like.new_tensor(mixed)[None], *transforms))
 
     def _begin(self, decoded, batch):
         clear = self.layering(decoded, batch)[0]
-        self.row, self.solvers = 0, {}
+        self.row, self.solvers, self.shares = 0, {}, dict.fromkeys(self.cloths, 1.0)
         self._fall(decoded, lambda name, under: self.solvers[name].start(points(clear[name]), under))
 
-    def _go_on(self, decoded):
+    def _go_on(self, decoded, batch):
         dt = float(self.times[self.row + 1] - self.times[self.row])
         self.row += 1
-        self._fall(decoded, lambda name, under: self.solvers[name].step(under, dt))
+        self._fall(decoded, lambda name, under: self._step(name, under, dt, decoded, batch))
+
+    def _step(self, name, under, dt, decoded, batch):
+        """A garment one step on; from the codes' shape, where something had drawn it out."""
+        found = self.solvers[name].step(under, dt)
+        held = np.clip((LOST - found.strain) / (LOST - TORN), 0.0, 1.0)
+        self.strain = max(self.strain, found.strain)
+        self.shares[name] = float(min(held, self.shares[name] + dt / RETURN))
+        if held > 0:
+            return found
+        return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under)
 
     def _fall(self, decoded, move):
         under_V, under_F = points(decoded[self.layering.body.name]), self.layering.layering.skin_faces
@@ -185,9 +221,7 @@ class Draping:
             if layer.name in self.cloths:
                 if layer.name not in self.solvers:
                     self.solvers[layer.name] = self._solver(layer, under_F, len(under_V))
-                found = move(layer.name, under_V)
-                V = self.fallen[layer.name] = found.V
-                self.strain = max(self.strain, found.strain)
+                V = self.fallen[layer.name] = move(layer.name, under_V).V
             under_F = np.concatenate([under_F, np.asarray(layer.faces, np.int32) + len(under_V)])
             under_V = np.concatenate([under_V, V])
 

@@ -13,7 +13,7 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ..drive.draping import Draping, doubts, outdated, torn, worn_cloths
+from ..drive.draping import Draping, doubts, outdated, relieved, worn_cloths
 from ..drive.driver import load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
@@ -39,6 +39,7 @@ class Driven(HeldOut):
         lead = max((cloth.asked.lead for cloth in cloths.values()), default=0)
         self.led = [n for n in run.ok if n < self.frames[0]][-lead:] if lead else []
         self.latents, self.driver, self.measured, self.draping, self.shown = {}, None, {}, None, {}
+        self.less = {}  # {frame: share of cloth in what is shown}, where it is not all
         if "layered" in self.avatars:
             avatar, self.shown["layered"] = self.avatars["layered"], "layered"
             self.latents["layered"] = self._garment_codes(folder, avatar)
@@ -113,11 +114,16 @@ class Driven(HeldOut):
     def _placed(self, name, frame):
         """{layer: vertices (n,3)}, garments out of the body."""
         if frame not in self.decoded[name]:
-            decoded, pose = self._posed(name, frame), self._steered(frame)
-            if name == "layered" and self.draping:
-                decoded = self.draping.at((self.led + self.span).index(frame), decoded, pose)
-            self._keep(name, frame, decoded, pose)
+            self._keep(name, frame, self._posed(name, frame), self._steered(frame))
         return self.decoded[name][frame]
+
+    def _clear(self, frame, decoded, pose):
+        if not self.draping:
+            return super()._clear(frame, decoded, pose)
+        found, share = self.draping.clear((self.led + self.span).index(frame), decoded, pose)
+        if share < 1:
+            self.less[frame] = share
+        return found
 
     def summary(self, errors):
         """What evaluation says of what drives the avatars, beside its usual measures."""
@@ -168,11 +174,13 @@ class Driven(HeldOut):
         return found
 
     def _physics(self):
-        """strain of the most stretched edge, the cloth's own pairs, and {garment: what was missed where its frames were left out [mm]}."""
-        self.warnings += torn(self.draping.strain)
+        """strain of the most stretched edge, {frame: the share of cloth, where codes had to help}, the cloth's own pairs, and {garment: what
+        was missed where its frames were left out [mm]}."""
+        self.warnings += relieved(self.less, self.draping.strain)
         cloths = self.draping.cloths.items()
         missed = {n: {of: 1e3 * m for of, m in cloth.residual.missed.items()} for n, cloth in cloths}
-        return {"strain": self.draping.strain, "self_pairs": self._self_pairs(), "missed_mm": missed}
+        own = self._self_pairs()
+        return {"strain": self.draping.strain, "shares": self.less, "self_pairs": own, "missed_mm": missed}
 
     def _self_pairs(self):
         """{garment: pairs of its own triangles that intersect}, mean over the span: cloth does not meet itself."""

@@ -150,6 +150,7 @@ def evaluate_avatar(
     result = _result(held, errors, sources, float(np.mean(spacing)))
     result["all"]["driven"] = held.summary(errors) if driven else None
     result["all"]["intersections"] = held.intersecting()  # of the frames between the pictures too
+    result["warnings"] += held.piercing()
     return result
 
 

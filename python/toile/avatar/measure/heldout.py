@@ -159,11 +159,15 @@ class HeldOut:
         """{layer: vertices (n,3)} of a frame, which no camera changes; the layered avatar's garments out of the body."""
         if frame not in self.decoded[name]:
             if self.shown[name] == "layered":
-                decoded, *self.intersections[frame] = self.layering(decoded, pose)
+                decoded, *self.intersections[frame] = self._clear(frame, decoded, pose)
             self.decoded[name][frame] = {
                 layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()
             }
         return self.decoded[name][frame]
+
+    def _clear(self, frame, decoded, pose):
+        """({layer: Decoded} with garments out of the body, pairs before, pairs left)."""
+        return self.layering(decoded, pose)
 
     def intersecting(self):
         """Pairs of triangles of garments and what lies under them, over the decoded frames; None without an avatar of layers."""
@@ -171,6 +175,15 @@ class HeldOut:
             return None
         before, left = np.sum(list(self.intersections.values()), axis=0)
         return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
+
+    def piercing(self):
+        """What a user should know of pairs that are left."""
+        left = {frame: int(left) for frame, (_, left) in self.intersections.items() if left}
+        if not left:
+            return []
+        worst = max(left, key=left.get)
+        of = f"in {len(left)} of {len(self.intersections)} frames, most in frame {worst}"
+        return [f"{sum(left.values())} pairs of triangles of garments and what lies under them still intersect, {of}"]
 
     def unseen_views(self, frame, count=4):
         """Pictures (H,W,3) of a frame by the first avatar from `count` places between the cameras', where none stands."""
