@@ -74,7 +74,7 @@ def test_on_another_body_it_keeps_its_lengths_and_lies_outside(worn, owner, samp
     lent = worn.lent[0]
     assert 0 < lent.strain < 0.05 and not lent.warnings
     for row in range(3):
-        _, before, left = worn.decode(row, worn.unseen(row))
+        _, before, left, _ = worn.decode(row, worn.unseen(row))
         assert left == 0
     body = worn.avatar.layers[0]
     assert np.allclose(body.rest, 1.04 * lent.lender.layers[0].rest)  # the wearer's
@@ -104,7 +104,7 @@ def test_by_physics_it_hangs_as_the_cloth_that_it_is(owner, taller, sample_run, 
 
 def test_a_posed_avatar_wears_it_too(owner, taller, worn, sample_run):
     posed = PosedAvatar(taller, sample_run, {"tshirt": owner})
-    decoded, _, _ = worn.decode(1, worn.unseen(1))
+    decoded, *_ = worn.decode(1, worn.unseen(1))
     assert np.abs(posed.vertices(1, {})["tshirt"] - decoded["tshirt"].vertices[0].numpy()).max() < 1e-5
 
 
