@@ -73,7 +73,7 @@ class Residual:
 
     def mix(self, hung, decoded, pose):
         """(n,3) unposed: `hung` as `add` gave it, and the shape `decoded` from codes."""
-        return hung + (1 - self.trust) * self.nearness(pose) * (decoded - hung)
+        return blend(hung, decoded, self.trust, self.nearness(pose))
 
 
 def teach(poses, simulated, registered, decoded=None):
@@ -94,10 +94,15 @@ def teach(poses, simulated, registered, decoded=None):
     if decoded is not None and (seen := np.isfinite(decoded).all((1, 2))).any():
         known, joined = seen, shapes[JOINED]
         trust = best_share(registered[known], joined[known], decoded[known], near[known])
-        shapes |= {CODES: decoded, MIXED: joined + ((1 - trust) * near)[:, None, None] * (decoded - joined)}
+        shapes |= {CODES: decoded, MIXED: blend(joined, decoded, trust, near[:, None, None])}
         found = replace(found, trust=trust)
     off = {of: np.linalg.norm((x - registered)[known], axis=2) for of, x in shapes.items()}
     return replace(found, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
+
+
+def blend(hung, decoded, trust, near):
+    """Shapes (...,n,3) of cloth mixed with those of codes, which have their say near the poses of the training."""
+    return hung + (1 - trust) * near * (decoded - hung)
 
 
 def unseen_shapes(poses, simulated, registered, stretches, errors):
