@@ -99,7 +99,7 @@ bench: $(VENV)/.peers
 tradeoff: $(VENV)/.peers
 	$(BIN)/python -m bench.tradeoff tradeoff $(TRADEOFF)
 
-# the paper's comparisons: paper/index.html; what was stopped goes on. PAPER_FLAGS=--small takes minutes, without it days on a CPU
+# the paper's comparisons: paper/index.html; what was stopped goes on. some seven hours of two cores; PAPER_FLAGS=--small takes minutes
 paper: setup
 	$(BIN)/python -m bench.paper paper $(PAPER_FLAGS)
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from bench.paper.__main__ import small, with_values
+from bench.paper.__main__ import TABLE, arguments, small, with_values
 from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
 from bench.paper.study import Paper, Subject, link, once, span_held_out
@@ -183,6 +183,16 @@ def test_settings_are_changed_where_they_are_nested():
         settings.seed == 3 and not settings.network.view and settings.network.latent == AvatarSettings().network.latent
     )
     assert with_values(settings, ["data.crop=garment", "lr=0.01"]).data.crop == "garment"
+
+
+def test_without_a_capture_the_fair_table_is_asked_and_what_is_given_goes_above_it():
+    asked = arguments(["out", "--window", "7", "--set", "lr=1e-3"])
+    assert (asked.window, asked.holdout, asked.quality) == (7, "320-399", "draft")
+    assert asked.set == [*TABLE["set"], "lr=1e-3"]
+    settings = with_values(AvatarSettings(), asked.set)
+    assert settings.data.image == (224, 224) and settings.joint_steps == 1000 and settings.lr == 1e-3
+    given = arguments(["out", "capture"])
+    assert given.holdout is None and given.set == [] and given.quality == "standard"
 
 
 @pytest.mark.slow(seconds=420)
