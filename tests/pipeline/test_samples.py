@@ -57,6 +57,19 @@ def test_pictures_of_sampled_frames_wait_in_files_and_are_what_labels_see(tmp_pa
     assert list((tmp_path / "prepared").iterdir()) == []
 
 
+def test_frames_of_keypoints_alone_are_sampled_only_where_no_other_has_more(tmp_path):
+    for number in range(12):
+        frame = tmp_path / "frames" / f"{number:06d}"
+        shutil.copytree(SAMPLE / "frames" / "000000", frame) if number % 4 == 0 else frame.mkdir(parents=True)
+        shutil.copy(SAMPLE / "frames" / "000000" / "keypoints.json", frame)
+    for file in ("scene.toml", "cameras.json"):
+        shutil.copy(SAMPLE / file, tmp_path)
+    shutil.copytree(SAMPLE / "templates", tmp_path / "templates")
+    capture = open_capture(tmp_path)
+    assert list(samples.sampled_frames(capture, 3, range(12))) == [0, 4, 8]
+    assert list(samples.sampled_frames(capture, 2, (1, 2, 3))) == [1, 3]
+
+
 def test_no_two_pictures_are_held_whole(tmp_path, monkeypatch, threads):
     threads(1)
     alive = Alive(Capture.picture)

@@ -205,6 +205,16 @@ def test_cloth_that_the_scan_lacks_is_not_called_observed(scene):
     assert (result.confidence[result.vertices[:, 0] < 0.08] == 2).mean() > 0.9
 
 
+def test_without_a_scan_no_cloth_is_called_observed_and_without_pictures_all_is_guessed(scene):
+    """The tracked surface stands in for the scan then."""
+    model, person, frame, tracked, segmented, *_ = scene
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    picture = {"cam": np.zeros((2, 2, 3), np.uint8)}
+    for bare, most in ((replace(frame, scan=None), 0), (replace(frame, scan=None, images=picture), 1)):
+        result = Dresser(model, person, template, DressSettings()).dress(bare, tracked, segmented, dark(frame))
+        assert result.confidence.max() == most and result.diagnostics["observed"] == 0
+
+
 def test_a_hand_on_the_cloth_is_told_whatever_the_skeleton_calls_it(scene, tmp_path):
     model, person, frame, tracked, segmented, _, _ = scene
     template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())

@@ -172,6 +172,24 @@ def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
     assert np.linalg.norm(V - wrist, axis=1).min() < 0.05
 
 
+def test_frames_between_the_pictured_ones_have_keypoints_alone_and_change_no_other_frame(stepped, tmp_path):
+    from toile.io.capture import open_capture
+
+    make_capture(tmp_path / "x", StudioOptions(**STEPPED, between=True))
+    capture = open_capture(tmp_path / "x")
+    assert capture.frames == (0, 1, 2, 3)
+    assert [bool(capture.pictured(n)) for n in capture.frames] == [True, False, False, True]
+    assert [file.name for file in (tmp_path / "x" / "frames" / "000001").iterdir()] == ["keypoints.json"]
+    for n in (0, 3):
+        own, other = (digest(place / "frames" / f"{n:06d}") for place in (tmp_path / "x", stepped))
+        assert own == other
+    near, between = (np.stack(list(capture.keypoints(n).points.values())) for n in (0, 1))
+    both = (near[..., 2] > 0.5) & (between[..., 2] > 0.5)
+    assert capture.keypoints(0).names == capture.keypoints(1).names and both.mean() > 0.3
+    moved = np.linalg.norm(near[both][:, :2] - between[both][:, :2], axis=1)
+    assert 0 < np.median(moved) < 5  # of 64 pixels; noise is 2
+
+
 def test_a_discarded_seed_is_counted_and_replaced(tmp_path, monkeypatch):
     from toile.studio import make
     from toile.studio.truth import TruthRejected

@@ -87,7 +87,8 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
         for i, garment in enumerate(garments, 1):
             out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in shown)
     for layer in garments:
-        out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
+        if len(seen.points):  # without a scan it is said that none shows the surface
+            out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
         own = seen.points[seen.labels == layer.label]
         if len(own):
             cloth = kernels.SurfaceIndex(layer.vertices, layer.faces)

@@ -77,11 +77,20 @@ def samples_of(capture, run, config, identities):
 
 
 def sampled_frames(capture, count, frames):
-    """Numbers of frames spread evenly, and as many of those with label images where others have none."""
+    """Numbers of frames spread evenly, and as many of those with label images where others have none. Frames of keypoints alone are
+    among them only where no other has more: they show no surface."""
     spread = evenly(frames, count)
+    if not all(shows_surface(capture, number) for number in spread):
+        frames = [number for number in frames if shows_surface(capture, number)] or frames
+        spread = evenly(frames, count)
     if not capture.scene.garments or capture.scene.segmenter or all(capture.labelled(number) for number in spread):
         return spread
     return sorted({*spread, *evenly([number for number in frames if capture.labelled(number)], count)})
+
+
+def shows_surface(capture, number):
+    """Whether a frame brings a scan or pictures."""
+    return (capture.folder(number) / "scan.ply").exists() or bool(capture.pictured(number))
 
 
 def _put_away(capture, config, number, folder):

@@ -173,10 +173,15 @@ class Dresser:
         self.hands = [body_model.segments[name] for name in HANDS if name in body_model.segments]
 
     def dress(self, frame, tracked, segmented, evidence):
-        """One frame -> Dressed."""
+        """One frame -> Dressed. Without a scan no vertex was observed: pictures tell openings, and without those either all is guessed."""
         cloth, _ = self.register(frame, tracked, segmented, evidence)
         vertices = self.attachments.follow(self.whole.rest, cloth.vertices)
-        return replace(cloth, vertices=vertices, confidence=self.attachments.extend(self.whole.rest, cloth.confidence))
+        confidence = self.attachments.extend(self.whole.rest, cloth.confidence)
+        if frame.scan is not None:
+            return replace(cloth, vertices=vertices, confidence=confidence)
+        known = INTERPOLATED if frame.images or frame.labels else HIDDEN
+        diagnostics = cloth.diagnostics | {"observed": 0.0}
+        return replace(cloth, vertices=vertices, confidence=np.minimum(confidence, known), diagnostics=diagnostics)
 
     def register(self, frame, tracked, segmented, evidence):
         """The Dressed of the cloth alone, and the LoopMatch of each loop.

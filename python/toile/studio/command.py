@@ -33,7 +33,10 @@ def studio(
     motion: Annotated[
         str, typer.Option(help="walk, rom, talk, hands-on-cloth, fast, sit, some joined by +, or a .bvh")
     ] = "walk",
-    image_step: Annotated[int, typer.Option(help="captures every n-th of the simulated frames")] = 1,
+    image_step: Annotated[int, typer.Option(help="pictures every n-th of the simulated frames")] = 1,
+    between: Annotated[
+        bool, typer.Option("--between", help="captures those between as well, by their keypoints alone")
+    ] = False,
     span: Annotated[float, typer.Option(help="height that the pictures span at the middle of the stage [m]")] = 2.25,
     noise: Annotated[float, typer.Option(help="scan noise, standard deviation [mm]")] = 1.0,
     holes: Annotated[float, typer.Option(help="share of the scan's area cut out")] = 0.05,
@@ -65,10 +68,14 @@ def studio(
         **dict(
             frames=frames, cameras=cameras, size=size, seed=seed, renderer=renderer, samples=samples, subject=subject
         ),
+        **dict(motion=motion, image_step=image_step, between=between, span=span, noise=noise, holes=holes),
         **dict(
-            motion=motion, image_step=image_step, span=span, noise=noise, holes=holes, keypoint_noise=keypoint_noise
+            keypoint_noise=keypoint_noise,
+            keypoint_outliers=keypoint_outliers,
+            label_errors=label_errors,
+            scan_faces=scan_faces,
+            garment=garment,
         ),
-        **dict(keypoint_outliers=keypoint_outliers, label_errors=label_errors, scan_faces=scan_faces, garment=garment),
         **dict(trousers=trousers, wear=wear, truth=truth, template=template),
     }
     own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
@@ -77,7 +84,7 @@ def studio(
         report = make_capture(out, options, progress, 1 if scheduler else workers or threads(), scheduler)
     for reason in report.rejected:
         speech.result(f"discarded {reason}")
-    frames, discarded = len(options.pictured), len(report.rejected)
+    frames, discarded = len(options.captured), len(report.rejected)
     words = (
         f"{report.path}: {frames} frames, {options.cameras} cameras, seed {report.seed}, {discarded} seeds discarded"
     )

@@ -19,7 +19,7 @@ from .labels import wrong_labels
 from .lasting import LastingKeypoints, LastingLabels
 from .outfit import joined_faces
 from .paint import Appearance
-from .pictures import OuterSurface, make_sensors, take_picture
+from .pictures import OuterSurface, make_sensors, nearest, take_picture
 from .scan_faults import spoilt_scan
 from .scans import scan
 from .sequence import Sequence
@@ -85,11 +85,17 @@ class CaptureMaker:
         return self.part / "work" / f"label_error_share.{number:06d}.json"
 
     def _write(self, folder, number):
-        """Everything of one frame; gives the share of wrong label pixels. Draws from a stream of its own."""
+        """Everything of one frame; gives the share of wrong label pixels, None without pictures. Draws from a stream of its own."""
         options = self.options
         rng = np.random.default_rng([self.seed, 3, number])
         vertices, garment = self.sequence.frame(number)
         outer = OuterSurface(vertices, self.body.model.f, garment, self.garment_faces, self.rest)
+        block, i = self.sequence.block_of(number)
+        joints, points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])
+        if number not in options.pictured:
+            folder.mkdir(parents=True)
+            self._write_keypoints(folder, number, points, [nearest(outer, camera) for camera in self.rig], rng)
+            return None
         for name in ("images", "masks", "labels"):
             (folder / name).mkdir(parents=True)
         traced = self._traced(outer, number)
@@ -98,22 +104,23 @@ class CaptureMaker:
             labels, share = wrong_labels(views, self.rig, options.label_error_share, rng)
         else:
             labels, share = self.lasting_labels.images(views)
-        block, i = self.sequence.block_of(number)
-        joints, points = self.joints_and_keypoints(vertices, block.rotations[i], block.translation[i])
-        keypoints = {}
-        for c, (camera, view, label) in enumerate(zip(self.rig, views, labels)):
+        for camera, view, label in zip(self.rig, views, labels):
             write_image(folder / "images" / f"{camera.name}.jpg", view.image)
             write_image(folder / "masks" / f"{camera.name}.png", view.mask.astype(np.uint8) * 255)
             write_image(folder / "labels" / f"{camera.name}.png", label)
-            noise, outliers = options.keypoint_noise, options.keypoint_outlier_share
-            seen = noisy(self.table, camera, view.depth, points, noise, outliers, rng)
-            seen = self.lasting_keypoints.spoil(seen, c, number)
-            keypoints[camera.name] = np.round(seen, 3).tolist()
-        write_json(folder / "keypoints.json", {"names": list(self.table.names), "points": keypoints})
+        self._write_keypoints(folder, number, points, [view.depth for view in views], rng)
         scanned = scan(outer, options.scan_faces, options.scan_noise, options.hole_share, rng)
         spoilt = spoilt_scan(*scanned, outer, joints, self.body.model, self.amounts, self.seed, number)
         write_mesh(folder / "scan.ply", Mesh(*spoilt))
         return share
+
+    def _write_keypoints(self, folder, number, points, depths, rng):
+        """The true points (q,3) as a detector sees them where each camera sees the `depths` (H,W)."""
+        noise, outliers, keypoints = self.options.keypoint_noise, self.options.keypoint_outlier_share, {}
+        for c, (camera, depth) in enumerate(zip(self.rig, depths)):
+            seen = noisy(self.table, camera, depth, points, noise, outliers, rng)
+            keypoints[camera.name] = np.round(self.lasting_keypoints.spoil(seen, c, number), 3).tolist()
+        write_json(folder / "keypoints.json", {"names": list(self.table.names), "points": keypoints})
 
     def _traced(self, outer, number):
         """What the path tracer sees, a picture a camera, or None for each."""

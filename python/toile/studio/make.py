@@ -148,8 +148,8 @@ def write_scene(part, stage):
 
 
 def take_frames(stage, folder, progress, workers, scheduler):
-    """All pictured frames that are missing, spread over the workers."""
-    numbers = stage.options.pictured
+    """All frames that are missing, spread over the workers."""
+    numbers = stage.options.captured
     with Workers(workers, CaptureMaker, stage.part, folder, stage.options, stage.seed, scheduler=scheduler) as pool:
         here = (k for number in numbers for k in stage.capture(number))
         for done, _ in enumerate(

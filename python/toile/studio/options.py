@@ -32,7 +32,8 @@ class StudioOptions(Settings):
     motion: str = setting(
         "walk", "name", "walk, rom, talk, hands-on-cloth, fast, sit, several joined by +, or a .bvh file"
     )
-    image_step: int = setting(1, "count", "every which simulated frame is captured", ge=1)
+    image_step: int = setting(1, "count", "every which simulated frame is pictured", ge=1)
+    between: bool = setting(False, "switch", "those between the pictured ones are captured too, by keypoints alone")
     span: float = setting(VISIBLE, "m", "height that the pictures span at the middle of the stage", ge=0.1, le=10)
     scan_noise: float = setting(0.001, "m", "standard deviation of the scans' points", ge=0)
     hole_share: float = setting(0.05, "1", "of the scan's area that is cut out", ge=0, le=0.9)
@@ -110,5 +111,10 @@ class StudioOptions(Settings):
 
     @property
     def pictured(self):
-        """Numbers of the frames that are captured."""
+        """Numbers of the frames that have pictures."""
         return range(0, self.frames, self.image_step)
+
+    @property
+    def captured(self):
+        """Numbers of the frames that have anything."""
+        return range(self.pictured[-1] + 1) if self.between else self.pictured

@@ -102,6 +102,11 @@ def take_picture(outer, camera, look, sensor, rng, traced=None):
     return SyntheticView((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8), mask, labels, near, *place[:, mask])
 
 
+def nearest(outer, camera):
+    """(H,W) depths under the pixels' centres [m], inf on background."""
+    return kernels.raster(distorted(camera, outer.vertices), outer.faces, camera.K, (camera.height, camera.width)).depth
+
+
 def distorted(camera, V):
     """Camera-space vertices whose pinhole picture is the distorted one; edges stay straight, wrong by under 1e-3 px."""
     P = camera.to_camera(V)

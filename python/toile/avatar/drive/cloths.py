@@ -27,8 +27,8 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     ClothSettings, or with None by any; `run`: where the run is now.
 
     Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body. Residual:
-    taught by registered and simulated vertices of the frames, unposed; of a row of neighbours the first `lead` frames, at
-    most half of them, are only simulated. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
+    taught by registered and simulated vertices of the pictured frames, unposed; of a row of neighbours the first `lead` frames, at
+    most half of them, are only simulated, and so are frames without pictures. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
     taught, where it knows some. No held-out frame is read.
     UserError: the avatar has no garment, or its run is gone.
     """
@@ -46,9 +46,11 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     run, driven = open_run(path), DrivenAvatar(folder, path)
     frames = driven.motion.frames
     rows = np.flatnonzero(~np.isin(frames, held_out_span(facts["holdout"])))
-    cloths = {name: _at_rest(run, driven, name, frames[rows], settings) for name in names}
+    shown = rows[np.isin(frames[rows], run.pictured)]  # between them garments are only guessed
+    cloths = {name: _at_rest(run, driven, name, frames[shown], settings) for name in names}
     stretches = _stretches(rows, frames)
     settled = np.concatenate([rows[min(settings.lead, len(rows) // 2) :] for rows in stretches])
+    settled = settled[np.isin(settled, shown)]
     teachers = evenly(settled, settings.taught)
     poses, hung, worn = _left_over(run, driven, cloths, stretches, teachers, progress)
     for name in names:
