@@ -24,7 +24,6 @@ GAIN = 0.95  # a garment hangs unasked if what is shown then misses at most so m
 TORN = 1.0  # strain of an edge beyond which something has drawn the cloth along; 0.7 to 0.8 where shirts hung right
 LOST = 2.0  # strain at which none of it is shown and cloth begins anew
 RETURN = 0.5  # [s] in which cloth that began anew is shown in full again
-LESS = (1.0, 0.5, 0.0)  # of the cloth's share, tried in turn until no pair is left with what lies under it
 VERSION = 4  # of how cloth is simulated and what is kept of it
 
 
@@ -162,36 +161,34 @@ class Draping:
         self.poses = {name: read[readers[name]] for name in cloths}
 
     @torch.no_grad()
-    def at(self, i, decoded, batch, part=1.0):
-        """`decoded` of frame i with the garments where cloth falls, of its share beside codes so large a `part`. Frames are simulated in
-        order: going back begins anew."""
+    def at(self, i, decoded, batch):
+        """`decoded` of frame i with the garments where cloth falls. Frames are simulated in order: going back begins anew."""
         if self.row is None or i < self.row:
             self._begin(*((decoded, batch) if i == 0 else self.frame(0)))
         while self.row < i:
             self._go_on(*((decoded, batch) if self.row + 1 == i else self.frame(self.row + 1)))
         transforms = self.avatar.skeleton(batch["rotations"], batch["translation"])
-        shown = {name: self._shown(name, V, decoded[name], transforms, part) for name, V in self.fallen.items()}
+        shown = {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
         return decoded | shown
 
     def clear(self, i, decoded, batch):
-        """(What `layering` gives of frame i, the least share of cloth in it); of less cloth where it keeps pairs of more."""
-        best, share = None, 1.0
-        for part in LESS:
-            found = self.layering(self.at(i, decoded, batch, part), batch)
-            if best is None or found[2] < best[2]:
-                best, share = found, part
-            if not best[2]:
-                break
-        return best, share * min(self.shares.values(), default=1.0)
+        """(What `layering` gives of frame i, the least share of cloth in it); by codes alone, if cloth keeps pairs and these fewer."""
+        found = self.layering(self.at(i, decoded, batch), batch)
+        share = min(self.shares.values(), default=1.0)
+        if found[2] and share > 0:
+            by_codes = self.layering(decoded, batch)
+            if by_codes[2] < found[2]:
+                return by_codes, 0.0
+        return found, share
 
-    def _shown(self, name, V, decoded, transforms, part):
+    def _shown(self, name, V, decoded, transforms):
         """The residual added and the codes' shape mixed in, where the body carries it."""
         skin, like, cloth = self.avatar.model(name).skin, decoded.vertices, self.cloths[name]
         pose = self.poses[name][self.row]
         unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
         by_codes = decoded.unposed[0].double().cpu().numpy()
         mixed = cloth.residual.mix(cloth.residual.add(unposed, pose), by_codes, pose)
-        mixed = by_codes + part * self.shares[name] * (mixed - by_codes)
+        mixed = by_codes + self.shares[name] * (mixed - by_codes)
         return replace(decoded, vertices=skin.pose(like.new_tensor(mixed)[None], *transforms))
 
     def _begin(self, decoded, batch):
