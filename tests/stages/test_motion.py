@@ -50,6 +50,23 @@ def test_a_constant_acceleration_passes_away_from_the_ends(smoother):
     assert np.allclose(second(after)[middle], second(fall)[middle], atol=2e-6)
 
 
+def test_the_pose_of_a_frame_that_no_scan_tells_follows_those_that_one_tells(smoother):
+    angles = np.zeros(11)
+    angles[5] = 0.1
+    frames = posed(smoother, angles)
+    guessed = [
+        (replace(tracked, confidence=np.full_like(tracked.confidence, INTERPOLATED)), dressed)
+        for tracked, dressed in frames
+    ]
+    mixed = [*frames[:5], guessed[5], *frames[6:]]
+    told, alone, beside = (
+        np.linalg.norm([tracked.rotations[1] for tracked, _ in smoother.smooth(of, strengths(5))], axis=1)
+        for of in (frames, guessed, mixed)
+    )
+    assert np.allclose(told, alone)  # all as well known
+    assert beside[5] < 0.7 * told[5] and beside[4] < 0.7 * told[4]
+
+
 def test_noise_of_a_still_body_falls_by_the_dense_solution(smoother):
     T, s = 12, 3.0
     noise = 0.001 * RNG.standard_normal((T, VERTICES, 3))

@@ -113,11 +113,12 @@ class Smoother:
         return out
 
     def _smooth_pose(self, tracked, strength):
-        """Rotation vectors (T,K,3) and translations (T,3)."""
+        """Rotation vectors (T,K,3) and translations (T,3). A frame that no scan tells counts as an interpolated vertex does."""
         from scipy.spatial.transform import Rotation
 
         turns, moves = _poses(tracked)
-        weight = np.ones((len(turns), 1))
+        scanned = np.array([(t.confidence == OBSERVED).any() for t in tracked])
+        weight = np.where(scanned, 1.0, self.settings.interpolated_weight)[:, None]
         moves = moves + _smoothing(weight, strength[0], _second(moves[:, None]))[:, 0]
         d = _smoothing(
             weight, self.settings.turn_share * strength[1], _turn_differences(turns).reshape(len(turns) - 2, 1, -1)
