@@ -75,7 +75,9 @@ def outdated(folder, layers, physics):
     files = [cloth_file(folder, one.name) for one in layers if one.kind == "garment"]
     old = [file for file in files if file.exists() and not identity_of(file).startswith(made_of(folder))]
     again = "codes drive the garment; `toile train RUN AVATAR --temporal` or `animate --physics` measures it anew"
-    return [f"{file}: was measured before the avatar was trained as it is: {again}" for file in old]
+    return [
+        f"{file}: was measured before the avatar was trained as it is, or by an older toile: {again}" for file in old
+    ]
 
 
 def load_cloths(folder, layers):
