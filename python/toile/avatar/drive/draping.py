@@ -22,8 +22,10 @@ from .residual import CLOTH, CODES, JOINED, MEAN, MIXED, Residual, moving
 GRAVITY = 9.81  # [m/s^2], against the scene's up
 GAIN = 0.95  # a garment hangs unasked if what is shown then misses at most so much of what codes alone miss
 TORN = 1.0  # strain of an edge beyond which something has drawn the cloth along; 0.7 to 0.8 where shirts hung right
-LOST = 2.0  # strain at which none of it is shown and cloth begins anew
-RETURN = 0.5  # [s] in which cloth that began anew is shown in full again
+LOST = 2.0  # strain at which none of it is shown
+RINGS = 4  # of edges about such a place that go with it, and as many over which the rest goes over into it
+CAUGHT = 0.2  # share of a garment that is not shown from which on it begins anew
+RETURN = 0.5  # [s] in which cloth is shown in full again
 VERSION = 4  # of how cloth is simulated and what is kept of it
 
 
@@ -130,12 +132,12 @@ def doubts(cloths):
 
 
 def relieved(shares, strain):
-    """What a user should know of the shares {frame: of cloth beside codes, where it is not all} and of the largest strain of an edge while
-    cloth was simulated."""
+    """What a user should know of the shares {frame: of a garment that is shown as cloth, where it is not all} and of the largest strain of
+    an edge while cloth was simulated."""
     if not shares:
         return []
     worst = min(shares, key=shares.get)
-    least = f"in frame {worst} by {100 * (1 - shares[worst]):.0f} %"
+    least = f"in frame {worst} of {100 * (1 - shares[worst]):.0f} % of it"
     why = (
         f"an edge had been stretched to {1 + strain:.1f} times its length"
         if strain > TORN
@@ -151,8 +153,8 @@ class Draping:
 
     `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins, and its batch; `times` (T,) [s] and
     `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth
-    begins at rest on the first frame, out of the body by `layering`, and settles there. The more an edge is drawn out beyond TORN, the
-    more of the codes' shape is shown in its stead; beyond LOST it begins anew.
+    begins at rest on the first frame, out of the body by `layering`, and settles there. About edges that are drawn out beyond TORN more
+    and more of the codes' shape is shown in its stead; a garment of which that takes CAUGHT begins anew.
     """
 
     def __init__(self, avatar, cloths, layering, times, rotations, frame, readers):
@@ -174,9 +176,10 @@ class Draping:
         return decoded | shown
 
     def clear(self, i, decoded, batch):
-        """(What `layering` gives of frame i, the least share of cloth in it); by codes alone, if cloth keeps pairs and these fewer."""
+        """(What `layering` gives of frame i, the share of cloth in the garment that has least of it); by codes alone, if cloth keeps pairs
+        and these fewer."""
         found = self.layering(self.at(i, decoded, batch), batch)
-        share = min(self.shares.values(), default=1.0)
+        share = min((float(of.mean()) for of in self.shares.values()), default=1.0)
         if found[2] and share > 0:
             by_codes = self.layering(decoded, batch)
             if by_codes[2] < found[2]:
@@ -190,12 +193,13 @@ class Draping:
         unposed = skin.unpose(like.new_tensor(V)[None], *transforms)[0].double().cpu().numpy()
         by_codes = decoded.unposed[0].double().cpu().numpy()
         mixed = cloth.residual.mix(cloth.residual.add(unposed, pose), by_codes, pose)
-        mixed = by_codes + self.shares[name] * (mixed - by_codes)
+        mixed = by_codes + self.shares[name][:, None] * (mixed - by_codes)
         return replace(decoded, vertices=skin.pose(like.new_tensor(mixed)[None], *transforms))
 
     def _begin(self, decoded, batch):
         clear = self.layering(decoded, batch)[0]
-        self.row, self.solvers, self.shares = 0, {}, dict.fromkeys(self.cloths, 1.0)
+        self.row, self.solvers = 0, {}
+        self.shares = {name: np.ones(decoded[name].vertices.shape[1]) for name in self.cloths}
         self._fall(decoded, lambda name, under: self.solvers[name].start(points(clear[name]), under))
 
     def _go_on(self, decoded, batch):
@@ -204,14 +208,13 @@ class Draping:
         self._fall(decoded, lambda name, under: self._step(name, under, dt, decoded, batch))
 
     def _step(self, name, under, dt, decoded, batch):
-        """A garment one step on; from the codes' shape, where something had drawn it out."""
+        """A garment one step on; from the codes' shape, where too much of it had been drawn out."""
         found = self.solvers[name].step(under, dt)
-        held = np.clip((LOST - found.strain) / (LOST - TORN), 0.0, 1.0)
         self.strain = max(self.strain, found.strain)
-        self.shares[name] = float(min(held, self.shares[name] + dt / RETURN))
-        if held > 0:
-            return found
-        return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under)
+        held = whole(found.V, self.layering.edges[name], self.cloths[name].lengths)
+        caught = held.mean() < 1 - CAUGHT
+        self.shares[name] = np.minimum(0.0 * held if caught else held, self.shares[name] + dt / RETURN)
+        return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under) if caught else found
 
     def _fall(self, decoded, move):
         under_V, under_F = points(decoded[self.layering.body.name]), self.layering.layering.skin_faces
@@ -228,6 +231,30 @@ class Draping:
         cloth, gravity = self.cloths[layer.name], -GRAVITY * self.avatar.up.cpu().numpy().astype(np.float64)
         options = cloth.asked.solver() | {"gravity": gravity, "margin": float(cloth.margin)}
         return DrapeSolver(layer.faces, len(layer.rest), cloth.lengths, under_F, under_n, **options)
+
+
+def whole(V, edges, lengths):
+    """(n,) 1 where cloth V (n,3) hangs as it should, 0 within RINGS of an edge (2,e) drawn out to LOST of its length at rest (e,), and evenly
+    between the two over as many more."""
+    i, j = edges
+    strain = np.linalg.norm(V[i] - V[j], axis=1) / lengths - 1
+    held, known = np.ones(len(V)), np.clip((LOST - strain) / (LOST - TORN), 0, 1)
+    if known.min(initial=1) == 1:
+        return held
+    np.minimum.at(held, i, known)
+    np.minimum.at(held, j, known)
+    for _ in range(RINGS):
+        near = held.copy()
+        np.minimum.at(near, i, held[j])
+        np.minimum.at(near, j, held[i])
+        held = near
+    degree = 1 + np.bincount(edges.ravel(), minlength=len(V))
+    for _ in range(RINGS):
+        total = held.copy()
+        np.add.at(total, i, held[j])
+        np.add.at(total, j, held[i])
+        held = total / degree
+    return held
 
 
 def points(decoded):
