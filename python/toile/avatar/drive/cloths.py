@@ -51,7 +51,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     stretches = _stretches(rows, frames)
     settled = np.concatenate([rows[min(settings.lead, len(rows) // 2) :] for rows in stretches])
     settled = settled[np.isin(settled, shown)]
-    teachers = evenly(settled, settings.taught)
+    teachers = evenly(settled if len(settled) else shown, settings.taught)
     poses, hung, worn = _left_over(run, driven, cloths, stretches, teachers, progress)
     for name in names:
         decoded = _by_unseen_codes(folder, driven, name, frames[teachers])

@@ -137,15 +137,11 @@ def relieved(shares, strain):
     if not shares:
         return []
     worst = min(shares, key=shares.get)
-    least = f"in frame {worst} of {100 * (1 - shares[worst]):.0f} % of it"
-    why = (
-        f"an edge had been stretched to {1 + strain:.1f} times its length"
-        if strain > TORN
-        else "cloth could not be led out of the body"
-    )
-    return [
-        f"cloth: codes drive in its stead in {len(shares)} frames, {least}: {why}; with --no-physics they drive all"
-    ]
+    taken = f"{100 * (1 - shares[worst]):.0f} % of it in frame {worst}"
+    others = f", as much or less in {len(shares) - 1} others" if len(shares) > 1 else ""
+    drawn = f"an edge had been stretched to {1 + strain:.1f} times its length"
+    why = drawn if strain > TORN else "cloth could not be led out of the body"
+    return [f"cloth: codes drive {taken}{others}: {why}; with --no-physics they drive all"]
 
 
 class Draping:
@@ -213,7 +209,7 @@ class Draping:
         self.strain = max(self.strain, found.strain)
         held = whole(found.V, self.layering.edges[name], self.cloths[name].lengths)
         caught = held.mean() < 1 - CAUGHT
-        self.shares[name] = np.minimum(0.0 * held if caught else held, self.shares[name] + dt / RETURN)
+        self.shares[name] = np.minimum(np.zeros_like(held) if caught else held, self.shares[name] + dt / RETURN)
         return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under) if caught else found
 
     def _fall(self, decoded, move):
