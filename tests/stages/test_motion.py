@@ -67,6 +67,18 @@ def test_the_pose_of_a_frame_that_no_scan_tells_follows_those_that_one_tells(smo
     assert beside[5] < 0.7 * told[5] and beside[4] < 0.7 * told[4]
 
 
+def test_without_any_scan_garments_are_smoothed_as_strongly_and_guessed_ones_not_at_all(smoother):
+    def roughness(confidence):
+        flicker = 0.001 * np.random.default_rng(8).standard_normal((9, VERTICES, 3))
+        frames = posed(smoother, np.zeros(9), 0, flicker)
+        told = lambda one: replace(one, confidence=np.full_like(one.confidence, confidence))
+        return smoother.gather([(told(t), {n: told(g) for n, g in dressed.items()}) for t, dressed in frames])
+
+    observed, interpolated, hidden = map(roughness, (OBSERVED, INTERPOLATED, HIDDEN))
+    assert np.array_equal(observed.total, interpolated.total) and np.array_equal(observed.count, interpolated.count)
+    assert (hidden.count[2:] == 0).all() and (observed.count[4:] > 0).all()
+
+
 def test_noise_of_a_still_body_falls_by_the_dense_solution(smoother):
     T, s = 12, 3.0
     noise = 0.001 * RNG.standard_normal((T, VERTICES, 3))

@@ -22,6 +22,7 @@ import numpy as np
 from .. import kernels
 from ..kernels.arrays import Floats
 from ..scene import (
+    INTERPOLATED,
     OBSERVED,
     BodyModel,
     Dressed,
@@ -88,7 +89,9 @@ class Smoother:
             V, confidence = _positions(frames, name)
             chosen = slice(None, None, max(V.shape[1] // self.settings.samples, 1))
             y, normals = self._local(name, turns, moves, V, chosen)
-            seen = confidence[:, chosen] == OBSERVED
+            seen = confidence[:, chosen] == max(
+                confidence.max(), INTERPOLATED
+            )  # of frames without scans nothing is known better
             rows.append(_squares(lambda k: _parted(_second(y, k), normals[k:-k])[0], seen))
             rows.append(_squares(lambda k: _parted(_second(y, k), normals[k:-k])[1], seen))
         total, count = np.moveaxis(np.array(rows), 2, 0)

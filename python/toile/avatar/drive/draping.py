@@ -140,7 +140,8 @@ def relieved(shares, strain):
     taken = f"{100 * (1 - shares[worst]):.0f} % of it in frame {worst}"
     others = f", as much or less in {len(shares) - 1} others" if len(shares) > 1 else ""
     drawn = f"an edge had been stretched to {1 + strain:.1f} times its length"
-    why = drawn if strain > TORN else "cloth could not be led out of the body"
+    caught = "cloth could not be led out of the body"
+    why = f"{drawn}, or {caught}" if strain > TORN else caught
     return [f"cloth: codes drive {taken}{others}: {why}; with --no-physics they drive all"]
 
 
