@@ -107,14 +107,14 @@ def test_cloth_that_lies_farther_off_than_the_mean_shape_is_said(avatar_folder, 
 def test_where_codes_drive_in_place_of_cloth_is_said(avatar_folder, sample_run, tmp_path, monkeypatch):
     assert relieved({}, 0.8) == []
     (said,) = relieved({4: 0.5, 7: 0.25}, 2.1)
-    words = "codes drive 75 % of it in frame 7, as much or less in 1 others: an edge had been stretched to 3.1 times"
+    words = "codes drive 75.0 % of it in frame 7, as much or less in 1 others: an edge had been stretched to 3.1 times"
     assert words in said
     assert "cloth could not be led out of the body" in relieved({4: 0.0}, 0.7)[0]
     monkeypatch.setattr("toile.avatar.drive.draping.TORN", -1.0)  # any strain is too much
     done = animate(avatar_folder, sample_run, tmp_path / "torn", frames=[1], height=32, physics=True)
-    assert any("codes drive 100 % of it in frame 1: an edge" in one for one in done.warnings)
+    assert any("codes drive 100.0 % of it in frame 1: an edge" in one for one in done.warnings)
     result = evaluate_avatar(avatar_folder, [3], sheets=False, driven=True, physics=True)
-    assert any("codes drive 100 % of it in frame 3: an edge" in one for one in result["warnings"])
+    assert any("codes drive 100.0 % of it in frame 3: an edge" in one for one in result["warnings"])
     assert result["all"]["driven"]["physics"]["shares"] == {3: 0.0}
 
 

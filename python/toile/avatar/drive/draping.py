@@ -137,7 +137,7 @@ def relieved(shares, strain):
     if not shares:
         return []
     worst = min(shares, key=shares.get)
-    taken = f"{100 * (1 - shares[worst]):.0f} % of it in frame {worst}"
+    taken = f"{100 * (1 - shares[worst]):.1f} % of it in frame {worst}"
     others = f", as much or less in {len(shares) - 1} others" if len(shares) > 1 else ""
     drawn = f"an edge had been stretched to {1 + strain:.1f} times its length"
     caught = "cloth could not be led out of the body"
