@@ -23,6 +23,7 @@ void bind_inner(py::module_& m) {
         .def_readwrite("taper", &InnerOptions::taper)
         .def_readwrite("reach", &InnerOptions::reach)
         .def_readwrite("tightness", &InnerOptions::tightness)
+        .def_readwrite("inward", &InnerOptions::inward)
         .def_readwrite("shape_sigma", &InnerOptions::shape_sigma)
         .def_readwrite("shape_observations", &InnerOptions::shape_observations)
         .def_readwrite("rounds", &InnerOptions::rounds)

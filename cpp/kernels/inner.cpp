@@ -85,6 +85,14 @@ void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyM
                    name + ".garments[" + std::to_string(g) + "].F");
 }
 
+/// The vertices whose room is negative.
+std::vector<int> below(const Vector& room) {
+    std::vector<int> out;
+    for (Eigen::Index v = 0; v < room.size(); ++v)
+        if (room[v] < 0) out.push_back(static_cast<int>(v));
+    return out;
+}
+
 void count_outside(const Vector& room, const Vector& skin, double& depth, std::int64_t& count) {
     for (Eigen::Index v = 0; v < room.size(); ++v)
         if (skin[v] < 0.5 && room[v] < 0) {
@@ -117,6 +125,7 @@ InnerSolver::InnerSolver(BodyModel model, Vector shape, Vertices J, InnerOptions
     require(o.seldom >= 0 && o.seldom < o.often && o.often <= 1,
             "inner: seldom and often must be 0 <= seldom < often <= 1");
     require(o.tightness >= 0 && o.tightness <= 1, "inner: tightness must lie in [0, 1]");
+    require(o.inward >= 0 && o.inward <= 1, "inner: inward must lie in [0, 1]");
     require(o.rounds > 0 && o.max_iterations > 0, "inner: rounds and max_iterations must be positive");
     shape_.conservativeResizeLike(Vector::Zero(model_.shapes()));
     rest_ = shaped_vertices(model_, shape_);
@@ -193,6 +202,7 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     e.normals = vertex_normals(Y, model_.F);
     e.room = cloth_room(Y, e.normals, e.skin, garments, o.reach).array() - o.gap;
     count_outside(e.room.array() + o.gap, e.skin, out.depth_before, out.outside_before);
+    e.room = e.room.cwiseMax(deepest(Y, model_.F, e.normals, below(e.room), o.inward));
     e.likely = e.pull = Vector::Zero(Y.rows());  // the fused shape knows
     std::vector<int> free = unsettled(e.skin, distance, margin);
     Weighted system =

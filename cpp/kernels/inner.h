@@ -6,8 +6,9 @@
 //                                              + out [n.d_v - b_v]_+^2 + fit rho(b_v - n.d_v) )
 //
 // m areas, L cotangent Laplacian; o what the tracked surface shows where it is skin (g falls to 0 beside the cloth);
-// b how far along the normal n the cloth lies less `gap`: the body must stay inside (out), and where cloth is close,
-// lies against it (fit, Geman-McClure: loose cloth says nothing). After Zhang et al. 2017 (arXiv 1703.04454), own form.
+// b how far along the normal n the cloth lies less `gap`, but no deeper than a share of the body's thickness: the body
+// must stay inside (out), and where cloth is close, lies against it (fit, Geman-McClure: loose cloth says nothing). After
+// Zhang et al. 2017 (arXiv 1703.04454), own form.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -38,6 +39,7 @@ struct InnerOptions {
     double taper = 0.02;              ///< skin counts fully only this far from the cloth, along the surface [m]
     double reach = 0.06;              ///< cloth farther than this from the body says nothing [m]
     double tightness = 0.1;           ///< the bound of a hidden vertex is this quantile over the frames
+    double inward = 0.4;              ///< cloth draws a vertex inwards by at most this share of the body's thickness
     double shape_sigma = 0.01;        ///< spread of the skin about the model's span [m]
     double shape_observations = 200;  ///< independent observations that the skin counts as when the shape is refitted
     int rounds = 3;                   ///< cloth is looked for anew

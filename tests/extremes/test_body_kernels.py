@@ -236,6 +236,6 @@ def test_inner_refuses_what_is_not_finite(value, dressed):
     for message, case in cases.items():
         with pytest.raises(InputError, match="inner: " + message):
             dressed.solver.solve(dressed.rest, *case)
-    for name in ("length", "skin", "out", "fit", "gap", "taper", "prior", "tightness"):
+    for name in ("length", "skin", "out", "fit", "gap", "taper", "prior", "tightness", "inward"):
         with pytest.raises(InputError, match="inner: "):
             InnerSolver(dressed.solver.body_model, **{name: value})

@@ -144,7 +144,7 @@ INNER_OPTIONS = dict(
     length=(1e-4, 1e2), skin=(1e-6, 1e8), out=(1e-6, 1e8), fit=(1e-6, 1e6), fit_scale=(1e-6, 1), prior=(1e-8, 1e6), gap=(1e-6, 0.1),
     taper=(1e-5, 1), reach=(1e-4, 10), tightness=(1e-3, 0.999), shape_sigma=(1e-5, 1), shape_observations=range(1, 1000),
     rounds=range(1, 4), tolerance=(1e-8, 1), max_iterations=range(1, 9), swing=(1e-3, 1e2), still=(1e-6, 1), swing_error=(1e-6, 1),
-    misfit=(1e-6, 1),
+    misfit=(1e-6, 1), inward=(1e-3, 1),
 )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.memory import peak_mb
 from toile.io.body import load_body_model
-from toile.kernels import InnerSolver, InnerSums, InputError, vertex_normals
+from toile.kernels import InnerSolver, InnerSums, InputError, self_intersections, vertex_normals
 
 FRAMES = 4
 
@@ -169,6 +169,23 @@ def test_loose_cloth_says_nothing_and_cloth_inside_pushes_the_body_in(scene):
         tight.outside_after < tight.outside_before / 10 and tight.depth_after < 0.003
     )  # skin at the hem holds its place
     assert ((tight.V - truth) * N).sum(1)[scene.covered].mean() < -0.003
+
+
+def test_cloth_beyond_the_middle_of_an_arm_does_not_fold_the_arm_through_itself(scene):
+    """A sleeve a tenth as thick as the upper arm, in every frame: its nearer side asks for more than half of the arm."""
+    rest, J = scene.model.rest(np.zeros(16))
+    start, end = (J[scene.model.joint(name)] for name in ("upperarm01.R", "lowerarm01.R"))
+    axis = (end - start) / np.linalg.norm(end - start)
+    inside = start + ((rest - start) @ axis)[:, None] * axis
+    strongest = scene.model.weights_idx[np.arange(len(rest)), scene.model.weights_val.argmax(1)]
+    arm = strongest == scene.model.joint("upperarm02.R")
+    sleeve, faces = inside + 0.1 * (rest - inside), scene.model.f[arm[scene.model.f].all(1)]
+    tracked = np.where(arm[:, None], sleeve, rest)
+    frames = [(np.zeros((104, 3)), np.zeros(3), tracked, (~arm).astype(float), [(sleeve, faces)])] * FRAMES
+    folds = lambda **options: len(
+        self_intersections(InnerSolver(scene.model, np.zeros(16), J, **options).fuse(frames).rest, faces)
+    )
+    assert folds(inward=1) > 10 and folds() == 0
 
 
 def test_a_turn_of_the_world_turns_the_frame_and_leaves_the_fused_shape(scene):

@@ -38,6 +38,14 @@ Vector tightest_room(const InnerSums& sums, const Vector& skin, const InnerOptio
     return room;
 }
 
+/// The vertices that are not skin as a whole.
+std::vector<int> covered(const Vector& skin) {
+    std::vector<int> out;
+    for (Eigen::Index v = 0; v < skin.size(); ++v)
+        if (skin[v] < 1) out.push_back(static_cast<int>(v));
+    return out;
+}
+
 /// Root mean square of seen skin off the model, along the normals [m].
 double misfit(const Evidence& e, const Vector& mass) {
     const Vector off = e.skin_target.cwiseProduct(e.normals).rowwise().sum();
@@ -121,6 +129,7 @@ struct InnerFusion::State {
     Weighted system;
     Evidence seen;
     Vertices model;  // of the refitted shape
+    Vector deepest;  // how far along the normals its vertices may go inwards
     Fitted fitted;
     InnerFused fused;
     int passes = 0;
@@ -162,6 +171,8 @@ void InnerFusion::average(const InnerSums& sums) {
     if (s.passes < kSkinPasses) return;
     s.fused.shape = refit_shape(k.model_, k.shape_, s.seen, guess_.skin_mean, k.mass_, k.options_);
     s.model = shaped_vertices(k.model_, s.fused.shape);
+    s.deepest =
+        deepest(s.model, k.model_.F, vertex_normals(s.model, k.model_.F), covered(s.seen.skin), k.options_.inward);
     s.seen.skin_target = (guess_.skin_mean - s.model).array().colwise() * (s.seen.skin.array() > 0).cast<double>();
     s.fitted.d = Vertices::Zero(s.model.rows(), 3);
     guess_ = {s.model, Vertices(0, 3), false};
@@ -174,8 +185,11 @@ void InnerFusion::fit(const InnerSums& sums) {
     InnerFused& out = s.fused;
     e.normals = vertex_normals(guess_.rest, k.model_.F);
     const Vector along = e.normals.cwiseProduct(s.fitted.d).rowwise().sum();
-    if (s.passes == kSkinPasses + 1) place_by_swing(sums, k.mass_, misfit(e, k.mass_), k.options_, e);
-    e.room = tightest_room(sums, e.skin, k.options_) + along;
+    if (s.passes == kSkinPasses + 1) {
+        place_by_swing(sums, k.mass_, misfit(e, k.mass_), k.options_, e);
+        e.likely = e.likely.cwiseMax(s.deepest);
+    }
+    e.room = (tightest_room(sums, e.skin, k.options_) + along).cwiseMax(s.deepest);
     s.fitted = fit_displacement(s.system, k.mass_, e, k.options_, s.fitted.d);
     out.energy.insert(out.energy.end(), s.fitted.energy.begin(), s.fitted.energy.end());
     out.rest = guess_.rest = s.model + s.fitted.d;

@@ -10,6 +10,8 @@ namespace toile {
 
 namespace {
 
+constexpr double kSkinDepth = 1e-3;  // [m] within which a ray meets the faces that it starts on
+
 double node_room(int node, double reach) { return reach * (2.0 * node / (kRoomNodes - 1) - 1); }
 
 }  // namespace
@@ -34,6 +36,21 @@ Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin
         }
     });
     return room;
+}
+
+Vector deepest(const Vertices& V, const Faces& F, const Vertices& normals, const std::vector<int>& drawn,
+               double share) {
+    Vector out = Vector::Constant(V.rows(), -kNone);
+    if (drawn.empty()) return out;
+    const SurfaceIndex body(V, F);
+    parallel_for(static_cast<std::int64_t>(drawn.size()), [&](std::int64_t i) {
+        const int v = drawn[static_cast<std::size_t>(i)];
+        const Vec3 inwards = -normals.row(v);
+        if (inwards.squaredNorm() < 0.5) return;  // of a vertex without faces
+        const RayHit far = body.first_hit(V.row(v), inwards, kSkinDepth);
+        if (far.face >= 0) out[v] = -share * far.distance;
+    });
+    return out;
 }
 
 void count_room(double room, double reach, std::uint32_t* nodes) {

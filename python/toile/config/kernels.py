@@ -101,6 +101,9 @@ class InnerSolverSettings(Settings):
     often: float = setting(0.25, "1", "from this share of the frames on it is skin", gt=0, le=1)
     reach: float = setting(0.06, "m", "cloth farther than this from the body says nothing", gt=0)
     tightness: float = setting(0.1, "1", "the bound of a hidden vertex is this quantile over the frames", ge=0, le=1)
+    inward: float = setting(
+        0.4, "1", "cloth draws a vertex inwards by at most this share of the body's thickness there", ge=0, le=1
+    )
     shape_sigma: float = setting(0.01, "m", "spread of the skin about the model's span", gt=0)
     shape_observations: float = setting(
         200.0, "1", "independent observations that the skin counts as when the shape is refitted", ge=0

@@ -37,7 +37,8 @@ class InnerSolver(Rebuilt):
     Weights: skin=1e4, out=1e3, fit=400, swing=3.2, prior=0.5 as above; shape_observations=200 (independent observations
     that the skin counts as when the shape is refitted). seldom=0.1, often=0.25 (shares of the frames: skin that no more
     than `seldom` of them show is a wrong label; from `often` on it is skin; a smooth step between). tightness=0.1 (the
-    bound of a hidden vertex is this quantile of its room over the frames), rounds=3 (cloth is looked for anew), max_iterations=8 (reweightings a round).
+    bound of a hidden vertex is this quantile of its room over the frames), inward=0.4 (but cloth draws it inwards by at most this
+    share of the body's thickness, along a ray: deeper, a limb would fold through itself), rounds=3 (cloth is looked for anew), max_iterations=8 (reweightings a round).
 
     After Zhang et al. 2017 (arXiv 1703.04454), own form.
     """
