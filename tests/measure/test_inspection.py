@@ -103,6 +103,8 @@ def edited(root, change):
 
 def test_a_sound_capture_has_no_findings_and_its_stature(sound):
     found = inspect(sound)
+    alone = len(found.capture.frames) - len(list(sound.glob("frames/*/masks")))
+    assert alone > 0 and found.facts["frames by keypoints alone"] == alone
     assert not found.findings and not found.wasted
     assert 1.4 < found.facts["stature m"] < 2.0 and found.facts["error px"] < 2 and found.facts["hull covers %"] > 90
     assert np.nanmax(found.lines) < 2.5 and found.labels["shirt"] == {f"cam{i}": 5 for i in range(5)}

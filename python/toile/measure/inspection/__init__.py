@@ -81,6 +81,8 @@ def inspect(path: Path) -> Inspection:
 def _look(found: Inspection, capture: Capture) -> None:
     """The pictures, masks, labels and scans of a few frames."""
     shown = [n for n in capture.frames if any((capture.folder(n) / what).exists() for what in SHOWN)] or capture.frames
+    if len(shown) < len(capture.frames):
+        found.facts["frames by keypoints alone"] = len(capture.frames) - len(shown)
     pick = evenly(shown, SAMPLED)
     if capture.scene.garments and not capture.scene.segmenter and not any(map(capture.labelled, pick)):
         pick = sorted({*pick, *evenly([n for n in shown if capture.labelled(n)], LABELLED)})
