@@ -90,6 +90,26 @@ def test_unseen_facial_keypoints_change_nothing():
     assert torch.equal(one["body"].unposed, other["body"].unposed)
 
 
+@pytest.mark.parametrize("layers", [LAYERED, BASELINE])
+def test_a_pose_beyond_the_training_s_is_read_as_the_farthest_that_was_taught_and_still_posed(layers):
+    bent = np.zeros((5, 3, 3))
+    bent[:, 1, 0] = np.linspace(-0.2, 0.2, 5)
+    taught, free = awake(avatar(layers, poses={"rotations": bent})), awake(avatar(layers))
+    b, of = batch(taught), layers[0].name
+    z = taught.means(taught.encode(b))
+
+    def bending(model, angle):
+        rotations = torch.zeros_like(b["rotations"])
+        rotations[:, 1, 0] = angle
+        return model.decode(b | {"rotations": rotations}, z)[of]
+
+    far, last, near = (bending(taught, angle) for angle in (1.0, 0.2, 0.1))
+    assert torch.allclose(far.unposed, last.unposed, atol=1e-7) and torch.allclose(far.mean_texture, last.mean_texture)
+    assert not torch.allclose(far.vertices, last.vertices, atol=1e-3) and not torch.allclose(near.unposed, last.unposed)
+    assert torch.equal(near.unposed, bending(free, 0.1).unposed)
+    assert not torch.allclose(bending(free, 1.0).unposed, far.unposed)
+
+
 def test_where_the_person_stands_and_faces_changes_no_unposed_geometry():
     rotations, up = 0.3 * torch.randn(2, 3, 3), up_vector("z")
     turned = rotations.clone()

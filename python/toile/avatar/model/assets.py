@@ -48,6 +48,7 @@ def read_assets(folder, texture_size):
         "valid": {name: torch.from_numpy(values) for name, values in valid.items()},
         "face_mean": maps.get("face_mean", (None, 3)) if "face_mean" in maps.values else None,
         "head": None if head is None else int(head),
+        "poses": {"rotations": maps.get("rotations", (None, len(J), 3))},
     }
 
 

@@ -26,10 +26,13 @@ class Avatar(nn.Module):
 
     `layers`: what `read_layers` gives, or [surface_layer] for the baseline. `J` (K,3) and `parents` (K,): the skeleton.
     `mean_texture` {name: (3,T,T)} and `valid` {name: (T,T)}. `face_mean` (q,3): mean facial keypoints in the frame of
-    joint `head`, None where no face drives the avatar. One camera, or a scene that says so: no view branch.
+    joint `head`, None where no face drives the avatar. `poses`: those of the training, as `AvatarData.poses`; networks read none as
+    lying beyond them, joint by joint. One camera, or a scene that says so: no view branch.
     """
 
-    def __init__(self, settings, layers, J, parents, cameras, scene, mean_texture, valid, face_mean=None, head=None):
+    def __init__(
+        self, settings, layers, J, parents, cameras, scene, mean_texture, valid, face_mean=None, head=None, poses=None
+    ):
         super().__init__()
         self.settings, self.layers, self.cameras, self.scene = settings, list(layers), list(cameras), scene
         self.names = [layer.name for layer in self.layers]
@@ -52,6 +55,9 @@ class Avatar(nn.Module):
             for layer in self.layers
         )
         self.register_buffer("up", up_vector(scene.up), persistent=False)
+        taught = None if poses is None else pose_features(torch.as_tensor(poses["rotations"]), self.up)
+        limits = None if taught is None else torch.stack([taught.amin(0), taught.amax(0)])
+        self.register_buffer("pose_range", limits, persistent=False)  # (2,K,9)
         garments = [layer for layer in self.layers if layer.kind == "garment"]
         self.carried = Carried(garments, self.skeleton, self.up, getattr(self, "face_mean", None)) if garments else None
         self.projection = Projection(self.carried.size) if garments and settings.data.window else None
@@ -110,7 +116,7 @@ class Avatar(nn.Module):
 
     def decode(self, batch, latents, names=None, texture=True):
         """{layer: Decoded} from pose, face and camera of the batch and the layers' codes; float32 in any autocast."""
-        pose = pose_features(batch["rotations"], self.up)
+        pose = self._as_taught(pose_features(batch["rotations"], self.up))
         view = batch["T_camera_world"]
         with torch.autocast(view.device.type, enabled=False):
             transforms = self.skeleton(batch["rotations"], batch["translation"])
@@ -124,9 +130,13 @@ class Avatar(nn.Module):
     def unposed_by(self, name, codes):
         """Vertices (B,n,3) of a layer that its codes (B,Z) decide [m]: alone of a garment, of a surface in the pose of rest."""
         model, count = self.model(name), len(codes)
-        pose = codes.new_zeros(count, len(self.skeleton.J), 9)  # of R - 1
+        pose = self._as_taught(codes.new_zeros(count, len(self.skeleton.J), 9))  # of R - 1
         face = codes.new_zeros(count, *self.face_mean.shape) if hasattr(self, "face_mean") else None
         return model.decode_shape(model.networks.features(pose, face, codes), codes)
+
+    def _as_taught(self, features):
+        """Features (B,K,9) of poses within the range of the training's: beyond it networks were never taught what to draw."""
+        return features if self.pose_range is None else features.clamp(*self.pose_range)
 
     def _face_features(self, face, seen):
         return (face - self.face_mean) / FACE_SCALE * seen[..., None]

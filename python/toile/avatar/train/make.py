@@ -30,7 +30,7 @@ from .data import AvatarData, shown
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
-ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head")
+ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses")
 FITTED = 50  # frames that the crop is fitted to
 MARGIN = 4  # about the person in the crop [px of the capture]
 
