@@ -85,14 +85,6 @@ void check_inner_frame(const std::string& name, const InnerFrame& f, const BodyM
                    name + ".garments[" + std::to_string(g) + "].F");
 }
 
-/// The vertices whose room is negative.
-std::vector<int> below(const Vector& room) {
-    std::vector<int> out;
-    for (Eigen::Index v = 0; v < room.size(); ++v)
-        if (room[v] < 0) out.push_back(static_cast<int>(v));
-    return out;
-}
-
 void count_outside(const Vector& room, const Vector& skin, double& depth, std::int64_t& count) {
     for (Eigen::Index v = 0; v < room.size(); ++v)
         if (skin[v] < 0.5 && room[v] < 0) {
@@ -202,7 +194,7 @@ InnerResult InnerSolver::solve(const Vertices& fused_rest, const InnerFrame& fra
     e.normals = vertex_normals(Y, model_.F);
     e.room = cloth_room(Y, e.normals, e.skin, garments, o.reach).array() - o.gap;
     count_outside(e.room.array() + o.gap, e.skin, out.depth_before, out.outside_before);
-    e.room = e.room.cwiseMax(deepest(Y, model_.F, e.normals, below(e.room), o.inward));
+    e.room = e.room.cwiseMax(deepest(Y, model_.F, e.normals, e.skin, o.inward));
     e.likely = e.pull = Vector::Zero(Y.rows());  // the fused shape knows
     std::vector<int> free = unsettled(e.skin, distance, margin);
     Weighted system =

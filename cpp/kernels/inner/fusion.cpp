@@ -38,14 +38,6 @@ Vector tightest_room(const InnerSums& sums, const Vector& skin, const InnerOptio
     return room;
 }
 
-/// The vertices that are not skin as a whole.
-std::vector<int> covered(const Vector& skin) {
-    std::vector<int> out;
-    for (Eigen::Index v = 0; v < skin.size(); ++v)
-        if (skin[v] < 1) out.push_back(static_cast<int>(v));
-    return out;
-}
-
 /// Root mean square of seen skin off the model, along the normals [m].
 double misfit(const Evidence& e, const Vector& mass) {
     const Vector off = e.skin_target.cwiseProduct(e.normals).rowwise().sum();
@@ -171,8 +163,7 @@ void InnerFusion::average(const InnerSums& sums) {
     if (s.passes < kSkinPasses) return;
     s.fused.shape = refit_shape(k.model_, k.shape_, s.seen, guess_.skin_mean, k.mass_, k.options_);
     s.model = shaped_vertices(k.model_, s.fused.shape);
-    s.deepest =
-        deepest(s.model, k.model_.F, vertex_normals(s.model, k.model_.F), covered(s.seen.skin), k.options_.inward);
+    s.deepest = deepest(s.model, k.model_.F, vertex_normals(s.model, k.model_.F), s.seen.skin, k.options_.inward);
     s.seen.skin_target = (guess_.skin_mean - s.model).array().colwise() * (s.seen.skin.array() > 0).cast<double>();
     s.fitted.d = Vertices::Zero(s.model.rows(), 3);
     guess_ = {s.model, Vertices(0, 3), false};

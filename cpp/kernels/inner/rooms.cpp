@@ -38,15 +38,12 @@ Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin
     return room;
 }
 
-Vector deepest(const Vertices& V, const Faces& F, const Vertices& normals, const std::vector<int>& drawn,
-               double share) {
+Vector deepest(const Vertices& V, const Faces& F, const Vertices& normals, const Vector& skin, double share) {
     Vector out = Vector::Constant(V.rows(), -kNone);
-    if (drawn.empty()) return out;
     const SurfaceIndex body(V, F);
-    parallel_for(static_cast<std::int64_t>(drawn.size()), [&](std::int64_t i) {
-        const int v = drawn[static_cast<std::size_t>(i)];
+    parallel_for(V.rows(), [&](std::int64_t v) {
         const Vec3 inwards = -normals.row(v);
-        if (inwards.squaredNorm() < 0.5) return;  // of a vertex without faces
+        if (skin[v] >= 1 || inwards.squaredNorm() < 0.5) return;  // a vertex without faces has no normal
         const RayHit far = body.first_hit(V.row(v), inwards, kSkinDepth);
         if (far.face >= 0) out[v] = -share * far.distance;
     });

@@ -22,10 +22,10 @@ Indexes index_garments(const std::vector<InnerGarment>& garments);
 Vector cloth_room(const Vertices& Y, const Vertices& normals, const Vector& skin, const Indexes& garments,
                   double reach);
 
-/// (n,) how far along its normal each vertex of `drawn` may go: inwards by the `share` of how thick the body V (n,3) is
-/// there, along a ray (the diameter of Shapira et al. 2008); -infinity for the others. Drawn deeper, a limb would fold
-/// through itself.
-Vector deepest(const Vertices& V, const Faces& F, const Vertices& normals, const std::vector<int>& drawn, double share);
+/// (n,) how far along its normal cloth may draw a vertex of the body V (n,3): inwards by the `share` of how thick it is
+/// there, along a ray (the diameter of Shapira et al. 2008); -infinity of `skin` as a whole. Drawn deeper, a limb would
+/// fold through itself.
+Vector deepest(const Vertices& V, const Faces& F, const Vertices& normals, const Vector& skin, double share);
 
 /// Counts a frame's room at the two nodes beside it, by nearness: the quantile stays continuous in the room, and whole
 /// numbers add up to the same bits in any order.
