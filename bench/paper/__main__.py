@@ -48,7 +48,7 @@ def arguments(words=None):
     parser.add_argument("--holdout", help="A-B, frames never trained on; default the last tenth")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting: network.latent=64")
     parser.add_argument("--temporal-steps", type=int, default=TemporalSettings().steps)
-    parser.add_argument("--window", type=int, default=TemporalSettings().window, help="poses that drive the garments")
+    parser.add_argument("--window", type=int, default=15, help="poses that drive the garments")
     parser.add_argument(
         "--align", default="none", choices=("none", "ablation", "all"), help="runs that `toile align` aligns"
     )

@@ -22,6 +22,7 @@ void bind_skeleton(py::module_& m) {
         .def_readwrite("pose_weight", &SkeletonOptions::pose_weight)
         .def_readwrite("shape_weight", &SkeletonOptions::shape_weight)
         .def_readwrite("limit_sigma", &SkeletonOptions::limit_sigma)
+        .def_readwrite("joint_twist", &SkeletonOptions::joint_twist)
         .def_readwrite("temporal_sigma", &SkeletonOptions::temporal_sigma)
         .def_readwrite("temporal_translation", &SkeletonOptions::temporal_translation)
         .def_readwrite("solve_shape", &SkeletonOptions::solve_shape)

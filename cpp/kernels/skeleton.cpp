@@ -176,6 +176,19 @@ void fit_keypoints(Problem& problem, BodyState& state, const SkeletonOptions& o)
     }
 }
 
+/// (K,3) a_k / twist_k: a_k points from joint k to the middle of its children at rest; 0 where twist_k is infinite or the
+/// joint ends a limb.
+Vertices twist_rows(const BodyModel& model, const Vector& twist) {
+    Vertices rows = Vertices::Zero(model.joints(), 3);
+    if (twist.size() == 0) return rows;
+    for (int k = 1; k < model.joints(); ++k) {
+        const int parent = model.parents[static_cast<std::size_t>(k)];
+        rows.row(parent) += model.J.row(k) - model.J.row(parent);
+    }
+    for (int k = 0; k < model.joints(); ++k) rows.row(k) = rows.row(k).normalized() / twist[k];
+    return rows;
+}
+
 }  // namespace
 
 SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint_limit, Vector vertex_weights,
@@ -189,6 +202,12 @@ SkeletonSolver::SkeletonSolver(BodyModel model, Vector joint_sigma, Vector joint
         require(joint_sigma_[k] >= 0, "skeleton: joint_sigma[" + std::to_string(k) + "] must not be negative");
         require(joint_limit_[k] >= 0, "skeleton: joint_limit[" + std::to_string(k) + "] must not be negative");
     }
+    const Vector& twist = options_.joint_twist;
+    require(twist.size() == 0 || twist.size() == model_.joints(),
+            "skeleton: joint_twist needs " + std::to_string(model_.joints()) + " entries, or none");
+    for (Eigen::Index k = 0; k < twist.size(); ++k)
+        require(twist[k] > 0, "skeleton: joint_twist[" + std::to_string(k) + "] must be positive");
+    twist_ = twist_rows(model_, twist);
     require(vertex_weights_.size() == model_.v_template.rows(),
             "skeleton: vertex_weights has " + std::to_string(vertex_weights_.size()) + " entries, the model " +
                 std::to_string(model_.v_template.rows()) + " vertices");
@@ -266,7 +285,7 @@ SkeletonResult SkeletonSolver::solve_on(const ScanSurface* scan, const SkeletonF
     BodyState state{std::vector<Mat3>(static_cast<std::size_t>(model_.joints()), Mat3::Identity()), Vec3::Zero(),
                     Vector::Zero(model_.shapes())};
     if (warm) state = state_of(frame.start[0], model_);
-    Problem problem(model_, joint_sigma_, joint_limit_, area_, frame, o, o.solve_shape);
+    Problem problem(model_, joint_sigma_, joint_limit_, twist_, area_, frame, o, o.solve_shape);
     if (!warm) {
         place_rigidly(model_, frame, state);
         if (frame.keypoints.index.size()) fit_keypoints(problem, state, o);
@@ -342,7 +361,7 @@ std::vector<SkeletonResult> SkeletonSolver::solve_shared(const std::vector<Skele
             frame.start[0].shape = shape;
             results[f] = poses.solve_on(scans[f].get(), frame);
             if (round == rounds) return;
-            Problem problem(model_, joint_sigma_, joint_limit_, area_, frame, options_, true);
+            Problem problem(model_, joint_sigma_, joint_limit_, twist_, area_, frame, options_, true);
             problem.keypoint_robust = options_.keypoint_robust_sigmas;
             problem.surface_robust = options_.surface_robust;
             std::vector<int> faces;

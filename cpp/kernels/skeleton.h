@@ -4,6 +4,7 @@
 //                                                           c_v the scan's confidence there
 //     + sum_i rho(|k_i - p_i| / sigma_i)^2                  keypoints
 //     + sum_k |log L_k|^2 / joint_sigma_k^2 + limits        pose prior
+//     + sum_k (a_k . log L_k)^2 / joint_twist_k^2           turns about the bone a_k, which a straight limb hardly shows
 //     + shape_weight |beta|^2 + temporal terms
 //
 // over local rotations L_k, translation and shape, by Levenberg-Marquardt on dense normal equations; rho is
@@ -41,6 +42,7 @@ struct SkeletonOptions {
     double pose_weight = 1;              ///< scales the prior on joint angles
     double shape_weight = 1;             ///< scales |beta|^2
     double limit_sigma = 0.05;           ///< softness of the joints' limits [rad]
+    Vector joint_twist;                  ///< (K,) spread of a joint's turn about its bone [rad]; empty, infinity: free
     double temporal_sigma = 0.15;        ///< departure of a joint from its prediction by earlier frames [rad]
     double temporal_translation = 0.05;  ///< the same for the translation [m]
     bool solve_shape = true;             ///< false: the shape of the start is kept (zero without one)
@@ -108,6 +110,7 @@ private:
 
     BodyModel model_;
     Vector joint_sigma_, joint_limit_, vertex_weights_;
+    Vertices twist_;  // (K,3) a_k / joint_twist_k, a_k the bone's direction at rest; 0: free
     SkeletonOptions options_;
     Indices samples_;
     Vector area_;         // (n,) shares of the samples, which sum to 1

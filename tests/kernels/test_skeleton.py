@@ -8,7 +8,7 @@ import pytest
 from tests.support.smpl import JOINTS, smpl_fields
 from toile.io.body import load_body_model
 from toile.kernels import InputError, SkeletonSolver, SurfaceIndex, vertex_normals
-from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA, by_prefix
+from toile.kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, JOINT_TWIST, OTHER_LIMIT, OTHER_SIGMA, by_prefix
 
 MOVING = {
     "spine": 0.08,
@@ -35,7 +35,7 @@ def solver(model):
 def test_spreads_and_limits_follow_what_joints_are_not_what_they_are_called(model, tmp_path):
     np.savez(tmp_path / "smpl.npz", **smpl_fields())
     other = load_body_model(tmp_path / "smpl.npz")
-    for table, rest in ((JOINT_SIGMA, OTHER_SIGMA), (JOINT_LIMIT, OTHER_LIMIT)):
+    for table, rest in ((JOINT_SIGMA, OTHER_SIGMA), (JOINT_LIMIT, OTHER_LIMIT), (JOINT_TWIST, np.inf)):
         ours = dict(zip(model.joint_names, by_prefix(model.joint_roles, table, rest)))
         theirs = dict(zip(other.joint_names, by_prefix(other.joint_roles, table, rest)))
         assert theirs == {name: ours[twin] for name, twin in JOINTS.items()}
@@ -113,6 +113,44 @@ def test_cloth_off_the_torso_leaves_joints_under_a_centimetre_and_labels_help_th
     assert joint_error(blind, truth).mean() < 1e-2 and joint_error(told, truth).mean() < 6e-3
     error = [np.linalg.norm(r.V - truth.V, axis=1)[cloth > 0].mean() for r in (blind, told)]
     assert error[1] < 0.8 * error[0]
+
+
+def bone(model, name):
+    k = model.joint_names.index(name)
+    along = model.J[model.parents == k].mean(0) - model.J[k]
+    return k, along / np.linalg.norm(along)
+
+
+def turns(model, result):
+    """Of the left thigh and shank about their own bones [rad]."""
+    return [result.rotations[k] @ along for k, along in (bone(model, "upperleg01.L"), bone(model, "lowerleg01.L"))]
+
+
+def test_a_foot_that_points_outwards_does_not_turn_the_knee(model):
+    """A straight leg's keypoints show no more than the sum of its joints' turns."""
+    rotations, still = np.zeros((104, 3)), np.zeros(3)
+    k, along = bone(model, "upperleg01.L")
+    rotations[k] = 0.4 * along
+    joints = model.joint_transforms(model.J, rotations, still)[1]
+    seen = keypoints(model, SimpleNamespace(V=model.skin(model.v_template, model.J, rotations, still), joints=joints))
+    held, free = (
+        SkeletonSolver(model, solve_shape=False, **options).solve(keypoints=seen)
+        for options in ({}, {"joint_twist": {"": np.inf}})
+    )
+    assert abs(turns(model, held)[1]) < 0.03 < 0.1 < turns(model, free)[1]
+    assert turns(model, held)[0] > 0.1 and held.keypoint_rms < 1e-4
+
+
+def test_the_spread_of_turns_costs_a_bend_nothing(model):
+    rotations, still = np.zeros((104, 3)), np.zeros(3)
+    k, along = bone(model, "lowerleg01.L")
+    rotations[k] = 1.2 * np.cross(along, np.cross((1, 0, 0), along))
+    posed = model.skin(model.v_template, model.J, rotations, still)
+    free = {"joint_sigma": {"": np.inf}, "solve_shape": False}
+    result = SkeletonSolver(model, joint_twist={"lowerleg01": 1e-3}, **free).solve(
+        posed, model.f, start=(rotations, still, np.zeros(0))
+    )
+    assert np.abs(result.V - posed).max() < 1e-4 and abs(turns(model, result)[1]) < 1e-4
 
 
 def test_keypoints_alone_and_surface_alone_both_work(model, solver, truth):
@@ -198,6 +236,10 @@ def test_bad_input_is_refused_by_name(model, solver, truth):
         solver.solve(truth.scan, truth.faces, start=(np.zeros((3, 3)), np.zeros(3), np.zeros(16)))
     with pytest.raises(TypeError, match="no option named 'reech'"):
         SkeletonSolver(model, reech=1)
+    with pytest.raises(InputError, match=r"joint_twist\[3\] must be positive"):
+        SkeletonSolver(model, joint_twist=np.where(np.arange(len(model.J)) == 3, 0.0, 1.0))
+    with pytest.raises(InputError, match="joint_twist"):
+        SkeletonSolver(model, joint_twist=np.ones(3))
 
 
 def test_a_model_without_shapes_or_keypoints_is_posed_from_scans_alone(model):

@@ -124,9 +124,9 @@ private:
 /// One frame's problem: knows which unknowns are free and how to linearise.
 class Problem {
 public:
-    Problem(const BodyModel& model, const Vector& joint_sigma, const Vector& joint_limit, const Vector& area,
-            const SkeletonFrame& frame, const SkeletonOptions& o, bool free_shape)
-        : model_(model), sigma_(joint_sigma), limit_(joint_limit), area_(area), frame_(frame), o_(o),
+    Problem(const BodyModel& model, const Vector& joint_sigma, const Vector& joint_limit, const Vertices& twist,
+            const Vector& area, const SkeletonFrame& frame, const SkeletonOptions& o, bool free_shape)
+        : model_(model), sigma_(joint_sigma), limit_(joint_limit), twist_(twist), area_(area), frame_(frame), o_(o),
           free_shape_(free_shape) {
         column_.assign(static_cast<std::size_t>(model.joints()), -1);
         for (int k = 0; k < model.joints(); ++k)
@@ -205,6 +205,7 @@ private:
     const BodyModel& model_;
     const Vector& sigma_;
     const Vector& limit_;
+    const Vertices& twist_;
     const Vector& area_;
     const SkeletonFrame& frame_;
     const SkeletonOptions& o_;
@@ -317,6 +318,15 @@ private:
             const Vec3 r = rotation_log(state.local[i]);
             if (std::isfinite(sigma_[k]))
                 add_block(column_[i], log_jacobian(r), r, o_.pose_weight / (sigma_[k] * sigma_[k]), s, derivatives);
+            if (const Vec3 bone = twist_.row(k); !bone.isZero()) {
+                const double turn = bone.dot(r);
+                s.energy += o_.pose_weight * turn * turn;
+                if (derivatives) {
+                    const Vec3 row = log_jacobian(r).transpose() * bone;
+                    s.H.block<3, 3>(column_[i], column_[i]) += o_.pose_weight * row * row.transpose();
+                    s.g.segment<3>(column_[i]) += o_.pose_weight * turn * row;
+                }
+            }
             const double over = r.norm() - limit_[k];
             if (over > 0) {  // d |r| / du = r / |r|, because log_jacobian leaves r where it is
                 const double w = 1 / (o_.limit_sigma * o_.limit_sigma);

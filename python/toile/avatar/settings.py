@@ -142,7 +142,9 @@ class TemporalSettings(Settings):
     """The model that gives garments' codes from poses, and its training."""
 
     model: Literal["window", "damped"] = setting("window", "name", "window, or damped: a state of its own")
-    window: int = setting(15, "count", "poses that the window model sees, the current one included", ge=1, le=10_000)
+    window: int | None = setting(
+        None, "count", "poses that the window model sees, the current one included; none: those of half a second", ge=1, le=10_000
+    )
     channels: int = setting(256, "count", "of its hidden layers", ge=1)
     steps: int = setting(1000, "count", "at most: frames left out say when to stop", ge=1)
     batch: int = setting(64, "count", "windows, or stretches of the damped model, a step", ge=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, OTHER_LIMIT, OTHER_SIGMA
+from ..kernels.skeleton import JOINT_LIMIT, JOINT_SIGMA, JOINT_TWIST, OTHER_LIMIT, OTHER_SIGMA
 from .settings import Settings, setting
 
 
@@ -50,6 +50,11 @@ class SkeletonSettings(Settings):
         "largest angles of the joints whose roles (BodyModel.joint_roles) begin so: knees, elbows and fingers fold far, others do not",
     )
     other_joint_limit: float = setting(OTHER_LIMIT, "rad", "the same of all other joints but the root", gt=0)
+    joint_twist: dict[str, float] = setting(
+        dict(JOINT_TWIST),
+        "rad",
+        "spread of turns of the joints whose roles (BodyModel.joint_roles) begin so about their own bones: a knee is a hinge; others are free",
+    )
 
 
 class NricpSettings(Settings):

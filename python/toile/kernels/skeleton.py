@@ -49,6 +49,9 @@ JOINT_LIMIT = (
     ("upperleg01", 2.4),
 )
 OTHER_LIMIT = 1.2
+# Spread of turns about the joint's own bone [rad]: a knee is a hinge, and a straight leg's scan hardly tells how far its
+# thigh turns against its shank. Arms turn there freely.
+JOINT_TWIST = (("upperleg01", 0.3), ("lowerleg01", 0.1), ("foot", 0.2))
 KEYPOINT_SIGMA = 0.005  # m, where keypoints bring none of their own
 
 
@@ -56,13 +59,15 @@ class SkeletonSolver(Rebuilt):
     """Fits `body_model` (`toile.scene.BodyModel`) to frames: argmin over local rotations, translation and shape of
 
         surface_weight mean_v c_v rho(n.(y_v - q_v) / surface_sigma)^2 + sum_i rho(|k_i - p_i| / sigma_i)^2
-        + sum_k |log L_k|^2 / joint_sigma_k^2 + joint limits + shape_weight |beta|^2 + temporal terms
+        + sum_k |log L_k|^2 / joint_sigma_k^2 + (a_k . log L_k)^2 / joint_twist_k^2
+        + joint limits + shape_weight |beta|^2 + temporal terms
 
     rho is Geman-McClure, q_v the closest scan point within `reach` whose normal agrees, c_v its confidence. Levenberg-Marquardt on dense
     normal equations with analytic derivatives; the same bits for any number of threads. `joint_sigma` [rad],
     (K,) or {beginning of a joint's name: value}, replaces the spreads about rest (0 locks a joint at its start, infinity
     frees it), `joint_limit` [rad] the largest angles; joints that a table does not name get `other_joint_sigma` and
-    `other_joint_limit`, the root is free. `vertex_weights` (n,) is the mask of what scans show.
+    `other_joint_limit`, the root is free. `joint_twist` [rad] is the spread of a joint's turns about the bone a_k that begins
+    there; it is free where a table names none. `vertex_weights` (n,) is the mask of what scans show.
 
     Kept: the model, the vertices that look for the scan and their shares of area. No factor is kept: the normal
     equations are dense, of some hundred unknowns, and change with every step. Threads may share a solver.
@@ -87,12 +92,14 @@ class SkeletonSolver(Rebuilt):
         vertex_weights: Array | None = None,
         other_joint_sigma: float = OTHER_SIGMA,
         other_joint_limit: float = OTHER_LIMIT,
+        joint_twist: ByJoint | None = None,
         **options: Any,
     ) -> None:
         roles, n = body_model.joint_roles, len(body_model.v_template)
         self.body_model = body_model
         sigma = _by_joint(roles, joint_sigma, JOINT_SIGMA, other_joint_sigma)
         limit = _by_joint(roles, joint_limit, JOINT_LIMIT, other_joint_limit)
+        twist = _by_joint(roles, joint_twist, JOINT_TWIST, np.inf)
         if vertex_weights is None:
             vertex_weights = np.where(body_model.inside, 0.0, 1.0)
         given = (
@@ -100,6 +107,7 @@ class SkeletonSolver(Rebuilt):
             as_floats("skeleton", "joint_limit", limit, (len(roles),)),
             as_floats("skeleton", "vertex_weights", vertex_weights, (n,)),
         )
+        options["joint_twist"] = as_floats("skeleton", "joint_twist", twist, (len(roles),))
         self._solver = _core.SkeletonSolver(body_model.core, *given, **options)
         self._keep(body_model, *given, **options)
 

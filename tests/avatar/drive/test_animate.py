@@ -174,8 +174,20 @@ def test_training_poses_are_near_and_others_are_warned_of(avatar_folder, sample_
     rotations = np.zeros((2, 104, 3))
     rotations[:, :, 0] = 0.8
     np.savez(tmp_path / "far.npz", rotations=rotations, translation=np.zeros((2, 3)), fps=30.0)
-    (warning,) = DrivenAvatar(avatar_folder, tmp_path / "far.npz").warnings
-    assert "2 of 2 poses are far from the training's: frame 0 is" in warning
+    whole, joint = DrivenAvatar(avatar_folder, tmp_path / "far.npz").warnings
+    assert "2 of 2 poses are far from the training's poses: frame 0 is" in whole
+    assert "2 of 2 poses have a joint more than 20 degrees from where the training's poses had it" in joint
+
+
+def test_one_limb_that_no_training_pose_had_is_warned_of(avatar_folder, sample_run, tmp_path):
+    """In the mean over all joints such a pose is near."""
+    run = open_run(sample_run)
+    rotations, translation = (np.repeat(a[None], 2, 0) for a in run.pose.at(1))
+    shank = run.body_model.joint_names.index("lowerleg01.R")
+    rotations[1, shank, 0] += 0.8
+    np.savez(tmp_path / "one.npz", rotations=rotations, translation=translation, fps=30.0)
+    (warning,) = DrivenAvatar(avatar_folder, tmp_path / "one.npz").warnings
+    assert "1 of 2 poses" in warning and "in frame 1 lowerleg01.R is 4" in warning
 
 
 def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):

@@ -125,6 +125,13 @@ def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
     assert known == driven[1] and stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
 
 
+def test_a_window_that_nobody_chose_holds_half_a_second_of_poses(sample_avatar, tmp_path):
+    folder = shutil.copytree(sample_avatar, tmp_path / "avatar")
+    train_temporal(folder, TemporalSettings(channels=8, steps=1))
+    driver, stride, _ = load_driver(folder)
+    assert stride == 1 and driver.settings.window == round(load_avatar(folder).scene.fps / 2) > 1
+
+
 def test_training_stops_where_frames_left_out_are_met_best():
     """Codes that follow the pose are learnt for as long as allowed; codes of pure noise only until the mean is known."""
     torch.manual_seed(0)
@@ -231,7 +238,7 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
 def test_the_command_line_names_the_temporal_model():
     assert temporal_options(None, None, None) == {}
     assert TemporalSettings(**temporal_options(None, 7, 3)) == TemporalSettings(model="window", window=7, seed=3)
-    assert TemporalSettings(**temporal_options("damped", 15, 0)) == TemporalSettings(model="damped")
+    assert TemporalSettings(**temporal_options("damped", 15, 0)) == TemporalSettings(model="damped", window=15)
     with pytest.raises(UserError, match="--temporal-model springs: expected window or damped"):
         temporal_options("springs", 15, 0)
     with pytest.raises(UserError, match="--window 0: expected at least one pose"):

@@ -32,7 +32,7 @@ from ...pipeline.workers import Workers, check_workers, everywhere
 from ...scene import Camera, Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
-from ..model.poses import pose_distance
+from ..model.poses import joint_distances, joints_apart
 from .apart import take
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
@@ -130,20 +130,21 @@ class DrivenAvatar:
         for one in self.lent:
             found += [
                 *one.warnings,
-                *self._far_from(one.poses, f"those that {one.name} of {one.folder} was taught with"),
+                *self._far_from(one.poses, f"the {one.name}'s of {one.folder}"),
             ]
         return found
 
     def _far_from(self, poses, whose):
-        distance = np.array([pose_distance(r, poses["rotations"]).min() for r in self.motion.rotations])
+        joints = [joint_distances(r, poses["rotations"]) for r in self.motion.rotations]
+        distance, frames, found = np.array([j.mean(1).min() for j in joints]), self.motion.frames, []
         far = distance > FAR * poses["usual"]
-        if not far.any():
-            return []
-        worst = int(distance.argmax())
-        return [
-            f"{far.sum()} of {len(distance)} poses are far from {whose}: frame {self.motion.frames[worst]} is "
-            f"{distance[worst]:.1f} degrees a joint from the nearest, training poses are {poses['usual']:.1f} from one another"
-        ]
+        if far.any():
+            worst = int(distance.argmax())
+            found.append(
+                f"{far.sum()} of {len(distance)} poses are far from {whose} poses: frame {frames[worst]} is "
+                f"{distance[worst]:.1f} degrees a joint from the nearest, those are {poses['usual']:.1f} from one another"
+            )
+        return found + joints_apart(frames, joints, self.model.joint_names[1:], whose)
 
     def batch(self, i, camera, index=-1):
         """Frame i seen by a camera, `index` among the avatar's own, as `Avatar.decode` takes it."""

@@ -21,6 +21,7 @@ from ..model.checkpoint import check_same, load_avatar, read_facts, topology, wr
 from ..train.data import AvatarData
 from .driver import FILE, PREFIX, UNSEEN, Driver, held_out_span, one_thread, reader_of, run_track, stride_of, without
 
+SPAN = 0.5  # seconds of poses that the window model sees where nobody says how many
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
 FEWEST = 40  # frames of which stretches can be left out; fewer are neighbours, and learnt by heart
 CHECK = 20  # steps between looks at those left out
@@ -49,6 +50,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     data = data_of(run, folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
+    settings = settings.model_copy(update={"window": settings.window or max(round(SPAN * track.rate), 1)})
     torch.manual_seed(settings.seed)
     driver = Driver(settings, track.features.shape[1], sizes)
     driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))

@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import UserError
 from ...measure.truth import mean_measures
 from ...surface.sampling import evenly
+from ..model.poses import joints_apart
 from .intervals import mean_change
 from .metrics import ErrorSums, errors_over, pixel_sets, squared_error, ssim_map
 from .perception import SeenSums, seen
@@ -165,7 +166,8 @@ def _as_stated(picture, sources):
 
 def _result(held, errors, sources, mm_per_pixel):
     geometry = {n: held.geometry_errors(n, sources) for n in held.frames} if held.truth else {}
-    distance = {n: held.nearest_pose(n) for n in held.frames}
+    joints = [held.from_training(n) for n in held.frames]
+    distance = {n: float(j.mean(1).min()) if len(j) else None for n, j in zip(held.frames, joints)}
 
     def of(name, frame=None):
         if name not in held.avatars:
@@ -185,4 +187,5 @@ def _result(held, errors, sources, mm_per_pixel):
     per_frame = [
         {"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames
     ]
-    return {"all": everything, "per_frame": per_frame, "warnings": held.warnings}
+    apart = joints_apart(held.frames, joints, held.registered.run.body_model.joint_names[1:], "the training's")
+    return {"all": everything, "per_frame": per_frame, "warnings": held.warnings + apart}

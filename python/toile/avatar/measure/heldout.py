@@ -17,7 +17,7 @@ from ...scene import HIDDEN, frame_ranges
 from ...surface.sampling import evenly
 from ..drive.layering import GarmentLayering
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
-from ..model.poses import pose_distance
+from ..model.poses import joint_distances
 from ..train.data import AvatarData
 from .face import Facial
 from .photometric import photometric
@@ -97,11 +97,10 @@ class HeldOut:
     def count(self):
         return len(next(iter(self.data.values())))
 
-    def nearest_pose(self, frame):
-        """Distance [degrees] of a frame's pose to the nearest that was trained on; None where the run has none of them."""
+    def from_training(self, frame):
+        """(T,K-1) `joint_distances` of a frame's pose to those of the frames trained on that the run has."""
         poses, row = self.registered.rotations, self.registered.run.row
-        distances = pose_distance(poses[row(frame)], [poses[row(n)] for n in self.trained])
-        return float(distances.min()) if len(distances) else None
+        return joint_distances(poses[row(frame)], poses[[row(n) for n in self.trained]])
 
     def pictures(self):
         """Every held-out picture as both avatars show it."""

@@ -1,21 +1,44 @@
-"""How far poses lie from one another."""
+"""How far poses lie from one another, whole and joint by joint."""
 
 from __future__ import annotations
 
 import numpy as np
 
+JOINT_FAR = 20.0  # degrees: a joint that is farther from where it was in every other pose is warned of
 
-def pose_distance(rotations, others):
-    """Mean over the joints below the root of the geodesic angle [degrees] between a pose (K,3) and each of (T,K,3).
+
+def joint_distances(rotations, others):
+    """(T,K-1) geodesic angles [degrees] of the joints below the root between a pose (K,3) and each of (T,K,3).
 
     Rotation vectors relative to the parent; the root is left out, since avatars unpose it.
     """
     from scipy.spatial.transform import Rotation
 
     others = np.asarray(others, dtype=np.float64)
-    if len(others) == 0:
-        return np.zeros(0)
     T, K = others.shape[:2]
+    if T == 0:
+        return np.zeros((0, K - 1))
     a = Rotation.from_rotvec(np.tile(np.asarray(rotations, np.float64)[1:], (T, 1)))
     b = Rotation.from_rotvec(others[:, 1:].reshape(-1, 3))
-    return np.degrees((a.inv() * b).magnitude().reshape(T, K - 1).mean(1))
+    return np.degrees((a.inv() * b).magnitude().reshape(T, K - 1))
+
+
+def pose_distance(rotations, others):
+    """(T,) mean over the joints of their distances."""
+    return joint_distances(rotations, others).mean(1)
+
+
+def joints_apart(frames, distances, names, whose):
+    """[] or a warning: a joint lies where `whose` poses never had it, though its pose may be near one of them in the mean.
+
+    distances: `joint_distances` of each frame; names of those joints.
+    """
+    alone = np.array([each.min(0) for each in distances if len(each)])
+    far = (alone > JOINT_FAR).any(-1)
+    if not far.any():
+        return []
+    frame, joint = np.unravel_index(alone.argmax(), alone.shape)
+    return [
+        f"{far.sum()} of {len(far)} poses have a joint more than {JOINT_FAR:.0f} degrees from where {whose} poses had it: in frame "
+        f"{frames[frame]} {names[joint]} is {alone[frame, joint]:.0f} degrees off; it is drawn as the farthest that was taught"
+    ]
