@@ -85,7 +85,10 @@ def test_every_setting_is_read_somewhere():
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_kernel_options_have_the_core_s_names_and_defaults(name):
-    core, face = KERNELS[name](), {"joint_sigma", "other_joint_sigma", "joint_limit", "other_joint_limit", "joint_twist"}
+    core, face = (
+        KERNELS[name](),
+        {"joint_sigma", "other_joint_sigma", "joint_limit", "other_joint_limit", "joint_twist"},
+    )
     for option, value in group_of(Config(), name).model_dump().items():
         if option not in face:
             assert value == getattr(core, option), option

@@ -38,7 +38,9 @@ def train(
     physics: Annotated[
         bool, typer.Option(help="of --temporal: garments are measured as cloth too, and hang where that is nearer")
     ] = True,
-    window: Annotated[int | None, typer.Option(help="poses that the window model sees; default half a second of them")] = None,
+    window: Annotated[
+        int | None, typer.Option(help="poses that the window model sees; default half a second of them")
+    ] = None,
     lr: Annotated[float | None, typer.Option(help="learning rate of AdamW; default the quality's")] = None,
     seed: Annotated[
         int | None, typer.Option(help="same seed, same avatar on the same CPU; default 0", min=0, max=SEEDS - 1)

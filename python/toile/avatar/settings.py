@@ -143,7 +143,11 @@ class TemporalSettings(Settings):
 
     model: Literal["window", "damped"] = setting("window", "name", "window, or damped: a state of its own")
     window: int | None = setting(
-        None, "count", "poses that the window model sees, the current one included; none: those of half a second", ge=1, le=10_000
+        None,
+        "count",
+        "poses that the window model sees, the current one included; none: those of half a second",
+        ge=1,
+        le=10_000,
     )
     channels: int = setting(256, "count", "of its hidden layers", ge=1)
     steps: int = setting(1000, "count", "at most: frames left out say when to stop", ge=1)

@@ -126,12 +126,10 @@ class DrivenAvatar:
         found = []
         if self.motion.missing:
             found.append(f"the motion lacks {', '.join(self.motion.missing)}: they rest")
-        found += self._far_from(poses, "the training's")
+        found += self._far_from(poses, "the training's poses")
         for one in self.lent:
-            found += [
-                *one.warnings,
-                *self._far_from(one.poses, f"the {one.name}'s of {one.folder}"),
-            ]
+            taught = f"the poses that {one.name} of {one.folder} was taught with"
+            found += [*one.warnings, *self._far_from(one.poses, taught)]
         return found
 
     def _far_from(self, poses, whose):
@@ -141,7 +139,7 @@ class DrivenAvatar:
         if far.any():
             worst = int(distance.argmax())
             found.append(
-                f"{far.sum()} of {len(distance)} poses are far from {whose} poses: frame {frames[worst]} is "
+                f"{far.sum()} of {len(distance)} poses are far from {whose}: frame {frames[worst]} is "
                 f"{distance[worst]:.1f} degrees a joint from the nearest, those are {poses['usual']:.1f} from one another"
             )
         return found + joints_apart(frames, joints, self.model.joint_names[1:], whose)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-JOINT_FAR = 20.0  # degrees: a joint that is farther from where it was in every other pose is warned of
+JOINT_FAR = 20.0  # degrees: a joint that is farther from where every other pose had it is warned of
 
 
 def joint_distances(rotations, others):
@@ -29,7 +29,7 @@ def pose_distance(rotations, others):
 
 
 def joints_apart(frames, distances, names, whose):
-    """[] or a warning: a joint lies where `whose` poses never had it, though its pose may be near one of them in the mean.
+    """[] or a warning: a joint lies where the poses `whose` never had it, though its pose may be near one of them in the mean.
 
     distances: `joint_distances` of each frame; names of those joints.
     """
@@ -39,6 +39,6 @@ def joints_apart(frames, distances, names, whose):
         return []
     frame, joint = np.unravel_index(alone.argmax(), alone.shape)
     return [
-        f"{far.sum()} of {len(far)} poses have a joint more than {JOINT_FAR:.0f} degrees from where {whose} poses had it: in frame "
+        f"{far.sum()} of {len(far)} poses have a joint more than {JOINT_FAR:.0f} degrees from where {whose} had it: in frame "
         f"{frames[frame]} {names[joint]} is {alone[frame, joint]:.0f} degrees off; it is drawn as the farthest that was taught"
     ]
