@@ -253,7 +253,10 @@ class Dresser:
         boundary, confidence = self._boundary(matches), cloth.confidence
         fit = solver.solve(cloth.vertices, cloth.faces, start=start, boundary=boundary, scan_confidence=confidence)
         if fit.stop == "no_overlap":
-            raise UserError(f"dress: garment {self.template.name} lies nowhere near the scan's faces that carry it")
+            raise UserError(
+                f"dress: garment {self.template.name} lies nowhere near the scan's faces that carry its label: is it hidden under another? "
+                "What no camera sees is not registered: leave it out of scene.toml"
+            )
         return fit.V
 
     def _boundary(self, matches):
