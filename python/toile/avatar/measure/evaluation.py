@@ -187,5 +187,6 @@ def _result(held, errors, sources, mm_per_pixel):
     per_frame = [
         {"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames
     ]
-    apart = joints_apart(held.frames, joints, held.registered.run.body_model.joint_names[1:], "the training's poses")
-    return {"all": everything, "per_frame": per_frame, "warnings": held.warnings + apart}
+    names = held.registered.run.body_model.joint_names[1:]
+    held.warnings += joints_apart(held.frames, joints, names, "the training's poses")
+    return {"all": everything, "per_frame": per_frame, "warnings": held.warnings}  # to which driving adds
