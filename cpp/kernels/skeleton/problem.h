@@ -310,6 +310,14 @@ private:
         s.g.segment<3>(column) += w * J.transpose() * r;
     }
 
+    /// w r^2 of a number r of one joint, with r ~ r + row . x there.
+    void add_part(int column, const Vec3& row, double r, double w, System& s, bool derivatives) const {
+        s.energy += w * r * r;
+        if (!derivatives) return;
+        s.H.block<3, 3>(column, column) += w * row * row.transpose();
+        s.g.segment<3>(column) += w * r * row;
+    }
+
     void add_priors(const BodyState& state, System& s, bool derivatives) const {
         const double temporal = 1 / (o_.temporal_sigma * o_.temporal_sigma);
         for (int k = 0; k < model_.joints(); ++k) {
@@ -318,25 +326,10 @@ private:
             const Vec3 r = rotation_log(state.local[i]);
             if (std::isfinite(sigma_[k]))
                 add_block(column_[i], log_jacobian(r), r, o_.pose_weight / (sigma_[k] * sigma_[k]), s, derivatives);
-            if (const Vec3 bone = twist_.row(k); !bone.isZero()) {
-                const double turn = bone.dot(r);
-                s.energy += o_.pose_weight * turn * turn;
-                if (derivatives) {
-                    const Vec3 row = log_jacobian(r).transpose() * bone;
-                    s.H.block<3, 3>(column_[i], column_[i]) += o_.pose_weight * row * row.transpose();
-                    s.g.segment<3>(column_[i]) += o_.pose_weight * turn * row;
-                }
-            }
-            const double over = r.norm() - limit_[k];
-            if (over > 0) {  // d |r| / du = r / |r|, because log_jacobian leaves r where it is
-                const double w = 1 / (o_.limit_sigma * o_.limit_sigma);
-                const Vec3 axis = r.normalized();
-                s.energy += w * over * over;
-                if (derivatives) {
-                    s.H.block<3, 3>(column_[i], column_[i]) += w * axis * axis.transpose();
-                    s.g.segment<3>(column_[i]) += w * over * axis;
-                }
-            }
+            if (const Vec3 bone = twist_.row(k); !bone.isZero())
+                add_part(column_[i], log_jacobian(r).transpose() * bone, bone.dot(r), o_.pose_weight, s, derivatives);
+            if (const double over = r.norm() - limit_[k]; over > 0)  // d |r| / du = r / |r|: log_jacobian leaves r be
+                add_part(column_[i], r.normalized(), over, 1 / (o_.limit_sigma * o_.limit_sigma), s, derivatives);
             if (!predicted_.local.empty()) {
                 const Vec3 e = rotation_log(state.local[i] * predicted_.local[i].transpose());
                 add_block(column_[i], log_jacobian(e), e, temporal, s, derivatives);

@@ -14,7 +14,7 @@ from toile.avatar.measure.metrics import (
     squared_error,
     ssim_map,
 )
-from toile.avatar.model.poses import pose_distance
+from toile.avatar.model.poses import joints_apart, nearest_poses, pose_distance
 from toile.measure.truth import second_difference
 
 SHIRT, SKIN = 3, 1
@@ -135,6 +135,15 @@ def test_pose_distance_is_the_mean_angle_below_the_root():
     other[2] = [np.pi / 2, 0, 0]
     assert pose_distance(pose, [pose, other]) == pytest.approx([0, 90 / 4])
     assert len(pose_distance(pose, np.zeros((0, 5, 3)))) == 0
+
+
+def test_a_joint_is_as_far_as_from_the_nearest_of_all_poses_whichever_is_nearest_as_a_whole():
+    pose, one, other = np.zeros((3, 5, 3))
+    pose[1, 0], pose[2, 1], one[1, 0], other[2, 1] = 1.0, 0.5, 1.0, 0.5
+    whole, alone = nearest_poses(pose, [one, other])
+    assert whole == pytest.approx(np.degrees(0.5) / 4) and alone == pytest.approx([0, 0, 0, 0])
+    whole, alone = nearest_poses(pose, np.zeros((0, 5, 3)))
+    assert np.isnan(whole) and np.isnan(alone).all() and joints_apart([0], alone[None], "abcd", "none") == []
 
 
 def test_pose_distance_is_the_geodesic_and_not_the_difference_of_vectors():

@@ -32,7 +32,7 @@ from ...pipeline.workers import Workers, check_workers, everywhere
 from ...scene import Camera, Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
-from ..model.poses import joint_distances, joints_apart
+from ..model.poses import joints_apart, nearest_poses
 from .apart import take
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
 from .driver import FILE, load_driver, make_track, one_thread, reader_of
@@ -133,8 +133,8 @@ class DrivenAvatar:
         return found
 
     def _far_from(self, poses, whose):
-        joints = [joint_distances(r, poses["rotations"]) for r in self.motion.rotations]
-        distance, frames, found = np.array([j.mean(1).min() for j in joints]), self.motion.frames, []
+        whole, alone = zip(*(nearest_poses(r, poses["rotations"]) for r in self.motion.rotations))
+        distance, frames, found = np.array(whole), self.motion.frames, []
         far = distance > FAR * poses["usual"]
         if far.any():
             worst = int(distance.argmax())
@@ -142,7 +142,7 @@ class DrivenAvatar:
                 f"{far.sum()} of {len(distance)} poses are far from {whose}: frame {frames[worst]} is "
                 f"{distance[worst]:.1f} degrees a joint from the nearest, those are {poses['usual']:.1f} from one another"
             )
-        return found + joints_apart(frames, joints, self.model.joint_names[1:], whose)
+        return found + joints_apart(frames, np.array(alone), self.model.joint_names[1:], whose)
 
     def batch(self, i, camera, index=-1):
         """Frame i seen by a camera, `index` among the avatar's own, as `Avatar.decode` takes it."""

@@ -17,7 +17,7 @@ from ...scene import HIDDEN, frame_ranges
 from ...surface.sampling import evenly
 from ..drive.layering import GarmentLayering
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
-from ..model.poses import joint_distances
+from ..model.poses import nearest_poses
 from ..train.data import AvatarData
 from .face import Facial
 from .photometric import photometric
@@ -98,9 +98,9 @@ class HeldOut:
         return len(next(iter(self.data.values())))
 
     def from_training(self, frame):
-        """(T,K-1) `joint_distances` of a frame's pose to those of the frames trained on that the run has."""
+        """`nearest_poses` of a frame's pose among those of the frames trained on that the run has."""
         poses, row = self.registered.rotations, self.registered.run.row
-        return joint_distances(poses[row(frame)], poses[[row(n) for n in self.trained]])
+        return nearest_poses(poses[row(frame)], poses[[row(n) for n in self.trained]])
 
     def pictures(self):
         """Every held-out picture as both avatars show it."""

@@ -28,13 +28,19 @@ def pose_distance(rotations, others):
     return joint_distances(rotations, others).mean(1)
 
 
-def joints_apart(frames, distances, names, whose):
+def nearest_poses(rotations, others):
+    """How far a pose (K,3) lies from the nearest of (T,K,3) as a whole, by `pose_distance`, and how far each of its joints from where any of
+    them has it (K-1,) [degrees]; nan without others."""
+    apart = joint_distances(rotations, others)
+    return (apart.mean(1).min(), apart.min(0)) if len(apart) else (np.nan, np.full(apart.shape[1], np.nan))
+
+
+def joints_apart(frames, alone, names, whose):
     """[] or a warning: a joint lies where the poses `whose` never had it, though its pose may be near one of them in the mean.
 
-    distances: `joint_distances` of each frame; names of those joints.
+    alone (F,K-1): how far each frame's joints lie from there [degrees]; names of those joints.
     """
-    alone = np.array([each.min(0) for each in distances if len(each)])
-    far = (alone > JOINT_FAR).any(-1)
+    far = (alone > JOINT_FAR).any(1)
     if not far.any():
         return []
     frame, joint = np.unravel_index(alone.argmax(), alone.shape)
