@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.support.printed_tube import around_and_up, dots, tube
+from tests.support.printed_tube import RADIUS, around_and_up, dots, tube
 from toile import kernels
 from toile.config import PrintSettings
 from toile.prints.colours import CHANNELS
 from toile.prints.lattice import Lattice
 from toile.prints.matching import Matcher
-from toile.prints.reference import print_of_texture, pyramid_of, reference_of
+from toile.prints.reference import Reference, mean_print, print_of_texture, pyramid_of, reference_of
 from toile.prints.sliding import SlidingSurface
 from toile.vision.unwrapping import Unwrapped
 
@@ -29,7 +29,8 @@ def test_only_a_texture_tells_what_all_frames_share(textured):
     points = matcher.surface.lattice.positions
     frames, posed = [seen(points, turn) for turn in (0.030, 0.032)], [V, V]
     texture = np.log(seen(points, 0)[0].colours / 255 + 0.04) @ CHANNELS.T if textured else None
-    reference = reference_of(matcher, frames, posed, 2, texture)
+    reference = reference_of(matcher, [7, 9], frames, posed, 2, texture)
+    assert reference.frames.tolist() == [7, 9] and len(reference.slides) == 2
     if not textured:
         assert reference.start is None
         return
@@ -40,6 +41,27 @@ def test_only_a_texture_tells_what_all_frames_share(textured):
     pyramid = pyramid_of(near, frames[1], reference.offsets)
     found = near.match(pyramid, near.target(reference.values, reference.weights), V, reference.start)
     assert np.abs(around_and_up(matcher, found.d)[0][inside] - 0.032).mean() < 0.001
+
+
+def test_a_frame_that_follows_none_begins_like_the_nearest_of_the_reference_or_like_all():
+    """Slides of 60 mm are found from those of 55 mm, and not from none; where none fits better, that is taken."""
+    V, F = tube()
+    matcher = Matcher(SlidingSurface(V, F, kernels.boundary_loops(F), SETTINGS.lattice_spacing), V, SETTINGS)
+    points, inside = matcher.surface.lattice.positions, ~matcher.surface.on_loop
+    offsets, about = np.zeros((1, 3)), np.stack([-V[:, 1], V[:, 0], 0 * V[:, 0]], 1) / RADIUS
+    frames = {number: pyramid_of(matcher, seen(points, turn), offsets) for number, turn in ((0, 0.0), (52, 0.060))}
+    far = np.einsum("gai,gi->ga", matcher.surface.frames, 0.055 * about)
+    slides = np.stack([0 * far, far])
+    reference = Reference(V, *mean_print(matcher, [frames[0][-1:]], [0 * far]), offsets, np.array([0, 49]), slides)
+    onto = matcher.target(reference.values, reference.weights)
+    assert reference.starts(20)[0] is not None and not reference.starts(20)[0].any()
+
+    def off(found, turn):
+        return np.abs(around_and_up(matcher, found.d)[0][inside] - turn).mean()
+
+    assert off(matcher.match(frames[52], onto, V), 0.060) > 0.02
+    assert off(matcher.best(frames[52], onto, V, reference.starts(52)), 0.060) < 0.003
+    assert off(matcher.best(frames[0], onto, V, [far, None]), 0.0) < 0.001
 
 
 def test_a_texture_is_read_where_its_uvs_are():

@@ -181,7 +181,8 @@ def _make_references(pictured, settings, reader, matchers, paths, progress):
         progress("reference", k + 1, len(anchors) + len(samples) + 1)
     for name, matcher in matchers.items():
         posed = [reader.vertices(number, name) for number in [*anchors, *samples]]
-        save_record(paths[name], reference_of(matcher, [v[name] for v in views], posed, len(anchors)))
+        seen = [v[name] for v in views]
+        save_record(paths[name], reference_of(matcher, [*anchors, *samples], seen, posed, len(anchors)))
     progress("reference", len(views) + 1, len(views) + 1)
 
 
@@ -193,8 +194,9 @@ def match(prepared, number, previous, results) -> None:
     start, views = time.perf_counter(), prepared.reader.views(number)
     for name, matcher in prepared.matchers.items():
         pyramid = pyramid_of(matcher, views[name], prepared.references[name].offsets)
-        first = None if previous is None else _matched(results, previous, name).d
-        matched = matcher.match(pyramid, prepared.onto[name], prepared.reader.vertices(number, name), first)
+        reference, posed = prepared.references[name], prepared.reader.vertices(number, name)
+        starts = reference.starts(number) if previous is None else [_matched(results, previous, name).d]
+        matched = matcher.best(pyramid, prepared.onto[name], posed, starts)
         save_record(results.folder(number) / f"{name}.npz", matched)
     results.status.add(frame=number, stage="align", seconds=time.perf_counter() - start, ok=True)
 

@@ -40,14 +40,16 @@ def make_references(load, numbers, prepared, progress):
     if all(identity_of(path) == identity for path in paths.values()) or not pictured:
         return
     settings = prepared.config.prints
-    chosen = anchors_and_samples(pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames)
-    views, dressed = [], []
-    for number in sum(chosen, []):
+    anchors, samples = anchors_and_samples(
+        pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames
+    )
+    views, dressed, chosen = [], [], [*anchors, *samples]
+    for number in chosen:
         layers = load(prepared, number)
         views.append(prepared.aligner.views(prepared.capture.pictures(number), *layers))
         dressed.append(layers[-1])
-        progress("reference print", len(views), sum(map(len, chosen)))
-    for name, reference in prepared.aligner.reference(views, dressed, len(chosen[0])).items():
+        progress("reference print", len(views), len(chosen))
+    for name, reference in prepared.aligner.reference(chosen, views, dressed, len(anchors)).items():
         save_record(paths[name], reference, identity)
 
 
@@ -68,7 +70,7 @@ def _slide(load, slid, prepared, numbers) -> Iterator[int]:
         yield
         start = time.perf_counter()
         near = before is not None and number - before <= NEAR
-        found[number] = aligner.match(views, layers[-1], upon, found[before] if near else None)
+        found[number] = aligner.match(number, views, layers[-1], upon, found[before] if near else None)
         seconds[number] += time.perf_counter() - start
 
     for number, error in overlapped(begin, pictured):

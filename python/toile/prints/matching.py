@@ -96,6 +96,10 @@ class Matcher:
         (before, seen), (after, _) = self._misfit(frame, target, nothing), self._misfit(frame, target, d)
         return Matched(d, before, after, seen)
 
+    def best(self, frame, target, posed, starts):
+        """Of the Matched slides from several `starts`, see `match`, the one that fits best, of equals the first."""
+        return min((self.match(frame, target, posed, start) for start in starts), key=lambda found: found.after)
+
     def unstretched(self, posed, slid=0.0):
         """The slide, the same for all frames, that leaves the edges' lengths on their `posed` surfaces (f,g,3) least changed;
         its smoothness counts together with that of `slid`, a slide that they have made already."""

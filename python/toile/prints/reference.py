@@ -23,7 +23,14 @@ class Reference:
     values: np.ndarray  # (N,3) channels at the lattice's points
     weights: np.ndarray  # (N,) 0..1
     offsets: np.ndarray  # (c,3) the cameras' colours
-    start: np.ndarray | None = None  # (g,2) the slide that a frame without one before it begins with [m]
+    frames: np.ndarray  # (f,) numbers of the frames that it was made of
+    slides: np.ndarray  # (f,g,2) theirs [m]
+    start: np.ndarray | None = None  # (g,2) the slide that all frames share where the template's texture tells it [m]
+
+    def starts(self, number):
+        """What the slide of frame `number` may begin with, where none before it is known: that of the nearest frame of the
+        reference, and what all share. A print that repeats fits in more places than its own."""
+        return [nearest(number, self.frames, self.slides), self.start]
 
 
 def anchors_and_samples(frames, first, anchors, samples):
@@ -32,24 +39,30 @@ def anchors_and_samples(frames, first, anchors, samples):
     return near, [n for n in evenly(frames, samples) if n not in near]
 
 
+def nearest(number, frames, slides):
+    """The slide of that one of the `frames` that lies nearest to `number`, of two the first."""
+    return slides[int(np.abs(np.asarray(frames) - number).argmin())]
+
+
 def pyramid_of(matcher, views, offsets):
     """The pyramid of a frame's print, from its Unwrapped a camera and the cameras' colours `offsets` (c,3)."""
     return matcher.pyramid(*blended(views, offsets, len(matcher.surface.lattice)))
 
 
-def reference_of(matcher, frames, posed, anchors, texture=None):
-    """The Reference of `frames`, lists of Unwrapped a camera, and their surfaces (f,g,3), the `anchors` first. `texture`: the
+def reference_of(matcher, numbers, frames, posed, anchors, texture=None):
+    """The Reference of `frames`, lists of Unwrapped a camera, their `numbers` and surfaces (f,g,3), the `anchors` first. `texture`: the
     print (N,3) that the template itself shows, see `print_of_texture`: then also the slide that all frames share is known."""
-    offsets = camera_offsets(frames, len(matcher.surface.lattice))
+    offsets, start = camera_offsets(frames, len(matcher.surface.lattice)), None
     pyramids = [pyramid_of(matcher, views, offsets) for views in frames]
     if texture is None:
-        found = make_reference(matcher, pyramids, posed, anchors, matcher.settings.mean_rounds)
-        return Reference(matcher.surface.rest, *found, offsets)
-    wide, everywhere = matcher.widened(), np.ones(len(texture))
-    start = wide.match(pyramid_of(wide, frames[0], offsets), wide.target(texture, everywhere), posed[0]).d
-    near, onto = matcher.about(start), matcher.target(texture, everywhere)
-    slides = [near.match(pyramid, onto, V, start).d for pyramid, V in zip(pyramids, posed)]
-    return Reference(matcher.surface.rest, *mean_print(matcher, pyramids, slides), offsets, start)
+        slides = common_slides(matcher, numbers, pyramids, posed, anchors, matcher.settings.mean_rounds)
+    else:
+        wide, everywhere = matcher.widened(), np.ones(len(texture))
+        start = wide.match(pyramid_of(wide, frames[0], offsets), wide.target(texture, everywhere), posed[0]).d
+        near, onto = matcher.about(start), matcher.target(texture, everywhere)
+        slides = [near.match(pyramid, onto, V, start).d for pyramid, V in zip(pyramids, posed)]
+    values, weights = mean_print(matcher, pyramids, slides)
+    return Reference(matcher.surface.rest, values, weights, offsets, np.array(numbers), np.array(slides), start)
 
 
 def print_of_texture(lattice, uv, face_uv, texture):
@@ -65,9 +78,9 @@ def print_of_texture(lattice, uv, face_uv, texture):
     return logarithms(total / (1 + len(turns))) @ CHANNELS.T
 
 
-def make_reference(matcher, pyramids, posed, anchors, rounds):
-    """values, weights of the mean print, of pyramids of frames and their posed surfaces (f,g,3), the `anchors` first and in
-    their order.
+def common_slides(matcher, numbers, pyramids, posed, anchors, rounds):
+    """Slides that lay the frames `numbers` upon their mean, of their pyramids and posed surfaces (f,g,3), the `anchors` first and
+    in their order.
 
     Prints fix slides only up to one that all frames share: it is chosen so that edges keep the template's lengths."""
     slides = [matcher.unstretched(posed[:1])]
@@ -77,11 +90,14 @@ def make_reference(matcher, pyramids, posed, anchors, rounds):
         slides.append(matcher.match(pyramids[k], onto, posed[k], slides[-1]).d)
     slides = shared_out(matcher, posed[:anchors], slides)
     for _ in range(rounds):
-        onto = matcher.target(*mean_print(matcher, pyramids[: len(slides)], slides))
-        starts = slides + [None] * (len(pyramids) - len(slides))
-        slides = [matcher.match(p, onto, V, d).d for p, V, d in zip(pyramids, posed, starts)]
+        known = len(slides)
+        onto = matcher.target(*mean_print(matcher, pyramids[:known], slides))
+        slides = [matcher.match(p, onto, V, d).d for p, V, d in zip(pyramids, posed, slides)]
+        for k in range(known, len(pyramids)):
+            starts = [nearest(numbers[k], numbers[:k], slides), None]
+            slides.append(matcher.best(pyramids[k], onto, posed[k], starts).d)
         slides = shared_out(matcher, posed, slides)
-    return mean_print(matcher, pyramids, slides)
+    return slides
 
 
 def shared_out(matcher, posed, slides):

@@ -83,13 +83,15 @@ class PrintAligner:
         return {name: seen[name] for name in self.matchers}
 
     def reference(
-        self, views: Sequence[Views], dressed: Sequence[Mapping[str, Dressed]], anchors: int
+        self, numbers: Sequence[int], views: Sequence[Views], dressed: Sequence[Mapping[str, Dressed]], anchors: int
     ) -> dict[str, Reference]:
-        """The references of frames, of which the first `anchors` follow one another; see `prints.reference`."""
+        """The references of the frames `numbers`, of which the first `anchors` follow one another; see `prints.reference`."""
         found = {}
         for name, matcher in self.matchers.items():
             posed = [d[name].vertices for d in dressed]
-            found[name] = reference_of(matcher, [v[name] for v in views], posed, anchors, self._texture(name))
+            found[name] = reference_of(
+                matcher, numbers, [v[name] for v in views], posed, anchors, self._texture(name)
+            )
         return found
 
     def _texture(self, name):
@@ -109,17 +111,18 @@ class PrintAligner:
 
     def match(
         self,
+        number: int,
         views: Views,
         dressed: Mapping[str, Dressed],
         upon: Mapping[str, Upon],
         before: Mapping[str, Matched] | None = None,
     ) -> dict[str, Matched]:
-        """The slides of a frame, from those of the frame `before`."""
+        """The slides of the frame `number`, from those of the frame `before`."""
         found = {}
         for name, to in upon.items():
             pyramid = pyramid_of(to.matcher, views[name], to.reference.offsets)
-            start = to.reference.start if before is None else before[name].d
-            found[name] = to.matcher.match(pyramid, to.target, dressed[name].vertices, start)
+            starts = to.reference.starts(number) if before is None else [before[name].d]
+            found[name] = to.matcher.best(pyramid, to.target, dressed[name].vertices, starts)
         return found
 
     def slid(self, name: str, dressed: Dressed, d: Floats) -> Dressed:

@@ -152,7 +152,7 @@ class ShownGarment:
         first, data, avatar = self.data[i], self.held.data[name], self.held.avatars[name]
         sample = data[i] | {key: first[key] for key in CROP}
         batch = {key: value.to(self.held.device) for key, value in default_collate([sample]).items()}
-        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)), texture=texture)
+        decoded = avatar.decode(batch, avatar.encoded(batch), texture=texture)
         key = name, int(sample["frame"])
         if key not in self.vertices:  # no camera changes the geometry
             self.vertices[key] = {layer: one.vertices for layer, one in self.layering[name](decoded, batch)[0].items()}

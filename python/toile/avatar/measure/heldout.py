@@ -147,7 +147,7 @@ class HeldOut:
         """{layer: Decoded}: the frame encoded, the mean of its code decoded, garments out of the body."""
         avatar, frame = self.avatars[name], int(sample["frame"])
         batch = {key: value.to(self.device) for key, value in default_collate([sample]).items()}
-        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
+        decoded = avatar.decode(batch, avatar.encoded(batch))
         placed = self._keep(name, frame, decoded, batch)
         return {layer: replace(one, vertices=self._tensor(placed[layer])) for layer, one in decoded.items()}
 

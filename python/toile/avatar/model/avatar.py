@@ -104,6 +104,15 @@ class Avatar(nn.Module):
         """{layer: z} without noise."""
         return {name: mean for name, (mean, _) in codes.items()}
 
+    def encoded(self, batch):
+        """{layer: z} of the batch's own frames, to be decoded: the means of their codes, and what these leave of the shapes."""
+        codes = self.means(self.encode(batch))
+        left = [name for name in codes if self.model(name).sizes.remainder]
+        for name, found in self.decode(batch, codes, left, texture=False).items():
+            remainder = self.model(name).remainder(self.unposed(batch, name) - found.unposed)
+            codes[name] = torch.cat([codes[name], remainder], 1)
+        return codes
+
     @staticmethod
     def impute(codes):
         """{layer: z'} that say nothing of their samples: each the code of another sample, or of the unit Gaussian."""
@@ -132,7 +141,7 @@ class Avatar(nn.Module):
         model, count = self.model(name), len(codes)
         pose = self._as_taught(codes.new_zeros(count, len(self.skeleton.J), 9))  # of R - 1
         face = codes.new_zeros(count, *self.face_mean.shape) if hasattr(self, "face_mean") else None
-        return model.decode_shape(model.networks.features(pose, face, codes), codes)
+        return model.decode_shape(model.features(pose, face, codes), codes)
 
     def _as_taught(self, features):
         """Features (B,K,9) of poses within the range of the training's: beyond it networks were never taught what to draw."""

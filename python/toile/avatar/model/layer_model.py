@@ -7,6 +7,7 @@ layer, a "surface", by all three. All geometry is unposed until linear blend ski
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from ...surface.uv import UvMap
 from ..render.renderer import Surface
 from .networks import COLOUR_IN, LayerNetworks, channels_last, resize
 from .operators import Facing
+from .remainder import manifold_harmonics
 from .skinning import Skin
 from .uv import TexelValues, UvSampler
 
@@ -94,14 +96,30 @@ class LayerModel(nn.Module):
         """Z, numbers of the code."""
         return len(self.modes) + self.sizes.latent
 
+    @cached_property
+    def harmonics(self):
+        """(n,R) displacements of the remainder, and the vertices' masses (n,1)."""
+        H, mass = manifold_harmonics(self.rest.cpu().double().numpy(), self.faces.cpu().numpy(), self.sizes.remainder)
+        return torch.as_tensor(H, dtype=torch.float32), torch.as_tensor(mass[:, None], dtype=torch.float32)
+
+    def remainder(self, left):
+        """(B,3R) [m^2]: what of displacements (B,n,3) that a code leaves is smooth."""
+        H, mass = (x.to(left.device) for x in self.harmonics)
+        return torch.einsum("nr,bnx->brx", H * mass, left).flatten(1)
+
     def amplitudes(self, unposed):
         """Of the principal modes (B,M) in vertices (B,n,3): 1 = a standard deviation over the training frames."""
         with torch.autocast(unposed.device.type, enabled=False):
             return (unposed - self.rest).flatten(1) @ (self.modes / self.modes.square().sum(1, keepdim=True)).T
 
+    def features(self, pose, face, z):
+        """What drives the decoders, see `LayerNetworks.features`: of a code with a remainder the code alone."""
+        return self.networks.features(pose, face, None if z is None else z[:, : self.code_size])
+
     def decode(self, pose, face, z, transforms, centre, texture=True):
-        """Pose features (B,K,C), face (B,q,3) and code (B,Z), posed by `transforms` and seen from centre (B,3)."""
-        features = self.networks.features(pose, face, z)
+        """Pose features (B,K,C), face (B,q,3) and code (B,Z), or code and remainder (B,Z + 3R), posed by `transforms` and seen
+        from centre (B,3)."""
+        features = self.features(pose, face, z)
         unposed = self.decode_shape(features, z)
         with torch.autocast(features.device.type, enabled=False):
             decoded = Decoded(unposed, self.skin.pose(unposed, *transforms))
@@ -118,12 +136,16 @@ class LayerModel(nn.Module):
         return decoded
 
     def decode_shape(self, features, z):
-        """Unposed vertices (B,n,3), float32, of what the networks decode of their features, and of the code's amplitudes."""
+        """Unposed vertices (B,n,3), float32, of what the networks decode of their features, of the code's amplitudes, and of the
+        remainder where z has one."""
         displacement = self.networks.geometry(features)
         with torch.autocast(features.device.type, enabled=False):
             unposed = self.rest + GEOMETRY_OUT * self.sampler(displacement)
             if len(self.modes):
                 unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
+            if z is not None and z.shape[1] > self.code_size:
+                left = z[:, self.code_size :].reshape(len(z), -1, 3)
+                unposed = unposed + torch.einsum("nr,brx->bnx", self.harmonics[0].to(z.device), left)
         return unposed
 
     @staticmethod

@@ -273,6 +273,7 @@ class Sizes:
     face_points: int = 0
     code: bool = False
     modes: int = 0  # numbers of the code that come before, given from outside
+    remainder: int = 0  # harmonics that hold what the code leaves of an encoded shape, which no network sees
     view: bool = False
     shadow: bool = True
     window: int = 0  # poses that the code is regressed from, in place of an encoder

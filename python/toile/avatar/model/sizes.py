@@ -28,6 +28,7 @@ def layer_sizes(kind, settings, cameras, scene, joints, face_points, modes):
         face_points=face_points if driven else 0,
         code=kind in ("garment", "surface") and not window,
         modes=modes,
+        remainder=settings.network.remainder if kind == "garment" else 0,
         view=settings.network.view and len(cameras) > 1 and scene.view_dependent,
         shadow=settings.network.shadow,
         window=window,

@@ -99,7 +99,7 @@ def unseen_error(job, folder, settings, frames, cache):
     found = []
     for row in evenly(range(len(data)), SCORED):
         batch = {name: value.to(device) for name, value in default_collate([data[row]]).items()}
-        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
+        decoded = avatar.decode(batch, avatar.encoded(batch))
         image = avatar.compose(decoded, batch, batch["image"].shape[-2:])[0].image
         found.append(float(losses.image_l1(image[None].float(), batch["image"], batch["mask"])))
     return float(np.mean(found))

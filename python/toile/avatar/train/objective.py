@@ -111,6 +111,6 @@ class Objective(torch.nn.Module):
     def picture(self, batch):
         """(3,H,2W) 0..1: the first sample captured, and rendered with the mean of its code."""
         avatar = self.avatar
-        decoded = avatar.decode(batch, avatar.means(avatar.encode(batch)))
+        decoded = avatar.decode(batch, avatar.encoded(batch))
         rendered = avatar.compose(decoded, batch, batch["image"].shape[-2:])[0].image
         return torch.cat([batch["image"][0], rendered.float()], dim=-1).clamp(0, 1).cpu()
