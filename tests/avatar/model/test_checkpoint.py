@@ -103,6 +103,17 @@ def test_another_scene_or_setting_is_named(tmp_path):
         begin(tmp_path, asked | {"settings": finer})
 
 
+def test_a_setting_that_an_older_version_did_not_know_has_its_default(tmp_path):
+    asked = {"settings": preset("draft").model_dump(mode="json")}
+    older = json.loads(json.dumps(asked))
+    del older["settings"]["network"]["remainder"]
+    (tmp_path / "avatar.json").write_text(json.dumps(older | {"steps": None}))
+    assert begin(tmp_path, asked)
+    asked["settings"]["network"]["remainder"] += 1
+    with pytest.raises(UserError, match="settings.network.remainder: holds"):
+        begin(tmp_path, asked)
+
+
 def test_finished_training_is_not_begun_again(tmp_path):
     begin(tmp_path, {"scene": "walk"})
     (tmp_path / "avatar.json").write_text(json.dumps({"scene": "walk", "steps": {"body": 3}}))

@@ -116,7 +116,9 @@ def begin(folder, asked):
     if not path.exists():
         write_text(path, json.dumps(asked | {"steps": None}, indent=1))
         return True
-    found = read_json(path, dict)
+    found = asked_before(folder)
+    if found.get("settings"):  # what an older version did not know has its default
+        found["settings"] = found["settings"].model_dump(mode="json")
     check_same(path, found, asked)
     return found.get("steps") is None
 
