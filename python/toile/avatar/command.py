@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from functools import partial
 from pathlib import Path
 from typing import Annotated, get_args
 
@@ -20,7 +21,9 @@ def train(
     quality: Annotated[
         str | None, typer.Option(help="draft, standard (the default) or fine: sizes of the maps, widths, steps")
     ] = None,
-    minutes: Annotated[float | None, typer.Option(help="as many steps as fit; without, the quality's")] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="as many steps as fit, aligning apart; without, the quality's")
+    ] = None,
     steps: Annotated[str | None, typer.Option(help="BODY,GARMENT,JOINT: steps of each phase")] = None,
     holdout: Annotated[
         str | None,
@@ -29,6 +32,13 @@ def train(
         ),
     ] = None,
     baseline: Annotated[bool, typer.Option("--baseline", help="also the single-layer avatar to compare with")] = False,
+    align: Annotated[
+        bool | None,
+        typer.Option(
+            "--align/--no-align",
+            help="in AVATAR/aligned garments slide until their prints lie still, and that is learnt; default of a run that is not aligned",
+        ),
+    ] = None,
     temporal: Annotated[
         bool, typer.Option("--temporal", help="also the model that drives the garments by poses")
     ] = False,
@@ -67,7 +77,8 @@ def train(
 
     first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
     with progress_bars(quiet=not first) as progress:
-        make_avatar(Request(run, settings, minutes, holdout, progress, progress.print), avatar, baseline)
+        still = partial(laid_still, asked=align, progress=progress)
+        make_avatar(Request(run, settings, minutes, holdout, progress, progress.print, still), avatar, baseline)
         if drive and first:
             from .drive.teaching import train_temporal
 
@@ -77,7 +88,7 @@ def train(
             if physics:
                 from .drive.cloths import ensure_cloths
 
-                ensure_cloths(avatar, run, progress)
+                ensure_cloths(avatar, progress=progress)
     if first:
         if drive:
             steps = measured.pop("steps")
@@ -88,6 +99,28 @@ def train(
                 say_cloths(avatar)
         speech.result(f"{avatar}: trained", avatar=avatar)
         speech.next_step("evaluate", avatar)
+
+
+def laid_still(run, folder, asked, progress):
+    """The Run that AVATAR `folder` learns: `run`, or AVATAR/aligned made of it, see `toile align`. `asked` None: as the avatar that is
+    there was; a new one learns an aligned run, unless this one is, or torchrun trains it."""
+    from ..align.run import align
+    from ..io.run import is_run, open_run
+    from .model.checkpoint import asked_before
+
+    own, before = (Path(folder) / "aligned").resolve(), asked_before(folder).get("run")
+    together = int(os.environ.get("WORLD_SIZE", 1)) > 1
+    if asked is None and before is not None:
+        asked = before == str(own)
+    if asked and together and not is_run(own):
+        raise UserError(f"--align: not by torchrun: toile align {run.path} ALIGNED, then train on that")
+    if asked is None:
+        printed = any(garment.prints for garment in run.capture.scene.garments)
+        asked = bool(run.garments) and not (together or printed or "align" in run.config)
+    if not asked:
+        return run
+    align(run.path, own, progress=lambda stage, done, total: progress(f"align: {stage}", done, total))
+    return open_run(own)
 
 
 def say_cloths(avatar):

@@ -37,7 +37,11 @@ class NetworkSettings(Settings):
 
     latent: int = setting(64, "count", "numbers of each garment's code, besides its modes", ge=1, le=4096)
     remainder: int = setting(
-        32, "count", "harmonics that hold what the code leaves of an encoded frame's shape; motion drives none", ge=0, le=512
+        32,
+        "count",
+        "harmonics that hold what the code leaves of an encoded frame's shape; motion drives none",
+        ge=0,
+        le=512,
     )
     width: int = setting(
         64, "count", "channels of the widest decoder block; halved with each doubled resolution", ge=1, le=4096

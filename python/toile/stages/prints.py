@@ -89,9 +89,7 @@ class PrintAligner:
         found = {}
         for name, matcher in self.matchers.items():
             posed = [d[name].vertices for d in dressed]
-            found[name] = reference_of(
-                matcher, numbers, [v[name] for v in views], posed, anchors, self._texture(name)
-            )
+            found[name] = reference_of(matcher, numbers, [v[name] for v in views], posed, anchors, self._texture(name))
         return found
 
     def _texture(self, name):

@@ -31,7 +31,7 @@ ANIMATE = ("animate", "IN", "MOTION", "OUT")
 DRIVE, BVH = (("animate", "AVATAR", f"IN/motion.{kind}", "OUT") for kind in ("npz", "bvh"))
 ALIGN = ("align", "IN", "OUT")
 TEMPLATE = ("template", "IN", "OUT.obj", "--name", "shirt", "--label", "tshirt")
-TRAIN = ("train", "IN", "OUT", "--quality", "draft", "--steps", "1,1,1")
+TRAIN = ("train", "IN", "OUT", "--quality", "draft", "--steps", "1,1,1", "--no-align")
 CASES = {}
 
 

@@ -41,15 +41,16 @@ class Request:
 
     run: Path
     settings: AvatarSettings
-    minutes: float | None = None  # for the layered avatar; the baseline takes as many steps
+    minutes: float | None = None  # for the layered avatar, once it is aligned; the baseline takes as many steps
     holdout: str | None = None  # "A-B", inclusive frame numbers, or "none"; None: the last tenth
     progress: Callable = lambda stage, done, total, note: None
     say: Callable = print
+    still: Callable = lambda run, folder: run  # gives the Run to learn of the one that is asked for, perhaps aligned
 
 
 def make_avatar(request, folder, baseline=False):
     """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
-    begun, folder, fabric = time.monotonic(), Path(folder), start_fabric()
+    folder, fabric = Path(folder), start_fabric()
     run = open_run(request.run)
     left_out = left_out_frames(request.holdout, folder, run)
     frames = [number for number in run.pictured if number not in left_out]
@@ -57,6 +58,7 @@ def make_avatar(request, folder, baseline=False):
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
     if left_out and not run.holdout:
         request.say(f"{run.path}: its registration has read the frames held out, {frame_ranges(left_out)}")
+    run, begun = request.still(run, folder), time.monotonic()
     seconds = None if request.minutes is None else 60 * request.minutes
     settings = request.settings
     if settings.fit_crop:

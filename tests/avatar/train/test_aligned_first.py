@@ -1,0 +1,108 @@
+"""`toile train` and runs whose prints do not lie still yet: what is aligned first, and what stays as it was asked for."""
+
+import json
+import shutil
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from toile.avatar.command import laid_still
+from toile.errors import UserError
+from toile.io.run import open_run
+
+QUIET = lambda stage, done, total, note=None: None
+
+
+@pytest.fixture
+def aligning(monkeypatch):
+    """Folders that were aligned, in the place of the alignment: it copies the run."""
+    made = []
+
+    def align(run, out, progress):
+        progress("reference", 1, 1)
+        made.append(Path(out))
+        if not Path(out).exists():
+            shutil.copytree(run, out)
+
+    monkeypatch.setattr("toile.align.run.align", align)
+    return made
+
+
+def asked(folder, run):
+    """AVATAR/avatar.json of a training that was asked to learn `run`."""
+    folder.mkdir(exist_ok=True)
+    (folder / "avatar.json").write_text(json.dumps({"run": str(Path(run).resolve()), "settings": {}}))
+
+
+def still(run, folder, wanted=None):
+    return laid_still(open_run(run), folder, wanted, QUIET).path.resolve()
+
+
+def test_a_new_avatar_learns_a_run_whose_prints_lie_still(sample_run, tmp_path, aligning):
+    folder = tmp_path / "avatar"
+    assert still(sample_run, folder) == folder / "aligned" == aligning[0]
+    assert still(sample_run, folder) == folder / "aligned"  # a training that was stopped goes on with it
+    assert still(sample_run, folder, wanted=False) == Path(sample_run).resolve()
+
+
+def test_an_avatar_that_is_there_keeps_the_run_that_it_was_trained_on(sample_run, tmp_path, aligning):
+    asked(tmp_path / "one", sample_run)
+    assert still(sample_run, tmp_path / "one") == Path(sample_run).resolve() and not aligning
+    asked(tmp_path / "other", tmp_path / "other" / "aligned")
+    assert still(sample_run, tmp_path / "other") == tmp_path / "other" / "aligned"
+
+
+def test_what_is_aligned_is_not_aligned_again(sample_run, tmp_path, aligning):
+    aligned = Path(shutil.copytree(sample_run, tmp_path / "run"))
+    with (aligned / "config.toml").open("a") as file:
+        file.write('\n[align]\nrun = "elsewhere"\n')
+    assert still(aligned, tmp_path / "avatar") == aligned.resolve() and not aligning
+    assert still(aligned, tmp_path / "avatar", wanted=True) == tmp_path / "avatar" / "aligned"
+
+
+def test_garments_slid_by_register_are_not_slid_again(sample_run, tmp_path, aligning):
+    run = open_run(sample_run)
+    scene = replace(run.capture.scene, garments=[replace(g, prints=True) for g in run.capture.scene.garments])
+    slid = SimpleNamespace(path=run.path, garments=run.garments, config={}, capture=SimpleNamespace(scene=scene))
+    assert laid_still(slid, tmp_path / "avatar", None, QUIET) is slid and not aligning
+
+
+def test_several_processes_align_nothing(sample_run, tmp_path, aligning, monkeypatch):
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    assert still(sample_run, tmp_path / "avatar") == Path(sample_run).resolve() and not aligning
+    with pytest.raises(UserError, match="--align: not by torchrun: toile align .* ALIGNED"):
+        still(sample_run, tmp_path / "avatar", wanted=True)
+
+
+def test_bad_requests_are_refused_before_anything_is_aligned(sample_run, tmp_path, aligning):
+    from toile.avatar.settings import preset
+    from toile.avatar.train.make import Request, make_avatar
+
+    request = Request(sample_run, preset("draft"), holdout="0-3", still=partial(laid_still, asked=None, progress=QUIET))
+    with pytest.raises(UserError, match="leaves no pictured frame"):
+        make_avatar(request, tmp_path / "avatar")
+    assert not aligning
+
+
+@pytest.mark.slow(seconds=60)
+def test_the_avatar_of_an_unaligned_run_is_that_of_its_aligned_one(sample_run, tmp_path, monkeypatch, capsys):
+    """The command as it is typed, and the two steps by hand: the same losses."""
+    from toile.cli import main
+
+    def toile(*arguments):
+        monkeypatch.setattr("sys.argv", ["toile", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code in (0, None), capsys.readouterr().err
+
+    few = "--quality", "draft", "--steps", "1,1,2"
+    toile("train", sample_run, tmp_path / "at once", *few)
+    toile("align", sample_run, tmp_path / "aligned")
+    toile("train", tmp_path / "aligned", tmp_path / "by hand", *few)
+    losses = [(tmp_path / name / "losses.jsonl").read_text().splitlines() for name in ("at once", "by hand")]
+    losses = [[{k: v for k, v in json.loads(line).items() if "second" not in k} for line in lines] for lines in losses]
+    assert losses[0] == losses[1] and len(losses[0]) == 4
+    assert open_run(tmp_path / "at once" / "aligned").ok == open_run(tmp_path / "aligned").ok
