@@ -12,15 +12,8 @@ namespace toile::bind {
 
 namespace {
 
-/// The face's copy of the index: (face, point, barycentric, distance) as arrays.
-py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double radius, const Indices& guesses) {
-    std::vector<SurfacePoint> hits;
-    {
-        py::gil_scoped_release release;
-        check_points("closest", "points", P);
-        require(radius >= 0, "closest: radius is not a number >= 0");
-        hits = index.closest_each(P, radius, guesses);
-    }
+/// (face, point, barycentric, distance) as arrays.
+py::tuple arrays_of(const std::vector<SurfacePoint>& hits) {
     const auto n = static_cast<Eigen::Index>(hits.size());
     Indices face(n);
     Vertices point(n, 3), barycentric(n, 3);
@@ -33,6 +26,27 @@ py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double ra
         distance[i] = h.distance;
     }
     return py::make_tuple(face, point, barycentric, distance);
+}
+
+py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double radius, const Indices& guesses) {
+    std::vector<SurfacePoint> hits;
+    {
+        py::gil_scoped_release release;
+        check_points("closest", "points", P);
+        require(radius >= 0, "closest: radius is not a number >= 0");
+        hits = index.closest_each(P, radius, guesses);
+    }
+    return arrays_of(hits);
+}
+
+py::tuple reached_arrays(const SurfaceIndex& index, const Vertices& P, const Indices& start) {
+    std::vector<SurfacePoint> hits;
+    {
+        py::gil_scoped_release release;
+        check_points("reached", "points", P);
+        hits = index.reached_each(P, start);
+    }
+    return arrays_of(hits);
 }
 
 constexpr Eigen::Index most_vertices = 1 << 28;  // what topology keeps per vertex is made of this size
@@ -108,6 +122,7 @@ void bind_geometry(py::module_& m) {
         .def_property_readonly("V", &SurfaceIndex::vertices)
         .def_property_readonly("F", &SurfaceIndex::faces)
         .def("closest", &closest_arrays)
+        .def("reached", &reached_arrays)
         .def("occluded", [](const SurfaceIndex& index, const Vertices& origins, const Vertices& directions, double from,
                             double to) {
         require(origins.rows() == directions.rows(), "occluded: origins has " + std::to_string(origins.rows()) +

@@ -9,6 +9,7 @@
 
 #include "base/errors.h"
 #include "base/parallel.h"
+#include "geometry/topology.h"
 
 namespace toile {
 
@@ -184,6 +185,54 @@ std::vector<SurfacePoint> SurfaceIndex::closest_each(const Vertices& points, dou
             if (hit.face >= 0) last = hit.face;
         }
     }, 1);
+    return out;
+}
+
+namespace {
+
+SurfacePoint on_face(const Vec3& p, int face, const Vertices& V, const Faces& F) {
+    SurfacePoint s = closest_on_triangle(p, V.row(F(face, 0)), V.row(F(face, 1)), V.row(F(face, 2)));
+    s.face = face;
+    return s;
+}
+
+/// Of the faces about the corners that a place on its face's border touches, the one with the nearest point to p.
+SurfacePoint next_towards(const Vec3& p, const SurfacePoint& at, const Vertices& V, const Faces& F,
+                          const Adjacency& about) {
+    SurfacePoint best = at;
+    if (at.barycentric.minCoeff() > 0) return best;
+    for (int c = 0; c < 3; ++c) {
+        if (!(at.barycentric[c] > 0)) continue;
+        const int v = F(at.face, c);
+        for (int i = about.start[v]; i < about.start[v + 1]; ++i) {
+            const SurfacePoint s = on_face(p, about.index[i], V, F);
+            if (s.distance < best.distance) best = s;
+        }
+    }
+    return best;
+}
+
+}  // namespace
+
+std::vector<SurfacePoint> SurfaceIndex::reached_each(const Vertices& points, const Indices& start) const {
+    const Vertices& V = state_->V;
+    const Faces& F = state_->F;
+    require(start.size() == points.rows(), "reached: start has " + std::to_string(start.size()) +
+                                               " entries, points " + std::to_string(points.rows()));
+    for (Eigen::Index i = 0; i < start.size(); ++i)
+        require(start[i] >= 0 && start[i] < F.rows(), "reached: start[" + std::to_string(i) + "] is face " +
+                                                          std::to_string(start[i]) + " of " +
+                                                          std::to_string(F.rows()));
+    const Adjacency about = vertex_faces(F, V.rows());
+    std::vector<SurfacePoint> out(static_cast<std::size_t>(points.rows()));
+    parallel_for(points.rows(), [&](std::int64_t i) {
+        const Vec3 p = points.row(i);
+        SurfacePoint at = on_face(p, start[i], V, F);
+        for (SurfacePoint next = next_towards(p, at, V, F, about); next.face != at.face;
+             next = next_towards(p, at, V, F, about))
+            at = next;
+        out[static_cast<std::size_t>(i)] = at;
+    }, 256);
     return out;
 }
 

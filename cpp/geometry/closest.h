@@ -35,6 +35,9 @@ public:
     /// In parallel; `guesses` are as many as points, or none.
     std::vector<SurfacePoint> closest_each(const Vertices& points, double radius = 1e30,
                                            const Indices& guesses = {}) const;
+    /// The points nearest to `points` that are reached from the faces `start`, over whatever side or corner comes nearer until
+    /// none does: on the same sheet, however near another one lies. In parallel.
+    std::vector<SurfacePoint> reached_each(const Vertices& points, const Indices& start) const;
     RayHit first_hit(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
     bool occluded(const Vec3& origin, const Vec3& direction, double from = 0, double to = 1e30) const;
 

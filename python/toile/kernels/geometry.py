@@ -114,6 +114,11 @@ class SurfaceIndex:
             as_vertices("closest", "points", points), float(radius), as_indices("closest", "guess", guess)
         )
 
+    def reached(self, points: Array, start: Array) -> tuple[Ints, Floats, Floats, Floats]:
+        """As `closest`, of what is reached from the faces `start` (k,) over whatever side or corner comes nearer, until none
+        does: places on the same sheet, however near another one lies. Nearest there, and no farther than on `start`."""
+        return self._index.reached(as_vertices("reached", "points", points), as_indices("reached", "start", start))
+
     def occluded(self, origins: Array, directions: Array, near: float = 0.0, far: float = np.inf) -> Bools:
         """-> bool (k,): does the ray meet the mesh between `near` and `far` [m] along the unit direction?"""
         rays = as_vertices("occluded", "origins", origins), as_vertices("occluded", "directions", directions)

@@ -52,6 +52,13 @@ class SlidingSurface:
         return mask
 
     @cached_property
+    def own_face(self):
+        """A face (g,) of each vertex."""
+        face = np.zeros(len(self.rest), np.int32)
+        face[self.faces.ravel()] = np.repeat(np.arange(len(self.faces), dtype=np.int32), 3)
+        return face
+
+    @cached_property
     def cotangents(self):
         """Weights (e,) of the edges."""
         L = kernels.cotangent_laplacian(self.rest, self.faces).tocsr()
@@ -84,15 +91,16 @@ class SlidingSurface:
         """Slides (g,2) as vectors in space (g,3)."""
         return np.einsum("ga,gax->gx", d, self.frames)
 
-    def places(self, points, guess=()):
-        """face, bary of the surface's points nearest to `points`."""
-        face, _, bary, _ = self.index.closest(points, guess=guess)
+    def places(self, points, start):
+        """face, bary of the places nearest to `points` that are reached on the surface from the faces `start`: where a sleeve
+        hangs along the trunk, the nearest place of all may be the sleeve's."""
+        face, _, bary, _ = self.index.reached(points, start)
         return face, bary
 
     def slid(self, d):
         """face (g,), bary (g,3): where each vertex lies on the surface after the slide; loops stay on themselves."""
         target = self.rest + self.vectors(d)
-        face, bary = self.places(target)
+        face, bary = self.places(target, self.own_face)
         for loop in self.loops:
             face[loop], bary[loop] = self._along(loop, target[loop])
         return face, bary
