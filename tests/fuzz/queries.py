@@ -79,6 +79,14 @@ def run_closest(V, F, P, D, radius, far):
         assert radius < 1e29 or hit.all(), "no face within an unbounded radius"
     except LAWFUL:
         pass
+    try:
+        face, point, barycentric, distance = index.reached(P, np.arange(rows(P)) % max(rows(F), 1))
+        within("face", face, 0, rows(F) - 1)
+        finite("point", point)
+        within("barycentric", barycentric, -1e-6, 1 + 1e-6)
+        assert (distance >= index.closest(P)[3] * (1 - 1e-9)).all(), "reached nearer than the nearest"
+    except LAWFUL:
+        pass
     assert index.occluded(P, D, 0.0, far).shape == (rows(P),)
 
 
