@@ -106,9 +106,9 @@ def laid_still(run, folder, asked, progress):
     there was; a new one learns an aligned run, unless this one is, or torchrun trains it."""
     from ..align.run import align
     from ..io.run import is_run, open_run
-    from .model.checkpoint import asked_before
+    from .model.checkpoint import ALIGNED, asked_before
 
-    own, before = (Path(folder) / "aligned").resolve(), asked_before(folder).get("run")
+    own, before = (Path(folder) / ALIGNED).resolve(), asked_before(folder).get("run")
     together = int(os.environ.get("WORLD_SIZE", 1)) > 1
     if asked is None and before is not None:
         asked = before == str(own)

@@ -7,6 +7,7 @@ import torch
 
 from toile.avatar.model.checkpoint import (  # fmt: skip
     Checkpoints,
+    asked_before,
     begin,
     check_same,
     load_model,
@@ -112,6 +113,20 @@ def test_a_setting_that_an_older_version_did_not_know_has_its_default(tmp_path):
     asked["settings"]["network"]["remainder"] += 1
     with pytest.raises(UserError, match="settings.network.remainder: holds"):
         begin(tmp_path, asked)
+
+
+def test_an_avatar_that_was_moved_finds_the_run_that_lies_in_it(tmp_path):
+    asked = {"run": str(tmp_path / "old" / "aligned"), "settings": preset("draft").model_dump(mode="json")}
+    facts = json.dumps(asked | {"frames": [1], "holdout": [], "steps": {}})
+    for folder in (tmp_path / "new", tmp_path / "new" / "baseline"):
+        folder.mkdir()
+        (folder / "avatar.json").write_text(facts)
+        assert read_facts(folder)["run"] == asked["run"]
+    (tmp_path / "new" / "aligned").mkdir()
+    for folder in (tmp_path / "new", tmp_path / "new" / "baseline"):
+        assert read_facts(folder)["run"] == asked_before(folder)["run"] == str(tmp_path / "new" / "aligned")
+    (tmp_path / "old" / "aligned").mkdir(parents=True)
+    assert read_facts(tmp_path / "new")["run"] == asked["run"]  # as long as that is there
 
 
 def test_finished_training_is_not_begun_again(tmp_path):

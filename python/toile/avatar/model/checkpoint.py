@@ -25,6 +25,7 @@ from .assets import read_assets
 
 FACTS = {"settings": dict, "run": str, "frames": list, "holdout": list, "steps": dict}  # of AVATAR/avatar.json
 FRAMES = ("frames", "holdout")  # lists of frame numbers among them
+ALIGNED = "aligned"  # in AVATAR: the run that `toile train` laid still
 KEPT = 2  # checkpoints; older ones are removed
 MODEL, OPTIMISER = "model.", "optimiser."
 
@@ -128,7 +129,7 @@ def asked_before(folder):
     there is none."""
     path = Path(folder) / "avatar.json"
     facts = read_json(path, dict) if path.exists() else {}
-    return facts | {"settings": _settings(path, facts)} if facts else {}
+    return moved_along(path.parent, facts) | {"settings": _settings(path, facts)} if facts else {}
 
 
 def _settings(path, facts):
@@ -167,6 +168,16 @@ def different_frames(found, asked):
 
 def shortened(text, length=60):
     return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def moved_along(folder, facts):
+    """The facts of AVATAR or AVATAR/baseline; where AVATAR was moved and its run lies in it, as `toile train` aligns one, that run's
+    place now."""
+    run = Path(str(facts.get("run")))
+    if run.name == ALIGNED and not run.exists():
+        inside = (folder / ALIGNED, folder.parent / ALIGNED)
+        return facts | {"run": next((str(path.resolve()) for path in inside if path.is_dir()), facts["run"])}
+    return facts
 
 
 def save_assets(folder, data):
@@ -208,7 +219,7 @@ def read_facts(folder):
     for name, kind in FACTS.items():
         if not isinstance(facts.get(name), kind):
             raise UserError(f"{path}: {name}: expected a {kind.__name__}, the file is not an avatar's")
-    return facts | {"settings": settings}
+    return moved_along(path.parent, facts) | {"settings": settings}
 
 
 def load_avatar(folder):
