@@ -217,12 +217,11 @@ SurfacePoint next_towards(const Vec3& p, const SurfacePoint& at, const Vertices&
 std::vector<SurfacePoint> SurfaceIndex::reached_each(const Vertices& points, const Indices& start) const {
     const Vertices& V = state_->V;
     const Faces& F = state_->F;
-    require(start.size() == points.rows(), "reached: start has " + std::to_string(start.size()) +
-                                               " entries, points " + std::to_string(points.rows()));
+    require(start.size() == points.rows(),
+            "reached: start has " + std::to_string(start.size()) + " entries, points " + std::to_string(points.rows()));
     for (Eigen::Index i = 0; i < start.size(); ++i)
         require(start[i] >= 0 && start[i] < F.rows(), "reached: start[" + std::to_string(i) + "] is face " +
-                                                          std::to_string(start[i]) + " of " +
-                                                          std::to_string(F.rows()));
+                                                          std::to_string(start[i]) + " of " + std::to_string(F.rows()));
     const Adjacency about = vertex_faces(F, V.rows());
     std::vector<SurfacePoint> out(static_cast<std::size_t>(points.rows()));
     parallel_for(points.rows(), [&](std::int64_t i) {
