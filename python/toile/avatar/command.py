@@ -80,6 +80,7 @@ def train(
         still = partial(laid_still, asked=align, progress=progress)
         make_avatar(Request(run, settings, minutes, holdout, progress, progress.print, still), avatar, baseline)
         if drive and first:
+            from .drive.driver import hardly_foretold
             from .drive.teaching import train_temporal
 
             measured = train_temporal(avatar, drive, lambda *at: progress("temporal", *at))
@@ -95,6 +96,8 @@ def train(
             errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
             words = f"temporal model ({drive.model}): {steps} steps, {errors}, of the codes' variance"
             speech.result(words, steps=steps, **measured)
+            for words in hardly_foretold(measured):
+                speech.warn(words)
             if physics:
                 say_cloths(avatar)
         speech.result(f"{avatar}: trained", avatar=avatar)

@@ -10,7 +10,17 @@ import torch
 from tests.support import small_avatar
 from toile.avatar.command import temporal_options
 from toile.avatar.drive.animate import DrivenAvatar
-from toile.avatar.drive.driver import Driver, Track, load_driver, make_track, row_starts, run_track, smoothed, without
+from toile.avatar.drive.driver import (  # fmt: skip
+    Driver,
+    Track,
+    hardly_foretold,
+    load_driver,
+    make_track,
+    row_starts,
+    run_track,
+    smoothed,
+    without,
+)
 from toile.avatar.drive.teaching import code_reach, codes_unseen, relative_error, stop_at, train_temporal
 from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
 from toile.avatar.model.temporal import DampedModel
@@ -302,3 +312,9 @@ def test_windows_hold_the_poses_of_frames_without_pictures(sample_avatar, sample
     found.features.requires_grad_()
     driver.errors(driver.windows_of(found, torch.tensor(found.rows({2}))), torch.randn(1, 4)).sum().backward()
     assert found.features.grad.abs().sum(1).nonzero().ravel().tolist() == [1, 2]
+
+
+def test_a_model_that_hardly_knows_the_motion_held_out_is_said():
+    assert hardly_foretold({}) == hardly_foretold({"held_out": 0.49}) == []
+    (told,) = hardly_foretold({"held_out": 1.386, "steps": 540})
+    assert "in the frames held out codes err by 1.39 of their variance" in told and "a longer motion" in told

@@ -35,7 +35,7 @@ from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, nearest_poses
 from .apart import take
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
-from .driver import FILE, load_driver, make_track, one_thread, reader_of
+from .driver import FILE, hardly_foretold, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
 
@@ -70,8 +70,9 @@ class DrivenAvatar:
         poses = training_poses(folder)
         self.motion = motion if isinstance(motion, Motion) else take(folder, motion, apart).motion
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
+        self.measured = {}
         self.latents = self._latents(seed)
-        self.warnings = self._warnings(poses)
+        self.warnings = [*self._warnings(poses), *hardly_foretold(self.measured)]
         self.avatar.to(self.device)
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
         cloths = self._cloths(physics)
@@ -113,7 +114,7 @@ class DrivenAvatar:
             return {name: torch.randn(1, n, generator=generator).expand(count, n) for name, n in sizes.items()}
         if set(kinds.values()) == {"body"}:
             return {}
-        driver, stride, _ = load_driver(self.folder)
+        driver, stride, self.measured = load_driver(self.folder)
         motion = self.motion
         with torch.no_grad():
             track = make_track(

@@ -26,6 +26,7 @@ PREFIX = "model."
 UNSEEN = "unseen."  # codes of a garment by models that were not taught the frame
 SMOOTH = 0.05  # [s] standard deviation of the Gaussian that codes are smoothed by over time: noise of poses must not shake cloth
 REACH = 3 * SMOOTH  # [s] that it sees before and after
+FORETOLD = 0.5  # of the codes' variance: where more is left on held-out frames a driven garment is often no better than a blurred one
 LEAST_WEIGHT = 0.02  # of a code number that hardly moves the cloth, where all of them together have 1
 
 
@@ -231,6 +232,17 @@ def load_driver(folder):
     except UserError as error:
         raise UserError(f"{error}; `toile train RUN {folder} --temporal` makes the model anew") from None
     return driver.eval(), int(facts["stride"]), facts.get("measured", {})
+
+
+def hardly_foretold(measured):
+    """What a user should know of a temporal model that hardly knows the motion which was held out, by what its training measured."""
+    error = measured.get("held_out", 0.0)
+    if error < FORETOLD:
+        return []
+    told = (
+        f"poses foretell garments badly: in the frames held out codes err by {error:.2f} of their variance in training"
+    )
+    return [f"{told} (below {FORETOLD:g} is usual): a longer motion teaches more"]
 
 
 def unseen_codes(folder):

@@ -14,7 +14,7 @@ import torch
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
 from ..drive.draping import Draping, doubts, outdated, relieved, worn_cloths
-from ..drive.driver import load_driver, run_track, stride_of
+from ..drive.driver import hardly_foretold, load_driver, run_track, stride_of
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
 from .heldout import VIEW, HeldOut
@@ -54,6 +54,7 @@ class Driven(HeldOut):
         if not any(layer.kind == "garment" for layer in avatar.layers) or avatar.settings.data.window:
             return {n: {} for n in self.led + self.span}
         self.driver, stride, self.measured = load_driver(folder)
+        self.warnings += hardly_foretold(self.measured)
         track = run_track(avatar, self.registered.run, stride)
         with torch.no_grad():
             codes = {name: z.to(self.device) for name, z in self.driver.latents(track).items()}
