@@ -169,12 +169,17 @@ def test_the_registered_poses_place_the_body_where_it_was_registered(avatar_fold
     assert np.linalg.norm(decoded["body"].vertices[0].numpy() - registered, axis=1).mean() < 0.02
 
 
+def of_poses(driven):
+    """Its warnings without what its few training frames leave unforetold."""
+    return [words for words in driven.warnings if not words.startswith("poses foretell garments badly")]
+
+
 def test_training_poses_are_near_and_others_are_warned_of(avatar_folder, sample_run, tmp_path):
-    assert DrivenAvatar(avatar_folder, sample_run).warnings == []
+    assert of_poses(DrivenAvatar(avatar_folder, sample_run)) == []
     rotations = np.zeros((2, 104, 3))
     rotations[:, :, 0] = 0.8
     np.savez(tmp_path / "far.npz", rotations=rotations, translation=np.zeros((2, 3)), fps=30.0)
-    whole, joint = DrivenAvatar(avatar_folder, tmp_path / "far.npz").warnings
+    whole, joint = of_poses(DrivenAvatar(avatar_folder, tmp_path / "far.npz"))
     assert "2 of 2 poses are far from the training's poses: frame 0 is" in whole
     assert "2 of 2 poses have a joint more than 20 degrees from where the training's poses had it" in joint
 
@@ -186,7 +191,7 @@ def test_one_limb_that_no_training_pose_had_is_warned_of(avatar_folder, sample_r
     shank = run.body_model.joint_names.index("lowerleg01.R")
     rotations[1, shank, 0] += 0.8
     np.savez(tmp_path / "one.npz", rotations=rotations, translation=translation, fps=30.0)
-    (warning,) = DrivenAvatar(avatar_folder, tmp_path / "one.npz").warnings
+    (warning,) = of_poses(DrivenAvatar(avatar_folder, tmp_path / "one.npz"))
     assert "1 of 2 poses" in warning and "in frame 1 lowerleg01.R is 4" in warning
 
 
