@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import toile.align.run
 import toile.io.run
 from tests.support.blas import most_blas_threads
 from toile import cli
+from toile.align.report import drawn_out, torn
 from toile.align.run import align
 from toile.align.settings import AlignSettings
 from toile.errors import UserError
@@ -101,6 +103,21 @@ def test_textures_before_and_after_are_reported(undisturbed):
         assert 0 < measures[side]["texture_std"] < 60 and 0 < measures[side]["anchor_error"] < 60
     page = (undisturbed / "alignment.html").read_text()
     assert "error after" in page and "<script" not in page and len(list((undisturbed / "alignment").glob("*.png"))) == 4
+
+
+def test_cloth_that_sliding_tore_is_said(undisturbed, tmp_path):
+    """One vertex in a hundred lies 30 cm from where it was: most of its edges are drawn out."""
+    measures = json.loads((undisturbed / "alignment.json").read_text())
+    assert 0 <= measures["tshirt"]["drawn_out"] < 1e-3 and torn(undisturbed) == ()
+    run = open_run(undisturbed)
+    shirt, frames = run.garments["tshirt"], run.ok[:2]
+    moved = SimpleNamespace(at=lambda n: shirt.at(n) + 0.3 * (np.arange(len(shirt.at(n))) % 100 == 7)[:, None])
+    assert drawn_out(shirt, shirt, frames) == 0 and 0.01 < drawn_out(shirt, moved, frames) < 0.03
+    measures["tshirt"]["drawn_out"] = 0.0071
+    (tmp_path / "alignment.json").write_text(json.dumps(measures))
+    (words,) = torn(tmp_path)
+    assert words.startswith("tshirt is torn: sliding has made 0.7 % of its edges 3 times as long")
+    assert torn(tmp_path / "none") == ()
 
 
 def test_shards_give_the_same_bits(two_blocks, undisturbed, tmp_path, unreported):

@@ -38,7 +38,8 @@ def align(
     speech.result(
         words, aligned=outcome.matched, between=outcome.between, pending=outcome.pending, failed=outcome.failed
     )
-    for number, reason in outcome.failed.items():
-        speech.frame_note(number, "failed", reason)
+    for warning in outcome.warnings:
+        speech.warn(warning)
+    speech.frame_notes({"failed": outcome.failed})
     speech.next_step("status" if outcome.pending else "report", out)
     raise typer.Exit(2 if outcome.failed else 0)

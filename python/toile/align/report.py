@@ -1,4 +1,4 @@
-"""What an alignment did to the unwrapped textures: alignment.json, pictures and a page in the aligned run's folder."""
+"""What an alignment did to the unwrapped textures, and to the cloth: alignment.json, pictures and a page in the aligned run's folder."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import json
 
 import numpy as np
 
+from .. import kernels
+from ..io.bounded import read_json
 from ..io.files import write_text
 from ..io.image import write_image
 from ..measure.page import cards, document, figure, heat, table
@@ -22,6 +24,8 @@ SIZE = 512  # texels
 FRAMES = 24  # read, spread evenly over the aligned ones
 SHOWN = 4  # of them in the pictures
 HOT = 60.0  # deviation or error at the upper end of the colours (0..255)
+LONG = 3.0  # times as long as it was registered, or as edges are on average: an edge that is drawn out
+TORN = 1e-3  # share of a garment's edges, beyond which it is torn: its vertices lie on several parts of the cloth
 SIDES = ("before", "after")
 
 
@@ -48,11 +52,33 @@ def write_report(run, aligned, frames, progress):
         measures[name] = {side: found[side].measures(both) for side in SIDES} | {
             "frames": len(frames),
             "texels": int(both.sum()),
+            "drawn_out": drawn_out(run.garments[name], aligned.garments[name], frames),
         }
         parts.append(_section(name, measures[name], found, frames, out))
     write_text(out / "alignment.html", document(f"{out.name}: textures before and after alignment", "".join(parts)))
     write_text(out / "alignment.json", json.dumps(measures, indent=1))
     return measures
+
+
+def drawn_out(registered, aligned, frames):
+    """Share of a garment's edges that sliding has made LONG times as long, the mean over frames."""
+    i, j = kernels.unique_edges(registered.faces).T
+    long = []
+    for number in frames:
+        before, after = (np.linalg.norm(V[i] - V[j], axis=1) for V in (registered.at(number), aligned.at(number)))
+        long.append(float((after > LONG * np.maximum(before, before.mean())).mean()))
+    return float(np.mean(long))
+
+
+def torn(out):
+    """What a user should know of the garments of an aligned run's folder."""
+    path = out / "alignment.json"
+    found = {name: of.get("drawn_out", 0.0) for name, of in read_json(path, dict).items()} if path.exists() else {}
+    return tuple(
+        f"{name} is torn: sliding has made {100 * share:.1f} % of its edges {LONG:g} times as long (at most {100 * TORN:g} % is usual)"
+        for name, share in found.items()
+        if share > TORN
+    )
 
 
 class _Textures:
@@ -108,8 +134,10 @@ def _section(name, measures, found, frames, out):
         (key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()
     ]
     figures = "".join(figure(p, label) for label, p in pictures.items())
+    shown = {"frames": measures["frames"], "texels": measures["texels"]}
+    shown |= {"% of edges drawn out": 100 * measures["drawn_out"]}
     return (
-        f"<h2>{html.escape(name)}</h2>{cards({'frames': measures['frames'], 'texels': measures['texels']})}"
+        f"<h2>{html.escape(name)}</h2>{cards(shown)}"
         f"{table(('', 'before', 'after', 'change'), lines)}<section class='frame'><div class='row'>{figures}</div></section>"
         f"<h2>Frames, and their errors to the anchors' mean</h2>{rows}"
     )

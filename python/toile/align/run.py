@@ -39,20 +39,21 @@ from ..scene import GarmentTemplate
 from ..surface.layering import Layering
 from ..surface.layers import read_layers
 from .prints import PrintReader
-from .report import write_report
+from .report import torn, write_report
 from .settings import AlignSettings
 
 
 @dataclass(frozen=True)
 class Alignment:
     """Frames aligned by their own pictures, frames without pictures between them, frames whose pictures could not be used
-    with why, frames that wait for other shards; whether the new run is whole."""
+    with why, frames that wait for other shards; whether the new run is whole; what should be known of its garments."""
 
     matched: tuple[int, ...]
     between: tuple[int, ...]
     failed: dict[int, str]
     pending: tuple[int, ...]
     whole: bool
+    warnings: tuple[str, ...] = ()
 
 
 def align(
@@ -263,4 +264,4 @@ def _outcome(run, out, results):
     matched = tuple(number for number in pictured if results.whole(number))
     between = tuple(number for number in run.ok if number not in set(pictured))
     pending = tuple(number for number in pictured if not results.done(number))
-    return Alignment(matched, between, failed, pending, is_run(out))
+    return Alignment(matched, between, failed, pending, is_run(out), torn(out))

@@ -106,7 +106,7 @@ def train(
 
 def laid_still(run, folder, asked, progress):
     """The Run that AVATAR `folder` learns: `run`, or AVATAR/aligned made of it, see `toile align`. `asked` None: as the avatar that is
-    there was; a new one learns an aligned run, unless this one is, or torchrun trains it."""
+    there was; a new one learns an aligned run, unless this one is, or torchrun trains it. UserError: AVATAR learnt that of another run."""
     from ..align.run import align
     from ..io.run import is_run, open_run
     from .model.checkpoint import ALIGNED, asked_before
@@ -115,14 +115,22 @@ def laid_still(run, folder, asked, progress):
     together = int(os.environ.get("WORLD_SIZE", 1)) > 1
     if asked is None and before is not None:
         asked = before == str(own)
-    if asked and together and not is_run(own):
-        raise UserError(f"--align: not by torchrun: toile align {run.path} ALIGNED, then train on that")
     if asked is None:
         printed = any(garment.prints for garment in run.capture.scene.garments)
         asked = bool(run.garments) and not (together or printed or "align" in run.config)
-    if not asked:
+    if not asked or run.path.resolve() == own:
         return run
-    align(run.path, own, progress=lambda stage, done, total: progress(f"align: {stage}", done, total))
+    if before == str(own) and is_run(own):
+        learnt = open_run(own)
+        if (of := learnt.config.get("align", {}).get("run")) != str(run.path.resolve()):
+            raise UserError(f"{own}: was aligned from {of}, asked is {run.path}: take another folder")
+        return learnt
+    if together:
+        raise UserError(f"--align: not by torchrun: toile align {run.path} ALIGNED, then train on that")
+    done = align(run.path, own, progress=lambda stage, done, total: progress(f"align: {stage}", done, total))
+    for warning in done.warnings:
+        speech.warn(warning)
+    speech.frame_notes({"failed": done.failed})
     return open_run(own)
 
 

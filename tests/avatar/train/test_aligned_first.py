@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from toile.align.run import Alignment
 from toile.avatar.command import laid_still
 from toile.errors import UserError
 from toile.io.run import open_run
@@ -26,6 +27,9 @@ def aligning(monkeypatch):
         made.append(Path(out))
         if not Path(out).exists():
             shutil.copytree(run, out)
+            with (out / "config.toml").open("a") as file:
+                file.write(f"\n[align]\nrun = {json.dumps(str(Path(run).resolve()))}\n")
+        return Alignment((0, 1, 2), (), {3: "no garment is seen"}, (), True, ("tshirt is torn",))
 
     monkeypatch.setattr("toile.align.run.align", align)
     return made
@@ -48,11 +52,22 @@ def test_a_new_avatar_learns_a_run_whose_prints_lie_still(sample_run, tmp_path, 
     assert still(sample_run, folder, wanted=False) == Path(sample_run).resolve()
 
 
+def test_what_went_wrong_with_aligning_is_said(sample_run, tmp_path, aligning, capsys):
+    still(sample_run, tmp_path / "avatar")
+    said = capsys.readouterr().err
+    assert "tshirt is torn" in said and "frame 3: no garment is seen" in said
+
+
 def test_an_avatar_that_is_there_keeps_the_run_that_it_was_trained_on(sample_run, tmp_path, aligning):
     asked(tmp_path / "one", sample_run)
     assert still(sample_run, tmp_path / "one") == Path(sample_run).resolve() and not aligning
-    asked(tmp_path / "other", tmp_path / "other" / "aligned")
-    assert still(sample_run, tmp_path / "other") == tmp_path / "other" / "aligned"
+    own = still(sample_run, tmp_path / "other")
+    asked(tmp_path / "other", own)
+    assert still(sample_run, tmp_path / "other") == still(own, tmp_path / "other") == own
+    assert len(aligning) == 1  # what is whole is opened: another version would not align it the same
+    another = shutil.copytree(sample_run, tmp_path / "another")
+    with pytest.raises(UserError, match="aligned: was aligned from .*run, asked is .*another: take another folder"):
+        still(another, tmp_path / "other")
 
 
 def test_what_is_aligned_is_not_aligned_again(sample_run, tmp_path, aligning):

@@ -56,9 +56,11 @@ def make_avatar(request, folder, baseline=False):
     frames = [number for number in run.pictured if number not in left_out]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
+    registered, run = run, request.still(run, folder)
+    begun = time.monotonic()
     if left_out and not run.holdout:
-        request.say(f"{run.path}: its registration has read the frames held out, {frame_ranges(left_out)}")
-    run, begun = request.still(run, folder), time.monotonic()
+        read = "registration" if run is registered else "registration, and aligning it,"
+        request.say(f"{registered.path}: its {read} has read the frames held out, {frame_ranges(left_out)}")
     seconds = None if request.minutes is None else 60 * request.minutes
     settings = request.settings
     if settings.fit_crop:
