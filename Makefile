@@ -16,11 +16,15 @@ $(VENV)/.packages: tools/apt-packages.txt tools/install-apt
 	$(PYTHON) -m venv $(VENV)
 	touch $@
 
+# a long download may be cut off: it gets a second try
+INSTALL = $(BIN)/pip install --quiet $(1) || $(BIN)/pip install --quiet $(1)
+
 # torch by itself first and at one version, so that nothing else chooses a build of it
 $(VENV)/.python: $(VENV)/.packages pyproject.toml tools/python-requirements
 	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet torch==2.13.0
-	tools/python-requirements pyproject.toml studio avatar export peers test lint wheel | $(BIN)/pip install --quiet -r /dev/stdin
+	$(call INSTALL,torch==2.13.0)
+	tools/python-requirements pyproject.toml studio avatar export peers test lint wheel > $(VENV)/requirements.txt
+	$(call INSTALL,--requirement $(VENV)/requirements.txt)
 	$(BIN)/pip install --quiet 'scikit-build-core>=0.10' 'pybind11>=3.1,<3.2'
 	touch $@
 

@@ -26,7 +26,19 @@ from .metrics import score
 from .plan import HELD_OUT, Plan
 from .summary import summarise
 
-PACKAGES = ("toile", "trimesh", "open3d", "libigl", "PyMaxflow", "gco-wrapper", "pycpd", "probreg", "numpy", "scipy")
+PACKAGES = (
+    "toile",
+    "trimesh",
+    "open3d",
+    "open3d-cpu",
+    "libigl",
+    "PyMaxflow",
+    "gco-wrapper",
+    "pycpd",
+    "probreg",
+    "numpy",
+    "scipy",
+)
 SCORES = {"biharmonic": score_biharmonic, "mrf": score_mrf, "untangle": score_untangle}
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from .sequence import Sequence
 from .templates import write_templates
 
 ATTEMPTS = 5  # seeds tried before giving up
-PACKAGES = ("anny", "newton", "warp-lang", "open3d", "pymeshlab", "xatlas", "libigl", "mitsuba", "numpy")
+PACKAGES = ("anny", "newton", "warp-lang", "open3d", "open3d-cpu", "pymeshlab", "xatlas", "libigl", "mitsuba", "numpy")
 
 
 @dataclass
@@ -211,9 +212,14 @@ def write_truth_store(folder, stage, templates, report):
 
 
 def versions():
-    from importlib.metadata import version
+    """{package: version} of those that are installed: open3d comes under either of two names."""
+    from importlib.metadata import PackageNotFoundError, version
 
-    return {p: version(p) for p in PACKAGES}
+    there = {}
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            there[package] = version(package)
+    return there
 
 
 def studio_json(options, report):

@@ -11,6 +11,8 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
 from ... import kernels
 from ...io.memory import machine_memory, memory_limit
 
@@ -20,16 +22,17 @@ GIB = 2**30
 
 
 def packages() -> Iterator[tuple[str, str, str]]:
-    """(name, version or "", the extra that asks for it, "" for all) of what toile's metadata asks for."""
+    """(name, version or "", the extra that asks for it, "" for all) of what toile's metadata asks for on this system."""
     try:
         asked = importlib.metadata.requires("toile") or ()
     except importlib.metadata.PackageNotFoundError:
         return  # run from the source tree
     for line in asked:
-        name = re.match(r"[A-Za-z0-9._-]+", line)
-        extra = re.search(r"extra == ['\"]([^'\"]+)", line)
-        if name:
-            yield name[0], version_of(name[0]), extra[1] if extra else ""
+        need = Requirement(line)
+        asks = re.search(r"extra == ['\"]([^'\"]+)", line)
+        extra = asks[1] if asks else ""
+        if need.marker is None or need.marker.evaluate({"extra": extra}):  # else another system's
+            yield need.name, version_of(need.name), extra
 
 
 def version_of(package: str) -> str:
