@@ -130,7 +130,7 @@ class LayerModel(nn.Module):
         if self.networks.view is not None:
             cosine = self.view_texels(self.facing(decoded.vertices, centre))
             seen = self.networks.view_residual(self._coloured(self.coarse_texture[0], residual), cosine)
-            decoded.texture = self._coloured(self.mean_texture, residual + seen)
+            decoded.texture = self._coloured(decoded.mean_texture, seen)
         if self.edits is not None:
             decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
         return decoded
@@ -150,7 +150,7 @@ class LayerModel(nn.Module):
 
     @staticmethod
     def _coloured(mean, residual):
-        """A mean texture (3,T,T) with a residual (B,3,s,s) of it."""
+        """Textures (3,T,T) or (B,3,T,T) with a residual (B,3,s,s) of them."""
         return torch.add(mean, resize(residual, mean.shape[-1]), alpha=COLOUR_OUT)
 
     def quasi_shadow(self, occlusion):
