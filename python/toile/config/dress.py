@@ -35,6 +35,12 @@ class LoopSettings(Settings):
     background_way: float = setting(
         0.01, "m", "way that a loop follows background alone: a strip that leaves the cloth meets it too", ge=0
     )
+    far_reach: float = setting(
+        0.08,
+        "m",
+        "search range in the pictures to either side of a loop of which the usual one shows less than `whole_share`",
+        gt=0,
+    )
     stay_weight: float = setting(0.05, "1", "of staying, where no opening is seen, against a seen one", ge=0)
     near: float = setting(
         0.03, "m", "a posed loop nearer than this to the scan's opening waits for pictures to lay it", ge=0

@@ -42,20 +42,31 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
     `settings` are LoopSettings.
 
     Along a strip that continues the garment past its loop, the pictures tell where cloth ends. Where they do not, the
-    loop follows its seen neighbours; where they hardly do anywhere, `match` stands."""
+    loop follows its seen neighbours; where they hardly do anywhere, `match` stands. A hem that swings free may lie farther off: where
+    most of a loop is not seen so, a wider strip is searched, and believed if it shows more, and the same where the other did."""
     spacing, smoothness = evidence.settings.opening.spacing, evidence.settings.opening.presmoothing
     curve = resample(Curve(garment.vertices[loop], True), spacing)
     curve = Curve(smooth(curve.points, True, settings.smoothing / spacing), True)
-    offset, opening, sides = Strip(curve, _strip(garment, curve, smoothness), free=True).minimal_path(
-        evidence, rivals.column, rivals(curve.points)
-    )
-    seen = (_seen_log_odds(offset, sides, settings.background_way) > settings.min_log_odds) & ~rivals.hide(curve.points)
+    strip = Strip(curve, _strip(garment, curve, smoothness), free=True)
+    rival, hidden = rivals(curve.points), rivals.hide(curve.points)
+
+    def traced(reach):
+        offset, opening, sides = strip.minimal_path(evidence, rivals.column, rival, reach)
+        seen = _seen_log_odds(offset, sides, settings.background_way) > settings.min_log_odds
+        return offset, opening.points, seen & ~hidden
+
+    offset, opening, seen = traced(evidence.settings.opening.reach)
+    if seen.mean() < settings.whole_share:
+        far, *farther = traced(settings.far_reach)
+        same = np.abs(far - offset)[seen] < settings.matched_distance
+        if farther[1].mean() > seen.mean() and same.sum() >= settings.whole_share * len(same):
+            opening, seen = farther
     if seen.mean() < settings.min_observed:
         return match
     at = garment.vertices[loop]
     nearest = np.linalg.norm(at[:, None] - curve.points, axis=2).argmin(1)
     way = tangents(Curve(at, True))
-    wanted = opening.points[nearest] - at
+    wanted = opening[nearest] - at
     wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
     observed, bending = seen[nearest], settings.bending / 10**settings.bending_decades
     move = LoopInterpolation([len(at)], settings)(wanted, observed, at, bending, settings.stay_weight)

@@ -16,15 +16,16 @@ class Strip:
     def __init__(self, curve, surface, free=False):
         self.curve, self.surface, self.free = curve, surface, free
 
-    def minimal_path(self, evidence, column, rival):
+    def minimal_path(self, evidence, column, rival, reach=None):
         """Offsets (k,) [m] to the left of the curve, the opening as a curve in space, and the mean log odds (k,2) for the
-        garment beyond it and short of it: at an opening that is seen the first is negative, the second positive."""
+        garment beyond it and short of it: at an opening that is seen the first is negative, the second positive. `reach`: of the
+        search to either side [m], by default the settings'."""
         settings, closed, k = evidence.settings.opening, self.curve.closed, len(self.curve.points)
-        step, sigma = settings.step, settings.smoothing / settings.spacing
-        s = np.arange(-1, 1 + 1e-9, step / settings.reach) * settings.reach
+        step, sigma, reach = settings.step, settings.smoothing / settings.spacing, reach or settings.reach
+        s = np.arange(-1, 1 + 1e-9, step / reach) * reach
         wide = self._odds(s, np.zeros(1), np.zeros(k), evidence, column, rival)
         cost = _path_costs(wide, step / settings.evidence_length)[:, 0]
-        cost = cost + settings.stay_cost * (s / step) ** 2 * (step / settings.reach)
+        cost = cost + settings.stay_cost * (s / step) ** 2 * (step / reach)
         j = np.arange(len(s))
         path = _closed_path(cost, (j[:, None] - j) ** 2.0, settings.stiffness, closed)
         sides = _sides(wide[:, 0], path, int(round(settings.flank / step)))
