@@ -63,8 +63,13 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
             opening, seen = farther
     if seen.mean() < settings.min_observed:
         return match
-    at = garment.vertices[loop]
-    nearest = np.linalg.norm(at[:, None] - curve.points, axis=2).argmin(1)
+    return _laid(garment.vertices[loop], curve.points, opening, seen, settings)
+
+
+def _laid(at, curve, opening, seen, settings):
+    """The LoopMatch of a loop's vertices `at` (k,3): where the points of a curve (c,3) beside it are `seen`, moved across the
+    loop to those of its `opening` (c,3); elsewhere as their neighbours are."""
+    nearest = np.linalg.norm(at[:, None] - curve, axis=2).argmin(1)
     way = tangents(Curve(at, True))
     wanted = opening[nearest] - at
     wanted -= np.einsum("ki,ki->k", wanted, way)[:, None] * way
