@@ -58,3 +58,13 @@ def test_a_source_tree_that_is_not_installed_has_no_packages(monkeypatch):
 def test_the_version_is_said():
     said = subprocess.run([sys.executable, "-m", "toile", "--version"], capture_output=True, text=True)
     assert (said.returncode, said.stdout.strip()) == (0, f"toile {__version__}")
+
+
+def test_what_another_system_needs_is_not_asked_for_here(monkeypatch):
+    asked = [
+        "numpy>=2",
+        "here; sys_platform != 'nowhere' and extra == 'studio'",
+        "there; sys_platform == 'nowhere' and extra == 'studio'",
+    ]
+    monkeypatch.setattr(importlib.metadata, "requires", lambda _: asked)
+    assert [(name, extra) for name, _, extra in packages()] == [("numpy", ""), ("here", "studio")]
