@@ -38,7 +38,7 @@ class LoopSettings(Settings):
     far_reach: float = setting(
         0.08,
         "m",
-        "search range in the pictures to either side of a loop of which the usual one shows less than `whole_share`",
+        "search range in the pictures to either side of a loop of which the usual one shows `min_observed`, but not `whole_share`",
         gt=0,
     )
     stay_weight: float = setting(0.05, "1", "of staying, where no opening is seen, against a seen one", ge=0)

@@ -288,7 +288,7 @@ class Dresser:
             "unclaimed_opening_mm": 1e3 * unclaimed,
         }
         for name, match, loop in zip(t.loop_names, matches, t.loops):
-            out[f"loop_observed.{name}"] = float(match.observed.mean())
+            out[f"loop_observed.{name}"] = float(match.observed.mean()) if match.shown is None else match.shown
             gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
             out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
         if t.opening_lengths is not None:

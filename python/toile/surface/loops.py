@@ -10,11 +10,13 @@ from .curves import resample, tangents
 @dataclass(frozen=True)
 class LoopMatch:
     """Where one loop should lie: `target` (k,3) [m] per loop vertex, `observed` (k,) whether an opening was seen there,
-    `distance` (k,) [m] left between target and opening, NaN where none was seen."""
+    `distance` (k,) [m] left between target and opening, NaN where none was seen, and the
+    share `shown` within the usual reach, which verdicts count, where a wider search followed."""
 
     target: np.ndarray
     observed: np.ndarray
     distance: np.ndarray
+    shown: float | None = None
 
 
 def loop_length(points):

@@ -1,5 +1,6 @@
 """A garment's loops laid on the openings that the pictures show beside them, on the scan or hanging free of it."""
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -43,7 +44,7 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
 
     Along a strip that continues the garment past its loop, the pictures tell where cloth ends. Where they do not, the
     loop follows its seen neighbours; where they hardly do anywhere, `match` stands. A hem that swings free may lie farther off: where
-    most of a loop is not seen so, a wider strip is searched, and believed if it shows more, and the same where the other did."""
+    a part of a loop is seen so, and not most, a wider strip is searched, and believed if it shows more, and the same where the other did."""
     spacing, smoothness = evidence.settings.opening.spacing, evidence.settings.opening.presmoothing
     curve = resample(Curve(garment.vertices[loop], True), spacing)
     curve = Curve(smooth(curve.points, True, settings.smoothing / spacing), True)
@@ -56,14 +57,15 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
         return offset, opening.points, seen & ~hidden
 
     offset, opening, seen = traced(evidence.settings.opening.reach)
-    if seen.mean() < settings.whole_share:
+    shown = float(seen.mean())
+    if settings.min_observed <= shown < settings.whole_share:
         far, *farther = traced(settings.far_reach)
         same = np.abs(far - offset)[seen] < settings.matched_distance
         if farther[1].mean() > seen.mean() and same.sum() >= settings.whole_share * len(same):
             opening, seen = farther
     if seen.mean() < settings.min_observed:
         return match
-    return _laid(garment.vertices[loop], curve.points, opening, seen, settings)
+    return replace(_laid(garment.vertices[loop], curve.points, opening, seen, settings), shown=shown)
 
 
 def _laid(at, curve, opening, seen, settings):
