@@ -249,6 +249,22 @@ def test_free_ends_of_cloth_are_no_fault_of_a_surface_that_is_tracked_alone():
     assert outlined(False, **{a: 0.45, b: 0.45})[1][0] == DOUBTFUL
 
 
+def test_an_opening_longer_or_shorter_than_the_cloth_about_it_leads_to_expect_is_said():
+    """A web of the scan may cut a sleeve's opening off, or join it to the trunk, in every frame of a run alike."""
+    shirt = GarmentTemplate("shirt", 1, *(None,) * 5, loops=(None,), loop_names=("sleeve",))
+    said = {"loop_observed.sleeve": 1.0, "loop_mm.sleeve": 1.0}
+    judged = lambda share: verdict(_openings(shirt, said | {"loop_share.sleeve": share}) | LOOKED, SETTINGS)
+    for share in (0.93, 1.0, 1.29):
+        assert judged(share) == (GOOD, [])
+    for share, words in (
+        (0.9, "it is cut off (at least 0.92"),
+        (1.41, "0.41 of the length that the cloth about it leads to expect: it is joined to other cloth (at most 0.3"),
+    ):
+        level, (reason,) = judged(share)
+        assert level == DOUBTFUL and reason.startswith("shirt.sleeve: ") and words in reason
+    assert judged(0.4)[0] == judged(2.6)[0] == WRONG
+
+
 def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them():
     """A hem that is tucked in throughout has no length, and is no fault; a neck that other frames show has one."""
     names = ("neck", "hem")

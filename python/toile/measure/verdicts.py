@@ -167,6 +167,10 @@ def _limits(s):
             *s.loop_share,
             "{} of the opening's length that the cloth about it leads to expect: it is cut off",
         ),
+        "loop_excess": (
+            *s.loop_excess,
+            "the opening is longer by {} of the length that the cloth about it leads to expect: it is joined to other cloth",
+        ),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
         "edge_stretch": (
             *s.edge_stretch,
@@ -199,9 +203,10 @@ def _openings(template, diagnostics):
             if (key := f"loop_length.{name}") in diagnostics
         },
         **{
-            f"{template.name}.{name}.loop_share": diagnostics[key]
+            f"{template.name}.{name}.{measure}": value
             for name in template.loop_names
-            if (key := f"loop_share.{name}") in diagnostics
+            if (share := diagnostics.get(f"loop_share.{name}")) is not None
+            for measure, value in {"loop_share": share, "loop_excess": max(share - 1, 0.0)}.items()
         },
     }
 
