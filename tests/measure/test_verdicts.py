@@ -15,7 +15,8 @@ from toile.io.run import open_run
 from toile.measure.evaluate import evaluate
 from toile.measure.evidence import parted
 from toile.measure.glimpse import Glimpse, glimpse
-from toile.measure.verdicts import JudgedLayer, _openings, agreement, verdict
+from toile.measure.triage.advice import trouble_of
+from toile.measure.verdicts import JudgedLayer, _excess, _openings, agreement, verdict
 from toile.scene import Frame, GarmentTemplate, Keypoints, Mesh
 from toile.vision.visibility import DepthView
 
@@ -250,19 +251,26 @@ def test_free_ends_of_cloth_are_no_fault_of_a_surface_that_is_tracked_alone():
 
 
 def test_an_opening_longer_or_shorter_than_the_cloth_about_it_leads_to_expect_is_said():
-    """A web of the scan may cut a sleeve's opening off, or join it to the trunk, in every frame of a run alike."""
-    shirt = GarmentTemplate("shirt", 1, *(None,) * 5, loops=(None,), loop_names=("sleeve",))
-    said = {"loop_observed.sleeve": 1.0, "loop_mm.sleeve": 1.0}
-    judged = lambda share: verdict(_openings(shirt, said | {"loop_share.sleeve": share}) | LOOKED, SETTINGS)
-    for share in (0.93, 1.0, 1.29):
-        assert judged(share) == (GOOD, [])
-    for share, words in (
-        (0.9, "it is cut off (at least 0.92"),
-        (1.41, "0.41 of the length that the cloth about it leads to expect: it is joined to other cloth (at most 0.3"),
+    """A web of the scan may cut a sleeve's opening off, or join it to the trunk, in every frame of a run alike. A narrow cuff
+    may be wider than the template's; a long hem is longer by as much at once."""
+
+    def judged(length, share):
+        angle = np.arange(64) * 2 * np.pi / 64
+        ring = length / (2 * np.pi) * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+        shirt = GarmentTemplate("shirt", 1, *(None,) * 5, loops=(np.arange(64),), loop_names=("end",))
+        said = {"loop_observed.end": 1.0, "loop_mm.end": 1.0, "loop_share.end": share}
+        return verdict(_openings(shirt, said) | _excess(shirt, ring, said) | LOOKED, SETTINGS)
+
+    for sound in ((0.4, 0.93), (0.4, 1.0), (0.18, 1.41), (0.4, 1.25), (1.1, 1.15)):
+        assert judged(*sound) == (GOOD, [])
+    for length, share, words in (
+        (0.4, 0.9, "it is cut off (at least 0.92"),
+        (0.46, 1.41, "134 mm longer than the cloth about it leads to expect: it is joined to other cloth (at most 100"),
     ):
-        level, (reason,) = judged(share)
-        assert level == DOUBTFUL and reason.startswith("shirt.sleeve: ") and words in reason
-    assert judged(0.4)[0] == judged(2.6)[0] == WRONG
+        level, (reason,) = judged(length, share)
+        assert level == DOUBTFUL and reason.startswith("shirt.end: ") and words in reason
+        assert trouble_of(reason).title in ("an opening is cut off", "an opening is joined to other cloth")
+    assert judged(0.4, 0.4)[0] == judged(1.0, 2.6)[0] == WRONG
 
 
 def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them():

@@ -124,8 +124,8 @@ class VerdictSettings(Settings):
         "1",
         "length of a loop over what the cloth about it leads to expect by the template's cut, at least",
     )
-    loop_excess: tuple[float, float] = setting(
-        (0.3, 1.5), "1", "how much longer a loop is than the cloth about it leads to expect, as a share of that"
+    loop_excess_mm: tuple[float, float] = setting(
+        (100.0, 500.0), "mm", "how much longer a loop is than the cloth about it leads to expect, if by three tenths"
     )
     unclaimed_opening_mm: tuple[float, float] = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
     edge_stretch: tuple[float, float] = setting(

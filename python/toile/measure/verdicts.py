@@ -9,6 +9,7 @@ import numpy as np
 from .. import kernels
 from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
+from ..surface.loops import loop_length
 from .evidence import keypoint_errors, overlap, parted
 
 VERTICES = 2000  # of a surface, that look for the scan
@@ -16,6 +17,7 @@ VERTICES = 2000  # of a surface, that look for the scan
 OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
+WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
 STEP = 4  # every so many faces are asked for their stretch
 
 
@@ -43,7 +45,7 @@ def judge(
     measures = agreement(seen, cameras, model, joints, body, layers)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
-        measures |= _openings(template, made.diagnostics)
+        measures |= _openings(template, made.diagnostics) | _excess(template, V, made.diagnostics)
         measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)
     if worn:
         measures["pairs_left"] = float(pairs_left)
@@ -167,9 +169,9 @@ def _limits(s):
             *s.loop_share,
             "{} of the opening's length that the cloth about it leads to expect: it is cut off",
         ),
-        "loop_excess": (
-            *s.loop_excess,
-            "the opening is longer by {} of the length that the cloth about it leads to expect: it is joined to other cloth",
+        "loop_excess_mm": (
+            *s.loop_excess_mm,
+            "the opening is {} mm longer than the cloth about it leads to expect: it is joined to other cloth",
         ),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
         "edge_stretch": (
@@ -203,12 +205,22 @@ def _openings(template, diagnostics):
             if (key := f"loop_length.{name}") in diagnostics
         },
         **{
-            f"{template.name}.{name}.{measure}": value
+            f"{template.name}.{name}.loop_share": diagnostics[key]
             for name in template.loop_names
-            if (share := diagnostics.get(f"loop_share.{name}")) is not None
-            for measure, value in {"loop_share": share, "loop_excess": max(share - 1, 0.0)}.items()
+            if (key := f"loop_share.{name}") in diagnostics
         },
     }
+
+
+def _excess(template, V, diagnostics):
+    """By how much [mm] each loop is longer than the cloth about it leads to expect; 0 up to a share that cuffs reach which are
+    cut otherwise than the template's."""
+    out = {}
+    for name, loop in zip(template.loop_names, template.loops):
+        if (share := diagnostics.get(f"loop_share.{name}")) is not None:
+            longer = 1e3 * loop_length(V[loop]) * (1 - 1 / share) if share > 1 + WIDER else 0.0
+            out[f"{template.name}.{name}.loop_excess_mm"] = float(longer)
+    return out
 
 
 def stretch(V, rest, F):
