@@ -102,7 +102,6 @@ def test_sleeve_of_wrong_size_is_refined_to_scan_and_openings(scene):
         ((0.7, 1.0, 0.7, 1.0), 0.004),  # a web cuts the far end of the sleeve off
         ((1.0, 1.0, 1.0, 1.4), 0.004),  # a wrong label widens it in one frame, which must not silence the others
         ((0.72, 0.76, 1.0, 1.34, 1.22, 0.73), 0.004),  # webs in three frames, wrong labels in two
-        ((0.7, 0.72, 0.68, 1.0), 0.004),  # webs in all frames but one: the template's cut tells which
     ],
 )
 def test_frames_that_show_an_opening_cut_off_say_nothing_of_the_cloth_about_it(scene, monkeypatch, ends, most):

@@ -120,12 +120,16 @@ class DressSettings(Settings):
     contact: float = setting(0.012, "m", "a hand vertex this close to the garment touches it", ge=0)
     contact_share: float = setting(0.05, "1", "of one hand's vertices that makes an unsupported contact", ge=0, le=1)
     size_tolerance: float = setting(0.15, "1", "loop lengths off by more than this share are reported", ge=0)
-    cut_tolerance: float = setting(
-        0.1,
+    whole_rank: float = setting(
+        0.6,
         "1",
-        "of the sampled frames' openings those count whose length over what the cloth about them leads to expect is within this "
-        "share of the nearest to the template's own",
+        "of the lengths that the sampled frames show of an opening, from the shortest to the longest: the one that counts as "
+        "whole; more of them are cut off than run over",
         ge=0,
+        le=1,
+    )
+    whole_opening: float = setting(
+        0.85, "1", "an opening shorter than this share of that, or as much longer, is not shown there", gt=0, le=1
     )
     measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
     placement: PlacementSettings = PlacementSettings()

@@ -14,7 +14,7 @@ from ..surface.curves import isolines, pieces
 from ..surface.extension import continued
 from ..surface.girth import Girths
 from ..surface.loop_names import name_loops
-from ..surface.loops import LoopMatch, beside_loops, loop_length, match_loops
+from ..surface.loops import LoopMatch, astray, beside_loops, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.openings import Rivals, trace_opening
@@ -91,20 +91,17 @@ class _Skinning:
 
 
 def _personalise(model, person, template, samples, settings, over):
-    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A scan that lacks
-    the fold under a sleeve shows its opening too short, often; labels that run over it, or a web, show it too long, at times: only
-    the frames that come nearest to the template's own cut say anything of the cloth about it."""
+    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A scan that
+    lacks the fold under a sleeve shows its opening too short, often; labels that run over it show it too long, at times: a
+    frame that shows an opening much shorter or longer than the others says nothing of the cloth about it."""
     registered = parallel_map_with(
         lambda: Dresser(model, person, template, settings, over),
         lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
         samples,
     )
     lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
-    girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
-    flares = np.array([_flares(dressed.vertices, template.loops, girths) for dressed, _ in registered])
-    wrong = _otherwise_cut(flares / _flares(template.rest, template.loops, girths), settings.cut_tolerance)
-    whole, any_length = _medians(np.where(wrong, np.nan, lengths)), _medians(lengths)
-    shown = np.where(np.isnan(whole), any_length, whole)
+    wrong = np.stack([astray(of, settings.whole_rank, settings.whole_opening) for of in lengths.T], axis=1)
+    shown = _medians(lengths)
     total, weight = 0, 0
     for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, wrong):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
@@ -115,13 +112,6 @@ def _personalise(model, person, template, samples, settings, over):
     shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
     _report_fit(template, shown, settings)
     return replace(template, rest=template.rest + shift, opening_lengths=shown)
-
-
-def _otherwise_cut(shares, tolerance):
-    """Which loops (s,l) of frames are farther from the template's cut than the nearest frame's, by shares (s,l) of the length
-    that it leads to expect, NaN where unknown: those are taken for near."""
-    off = np.abs(np.log(shares))
-    return off > np.fmin.reduce(off, axis=0) + np.log1p(tolerance)
 
 
 def _filled(template, shift, weight, stiffness, stay):
