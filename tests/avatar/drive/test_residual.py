@@ -2,21 +2,7 @@
 
 import numpy as np
 
-from toile.avatar.drive.residual import (
-    CLOTH,
-    CODES,
-    FEWEST,
-    FOLDS,
-    JOINED,
-    MEAN,
-    MIXED,
-    Residual,
-    fitted,
-    least,
-    left_out,
-    moving,
-    teach,
-)
+from toile.avatar.drive.residual import CLOTH, CODES, FEWEST, JOINED, MEAN, MIXED, Residual, best_share, moving, teach
 
 RNG = np.random.default_rng(3)
 MODES = RNG.normal(size=(2, 30, 3)) * 0.01
@@ -98,35 +84,17 @@ def test_cloth_and_codes_have_their_share_as_they_err():
     assert np.isclose(some.missed[CODES], np.sqrt(np.square(off[1::2]).sum(2).mean())) and some.trust > 0.9
 
 
-def test_what_is_shown_of_a_choice_and_a_share_errs_as_told_and_the_least_of_all_is_taken():
-    """Where codes tell of every third frame nothing, and where they leave the shapes that cloth takes."""
-    poses, hung, worn = sequence(24, swing=-0.4)
-    worn = worn + 0.01 * RNG.normal(size=worn.shape)
-    decoded, known = worn + 0.01 * RNG.normal(size=worn.shape), np.arange(24) % 3 > 0
-    decoded[~known] = np.nan
-    stretches = np.array_split(np.arange(24), FOLDS)
-    errors = left_out(poses, hung, worn, decoded, known, stretches)
-
-    def shown(choice, trust):
-        """The squared error of all that is left out, simply added up."""
-        total = 0.0
-        for out in stretches:
-            kept = np.setdiff1d(np.arange(24), out)
-            told = fitted(poses[kept], hung[kept], worn[kept], choice, trust)
-            for i in out:
-                x = told.add(hung[i], poses[i])
-                total += np.square((told.mix(x, decoded[i], poses[i]) if known[i] else x) - worn[i]).sum()
-        return total
-
-    choice, trust = least(errors)
-    taken = shown(choice, trust)
-    for other in list(errors)[::29]:
-        error, along, towards = np.sum(errors[other], 0)
-        for w in (0.0, 0.3, 1.0):
-            v = 1 - w
-            assert np.isclose(shown(other, w), error - 2 * v * along + v**2 * towards, rtol=1e-6, atol=1e-12)
-            assert taken <= shown(other, w) * (1 + 1e-9)
-    assert all(taken <= shown(choice, w) * (1 + 1e-9) for w in np.linspace(0, 1, 21)) and 0 < trust < 1
+def test_the_share_is_the_one_of_least_error():
+    registered, joined, decoded = (RNG.normal(size=(9, 5, 3)) for _ in range(3))
+    near = RNG.uniform(size=9)
+    error = lambda w: np.square(joined + ((1 - w) * near)[:, None, None] * (decoded - joined) - registered).sum()
+    shares = np.linspace(0, 1, 1001)
+    assert np.isclose(best_share(registered, joined, decoded, near), min(shares, key=error), atol=1e-3)
+    assert best_share(registered, joined, decoded, 0 * near) == 1.0  # codes have no say
+    assert (
+        best_share(registered, registered, decoded, near) == 1.0
+        and best_share(decoded, joined, decoded, near**0) == 0.0
+    )
 
 
 def test_few_frames_and_still_ones_keep_their_means():

@@ -80,22 +80,22 @@ def teach(poses, simulated, registered, decoded=None):
     """A Residual of T frames in a row: poses (T,P), vertices (T,n,3) simulated and registered, all unposed. `decoded` (T,n,3): by
     codes of a temporal model that was not taught the frame, NaN where there is none.
 
-    Reaches, noise, share and `trust` are those with which what is shown leaves the least squared error on FOLDS stretches left out in
-    turn; where none beats the means, the means are kept. What is `missed` in a stretch is by the choice that the others make.
+    Reaches, noise and share are those that leave the least squared error on FOLDS stretches left out in turn; where none beats
+    the means, the means are kept. `trust` is the share that leaves the least on them. What is `missed` in a stretch is by the
+    choice that the others make.
     """
     if len(poses) < FEWEST:
         return Residual._means(registered.mean(0), simulated.mean(0))
     poses, stretches = np.asarray(poses, np.float64), np.array_split(np.arange(len(poses)), FOLDS)
-    decoded = np.full(registered.shape, np.nan) if decoded is None else decoded
-    known = np.isfinite(decoded).all((1, 2))
-    errors = left_out(poses, simulated, registered, decoded, known, stretches)
-    found = fitted(poses, simulated, registered, *least(errors))
-    shapes = unseen_shapes(poses, simulated, registered, decoded, stretches, errors)
-    if known.any():
-        shapes[CODES] = decoded
-    else:
-        known[:] = True
-        del shapes[MIXED]
+    errors = left_out(poses, simulated, registered, stretches)
+    found = fitted(poses, simulated, registered, least(errors))
+    shapes, near = unseen_shapes(poses, simulated, registered, stretches, errors)
+    known = np.ones(len(poses), bool)
+    if decoded is not None and (seen := np.isfinite(decoded).all((1, 2))).any():
+        known, joined = seen, shapes[JOINED]
+        trust = best_share(registered[known], joined[known], decoded[known], near[known])
+        shapes |= {CODES: decoded, MIXED: blend(joined, decoded, trust, near[:, None, None])}
+        found = replace(found, trust=trust)
     off = {of: np.linalg.norm((x - registered)[known], axis=2) for of, x in shapes.items()}
     return replace(found, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
 
@@ -105,33 +105,26 @@ def blend(hung, decoded, trust, near):
     return hung + (1 - trust) * near * (decoded - hung)
 
 
-def unseen_shapes(poses, simulated, registered, decoded, stretches, errors):
-    """{MEAN, CLOTH, JOINED, MIXED: (T,n,3)} of each stretch by a Residual of the others, by the choice of least `errors` on them."""
-    mean, cloth, joined, mixed = (np.zeros(registered.shape) for _ in range(4))
+def unseen_shapes(poses, simulated, registered, stretches, errors):
+    """{MEAN, CLOTH, JOINED: (T,n,3)} of each stretch by a Residual of the others, by the choice of least `errors` on them; how near
+    (T,) each pose is to theirs."""
+    mean, cloth, joined, near = (np.zeros(x) for x in (registered.shape,) * 3 + (len(poses),))
     for k, out in enumerate(stretches):
         kept = np.setdiff1d(np.arange(len(poses)), out)
-        told = fitted(poses[kept], simulated[kept], registered[kept], *least(errors, without=k))
+        told = fitted(poses[kept], simulated[kept], registered[kept], least(errors, without=k))
         mean[out], cloth[out] = told.registered, simulated[out] + told.registered - told.simulated
         for i in out:
-            joined[i] = told.add(simulated[i], poses[i])
-            mixed[i] = told.mix(joined[i], decoded[i], poses[i])
-    return {MEAN: mean, CLOTH: cloth, JOINED: joined, MIXED: mixed}
+            joined[i], near[i] = told.add(simulated[i], poses[i]), told.nearness(poses[i])
+    return {MEAN: mean, CLOTH: cloth, JOINED: joined}, near
 
 
 def least(errors, without=None):
-    """(choice, trust) of least error over the stretches, one of them left aside: over 0 <= v = 1 - trust <= 1 it is
-    |e|^2 - 2 v (t,e) + v^2 |t|^2, see `left_out`."""
-    best, found = np.inf, None
-    for choice, stretches in errors.items():
-        error, along, towards = np.sum([one for k, one in enumerate(stretches) if k != without], axis=0)
-        v = min(max(along / towards, 0.0), 1.0) if towards > 0 else 0.0
-        if (total := error - 2 * v * along + v**2 * towards) < best:
-            best, found = total, (choice, 1.0 - v)
-    return found
+    """The choice of least error over the stretches, one of them left aside."""
+    return min(errors, key=lambda choice: sum(e for k, e in enumerate(errors[choice]) if k != without))
 
 
-def fitted(poses, simulated, registered, choice, trust):
-    """A Residual of frames by a choice of `left_out` and the share of cloth beside codes."""
+def fitted(poses, simulated, registered, choice):
+    """A Residual of frames by a choice of `left_out`."""
     means = Residual._means(registered.mean(0), simulated.mean(0))
     if choice == CLOTH:
         return means
@@ -140,7 +133,14 @@ def fitted(poses, simulated, registered, choice, trust):
     K = similar(poses, poses, reach) * similar(s, s, swing_reach)
     weights = np.linalg.solve(K + noise * np.eye(len(K)), u - share * s)
     modes = basis.reshape(-1, *registered.shape[1:])
-    return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, trust, {})
+    return Residual(means.registered, means.simulated, poses, s, reach, swing_reach, share, weights, modes, 1.0, {})
+
+
+def best_share(registered, joined, decoded, near):
+    """w in 0..1 of the least sum of |joined + (1 - w) near (decoded - joined) - registered|^2, of shapes (F,n,3) and `near` (F,)."""
+    towards = near[:, None, None] * (decoded - joined)
+    total = np.square(towards).sum()
+    return 1 - float(np.clip((towards * (registered - joined)).sum() / total, 0, 1)) if total else 1.0
 
 
 def coordinates(simulated, registered):
@@ -150,33 +150,22 @@ def coordinates(simulated, registered):
     return basis, u @ basis.T, s @ basis.T
 
 
-def left_out(poses, simulated, registered, decoded, known, stretches):
-    """{(reach, swing_reach, noise, share) or CLOTH: (|e|^2, (t,e), |t|^2) of each of the stretches, left out once}: of shapes x without
-    codes the error e = registered - x, and t = near (decoded - x) towards the codes' shape, none where it is not `known`."""
-    errors, (basis, u, s) = {}, coordinates(simulated, registered)
-    worn, codes = (
-        (x - registered.mean(0)).reshape(len(x), -1) for x in (registered, np.where(known[:, None, None], decoded, 0))
-    )
-    c = codes @ basis.T
-    # what the basis does not hold: of (codes, registered), of |codes|^2
-    along, beyond = (codes * worn).sum(1) - (c * u).sum(1), np.square(codes).sum(1) - np.square(c).sum(1)
+def left_out(poses, simulated, registered, stretches):
+    """{(reach, swing_reach, noise, share) or CLOTH: squared error of each of the stretches, left out once}."""
+    errors, (_, u, s) = {}, coordinates(simulated, registered)
     for out in stretches:
         kept = np.setdiff1d(np.arange(len(poses)), out)
         about, swing, swung = u[kept].mean(0), s[out] - s[kept].mean(0), s[kept] - s[kept].mean(0)
-        add(errors, CLOTH, u[out] - about - swing, np.zeros_like(swing))
+        add(errors, CLOTH, about + swing - u[out])
         for reach, swing_reach in reaches(poses, s):
-            alike = similar(poses, poses[kept], reach)
-            K = alike * similar(s, s[kept], swing_reach)
+            K = similar(poses, poses[kept], reach) * similar(s, s[kept], swing_reach)
             near, (values, vectors) = K[out], np.linalg.eigh(K[kept])
-            say = known[out, None] * alike[out].max(1, keepdims=True)
-            outside = (say[:, 0] * along[out]).sum(), (say[:, 0] ** 2 * beyond[out]).sum()
             for noise in NOISES:
                 solve = near @ (vectors / (values + noise)) @ vectors.T
                 for share in SHARES:
                     part = 1 - (1 - share) * near.max(1, keepdims=True)
                     told = about + part * swing + solve @ (u[kept] - about - share * swung)
-                    choice = reach, swing_reach, noise, share
-                    add(errors, choice, u[out] - told, say * (c[out] - told), outside)
+                    add(errors, (reach, swing_reach, noise, share), told - u[out])
     return errors
 
 
@@ -192,10 +181,8 @@ def usual_distance(x):
     return np.median(distances(x, x)[np.triu_indices(len(x), 1)])
 
 
-def add(errors, choice, e, t, outside=(0.0, 0.0)):
-    errors.setdefault(choice, []).append(
-        (np.square(e).sum(), (t * e).sum() + outside[0], np.square(t).sum() + outside[1])
-    )
+def add(errors, key, error):
+    errors.setdefault(key, []).append(float(np.square(error).sum()))
 
 
 def principal(x):
