@@ -108,6 +108,22 @@ def test_a_bvh_turns_its_own_joints_and_reports_those_it_lacks(model, tmp_path):
     assert "upperarm01.L" in motion.missing and "spine04" not in motion.missing
 
 
+@pytest.mark.parametrize(
+    "old, new, said",
+    [
+        ("Frame Time: ", "Frame Time: -", "Frame Time: -"),
+        ("Frames: 3", "Frames: 0", "Frames: 0"),
+        ("Frames: 3", "Frames: 4", "27 numbers for 4 frames of 9 channels"),
+        ("0 90 0 0 0 0 0 0", "0 90 nan 0 0 0 0 0", "frame 0, channel 2: nan"),
+    ],
+)
+def test_a_broken_bvh_is_refused_by_what_is_wrong(model, tmp_path, old, new, said):
+    assert old in BVH
+    (tmp_path / "a.bvh").write_text(BVH.replace(old, new, 1))
+    with pytest.raises(UserError, match=f"broken BVH: {said}"):
+        read(tmp_path / "a.bvh", model)
+
+
 LIMB = (
     BVH.replace("Spine", "LeftArm")
     .replace("0 90 0 0 0 0 0 0", "0 90 0 0 0 0 0 30")

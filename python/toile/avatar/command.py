@@ -284,5 +284,7 @@ def own_options(minutes, steps, lr, seed):
             raise UserError(f"--steps {steps}: expected three numbers BODY,GARMENT,JOINT")
         if minutes is not None:
             raise UserError(f"--steps {steps}: --minutes {minutes:g} is given too")
+        if not any(map(int, counts)):
+            raise UserError(f"--steps {steps}: nothing would be trained")
         changed |= dict(zip(("body_steps", "garment_steps", "joint_steps"), map(int, counts)))
     return changed

@@ -43,8 +43,15 @@ def read_bvh(path):
         count, frame_time = int(words[1]), float(words[4])
         values = np.array(words[5:], dtype=np.float64)
         width = sum(map(len, channels))
-        if count < 1 or not 0 < frame_time < 1e4 or len(values) != count * width or not np.isfinite(values).all():
+        if count < 1:
+            raise ValueError(f"Frames: {count}")
+        if not 0 < frame_time < 1e4:
+            raise ValueError(f"Frame Time: {frame_time:g}")
+        if len(values) != count * width:
             raise ValueError(f"{len(values)} numbers for {count} frames of {width} channels")
+        if not np.isfinite(values).all():
+            frame, channel = divmod(int(np.flatnonzero(~np.isfinite(values))[0]), width)
+            raise ValueError(f"frame {frame}, channel {channel}: {values[frame * width + channel]}")
     except (ValueError, IndexError, KeyError) as reason:
         raise UserError(f"{path}: broken BVH: {reason}") from reason
     rotations, root = play(values.reshape(count, width), parents, channels)

@@ -14,6 +14,7 @@ from PIL import Image
 from toile.avatar.drive import apart
 from toile.avatar.drive.animate import DrivenAvatar, animate, camera_path, filmed, resized, turned
 from toile.avatar.drive.apart import take
+from toile.avatar.drive.draping import outdated
 from toile.avatar.drive.driver import REACH, load_driver, make_track
 from toile.avatar.drive.posing import PosedAvatar
 from toile.avatar.model.checkpoint import load_avatar
@@ -212,6 +213,33 @@ def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
 def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, options, said):
     with pytest.raises(UserError, match=said):
         animate(avatar_folder, sample_run, tmp_path / "out", **options)
+
+
+def test_a_face_of_other_keypoints_is_refused(avatar_folder, sample_run, tmp_path):
+    motion = DrivenAvatar(avatar_folder, sample_run).motion
+    np.savez(
+        tmp_path / "m.npz", rotations=motion.rotations, translation=motion.translation, fps=30.0,
+        face=np.zeros((len(motion), 3, 3)),
+    )  # fmt: skip
+    with pytest.raises(UserError, match=r"m.npz: face is \(4, 3, 3\), expected \(4, 29, 3\)"):
+        DrivenAvatar(avatar_folder, tmp_path / "m.npz")
+
+
+def test_pictures_that_show_nothing_of_the_person_are_said(avatar_folder, sample_run, tmp_path):
+    """A motion in centimetres."""
+    motion = DrivenAvatar(avatar_folder, sample_run).motion
+    places = motion.translation[:2].copy()
+    places[1] += 100.0
+    np.savez(tmp_path / "m.npz", rotations=motion.rotations[:2], translation=places, fps=motion.fps)
+    done = animate(avatar_folder, tmp_path / "m.npz", tmp_path / "out", height=32, meshes=False, apart=False)
+    assert any("1 of 2 pictures show nothing of the person, frame 1 first" in words for words in done.warnings)
+
+
+def test_a_cloth_file_that_is_damaged_is_said_to_be(avatar_folder, tmp_path):
+    folder = shutil.copytree(avatar_folder, tmp_path / "avatar")
+    (folder / "cloth.tshirt.npz").write_bytes(b"PK")
+    (words,) = outdated(folder, load_avatar(folder).layers, None)
+    assert "cloth.tshirt.npz: cannot be read: codes drive the garment" in words
 
 
 def test_a_full_folder_is_left_alone(avatar_folder, sample_run, tmp_path):

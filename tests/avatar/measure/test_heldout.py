@@ -13,6 +13,7 @@ from toile.avatar.drive.layering import GarmentLayering
 from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.measure.heldout import HeldOut, _chosen
 from toile.avatar.measure.report import write_avatar_report
+from toile.avatar.model.checkpoint import read_facts
 from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings
 from toile.cli import app
 from toile.errors import UserError
@@ -144,6 +145,19 @@ def test_a_run_of_another_topology_is_refused(avatar, sample_run, tmp_path):
     store = zarr.open_group(str(run / "registered.zarr"), mode="r+")
     store["garment/tshirt/uv"][:] = store["garment/tshirt/uv"][:] * 0.5
     with pytest.raises(UserError, match="tshirt"):
+        HeldOut(avatar, run=run)
+
+
+def test_another_registration_of_the_same_capture_is_refused(avatar, sample_run, tmp_path):
+    """A garment a millimetre off in one of the frames that taught, all else the same."""
+    import zarr
+
+    HeldOut(avatar, run=shutil.copytree(sample_run, tmp_path / "moved"))
+    run = shutil.copytree(sample_run, tmp_path / "run")
+    store, first = zarr.open_group(str(run / "registered.zarr"), mode="r+"), read_facts(avatar)["frames"][0]
+    row = int(np.flatnonzero(store["frames"][:] == first)[0])
+    store["garment/tshirt/vertices"][row] = store["garment/tshirt/vertices"][row] + 1e-3
+    with pytest.raises(UserError, match="run: its registration is not the one that .* was trained on"):
         HeldOut(avatar, run=run)
 
 

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from toile.avatar.model.checkpoint import (  # fmt: skip
+    MODEL,
     Checkpoints,
     asked_before,
     begin,
@@ -83,6 +84,14 @@ def test_damaged_checkpoint_is_refused(model, optimiser, tmp_path):
             checkpoints.latest()
 
 
+def test_weights_that_are_not_finite_are_refused_by_name(model, optimiser, tmp_path):
+    tensors = {MODEL + name: value.clone() for name, value in model.state_dict().items()}
+    first = next(iter(tensors))
+    tensors[first].view(-1)[0] = float("nan")
+    with pytest.raises(UserError, match=f"avatar: {first.removeprefix(MODEL)}: is not finite"):
+        load_model(model, tensors, "avatar")
+
+
 def test_checkpoint_of_another_architecture_is_refused(model, optimiser, tmp_path):
     Checkpoints(tmp_path).write(3, model, optimiser, {})
     tensors, _ = Checkpoints(tmp_path).latest()
@@ -127,6 +136,19 @@ def test_an_avatar_that_was_moved_finds_the_run_that_lies_in_it(tmp_path):
         assert read_facts(folder)["run"] == asked_before(folder)["run"] == str(tmp_path / "new" / "aligned")
     (tmp_path / "old" / "aligned").mkdir(parents=True)
     assert read_facts(tmp_path / "new")["run"] == asked["run"]  # as long as that is there
+
+
+def test_a_run_that_was_moved_is_known_by_its_registration_and_another_is_refused(tmp_path):
+    asked = {"run": "/old/run", "registered": "12", "settings": preset("draft").model_dump(mode="json")}
+    begin(tmp_path, asked)
+    assert begin(tmp_path, asked | {"run": "/new/run"}) and asked_before(tmp_path)["run"] == "/new/run"
+    with pytest.raises(UserError, match='registered: holds "12", asked is "34"'):
+        begin(tmp_path, asked | {"run": "/new/run", "registered": "34"})
+    older = {name: value for name, value in asked.items() if name != "registered"}
+    (tmp_path / "avatar.json").write_text(json.dumps(older | {"steps": None}))
+    assert begin(tmp_path, asked)
+    with pytest.raises(UserError, match='run: holds "/old/run", asked is "/new/run"'):
+        begin(tmp_path, asked | {"run": "/new/run"})
 
 
 def test_finished_training_is_not_begun_again(tmp_path):

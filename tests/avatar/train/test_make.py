@@ -7,7 +7,7 @@ import pytest
 
 from toile.avatar.command import own_options
 from toile.avatar.settings import PRESETS, AvatarSettings, preset
-from toile.avatar.train.make import held_out, left_out_frames
+from toile.avatar.train.make import held_out, left_out_frames, refuse_other
 from toile.errors import UserError
 
 
@@ -60,6 +60,7 @@ def test_bad_holdout_is_refused(text):
         (dict(steps="3,4"), "--steps 3,4"),
         (dict(steps="3,4,x"), "--steps 3,4,x"),
         (dict(steps="3,4,-1"), "--steps 3,4,-1"),
+        (dict(steps="0,0,0"), "--steps 0,0,0: nothing would be trained"),
         (dict(steps="3,4,5", minutes=2.0), "--minutes 2 is given too"),
     ],
 )
@@ -86,3 +87,15 @@ def test_presets_grow():
         assert values == sorted(values)
     steps = [sum(phase.steps for phase in settings.phases()) for settings in sizes]
     assert steps == sorted(steps)
+
+
+def test_a_folder_of_something_else_is_left_alone_and_one_that_was_begun_is_not(tmp_path):
+    refuse_other(tmp_path / "new")
+    for name in ("aligned", "cache", ".lock"):
+        (tmp_path / name).mkdir()
+    refuse_other(tmp_path)
+    (tmp_path / "registered.zarr").mkdir()
+    with pytest.raises(UserError, match="holds registered.zarr and no avatar: take another folder"):
+        refuse_other(tmp_path)
+    (tmp_path / "avatar.json").write_text("{}")
+    refuse_other(tmp_path)

@@ -69,6 +69,7 @@ class DrivenAvatar:
         self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
         poses = training_poses(folder)
         self.motion = motion if isinstance(motion, Motion) else take(folder, motion, apart).motion
+        self._check_face(motion)
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.measured = {}
         self.latents = self._latents(seed)
@@ -78,6 +79,13 @@ class DrivenAvatar:
         cloths = self._cloths(physics)
         self.warnings += doubts(cloths) + outdated(self.folder, self.avatar.layers, physics)
         self.draping = self.draped(cloths, np.arange(len(self.motion))) if cloths else None
+
+    def _check_face(self, motion):
+        """UserError where a motion's facial keypoints are not the avatar's."""
+        own, face = getattr(self.avatar, "face_mean", None), self.motion.face
+        if own is not None and len(own) and face is not None and face.shape[1:] != tuple(own.shape):
+            source = "the motion" if isinstance(motion, Motion) else motion
+            raise UserError(f"{source}: face is {face.shape}, expected {(len(face), *own.shape)}")
 
     def _cloths(self, physics):
         lent = {one.name for one in self.lent}
@@ -216,11 +224,13 @@ class Shot:
         return self.path(self.rows[0])[0].size
 
     def make(self, i):
-        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, share of cloth, its strain so far)."""
+        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, share of cloth, its strain so far, whether
+        the camera sees of the person)."""
         with one_thread():
             yield i, *self._make(i)
 
     def _make(self, i):
+        """What `make` says of a row, and whether the camera sees of the person."""
         driven, (seen_by, index) = self.driven, self.path(i)
         batch = driven.batch(i, seen_by, index)
         decoded, before, left, share = driven.decode(i, batch)
@@ -231,7 +241,8 @@ class Shot:
             write_mesh(mesh_file(self.out, layer.name, number), Mesh(V, layer.faces))
         if self.meshes and i == self.rows[0]:
             write_still(self.out, driven, decoded, self.rows)
-        return int(before), int(left), share, driven.draping.strain if driven.draping else 0.0
+        strain = driven.draping.strain if driven.draping else 0.0
+        return int(before), int(left), share, strain, any(seen_of(one, seen_by) for one in decoded.values())
 
 
 def animate(
@@ -275,10 +286,11 @@ def animate(
             driven, rows = shot.driven, shot.rows
             with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
                 made = filmed(pool.each(Shot.make, rows), shot, film, progress)
-        before, left, shares, strains = zip(*(made[row] for row in rows))
+        before, left, shares, strains, seen = zip(*(made[row] for row in rows))
         before, left = sum(before), sum(left)
         less = {int(driven.motion.frames[row]): share for row, share in zip(rows, shares) if share < 1}
-        warnings = (*driven.warnings, *relieved(less, max(strains)))
+        unseen = [int(driven.motion.frames[row]) for row, one in zip(rows, seen) if not one]
+        warnings = (*driven.warnings, *relieved(less, max(strains)), *out_of_sight(unseen, len(rows)))
         limbs = taken.apart and taken.apart.facts(rows)
         hung = tuple(driven.draping.cloths) if driven.draping else ()
         done = Animation(len(rows), before, left, warnings, limbs, hung)
@@ -289,8 +301,22 @@ def animate(
     return done
 
 
+def seen_of(decoded, camera):
+    """Whether a vertex of a Decoded lies in the camera's picture."""
+    uv, depth = camera.project(decoded.vertices[0].cpu().numpy())
+    return bool(((depth > 0) & (uv >= 0).all(1) & (uv < (camera.width, camera.height)).all(1)).any())
+
+
+def out_of_sight(unseen, count):
+    """What a user should know of frames whose pictures show nothing of the person."""
+    if not unseen:
+        return []
+    words = f"{len(unseen)} of {count} pictures show nothing of the person, frame {unseen[0]} first"
+    return [f"{words}: are the motion's places metres, and near where the cameras stand?"]
+
+
 def filmed(made, shot, film, progress):
-    """{row: (pairs before, pairs left, share of cloth, strain)} of the rows as they are made; their pictures go to the film in the rows'
+    """{row: (pairs before, pairs left, share of cloth, strain, seen)} of the rows as they are made; their pictures go to the film in the rows'
     order."""
     waiting, found = deque(shot.rows), {}
     for row, *measured in made:

@@ -75,11 +75,11 @@ def outdated(folder, layers, physics):
     if physics is not None:
         return []
     files = [cloth_file(folder, one.name) for one in layers if one.kind == "garment"]
-    old = [file for file in files if file.exists() and not identity_of(file).startswith(made_of(folder))]
+    made = {file: identity_of(file) for file in files if file.exists()}
     again = "codes drive the garment; `toile train RUN AVATAR --temporal` or `animate --physics` measures it anew"
-    return [
-        f"{file}: was measured before the avatar was trained as it is, or by an older toile: {again}" for file in old
-    ]
+    old = "was measured before the avatar was trained as it is, or by an older toile"
+    why = lambda identity: old if identity else "cannot be read"
+    return [f"{file}: {why(one)}: {again}" for file, one in made.items() if not one.startswith(made_of(folder))]
 
 
 def load_cloths(folder, layers):

@@ -88,6 +88,8 @@ def load_model(model, tensors, path="checkpoint"):
     for name in sorted(expected.keys() | found.keys()):
         if expected.get(name) != found.get(name):
             raise UserError(f"{path}: {name}: shape {found.get(name)}, this avatar has {expected.get(name)}")
+        if weights[name].is_floating_point() and not weights[name].isfinite().all():
+            raise UserError(f"{path}: {name}: is not finite")
     model.load_state_dict(weights)
 
 
@@ -112,7 +114,8 @@ def topology(layers, scene, cameras):
 
 
 def begin(folder, asked):
-    """Notes what is asked of a training in AVATAR/avatar.json, or checks that it asks for the same; True if unfinished."""
+    """Notes what is asked of a training in AVATAR/avatar.json, or checks that it asks for the same; True if unfinished. A run that was
+    moved is known by its registration."""
     path = Path(folder) / "avatar.json"
     if not path.exists():
         write_text(path, json.dumps(asked | {"steps": None}, indent=1))
@@ -120,7 +123,11 @@ def begin(folder, asked):
     found = asked_before(folder)
     if found.get("settings"):  # what an older version did not know has its default
         found["settings"] = found["settings"].model_dump(mode="json")
-    check_same(path, found, asked)
+    known, new = found.get("registered"), asked.get("registered")
+    if known and known == new and found["run"] != asked["run"]:  # the same, at another place
+        found["run"] = asked["run"]
+        write_text(path, json.dumps(found, indent=1))
+    check_same(path, found if known else found | {"registered": new}, asked)
     return found.get("steps") is None
 
 

@@ -43,6 +43,17 @@ def shown(run, settings, row):
     return np.concatenate([surface.vertices[row] for surface in surfaces])
 
 
+def registration_of(run, frames):
+    """What tells a Run's registration of these frames from another, wherever it lies: a hash of the poses, and of all surfaces in three
+    of them."""
+    rows = run.rows(frames)
+    digest = hashlib.sha256(run.pose.rotations[rows].tobytes())
+    for number in (frames[0], frames[len(frames) // 2], frames[-1]):
+        for surface in (run.track, *(garment.vertices for garment in run.garments.values())):
+            digest.update(surface.at(number).tobytes())
+    return digest.hexdigest()
+
+
 class AvatarData(Dataset):
     """Samples (frame, camera) of `frames` of a run, cameras running fastest; nothing of other frames is read.
 

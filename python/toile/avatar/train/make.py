@@ -23,13 +23,19 @@ from ...scene import frame_ranges
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
 from ..model.avatar import Avatar
-from ..model.checkpoint import asked_before, begin, save_assets, save_avatar, topology
+from ..model.checkpoint import ALIGNED, asked_before, begin, save_assets, save_avatar, topology
 from ..settings import AvatarSettings
 from .baseline import train_baseline
-from .data import AvatarData, shown
+from .data import AvatarData, registration_of, shown
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
+BEGUN = (
+    ".",
+    ALIGNED,
+    "cache",
+    "baseline",
+)  # what a training leaves in AVATAR that was stopped before it noted what was asked
 ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses")
 FITTED = 50  # frames that the crop is fitted to
 MARGIN = 4  # about the person in the crop [px of the capture]
@@ -52,6 +58,7 @@ def make_avatar(request, folder, baseline=False):
     """Trains AVATAR, and with `baseline` AVATAR/baseline; goes on where a killed training stood."""
     folder, fabric = Path(folder), start_fabric()
     run = open_run(request.run)
+    refuse_other(folder)
     left_out = left_out_frames(request.holdout, folder, run)
     frames = [number for number in run.pictured if number not in left_out]
     if not frames:
@@ -71,6 +78,14 @@ def make_avatar(request, folder, baseline=False):
         job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
             train_baseline(job, folder)
+
+
+def refuse_other(folder):
+    """UserError where `folder` holds something that is no avatar, nor one that was begun."""
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    other = [name for name in names if not name.startswith(BEGUN)]
+    if other and "avatar.json" not in names:
+        raise UserError(f"{folder}: holds {min(other)} and no avatar: take another folder")
 
 
 @dataclass
@@ -99,6 +114,7 @@ class TrainingJob:
         facts = {
             "scene": data.scene.name,
             "run": str(self.run.path.resolve()),
+            "registered": registration_of(self.run, self.frames),
             "topology": topology(data.layers, data.scene, data.cameras),
             "frames": list(self.frames),
             "holdout": list(self.held),
