@@ -87,3 +87,25 @@ def test_driven_garments_stay_out_of_the_body_and_of_each_other(chain):
     assert done.intersections_left == 0
     assert len(intersecting_pairs(shirt.vertices, shirt.faces, legs.vertices, legs.faces)) == 0
     assert np.isfinite(legs.vertices).all() and np.isfinite(body.vertices).all()
+
+
+@pytest.mark.parametrize("helps", [False, True])
+def test_the_outer_garment_is_measured_as_cloth_over_the_inner_one_as_that_is_shown(
+    chain, tmp_path, monkeypatch, helps
+):
+    """As cloth where that helps, by codes where it does not: what falls off the body carries nothing."""
+    from shutil import copytree
+
+    from toile.avatar.drive import cloths
+    from toile.avatar.drive.draping import Cloth
+
+    asked, measure = [], cloths._left_over
+    spy = lambda run, driven, under, name, *rest: (
+        asked.append((name, list(under))) or measure(run, driven, under, name, *rest)
+    )
+    monkeypatch.setattr(cloths, "_left_over", spy)
+    monkeypatch.setattr(Cloth, "helps", helps)
+    folder = copytree(chain[2], tmp_path / "avatar")
+    cloths.ensure_cloths(folder)
+    assert asked == [("trousers", []), ("tshirt", ["trousers"] if helps else [])]
+    assert all((folder / f"cloth.{name}.npz").exists() for name in ("trousers", "tshirt"))

@@ -28,7 +28,8 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
 
     Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body. Residual:
     taught by registered and simulated vertices of the pictured frames, unposed; of a row of neighbours the first `lead` frames, at
-    most half of them, are only simulated, and so are frames without pictures. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
+    most half of them, are only simulated, and so are frames without pictures. A garment is simulated over those under it as they are
+    shown unasked: as cloth where that helps, else by codes. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
     taught, where it knows some. No held-out frame is read.
     UserError: the avatar has no garment, or its run is gone.
     """
@@ -52,11 +53,14 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     settled = np.concatenate([rows[min(settings.lead, len(rows) // 2) :] for rows in stretches])
     settled = settled[np.isin(settled, shown)]
     teachers = evenly(settled if len(settled) else shown, settings.taught)
-    poses, hung, worn = _left_over(run, driven, cloths, stretches, teachers, progress)
+    under = {}  # those that hang unasked
     for name in names:
-        decoded = _by_unseen_codes(folder, driven, name, frames[teachers])
-        residual = teach(poses, hung[name], worn[name], decoded)
-        save_record(cloth_file(folder, name), replace(cloths[name], residual=residual), made_of(folder, settings))
+        poses, hung, worn = _left_over(run, driven, under, name, cloths[name], stretches, teachers, progress)
+        residual = teach(poses, hung, worn, _by_unseen_codes(folder, driven, name, frames[teachers]))
+        cloth = replace(cloths[name], residual=residual)
+        save_record(cloth_file(folder, name), cloth, made_of(folder, settings))
+        if cloth.helps:
+            under[name] = cloths[name]
 
 
 def ensure_worn(folder, garments, progress=lambda stage, done, total: None, settings=None):
@@ -101,11 +105,13 @@ def _by_unseen_codes(folder, driven, name, frames):
 
 
 @torch.no_grad()
-def _left_over(run, driven, cloths, stretches, teachers, progress):
-    """Poses (F,P) of the rows `teachers` of these, and {garment: (F,n,3)} unposed vertices, simulated and registered."""
-    poses, hung, worn, done = [], {name: [] for name in cloths}, {name: [] for name in cloths}, 0
+def _left_over(run, driven, under, name, cloth, stretches, teachers, progress):
+    """Poses (F,P) of the rows `teachers` of these, and (F,n,3) unposed vertices of garment `name`, simulated as `cloth` over the cloths
+    `under` it {garment: Cloth}, and registered."""
+    poses, hung, worn, done = [], [], [], 0
+    skin = driven.avatar.model(name).skin
     for rows in stretches:
-        draping = driven.draped(cloths, rows)
+        draping = driven.draped(under | {name: cloth}, rows)
         for k, row in enumerate(rows):
             batch = driven.unseen(row)
             draping.at(k, driven.geometry(row), batch)
@@ -113,12 +119,9 @@ def _left_over(run, driven, cloths, stretches, teachers, progress):
             if row not in teachers:
                 continue
             transforms = driven.avatar.skeleton(batch["rotations"], batch["translation"])
-            poses.append(next(iter(draping.poses.values()))[k])  # all of one reader
-            for name, V in draping.fallen.items():
-                both = np.stack([V, run.garments[name].vertices.at(int(driven.motion.frames[row]))])
-                both = torch.as_tensor(both, dtype=torch.float32, device=driven.device)
-                skin = driven.avatar.model(name).skin
-                for kept, x in zip((hung, worn), both):
-                    kept[name].append(skin.unpose(x[None], *transforms)[0].cpu().numpy())
-    stacked = lambda kept: {name: np.stack(found).astype(np.float64) for name, found in kept.items()}
-    return np.stack(poses), stacked(hung), stacked(worn)
+            poses.append(draping.poses[name][k])
+            both = np.stack([draping.fallen[name], run.garments[name].vertices.at(int(driven.motion.frames[row]))])
+            both = torch.as_tensor(both, dtype=torch.float32, device=driven.device)
+            for kept, x in zip((hung, worn), both):
+                kept.append(skin.unpose(x[None], *transforms)[0].cpu().numpy())
+    return np.stack(poses), np.stack(hung).astype(np.float64), np.stack(worn).astype(np.float64)
