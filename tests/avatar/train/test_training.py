@@ -126,9 +126,18 @@ def test_another_run_or_setting_is_refused(trained, sample_run, tmp_path):
         make_avatar(request(sample_run, chosen(seed=1, **STEPS)), trained)
     with pytest.raises(UserError, match="(frames|holdout): .*asked are frames .* too: take another folder"):
         make_avatar(request(sample_run, chosen(**STEPS), holdout="1"), trained)
-    other = Path(shutil.copytree(sample_run, tmp_path / "other"))
-    with pytest.raises(UserError, match="avatar.json: run: holds"):
-        make_avatar(request(other, chosen(**STEPS)), trained)
+
+
+def test_a_run_elsewhere_is_taken_for_the_same_until_its_registration_is_another(trained, sample_run, tmp_path):
+    import zarr
+
+    folder, other = (Path(shutil.copytree(one, tmp_path / one.name)) for one in (trained, Path(sample_run)))
+    make_avatar(request(other, chosen(**STEPS)), folder)
+    assert read_facts(folder)["run"] == str(other.resolve())
+    store = zarr.open_group(str(other / "registered.zarr"), mode="r+")
+    store["garment/tshirt/vertices"][:] = store["garment/tshirt/vertices"][:] + 1e-3
+    with pytest.raises(UserError, match="avatar.json: registered: holds"):
+        make_avatar(request(other, chosen(**STEPS)), folder)
 
 
 def test_a_trained_avatar_takes_the_options_that_it_was_trained_with(

@@ -114,12 +114,12 @@ class TrainingJob:
         facts = {
             "scene": data.scene.name,
             "run": str(self.run.path.resolve()),
-            "registered": registration_of(self.run, self.frames),
             "topology": topology(data.layers, data.scene, data.cameras),
             "frames": list(self.frames),
             "holdout": list(self.held),
             "layered": layered,
             "settings": settings.model_dump(mode="json"),
+            "registered": registration_of(self.run, self.frames),
         }
         with fabric.rank_zero_first():
             unfinished = begin(folder, facts)
