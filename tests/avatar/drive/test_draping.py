@@ -314,3 +314,14 @@ def test_other_settings_of_cloth_are_measured_anew_and_move_it(avatar_folder, dr
         ensure_cloths(stiff, run=tmp_path / "gone", settings=ClothSettings())
     shown = [d.draping.at(1, d.geometry(1), d.unseen(1)) and d.draping.fallen["tshirt"] for d in (driven, hung)]
     assert np.linalg.norm(shown[0] - shown[1], axis=1).mean() > 1e-4
+
+
+def test_cloth_is_not_measured_on_a_run_that_was_registered_anew(avatar_folder, sample_run, tmp_path):
+    import zarr
+
+    folder, run = shutil.copytree(avatar_folder, tmp_path / "avatar"), shutil.copytree(sample_run, tmp_path / "run")
+    (folder / "cloth.tshirt.npz").unlink(missing_ok=True)
+    store = zarr.open_group(str(run / "registered.zarr"), mode="r+")
+    store["garment/tshirt/vertices"][:] = store["garment/tshirt/vertices"][:] + 1e-3
+    with pytest.raises(UserError, match="run: its registration is not the one that .* was trained on"):
+        ensure_cloths(folder, run=run)

@@ -230,7 +230,6 @@ class Shot:
             yield i, *self._make(i)
 
     def _make(self, i):
-        """What `make` says of a row, and whether the camera sees of the person."""
         driven, (seen_by, index) = self.driven, self.path(i)
         batch = driven.batch(i, seen_by, index)
         decoded, before, left, share = driven.decode(i, batch)

@@ -15,6 +15,7 @@ from ...io.run import is_run, open_run
 from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
 from ..settings import ClothSettings
+from ..train.data import check_registration
 from .animate import DrivenAvatar
 from .draping import Cloth, cloth_file, made_of
 from .driver import held_out_span, stride_of, unseen_codes
@@ -31,7 +32,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     most half of them, are only simulated, and so are frames without pictures. A garment is simulated over those under it as they are
     shown unasked: as cloth where that helps, else by codes. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
     taught, where it knows some. No held-out frame is read.
-    UserError: the avatar has no garment, or its run is gone.
+    UserError: the avatar has no garment, or its run is gone or registered anew.
     """
     facts = read_facts(folder)
     names = [layer["name"] for layer in facts["architecture"]["layers"] if layer["kind"] == "garment"]
@@ -44,7 +45,9 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     path = Path(run or facts["run"])
     if not is_run(path):
         raise UserError(f"{folder}: its run {path} is not there, and cloth is measured on it")
-    run, driven = open_run(path), DrivenAvatar(folder, path)
+    run = open_run(path)
+    check_registration(run, folder, facts)
+    driven = DrivenAvatar(folder, path)
     frames = driven.motion.frames
     rows = np.flatnonzero(~np.isin(frames, held_out_span(facts["holdout"])))
     shown = rows[np.isin(frames[rows], run.pictured)]  # between them garments are only guessed

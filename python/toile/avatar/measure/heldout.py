@@ -18,7 +18,7 @@ from ...surface.sampling import evenly
 from ..drive.layering import GarmentLayering
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import nearest_poses
-from ..train.data import AvatarData, registration_of
+from ..train.data import AvatarData, check_registration
 from .face import Facial
 from .photometric import photometric
 
@@ -61,11 +61,7 @@ class HeldOut:
         if not is_run(path):
             raise UserError(f"{folder}: its run {path} is not there: give its place by --run")
         self.registered = RegisteredRun(path)
-        known, trained = facts.get("registered"), self.registered.run.rows(facts["frames"])
-        if known and (
-            len(trained) < len(facts["frames"]) or registration_of(self.registered.run, facts["frames"]) != known
-        ):
-            raise UserError(f"{path}: its registration is not the one that {folder} was trained on: give that by --run")
+        check_registration(self.registered.run, folder, facts)
         self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels
         self.frames, self.warnings = _chosen(folder, facts, frames, self.registered.run.pictured)
         self.warnings += [f"edited: {words}" for words in facts.get("edits", ())]

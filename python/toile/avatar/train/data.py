@@ -47,11 +47,18 @@ def registration_of(run, frames):
     """What tells a Run's registration of these frames from another, wherever it lies: a hash of the poses, and of all surfaces in three
     of them."""
     rows = run.rows(frames)
-    digest = hashlib.sha256(run.pose.rotations[rows].tobytes())
+    digest = hashlib.sha256(run.pose.rotations[rows].tobytes() + run.pose.translation[rows].tobytes())
     for number in (frames[0], frames[len(frames) // 2], frames[-1]):
         for surface in (run.track, *(garment.vertices for garment in run.garments.values())):
             digest.update(surface.at(number).tobytes())
     return digest.hexdigest()
+
+
+def check_registration(run, folder, facts):
+    """UserError where a Run is not as AVATAR `folder` of these facts was taught; an avatar of an older toile does not know."""
+    known, frames = facts.get("registered"), facts["frames"]
+    if known and (len(run.rows(frames)) < len(frames) or registration_of(run, frames) != known):
+        raise UserError(f"{run.path}: its registration is not the one that {folder} was trained on")
 
 
 class AvatarData(Dataset):

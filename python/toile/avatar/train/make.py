@@ -30,12 +30,7 @@ from .data import AvatarData, registration_of, shown
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
-BEGUN = (
-    ".",
-    ALIGNED,
-    "cache",
-    "baseline",
-)  # what a training leaves in AVATAR that was stopped before it noted what was asked
+BEGUN = (".", ALIGNED, "cache")  # what a training that was stopped at once leaves in AVATAR
 ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses")
 FITTED = 50  # frames that the crop is fitted to
 MARGIN = 4  # about the person in the crop [px of the capture]
