@@ -25,6 +25,7 @@ from .pipeline.commands.pictures import detect, reconstruct
 from .pipeline.commands.register import register
 from .pipeline.commands.standing import plan, status, template
 from .pipeline.commands.tune import tune
+from .pipeline.stopping import raise_when_terminated
 from .studio.command import studio
 from .view.command import view
 
@@ -74,6 +75,7 @@ for command in (settings, doctor, completion):  # they log nothing
 def main():
     """Entry point with the exit codes of this page."""
     speech.speak()
+    raise_when_terminated()
     if COMPLETE in os.environ:
         completion_init()
     try:

@@ -50,6 +50,8 @@ def test_another_rate_is_taken_at_the_nearest_instants(model, tmp_path):
     [
         ({"rotations": np.zeros((4, 3, 3))}, "rotations"),
         ({"translation": np.full((4, 3), np.nan)}, "translation is not finite"),
+        ({"translation": np.full((4, 3), 1e30)}, r"translation: 1e\+30 m in frame 0, expected at most 10000"),
+        ({"rotations": np.full((4, 104, 3), -1e5)}, r"rotations: 1e\+05 rad in frame 0, expected at most 1000"),
         ({"fps": 0.0}, "fps 0"),
         ({"fps": "thirty"}, "fps"),
         ({"face": np.zeros((3, 7, 3))}, "face"),
@@ -66,7 +68,7 @@ def test_a_missing_field_or_file_is_refused(model, tmp_path):
     path = saved(tmp_path / "bad.npz", **{k: v for k, v in still(model).items() if k != "fps"})
     with pytest.raises(UserError, match="bad.npz: fps is missing"):
         read(path, model)
-    with pytest.raises(UserError, match="nothing: neither a run"):
+    with pytest.raises(UserError, match="nothing: no such file or folder"):
         read(tmp_path / "nothing", model)
     (tmp_path / "text.npz").write_text("no archive")
     with pytest.raises(UserError, match="text.npz: not a .npz"):

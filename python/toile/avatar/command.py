@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, get_args
 
+import numpy as np
 import typer
 
 from .. import speech
@@ -64,13 +65,16 @@ def train(
     """
     from ..config import changed, from_options
     from ..console import progress_bars
+    from .drive.driver import taught_before
     from .model.checkpoint import asked_before
-    from .settings import TrainSettings, train_preset
+    from .settings import TemporalSettings, TrainSettings, train_preset
 
     own = own_options(minutes, steps, lr, seed) | {"temporal": temporal_options(temporal_model, window, seed)}
     trained = asked_before(avatar).get("settings")
     named = quality or config or any(word.startswith("quality") for word in changes or ())
-    base = train_preset if trained is None or named else lambda _: TrainSettings(**trained.model_dump())
+    taught = taught_before(avatar) or TemporalSettings()
+    as_before = lambda _: TrainSettings(**trained.model_dump(), temporal=taught)
+    base = train_preset if trained is None or named else as_before
     asked = changed(from_options(base, quality, config, changes), own)
     settings, drive = asked.avatar(), asked.temporal if temporal or temporal_model else None
     from .train.make import Request, make_avatar
@@ -80,6 +84,7 @@ def train(
         still = partial(laid_still, asked=align, progress=progress)
         make_avatar(Request(run, settings, minutes, holdout, progress, progress.print, still), avatar, baseline)
         if drive and first:
+            from .drive.draping import forget_cloths
             from .drive.driver import hardly_foretold
             from .drive.teaching import train_temporal
 
@@ -90,6 +95,8 @@ def train(
                 from .drive.cloths import ensure_cloths
 
                 ensure_cloths(avatar, progress=progress)
+            else:
+                forget_cloths(avatar)
     if first:
         if drive:
             steps = measured.pop("steps")
@@ -122,7 +129,8 @@ def laid_still(run, folder, asked, progress):
         return run
     if before == str(own) and is_run(own):
         learnt = open_run(own)
-        if (of := learnt.config.get("align", {}).get("run")) != str(run.path.resolve()):
+        of = learnt.config.get("align", {}).get("run")
+        if of != str(run.path.resolve()) and not same_poses(learnt, run):  # a run that was moved has them still
             raise UserError(f"{own}: was aligned from {of}, asked is {run.path}: take another folder")
         return learnt
     if together:
@@ -132,6 +140,12 @@ def laid_still(run, folder, asked, progress):
         speech.warn(warning)
     speech.frame_notes({"failed": done.failed})
     return open_run(own)
+
+
+def same_poses(one, other):
+    """Whether two Runs have the same poses in the same frames, to the bit: aligning keeps them."""
+    kept = lambda run: (run.frames, run.pose.rotations[:], run.pose.translation[:])
+    return all(map(np.array_equal, kept(one), kept(other)))
 
 
 def say_cloths(avatar):
@@ -183,20 +197,22 @@ def animate(
     from ..config import from_options
     from ..console import garments_of, numbers_of, progress_bars
     from .drive.animate import animate as run_animation
+    from .drive.animate import check_asked
     from .settings import AnimateSettings
 
     settings = from_options(lambda _: AnimateSettings(), None, config, changes)
     if (config or changes) and not physics:
         raise UserError("--set, --config: they are of cloth: give --physics too")
-    garments = garments_of(garment)
+    garments, numbers = garments_of(garment), numbers_of(frames)
     with progress_bars() as progress:
         if physics:
             from .drive.cloths import ensure_worn
 
+            check_asked(avatar, motion, numbers, camera)
             ensure_worn(avatar, garments, progress, settings.cloth)
         options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler, physics=physics)
         options |= dict(garments=garments, apart=apart)
-        done = run_animation(avatar, motion, out, numbers_of(frames), camera, height, meshes, **options)
+        done = run_animation(avatar, motion, out, numbers, camera, height, meshes, **options)
     for warning in done.warnings:
         speech.warn(warning)
     say_limbs(done.limbs, done.frames)

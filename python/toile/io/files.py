@@ -70,6 +70,8 @@ def whole_folder(path):
         yield folder
         _refuse_full(path)  # another writer was first
         os.replace(folder, path)
+    except UserError as error:  # nobody knows the folder by its other name
+        raise type(error)(str(error).replace(str(folder), str(path))) from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

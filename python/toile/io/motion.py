@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
 from .run import is_run, open_run
 
 MAX_FRAMES = 1_000_000
+FARTHEST = 1e4  # [m] from the origin: beyond, single precision places a person by millimetres
+LARGEST_TURN = 1e3  # [rad] of a rotation vector
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,16 @@ class Motion:
     def __len__(self) -> int:
         return len(self.frames)
 
+    def rows_of(self, frames: Iterable[int] | None) -> list[int]:
+        """Rows of these frame numbers, all for None. UserError: the motion has none of them."""
+        if frames is None:
+            return list(range(len(self)))
+        rows = np.flatnonzero(np.isin(self.frames, list(frames))).tolist()
+        if not rows:
+            there = f"{self.frames[0]} to {self.frames[-1]}"
+            raise UserError(f"--frames: the motion has frames {there}, none of those asked for")
+        return rows
+
 
 def read_motion(path: Path | str, model: BodyModel, J: Anything, fps: float, translation: Anything) -> Motion:
     """A Motion for a BodyModel with rest joints `J` (K,3), at `fps`.
@@ -46,11 +59,23 @@ def read_motion(path: Path | str, model: BodyModel, J: Anything, fps: float, tra
     path = Path(path)
     if is_run(path):
         return _of_run(path, len(J))
+    if not path.exists():
+        raise UserError(f"{path}: no such file or folder")
     if not path.is_file():
         raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
-    if path.suffix.lower() == ".bvh":
-        return _of_bvh(path, model, J, fps, translation)
-    return _of_npz(path, len(J), fps)
+    bvh = path.suffix.lower() == ".bvh"
+    return _sane(path, _of_bvh(path, model, J, fps, translation) if bvh else _of_npz(path, len(J), fps))
+
+
+def _sane(path, motion):
+    """The Motion. UserError: it has places or turns that are no person's."""
+    for name, largest, unit in (("translation", FARTHEST, "m"), ("rotations", LARGEST_TURN, "rad")):
+        values = np.abs(getattr(motion, name)).reshape(len(motion), -1).max(1)
+        if (values > largest).any():
+            row = int(values.argmax())
+            words = f"{values[row]:.3g} {unit} in frame {motion.frames[row]}, expected at most {largest:g}"
+            raise UserError(f"{path}: {name}: {words}")
+    return motion
 
 
 def _of_run(path, joints):

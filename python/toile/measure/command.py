@@ -113,12 +113,15 @@ def report(
 ):
     """Write one self-contained HTML page about a run or an avatar."""
     if is_avatar(path):
+        from ..avatar.drive.driver import FILE
         from ..avatar.measure.report import write_avatar_report
 
         with progress_bars() as progress:
             options = dict(frames=numbers_of(frames), run=run, progress=progress, driven=driven)
             speech.result(str(write_avatar_report(path, out, **options)))
-        return speech.next_step("view", path)
+        if (path / FILE).exists():
+            speech.next_step("view", path)
+        return
     from .report import write_report
 
     no_avatar(path, frames, run, driven)

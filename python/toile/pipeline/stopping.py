@@ -17,6 +17,17 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM stopped it."""
 
 
+def raise_when_terminated() -> None:
+    """From now on SIGTERM is raised as Terminated, as Ctrl-C is: what is half made is cleared away. Threads beside the main one get
+    no signals."""
+
+    def hear(number: int, _: FrameType | None) -> None:
+        raise Terminated
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, hear)
+
+
 def asked() -> bool:
     """Is it asked to end? No frame is begun any more."""
     return bool(_asked)

@@ -32,6 +32,8 @@ def view(
     garments = garments_of(garment)
     if garments and not is_avatar(path):
         raise UserError(f"--garment: {path} is no avatar")
+    if motion and not is_avatar(path):
+        raise UserError(f"--motion {motion}: {path} is no avatar")
     shown = [
         Shown(path, posable(path, motion, garments, apart)),
         *([Shown(beside, posable(beside, motion, apart=apart))] if beside else []),

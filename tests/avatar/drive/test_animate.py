@@ -12,8 +12,9 @@ import torch
 from PIL import Image
 
 from toile.avatar.drive import apart
-from toile.avatar.drive.animate import DrivenAvatar, animate, camera_path, filmed, resized, turned
+from toile.avatar.drive.animate import DrivenAvatar, animate, check_asked, filmed
 from toile.avatar.drive.apart import take
+from toile.avatar.drive.cameras import camera_path, resized, turned
 from toile.avatar.drive.draping import outdated
 from toile.avatar.drive.driver import REACH, load_driver, make_track
 from toile.avatar.drive.posing import PosedAvatar
@@ -194,6 +195,7 @@ def test_one_limb_that_no_training_pose_had_is_warned_of(avatar_folder, sample_r
     np.savez(tmp_path / "one.npz", rotations=rotations, translation=translation, fps=30.0)
     (warning,) = of_poses(DrivenAvatar(avatar_folder, tmp_path / "one.npz"))
     assert "1 of 2 poses" in warning and "in frame 1 lowerleg01.R is 4" in warning
+    assert of_poses(DrivenAvatar(avatar_folder, tmp_path / "one.npz", frames=[0])) == []  # the other is not shown
 
 
 def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
@@ -213,6 +215,9 @@ def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
 def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, options, said):
     with pytest.raises(UserError, match=said):
         animate(avatar_folder, sample_run, tmp_path / "out", **options)
+    with pytest.raises(UserError, match=said):  # before any long work
+        check_asked(avatar_folder, sample_run, options.get("frames"), options.get("camera"))
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_face_of_other_keypoints_is_refused(avatar_folder, sample_run, tmp_path):

@@ -14,6 +14,7 @@ from toile.avatar.drive.draping import (
     RINGS,
     cloth_file,
     doubts,
+    forget_cloths,
     load_cloths,
     made_of,
     outdated,
@@ -24,6 +25,7 @@ from toile.avatar.drive.draping import (
 from toile.avatar.drive.residual import ALIKE, CLOTH, CODES, JOINED, MEAN, MIXED, Residual, teach
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.measure.evaluation import evaluate_avatar
+from toile.avatar.model.checkpoint import load_avatar
 from toile.avatar.settings import ClothSettings, TemporalSettings
 from toile.errors import UserError
 from toile.io.files import save_record
@@ -69,6 +71,14 @@ def test_over_the_training_frames_cloth_lies_on_average_where_it_was_registered(
         difference = (unpose(shown, *transforms) - unpose(truth, *transforms))[0].numpy()
         error, spread = error + difference / 2, spread + np.linalg.norm(difference, axis=1).mean() / 2
     assert np.linalg.norm(error, axis=1).max() < 1e-4 < spread
+
+
+def test_what_was_measured_is_forgotten_where_codes_shall_drive(avatar_folder, tmp_path):
+    folder = shutil.copytree(avatar_folder, tmp_path / "avatar")
+    layers = load_avatar(folder).layers
+    forget_cloths(folder)
+    assert not list(folder.glob("cloth.*")) and worn_cloths(folder, layers, None) == {}
+    assert outdated(folder, layers, None) == []
 
 
 def test_frames_in_any_order_give_the_same_bits(driven):

@@ -19,6 +19,7 @@ from toile.avatar.drive.driver import (  # fmt: skip
     row_starts,
     run_track,
     smoothed,
+    taught_before,
     without,
 )
 from toile.avatar.drive.teaching import code_reach, codes_unseen, relative_error, stop_at, train_temporal
@@ -235,7 +236,11 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
         main()
     assert stopped.value.code == 0 and "temporal model (damped): 5 steps, code error" in capsys.readouterr().out
     driver, *_ = load_driver(folder)
-    assert isinstance(driver.model, DampedModel)
+    assert isinstance(driver.model, DampedModel) and taught_before(folder).model == "damped"
+    monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal", "--no-physics"])
+    with pytest.raises(SystemExit):  # what is not given stays as it was asked
+        main()
+    assert "temporal model (damped): 5 steps" in capsys.readouterr().out
     driven = DrivenAvatar(folder, sample_run)
     motion = driven.motion
     with torch.no_grad():

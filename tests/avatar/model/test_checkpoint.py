@@ -126,7 +126,7 @@ def test_a_setting_that_an_older_version_did_not_know_has_its_default(tmp_path):
 
 def test_an_avatar_that_was_moved_finds_the_run_that_lies_in_it(tmp_path):
     asked = {"run": str(tmp_path / "old" / "aligned"), "settings": preset("draft").model_dump(mode="json")}
-    facts = json.dumps(asked | {"frames": [1], "holdout": [], "steps": {}})
+    facts = json.dumps(asked | {"frames": [1], "holdout": [], "steps": {}, "architecture": {}})
     for folder in (tmp_path / "new", tmp_path / "new" / "baseline"):
         folder.mkdir()
         (folder / "avatar.json").write_text(facts)
@@ -183,6 +183,10 @@ def test_long_values_are_shortened():
         ('{"steps": {}, "settings": {"lr": "fast"}}', "lr: Input should be a valid number"),
         ('{"steps": {}, "settings": {"speed": 1}}', "speed: Extra inputs are not permitted"),
         ('{"steps": {}}', "settings: expected a dict"),
+        (
+            '{"steps": {}, "settings": {}, "run": "", "frames": [], "holdout": []}',
+            "architecture: expected a dict",
+        ),
     ],
 )
 def test_bad_facts_are_refused(text, message, tmp_path):

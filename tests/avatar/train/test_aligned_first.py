@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import zarr
 
 from toile.align.run import Alignment
 from toile.avatar.command import laid_still
@@ -65,7 +66,11 @@ def test_an_avatar_that_is_there_keeps_the_run_that_it_was_trained_on(sample_run
     asked(tmp_path / "other", own)
     assert still(sample_run, tmp_path / "other") == still(own, tmp_path / "other") == own
     assert len(aligning) == 1  # what is whole is opened: another version would not align it the same
+    moved = shutil.copytree(sample_run, tmp_path / "moved")
+    assert still(moved, tmp_path / "other") == own
     another = shutil.copytree(sample_run, tmp_path / "another")
+    poses = zarr.open_group(str(another / "registered.zarr"), mode="r+")["pose/rotations"]
+    poses[:] = poses[:] + 0.01
     with pytest.raises(UserError, match="aligned: was aligned from .*run, asked is .*another: take another folder"):
         still(another, tmp_path / "other")
 

@@ -155,7 +155,7 @@ def test_baseline_under_the_same_conditions(sample_avatar):
     layered, baseline = read_facts(sample_avatar), read_facts(sample_avatar / "baseline")
     assert baseline["steps"]["surface"] == layered["steps"]["body"] + layered["steps"]["garment"]
     assert baseline["steps"]["joint"] == layered["steps"]["joint"]
-    layers = read_assets(sample_avatar, 64)["layers"]
+    layers = read_assets(sample_avatar, read_facts(sample_avatar))["layers"]
     own = {"modes": len(layers[1].modes), "texture_size": 128}  # a shirt is an eighth of the body's chart
     assert baseline["settings"].data == layered["settings"].data.model_copy(update=own)
     for same in ("frames", "holdout", "run", "scene"):

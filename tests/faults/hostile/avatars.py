@@ -86,6 +86,8 @@ for name, path, changes in [
     ("poses gone", "maps", {"rotations": None}),
 ]:
     add(f"avatar {path} {name}", "avatar", archive(f"assets/{path}.npz", **changes), ANIMATE, f"{path}.npz")
+gone = lambda folder: (folder / "assets" / "layer0.npz").unlink()
+add("avatar layer0 gone", "avatar", gone, ANIMATE, "layer0.npz: the file is missing")
 
 
 def header(length, said=b""):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from ...io.animation import (
     skeleton_file,
     texture_file,
 )
-from ...io.camera import read_cameras
 from ...io.files import save_record, whole_folder, write_text
 from ...io.image import read_image, write_image
 from ...io.mesh import write_mesh
@@ -29,18 +28,18 @@ from ...io.motion import Motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...pipeline.workers import Workers, check_workers, everywhere
-from ...scene import Camera, Mesh
+from ...scene import Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, nearest_poses
-from .apart import take
+from .apart import motion_of, take
+from .cameras import asked_cameras, camera_path
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
 from .driver import FILE, hardly_foretold, load_driver, make_track, one_thread, reader_of
 from .layering import GarmentLayering
 from .lending import lend
 
 FAR = 1.5  # a pose this many times farther from the training poses than they are from one another is warned of
-ORBIT = 10.0  # seconds of a camera's way about the person, whom it follows
 BACKGROUND = 1.0
 
 
@@ -59,9 +58,10 @@ class Animation:
 class DrivenAvatar:
     """A trained avatar and the codes of its garments for every frame of a motion."""
 
-    def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=(), apart=False):
+    def __init__(self, folder, motion, device=None, seed=0, physics=False, garments=(), apart=False, frames=None):
         """`motion`: a Motion, or the path of one. `physics`: which garments hang as cloth, see `worn_cloths`. `garments` {name: folder of
-        the avatar whose garment it wears}. `apart`: as `take` takes it."""
+        the avatar whose garment it wears}. `apart`: as `take` takes it. `frames`: numbers of those that are shown, all by default; of
+        others nothing is warned."""
         self.folder, self.facts = Path(folder), read_facts(folder)
         self.device = device or torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.avatar = load_avatar(folder)
@@ -70,6 +70,7 @@ class DrivenAvatar:
         poses = training_poses(folder)
         self.motion = motion if isinstance(motion, Motion) else take(folder, motion, apart).motion
         self._check_face(motion)
+        self.rows = self.motion.rows_of(frames)
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.measured = {}
         self.latents = self._latents(seed)
@@ -142,8 +143,8 @@ class DrivenAvatar:
         return found
 
     def _far_from(self, poses, whose):
-        whole, alone = zip(*(nearest_poses(r, poses["rotations"]) for r in self.motion.rotations))
-        distance, frames, found = np.array(whole), self.motion.frames, []
+        whole, alone = zip(*(nearest_poses(r, poses["rotations"]) for r in self.motion.rotations[self.rows]))
+        distance, frames, found = np.array(whole), self.motion.frames[self.rows], []
         far = distance > FAR * poses["usual"]
         if far.any():
             worst = int(distance.argmax())
@@ -214,9 +215,8 @@ class Shot:
     def of(cls, folder, motion, out, frames, camera, height, meshes, seed, physics, garments):
         """UserError: what is asked does not fit the avatar."""
         with one_thread():
-            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments)
-        rows = chosen_rows(driven.motion.frames, frames)
-        return cls(driven, rows, camera_path(driven, camera, height), out, meshes)
+            driven = DrivenAvatar(folder, motion, seed=seed, physics=physics, garments=garments, frames=frames)
+        return cls(driven, driven.rows, camera_path(driven, camera, height), out, meshes)
 
     @property
     def size(self):
@@ -274,6 +274,7 @@ def animate(
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
     with whole_folder(out) as out:
+        check_asked(folder, motion, frames, camera)
         hangs = physics
         if hangs is None:
             hangs = any(worn_cloths(one, load_avatar(one).layers, None) for one in (folder, *dict(garments).values()))
@@ -298,6 +299,13 @@ def animate(
         worn = {one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent}
         write_text(out / "animation.json", json.dumps(facts | {"garments": worn} | done.__dict__, indent=1))
     return done
+
+
+def check_asked(folder, motion, frames, camera):
+    """What can be refused before any long work. UserError: the motion is none for this avatar, has none of these frames, or a camera is
+    asked for that is not there."""
+    asked_cameras(load_avatar(folder).cameras, camera)
+    motion_of(folder, motion).rows_of(frames)
 
 
 def seen_of(decoded, camera):
@@ -339,61 +347,3 @@ def write_still(out, driven, decoded, rows):
     J, up = skeleton.J.cpu().numpy().astype(np.float64), driven.avatar.scene.up
     moved = motion.frames[rows], motion.rotations[rows], motion.translation[rows], float(motion.fps), up
     save_record(skeleton_file(out), AnimatedSkeleton(model.joint_names, np.asarray(model.parents), J, *moved))
-
-
-def chosen_rows(frames, asked):
-    """Rows of the frames asked for."""
-    if asked is None:
-        return list(range(len(frames)))
-    rows = np.flatnonzero(np.isin(frames, list(asked))).tolist()
-    if not rows:
-        raise UserError(f"--frames: the motion has frames {frames[0]} to {frames[-1]}, none of those asked for")
-    return rows
-
-
-def camera_path(driven, camera, height):
-    """A function from the motion's row to (Camera, its index among the avatar's, -1 for a new one)."""
-    own = {c.name: (c, i) for i, c in enumerate(driven.avatar.cameras)}
-    if camera is None or camera in own:
-        chosen, index = own[camera] if camera else next(iter(own.values()))
-        chosen = resized(chosen, height)
-        return lambda i: (chosen, index)
-    if camera == "orbit":
-        first, to = resized(next(iter(own.values()))[0], height), driven.motion.translation
-        home = training_poses(driven.folder)["translation"].mean(0)  # where that camera saw the person
-        up, turn = driven.avatar.up.cpu().numpy().astype(np.float64), 2 * np.pi / (ORBIT * driven.motion.fps)
-        return lambda i: (turned(followed(first, to[i] - home, up), to[i], up, turn * i), -1)
-    if not Path(camera).is_file():
-        raise UserError(f"--camera {camera}: expected orbit, a cameras.json, or one of {', '.join(own)}")
-    cameras = [resized(c, height) for c in read_cameras(Path(camera)).values()]
-    if any(np.any(c.distortion) for c in cameras):
-        raise UserError(f"{camera}: distortion: pictures are drawn by pinhole cameras")
-    if len({c.size for c in cameras}) > 1:
-        raise UserError(f"{camera}: width, height: the cameras of a path have one size")
-    return lambda i: (cameras[i % len(cameras)], -1)
-
-
-def resized(camera: Camera, height):
-    """The same view, `height` pixels high."""
-    if height is None:
-        return camera
-    scale = height / camera.height
-    K = np.diag([scale, scale, 1.0]) @ camera.K
-    return replace(camera, K=K, width=round(camera.width * scale), height=height)
-
-
-def followed(camera, way, up):
-    """The camera carried along with who has gone the `way` (3,) [m], on the level."""
-    carried = np.eye(4)
-    carried[:3, 3] = way - (way @ up) * up
-    return replace(camera, T_camera_world=camera.T_camera_world @ np.linalg.inv(carried))
-
-
-def turned(camera, centre, up, angle):
-    """The camera carried about an axis `up` through `centre` by `angle` [rad]."""
-    from scipy.spatial.transform import Rotation
-
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(angle * up).as_matrix()
-    turn[:3, 3] = centre - turn[:3, :3] @ centre
-    return replace(camera, T_camera_world=camera.T_camera_world @ np.linalg.inv(turn))

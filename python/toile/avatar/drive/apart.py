@@ -28,18 +28,30 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
     """Taken of the motion at `path` for the avatar in `folder`. `apart`: limbs are kept out of the trunk and of one another, unless
     the motion is the avatar's own run, whose poses were seen; where only `frames` of it are shown, as far as these depend on it,
     see `rows_read`. UserError names the file and the field."""
-    facts, avatar, path = read_facts(folder), load_avatar(folder), Path(path)
-    model = body_model_of(facts["run"], avatar.scene.body_model, avatar.scene.up)
-    J, start = avatar.skeleton.J.numpy().astype(np.float64), training_poses(folder)["translation"].mean(0)
-    motion = read_motion(path, model, J, avatar.scene.fps, start)
-    if not apart or path.resolve() == Path(facts["run"]).resolve():
+    motion = motion_of(folder, path)
+    if not apart or Path(path).resolve() == Path(read_facts(folder)["run"]).resolve():
         return Taken(motion)
+    avatar = load_avatar(folder)
     needed = None
     if frames is not None:
         needed = rows_read(folder, motion, dict(garments), physics, np.isin(motion.frames, list(frames)))
-    limbs = Limbs(model, moving_surface(avatar, folder), J)
+    limbs = Limbs(_body_model(folder, avatar), moving_surface(avatar, folder), _joints(avatar))
     found = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
     return Taken(replace(motion, rotations=found.rotations), found)
+
+
+def motion_of(folder, path):
+    """The Motion at `path` for the avatar in `folder`, as it is given."""
+    avatar, start = load_avatar(folder), training_poses(folder)["translation"].mean(0)
+    return read_motion(Path(path), _body_model(folder, avatar), _joints(avatar), avatar.scene.fps, start)
+
+
+def _body_model(folder, avatar):
+    return body_model_of(read_facts(folder)["run"], avatar.scene.body_model, avatar.scene.up)
+
+
+def _joints(avatar):
+    return avatar.skeleton.J.numpy().astype(np.float64)
 
 
 def moving_surface(avatar, folder):

@@ -53,6 +53,12 @@ def cloth_file(folder, name):
     return Path(folder) / f"cloth.{name}.npz"
 
 
+def forget_cloths(folder):
+    """Removes what was measured of garments as cloth: from now on codes drive all."""
+    for path in Path(folder).glob(cloth_file("", "*").name):
+        path.unlink()
+
+
 def made_of(folder, settings=None):
     """What a cloth is made of, for `identity_of`; without ClothSettings the beginning of it."""
     files = (Path(folder) / name for name in ("avatar.json", "avatar.safetensors", FILE))

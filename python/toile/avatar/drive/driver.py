@@ -234,6 +234,15 @@ def load_driver(folder):
     return driver.eval(), int(facts["stride"]), facts.get("measured", {})
 
 
+def taught_before(folder):
+    """The TemporalSettings that the model of an avatar's folder was taught with; None where there is none that can be read."""
+    path = Path(folder) / FILE
+    try:
+        return TemporalSettings(**read_tensors(path)[1]["settings"]) if path.exists() else None
+    except (UserError, ValidationError, KeyError, TypeError):
+        return None
+
+
 def hardly_foretold(measured):
     """What a user should know of a temporal model that hardly knows the motion which was held out, by what its training measured."""
     error = measured.get("held_out", 0.0)

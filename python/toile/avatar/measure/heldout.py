@@ -58,7 +58,7 @@ class HeldOut:
     def __init__(self, folder, frames=None, run=None):
         facts = read_facts(folder)
         path = Path(run or facts["run"])
-        if not is_run(path):
+        if run is None and not is_run(path):
             raise UserError(f"{folder}: its run {path} is not there: give its place by --run")
         self.registered = RegisteredRun(path)
         check_registration(self.registered.run, folder, facts)

@@ -18,20 +18,21 @@ from ...surface.layers import Layer
 NUMBERS, INTEGERS = "fiub", "iu"  # kinds of numpy's types
 
 
-def read_assets(folder, texture_size):
-    """The arguments of Avatar after its settings; textures have `texture_size` texels a side. UserError names the file and
+def read_assets(folder, facts):
+    """The arguments of Avatar after its settings, of a folder whose AVATAR/avatar.json holds these `facts`. UserError names the file and
     the field."""
     assets = Path(folder) / "assets"
-    paths = sorted(assets.glob("layer[0-9]*.npz"), key=lambda path: (len(path.name), path.name))
-    if not paths:
-        raise UserError(f"{assets}/layer0.npz: the file is missing")
+    paths = [assets / f"layer{i}.npz" for i in range(layer_count(folder, facts))]
+    missing = next((path for path in paths if not path.exists()), None)
+    if missing is not None:
+        raise UserError(f"{missing}: the file is missing")
     maps = CheckedArrays(assets / "maps.npz", read_npz(assets / "maps.npz"))
     J = maps.get("J", (None, 3))
     parents = maps.get("parents", (len(J),), INTEGERS)
     if len(J) == 0 or parents[0] != -1 or (parents[1:] < 0).any() or (parents[1:] >= np.arange(1, len(J))).any():
         raise UserError(f"{maps.path}: parents: each joint's must be one before it, and -1 the root's")
     layers = [_layer(path, len(J)) for path in paths]
-    texture, side = {}, texture_size
+    texture, side = {}, facts["settings"].data.texture_size
     for layer in layers:
         texture[layer.name] = maps.get(f"mean_texture.{layer.name}", (3, side, side))
     valid = {layer.name: maps.get(f"valid.{layer.name}", (side, side)) for layer in layers}
@@ -50,6 +51,14 @@ def read_assets(folder, texture_size):
         "head": None if head is None else int(head),
         "poses": {"rotations": maps.get("rotations", (None, len(J), 3))},
     }
+
+
+def layer_count(folder, facts):
+    """How many layers AVATAR/avatar.json tells of."""
+    layers = facts["architecture"].get("layers")
+    if not layers or not isinstance(layers, list):
+        raise UserError(f"{Path(folder) / 'avatar.json'}: architecture.layers: expected the avatar's layers")
+    return len(layers)
 
 
 def training_poses(folder):

@@ -23,7 +23,9 @@ from ...scene import frame_ranges
 from ..settings import AvatarSettings
 from .assets import read_assets
 
-FACTS = {"settings": dict, "run": str, "frames": list, "holdout": list, "steps": dict}  # of AVATAR/avatar.json
+FACTS = {  # of AVATAR/avatar.json
+    "settings": dict, "run": str, "frames": list, "holdout": list, "steps": dict, "architecture": dict,
+}  # fmt: skip
 FRAMES = ("frames", "holdout")  # lists of frame numbers among them
 ALIGNED = "aligned"  # in AVATAR: the run that `toile train` laid still
 KEPT = 2  # checkpoints; older ones are removed
@@ -235,7 +237,7 @@ def load_avatar(folder):
     from .edits import apply_edits, load_edits
 
     folder, facts = Path(folder), read_facts(folder)
-    avatar = Avatar(facts["settings"], **read_assets(folder, facts["settings"].data.texture_size))
+    avatar = Avatar(facts["settings"], **read_assets(folder, facts))
     tensors, _ = read_tensors(folder / "avatar.safetensors")
     load_model(avatar, {MODEL + name: value for name, value in tensors.items()}, folder / "avatar.safetensors")
     apply_edits(avatar, load_edits(folder))

@@ -38,7 +38,7 @@ def train_baseline(job, folder):
 
 def equal_settings(run, folder, layered):
     """The baseline's AvatarSettings, from the `layered` avatar's facts."""
-    own, assets = layered["settings"], read_assets(folder, layered["settings"].data.texture_size)
+    own, assets = layered["settings"], read_assets(folder, layered)
     garments = [layer for layer in assets["layers"] if layer.kind == "garment"]
     steps = {f"{name}_steps": layered["steps"].get(name, 0) for name in ("body", "garment", "joint")}
     finer = texel_factor(run, garments, layered["frames"], own.data.texture_size)
