@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,14 +29,19 @@ class Prepared:
     config: object
     folder: Path
     identities: Identities = Identities(Path("/nowhere"), {"motion": "these settings"})
+    fps: float = 30.0
+
+    @property
+    def capture(self):
+        return SimpleNamespace(scene=SimpleNamespace(fps=self.fps))
 
     @property
     def templates(self):
         return self.smoother.templates
 
 
-def prepare(root, holdout=(), progress=None):
-    return Prepared(smoother(), changed(preset("standard"), {"holdout": holdout}), root)
+def prepare(root, holdout=(), fps=30.0, progress=None):
+    return Prepared(smoother(), changed(preset("standard"), {"holdout": holdout}), root, fps=fps)
 
 
 def made(frames=FRAMES, seed=0):
@@ -56,14 +62,14 @@ def load(raw, prepared, number):
     return load_layers(raw.folder(number), prepared.templates)
 
 
-def run(root, layers, workers=1, holdout=()):
+def run(root, layers, workers=1, holdout=(), fps=30.0):
     """The sleeve and the tube by frame, smoothed."""
     raw, smoothed = folders(root)
     for number, (tracked, dressed) in layers.items():
         save_record(raw.folder(number) / "track.npz", tracked)
         save_record(raw.folder(number) / "dress.sleeve.npz", dressed["sleeve"])
         write_text(raw.folder(number) / "whole", "")
-    with one_blas_thread(), Workers(workers, prepare, root, holdout) as pool:
+    with one_blas_thread(), Workers(workers, prepare, root, holdout, fps) as pool:
         smooth(partial(load, raw), list(layers), smoothed, pool.prepared(), pool)
     return {n: loaded(root, n) for n in layers}
 
@@ -85,7 +91,7 @@ def test_a_block_s_border_shows_no_seam(tmp_path):
     assert bends[borders].max() < 1.5 * np.median(bends)
     prepared = prepare(tmp_path)
     frames = list(layers.values())
-    once = prepared.smoother.smooth(frames, strength_of(prepared.smoother.gather(frames), 10))
+    once = prepared.smoother.smooth(frames, strength_of(prepared.smoother.gather(frames), 10, 10))
     at_once = np.stack([np.concatenate([d["sleeve"].vertices, t.vertices, t.rotations]) for t, d in once])
     assert np.abs(found - at_once).max() < 0.1 * bends.mean()  # and blocks differ little from no blocks
 
@@ -103,9 +109,11 @@ def test_the_same_bits_with_workers_and_after_a_stop(tmp_path, workers):
     assert all(np.array_equal(once[n], again[n]) for n in layers)
 
 
-def test_frames_apart_are_left_as_they_are(tmp_path):
-    layers = {n: x for n, x in made().items() if n % 3 == 0}
-    found = run(tmp_path, layers)
+@pytest.mark.parametrize("step, fps", [(3, 30.0), (1, 5.0)])
+def test_frames_apart_are_left_as_they_are(tmp_path, step, fps):
+    """By their numbers, or in time."""
+    layers = {n: x for n, x in made().items() if n % step == 0}
+    found = run(tmp_path, layers, fps=fps)
     for number, (tracked, dressed) in layers.items():
         kept = np.concatenate([dressed["sleeve"].vertices, tracked.vertices, tracked.rotations])
         assert np.array_equal(found[number], kept)

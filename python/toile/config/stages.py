@@ -16,11 +16,18 @@ class MotionSettings(Settings):
     """Smoothing over consecutive frames."""
 
     temporal: bool = setting(True, "switch", "smooth pose and surfaces over consecutive frames")
-    margin: int = setting(12, "count", "frames read on either side of a block, so that its border shows no seam", ge=2)
+    near: float = setting(0.07, "s", "frames farther apart than that say nothing of one another", gt=0)
+    margin: int = setting(16, "count", "frames read on either side of a block, so that its border shows no seam", ge=2)
     samples: int = setting(1000, "count", "vertices of a surface that tell its noise from its motion", ge=1)
     max_strength: float = setting(10.0, "1", "of second differences against displacements, at most", gt=0)
-    turn_share: float = setting(
-        0.5, "1", "of the strength found of joint angles: fingers flicker most, legs swing most", ge=0, le=1
+    pose_factor: float = setting(
+        3.0,
+        "1",
+        "times the strength that best foretells places of joints left out, for poses: turns are smoother than places",
+        ge=0,
+    )
+    unscanned_weight: float = setting(
+        0.1, "1", "of the pose of a frame that no scan shows against another's", gt=0, le=1
     )
     across_share: float = setting(
         0.5, "1", "of the strength found across a surface: folds that pass look like noise there", ge=0, le=1

@@ -39,7 +39,7 @@ def smooth(
             gathered[index] = rough
             progress("flicker", sum(len(blocks(known)[i]) for i in gathered), len(known))
         total = sum((gathered[index] for index in sorted(gathered)), prepared.smoother.nothing())
-        save_record(kept, strength_of(total, settings.max_strength), identity)
+        save_record(kept, strength_of(total, settings.max_strength, settings.pose_factor), identity)
     left = [own for own in blocks(numbers, held_out) if not all(map(smoothed.whole, own))]
     beside = lambda own: [number for number in numbers if number in held_out] if own[0] in held_out else known
     around = [(own, _around(beside(own), own[0] // BLOCK, settings.margin)) for own in left]
@@ -66,9 +66,11 @@ def _around(numbers, block, margin):
     return numbers[first:last]
 
 
-def _consecutive(numbers):
-    """The numbers, in order, cut where one does not follow the other."""
-    cuts = [i + 1 for i, (a, b) in enumerate(pairwise(numbers)) if b != a + 1]
+def _consecutive(numbers, prepared):
+    """The numbers, in order, cut where one does not follow the other, or everywhere where frames lie too far apart in time for motion
+    to be told from noise."""
+    far = prepared.capture.scene.fps * prepared.config.motion.near < 1
+    cuts = [i + 1 for i, (a, b) in enumerate(pairwise(numbers)) if far or b != a + 1]
     return [numbers[a:b] for a, b in pairwise([0, *cuts, len(numbers)])]
 
 
@@ -77,7 +79,7 @@ def _gather(load, status, prepared, block):
     index, numbers = block
     total = prepared.smoother.nothing()
     with status.timing(len(numbers), stage="flicker"):
-        for run in _consecutive(numbers):
+        for run in _consecutive(numbers, prepared):
             total += prepared.smoother.gather([load(prepared, n) for n in run])
     yield index, total
 
@@ -85,7 +87,7 @@ def _gather(load, status, prepared, block):
 def _smooth(load, smoothed, strengths, prepared, block):
     """Writes one block's frames, given (its numbers, those with its margins); yields how many."""
     own, around = block
-    for run in _consecutive(around):
+    for run in _consecutive(around, prepared):
         wanted = sorted(set(run) & set(own))
         start, used = time.perf_counter(), time.process_time()
         if wanted:

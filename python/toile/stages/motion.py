@@ -9,12 +9,12 @@ a Whittaker smoother (Eilers, A perfect smoother, 2003) whose `strength` the seq
 largest of w_{t-1}, w_t, w_{t+1}: an ill-known place follows well-known ones beside it, but where all are ill known none is
 carried off along a straight line. An
 observed vertex is known better across the surface, where the scan lies, than along it: the two have strengths of their
-own. Joint angles are smoothed alike, as small turns from the angles found."""
+own. Poses are smoothed by `surface.pose_smoothing`, before; where no scan shows the surface it goes along with its pose."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from ..scene import (
     blended_transforms,
 )
 from ..surface.loops import astray, beside_loops, loop_length
+from ..surface.pose_smoothing import STRENGTHS, foretelling_errors, foretelling_strength, smooth_poses
 
 Layers = tuple[Tracked, dict[str, Dressed]]  # of one frame
 LAGS = (1, 2)
@@ -39,26 +40,31 @@ LAGS = (1, 2)
 
 @dataclass(frozen=True)
 class Roughness:
-    """Squared second differences [m^2, rad^2] at `LAGS` frames: `total` and `count` (s, 2), where s runs over the
-    translation, the joints' angles, and along and across the tracked surface and every garment."""
+    """Squared second differences [m^2] at `LAGS` frames: `total` and `count` (s, 2), where s runs along and across the tracked
+    surface and every garment; `missed` and `left_out` of poses, see `foretelling_errors`."""
 
     total: Floats
     count: Floats
+    missed: Floats
+    left_out: float
 
     def __add__(self, other: Roughness) -> Roughness:
-        return Roughness(self.total + other.total, self.count + other.count)
+        return Roughness(*(a + b for a, b in zip(astuple(self), astuple(other))))
 
 
 @dataclass(frozen=True)
 class Strengths:
-    """`strength` (s,) and `noise` (s,), the root mean square of a place's error [m, rad], in the order of a Roughness."""
+    """`strength` (s,) and `noise` (s,), the root mean square of a place's error [m], in the order of a Roughness; `pose`: the
+    strength of poses."""
 
     strength: Floats
     noise: Floats
+    pose: float
 
 
-def strength_of(roughness: Roughness, largest: float) -> Strengths:
-    """The strengths at which noise and motion are parted as a sequence's own roughness says.
+def strength_of(roughness: Roughness, largest: float, pose_factor: float) -> Strengths:
+    """The strengths at which noise and motion are parted as a sequence's own roughness says; of poses `pose_factor` times that
+    which best foretells places of joints left out.
 
     White noise of variance n and accelerations of variance a give second differences at lag k the variance
     6 n + a k (2 k^2 + 1) / 3, which lags 1 and 2 solve for both; the strength is n / a, the best of a Wiener filter, at
@@ -68,7 +74,8 @@ def strength_of(roughness: Roughness, largest: float) -> Strengths:
     motion = np.clip((far - near) / 5, 0, near)
     noise = (near - motion) / 6
     strength = np.minimum(noise / np.maximum(motion, 1e-30), largest)
-    return Strengths(np.where(known, strength, 0.0), np.where(known, np.sqrt(noise), 0.0))
+    pose = pose_factor * foretelling_strength(roughness.missed, roughness.left_out)
+    return Strengths(np.where(known, strength, 0.0), np.where(known, np.sqrt(noise), 0.0), pose)
 
 
 class Smoother:
@@ -79,12 +86,12 @@ class Smoother:
 
     def nothing(self) -> Roughness:
         """Of no frames."""
-        return Roughness(*np.zeros((2, 4 + 2 * len(self.templates), 2)))
+        return Roughness(*np.zeros((2, 2 + 2 * len(self.templates), 2)), np.zeros(len(STRENGTHS)), 0.0)
 
     def gather(self, frames: Sequence[Layers]) -> Roughness:
         """What consecutive frames say of their own roughness, by the joints and by vertices spread over each surface."""
         turns, moves = _poses([tracked for tracked, _ in frames])
-        rows = [_squares(lambda k: _second(moves[:, None], k)), _squares(lambda k: _turn_differences(turns, k))]
+        rows = []
         for name in (None, *(t.name for t in self.templates)):
             V, confidence = _positions(frames, name)
             chosen = slice(None, None, max(V.shape[1] // self.settings.samples, 1))
@@ -95,18 +102,22 @@ class Smoother:
             rows.append(_squares(lambda k: _parted(_second(y, k), normals[k:-k])[0], seen))
             rows.append(_squares(lambda k: _parted(_second(y, k), normals[k:-k])[1], seen))
         total, count = np.moveaxis(np.array(rows), 2, 0)
-        return Roughness(total, count)
+        joints = [self.model.joint_transforms(self.person.J, *pose)[1] for pose in zip(turns, moves)]
+        return Roughness(total, count, *foretelling_errors(np.array(joints), self._pose_weight(frames)))
 
     def smooth(self, frames: Sequence[Layers], strengths: Strengths) -> list[Layers]:
         """The frames again, smoothed; to the bit as they were where nothing is known of their noise."""
-        if len(frames) < 3 or not strengths.strength.any():
+        if len(frames) < 3 or not (strengths.strength.any() or strengths.pose):
             return list(frames)
         strength, noise = strengths.strength, strengths.noise
-        turns, moves = self._smooth_pose([tracked for tracked, _ in frames], strength)
+        found = _poses([tracked for tracked, _ in frames])
+        turns, moves = smooth_poses(*found, self._pose_weight(frames), strengths.pose)
+        scanned = _scanned(frames)[:, None]
+        seen_by = np.where(scanned[..., None], turns, found[0]), np.where(scanned, moves, found[1])
         surfaces = []
-        for i, name in enumerate((None, *(t.name for t in self.templates)), 1):
+        for i, name in enumerate((None, *(t.name for t in self.templates))):
             own = slice(2 * i, 2 * i + 2)
-            surfaces.append(self._smooth_surface(name, turns, moves, frames, strength[own], noise[own]))
+            surfaces.append(self._smooth_surface(name, seen_by, (turns, moves), frames, strength[own], noise[own]))
         out = []
         for t, (tracked, dressed) in enumerate(frames):
             face = self._face(tracked, turns[t], moves[t])
@@ -115,24 +126,16 @@ class Smoother:
             out.append((replace(_moved(tracked, surfaces[0][t]), **pose), cloth))
         return out
 
-    def _smooth_pose(self, tracked, strength):
-        """Rotation vectors (T,K,3) and translations (T,3). A frame that no scan tells counts as an interpolated vertex does."""
-        from scipy.spatial.transform import Rotation
+    def _pose_weight(self, frames):
+        """(T,) of the frames' poses: less where no scan tells, but where none does all alike."""
+        weight = np.where(_scanned(frames), 1.0, self.settings.unscanned_weight)
+        return weight / weight.max()
 
-        turns, moves = _poses(tracked)
-        scanned = np.array([(t.confidence == OBSERVED).any() for t in tracked])
-        weight = np.where(scanned, 1.0, self.settings.interpolated_weight)[:, None]
-        moves = moves + _smoothing(weight, strength[0], _second(moves[:, None]))[:, 0]
-        d = _smoothing(
-            weight, self.settings.turn_share * strength[1], _turn_differences(turns).reshape(len(turns) - 2, 1, -1)
-        )
-        turned = Rotation.from_rotvec(turns.reshape(-1, 3)) * Rotation.from_rotvec(d.reshape(-1, 3))
-        return turned.as_rotvec().reshape(turns.shape), moves
-
-    def _smooth_surface(self, name, turns, moves, frames, strength, noise):
-        """Vertices (T,n,3) of the tracked surface, or of the garment `name`."""
+    def _smooth_surface(self, name, seen_by, poses, frames, strength, noise):
+        """Vertices (T,n,3) of the tracked surface, or of the garment `name`, at `poses` (turns, moves); they lie about those that each
+        frame was `seen_by`: the same, but those found where no scan tells."""
         V, confidence = _positions(frames, name)
-        y, normals = self._local(name, turns, moves, V)
+        y, normals = self._local(name, *seen_by, V)
         strength = strength * [1.0, self.settings.across_share]
         parts, trust = _parted(_second(y), normals[1:-1]), self._trust(name, V, confidence)
         d = sum(_smoothing(trust, s, a) for s, a in zip(strength, parts))
@@ -140,8 +143,10 @@ class Smoother:
             outlying = np.einsum("tni,tni->tn", d, d) / (self.settings.outlier**2 * (noise**2).sum())
             trust = trust / (1 + outlying)
             d = sum(_smoothing(trust, s, a) for s, a in zip(strength, parts))
-        for t in range(len(V)):
-            V[t] += np.einsum("nij,nj->ni", _axes(self._transforms(name, turns[t], moves[t])[0]), d[t])
+        rest = (self.person if name is None else self._template(name)).rest
+        for t, (turns, move) in enumerate(zip(*poses)):
+            A, b = self._transforms(name, turns, move)
+            V[t] = b + np.einsum("nij,nj->ni", A, rest) + np.einsum("nij,nj->ni", _axes(A), y[t] + d[t])
         return V
 
     def _trust(self, name, V, confidence):
@@ -190,6 +195,11 @@ class Smoother:
         return (tracked.face @ R[head].T + x[head] - y[head]) @ S[head]
 
 
+def _scanned(frames):
+    """(T,) bool: whether a scan shows something of the frame."""
+    return np.array([bool((tracked.confidence == OBSERVED).any()) for tracked, _ in frames])
+
+
 def _poses(tracked):
     """Rotation vectors (T,K,3) and translations (T,3)."""
     return np.stack([t.rotations for t in tracked]), np.stack([t.translation for t in tracked])
@@ -232,17 +242,6 @@ def _second(x, lag=1):
     return x[: -2 * lag] - 2 * x[lag:-lag] + x[2 * lag :] if len(x) > 2 * lag else x[:0]
 
 
-def _turn_differences(turns, lag=1):
-    """Second differences (T - 2 lag, K, 3) of rotation vectors (T,K,3): those of the turns from frame to frame."""
-    from scipy.spatial.transform import Rotation
-
-    if len(turns) <= 2 * lag:
-        return turns[:0]
-    at, later = (Rotation.from_rotvec(x.reshape(-1, 3)) for x in (turns[:-lag], turns[lag:]))
-    steps = (at.inv() * later).as_rotvec().reshape(-1, *turns.shape[1:])
-    return steps[lag:] - steps[:-lag]
-
-
 def _parted(a, normals):
     """Vectors (T,n,3) along and across a surface of unit normals."""
     across = np.einsum("tni,tni->tn", a, normals)[..., None] * normals
@@ -261,7 +260,7 @@ def _squares(second, seen=None):
 
 
 def _smoothing(weight, strength, a):
-    """d (T,n,c), the argmin of this module's head, from weights (T,n) or (T,1) and second differences a (T-2,n,c):
+    """d (T,n,c), the argmin of this module's head, from weights (T,n) and second differences a (T-2,n,c):
     (W + s D'M D) d = - s D'M a by LDL' of five bands, all vertices side by side."""
     T, M = len(weight), strength * np.maximum(np.maximum(weight[:-2], weight[1:-1]), weight[2:])
     ended = lambda x: np.concatenate([np.zeros_like(x[:1])] * 2 + [x] + [np.zeros_like(x[:1])] * 2)
