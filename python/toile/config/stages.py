@@ -27,7 +27,7 @@ class MotionSettings(Settings):
         ge=0,
     )
     unscanned_weight: float = setting(
-        0.1, "1", "of the pose of a frame that no scan shows against another's", gt=0, le=1
+        0.3, "1", "of the pose of a frame that no scan shows against another's", gt=0, le=1
     )
     across_share: float = setting(
         0.5, "1", "of the strength found across a surface: folds that pass look like noise there", ge=0, le=1
