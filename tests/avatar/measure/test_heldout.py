@@ -118,13 +118,21 @@ def test_frames_that_were_trained_on_are_evaluated_with_a_warning(avatar):
         (["--frames", "x"], "not a number or a range"),
         (["--frames", "3-1"], "runs backwards"),
         (["--frames", "1000000"], "six digits"),
-        (["--run", "/nowhere"], "give its place by --run"),
+        (["--run", "/nowhere"], "/nowhere: no such folder"),
     ],
 )
 def test_bad_input_is_one_message(avatar, arguments, message):
     printed = CliRunner().invoke(app, ["evaluate", str(avatar), "--json", *arguments])
     assert isinstance(printed.exception, UserError) and message in str(printed.exception)
     assert printed.stdout == "" and "\n" not in str(printed.exception)
+
+
+def test_where_the_run_has_gone_it_is_asked_for(avatar, tmp_path):
+    folder = shutil.copytree(avatar, tmp_path / "avatar")
+    facts = json.loads((folder / "avatar.json").read_text())
+    (folder / "avatar.json").write_text(json.dumps(facts | {"run": "/nowhere"}))
+    with pytest.raises(UserError, match="avatar: its run /nowhere is not there: give its place by --run"):
+        HeldOut(folder)
 
 
 def test_a_training_that_was_stopped_is_no_avatar_yet(tmp_path):
