@@ -60,12 +60,22 @@ def test_the_pose_of_a_frame_that_no_scan_tells_follows_those_that_one_tells(smo
         for tracked, dressed in frames
     ]
     mixed = [*frames[:5], guessed[5], *frames[6:]]
+    weight = smoother.settings.unscanned_weight
     told, alone, beside = (
-        np.linalg.norm([tracked.rotations[1] for tracked, _ in smoother.smooth(of, strengths(5))], axis=1)
-        for of in (frames, guessed, mixed)
+        np.linalg.norm([tracked.rotations[1] for tracked, _ in smoother.smooth(of, strengths(strength))], axis=1)
+        for of, strength in ((frames, 5), (guessed, 5 * weight), (mixed, 5))
     )
     assert np.allclose(told, alone)  # all as well known
     assert beside[5] < 0.7 * told[5] and beside[4] < 0.7 * told[4]
+
+
+def test_a_stretch_without_scans_is_smoothed_alike_with_a_scan_far_off_and_with_none(smoother):
+    """Blocks of a film share no seam, whichever of them holds a scan."""
+    noisy = 0.1 * np.random.default_rng(9).standard_normal(60)
+    frames = posed(smoother, noisy, confidence=INTERPOLATED)
+    frames[0] = posed(smoother, noisy[:1])[0]
+    turns = lambda of: np.array([tracked.rotations[1] for tracked, _ in smoother.smooth(of, strengths(1))])
+    assert np.allclose(turns(frames)[40:], turns(frames[15:])[25:], atol=1e-5)
 
 
 def test_where_no_scan_tells_surfaces_go_along_with_their_smoothed_pose(smoother):

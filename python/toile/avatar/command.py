@@ -143,9 +143,9 @@ def laid_still(run, folder, asked, progress):
 
 
 def same_poses(one, other):
-    """Whether two Runs have the same poses in the same frames, to the bit: aligning keeps them."""
+    """Whether two Runs have the same poses in the same frames, to the bit, NaN where a frame failed: aligning keeps them."""
     kept = lambda run: (run.frames, run.pose.rotations[:], run.pose.translation[:])
-    return all(map(np.array_equal, kept(one), kept(other)))
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in zip(kept(one), kept(other)))
 
 
 def say_cloths(avatar):

@@ -127,9 +127,8 @@ class Smoother:
         return out
 
     def _pose_weight(self, frames):
-        """(T,) of the frames' poses: less where no scan tells, but where none does all alike."""
-        weight = np.where(_scanned(frames), 1.0, self.settings.unscanned_weight)
-        return weight / weight.max()
+        """(T,) of the frames' poses: less where no scan tells."""
+        return np.where(_scanned(frames), 1.0, self.settings.unscanned_weight)
 
     def _smooth_surface(self, name, seen_by, poses, frames, strength, noise):
         """Vertices (T,n,3) of the tracked surface, or of the garment `name`, at `poses` (turns, moves); they lie about those that each

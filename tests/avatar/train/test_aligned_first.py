@@ -7,12 +7,14 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import zarr
 
 from toile.align.run import Alignment
 from toile.avatar.command import laid_still
 from toile.errors import UserError
+from toile.io.layout import FAILED
 from toile.io.run import open_run
 
 QUIET = lambda stage, done, total, note=None: None
@@ -62,16 +64,21 @@ def test_what_went_wrong_with_aligning_is_said(sample_run, tmp_path, aligning, c
 def test_an_avatar_that_is_there_keeps_the_run_that_it_was_trained_on(sample_run, tmp_path, aligning):
     asked(tmp_path / "one", sample_run)
     assert still(sample_run, tmp_path / "one") == Path(sample_run).resolve() and not aligning
-    own = still(sample_run, tmp_path / "other")
+    registered = shutil.copytree(sample_run, tmp_path / "registered")
+    store = zarr.open_group(str(registered / "registered.zarr"), mode="r+")
+    store["done"][3], store["pose/rotations"][3], store["pose/translation"][3] = FAILED, np.nan, np.nan
+    own = still(registered, tmp_path / "other")
     asked(tmp_path / "other", own)
-    assert still(sample_run, tmp_path / "other") == still(own, tmp_path / "other") == own
+    assert still(registered, tmp_path / "other") == still(own, tmp_path / "other") == own
     assert len(aligning) == 1  # what is whole is opened: another version would not align it the same
-    moved = shutil.copytree(sample_run, tmp_path / "moved")
+    moved = shutil.copytree(registered, tmp_path / "moved")
     assert still(moved, tmp_path / "other") == own
     another = shutil.copytree(sample_run, tmp_path / "another")
     poses = zarr.open_group(str(another / "registered.zarr"), mode="r+")["pose/rotations"]
     poses[:] = poses[:] + 0.01
-    with pytest.raises(UserError, match="aligned: was aligned from .*run, asked is .*another: take another folder"):
+    with pytest.raises(
+        UserError, match="aligned: was aligned from .*registered, asked is .*another: take another folder"
+    ):
         still(another, tmp_path / "other")
 
 
