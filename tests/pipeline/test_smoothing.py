@@ -1,6 +1,6 @@
 """Smoothing block by block: no seam, the same bits whoever does it, and no word across a gap."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,15 +10,15 @@ import pytest
 
 from tests.support.bending_tube import VERTICES, posed, smoother
 from toile.config import changed, preset
-from toile.io.files import save_record, write_text
+from toile.io.files import load_record, save_record, write_text
 from toile.io.status import Status
 from toile.pipeline.blocks import FrameFolders
 from toile.pipeline.identity import Identities
 from toile.pipeline.smoothing import load_layers, smooth
 from toile.pipeline.threads import one_blas_thread
 from toile.pipeline.workers import Workers
-from toile.scene import HIDDEN, OBSERVED
-from toile.stages.motion import Smoother, strength_of
+from toile.scene import HIDDEN, INTERPOLATED, OBSERVED
+from toile.stages.motion import Smoother, Strengths, strength_of
 
 FRAMES = tuple(range(30, 80))
 
@@ -94,6 +94,24 @@ def test_a_block_s_border_shows_no_seam(tmp_path):
     once = prepared.smoother.smooth(frames, strength_of(prepared.smoother.gather(frames), 10, 10))
     at_once = np.stack([np.concatenate([d["sleeve"].vertices, t.vertices, t.rotations]) for t, d in once])
     assert np.abs(found - at_once).max() < 0.1 * bends.mean()  # and blocks differ little from no blocks
+
+
+@pytest.mark.parametrize("scans", [range(30, 80, 6), (40, 67), (31, 74)])
+def test_a_block_s_border_shows_no_seam_where_only_some_frames_have_scans(tmp_path, scans):
+    """Scans as near as the margin and farther: what a frame without takes from them is the same for every block."""
+    layers, other = made(), made(seed=1)
+    for number in layers:
+        if number not in scans:
+            tracked, dressed = other[number]
+            guessed = np.full_like(tracked.confidence, INTERPOLATED)
+            sleeve = replace(dressed["sleeve"], confidence=np.zeros_like(guessed))
+            layers[number] = replace(tracked, confidence=guessed), {"sleeve": sleeve}
+    found = np.stack(list(run(tmp_path, layers).values()))
+    prepared, frames = prepare(tmp_path), list(layers.values())
+    once = prepared.smoother.smooth(frames, load_record(tmp_path / "strengths.npz", Strengths))
+    at_once = np.stack([np.concatenate([d["sleeve"].vertices, t.vertices, t.rotations]) for t, d in once])
+    raw = np.stack([np.concatenate([d["sleeve"].vertices, t.vertices, t.rotations]) for t, d in frames])
+    assert np.abs(found - at_once).max() < 1e-4 < 0.1 * np.abs(raw - at_once).max()
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.bending_tube import VERTICES, posed, smoother
 from toile.scene import HIDDEN, INTERPOLATED, OBSERVED
-from toile.stages.motion import Roughness, Smoother, Strengths, _smoothing, strength_of
+from toile.stages.motion import Roughness, Smoother, Strengths, _smoothing, scan_beside, strength_of
 from toile.surface.pose_smoothing import STRENGTHS
 
 RNG = np.random.default_rng(5)
@@ -94,6 +94,38 @@ def test_where_no_scan_tells_surfaces_go_along_with_their_smoothed_pose(smoother
     assert np.allclose(shirts(kept), shirts(scanned), atol=1e-12)  # a scan shows where they lie
 
 
+@pytest.mark.parametrize("strength", [0.0, 2.0])
+def test_frames_without_scans_take_their_surfaces_from_the_scanned_ones_beside_them(smoother, strength):
+    """What the scans show beside the pose, and all share, is found in every frame, whatever was guessed there, and nothing jumps."""
+    T, scanned = 25, np.arange(25) % 6 == 0
+    bends, off = 0.1 * np.sin(0.3 * np.arange(T)), 0.02 * RNG.standard_normal((VERTICES, 3))
+    seen = np.where(scanned, OBSERVED, HIDDEN)[:, None]
+    found = lambda guess: smoother.smooth(
+        posed(smoother, bends, confidence=seen, sleeve=np.where(scanned[:, None, None], 0.0, guess)),
+        strengths(strength),
+    )
+    plain, guessed = (shirts(found(guess)) for guess in (0.0, 0.1 * RNG.standard_normal((T, VERTICES, 3))))
+    assert np.allclose(plain, guessed, atol=1e-12)
+    level = posed(smoother, np.zeros(T), confidence=seen, sleeve=np.where(scanned[:, None, None], off, 0.0))
+    after = shirts(smoother.smooth(level, strengths(strength)))
+    assert np.allclose(after, after[0], atol=1e-12) and np.allclose(after[0], shirts(level)[0], atol=1e-12)
+
+
+def test_what_is_said_of_such_a_frame_s_garment_is_what_its_scans_say(smoother):
+    """But that no scan shows it, and what its own pose tells of hands."""
+    frames = posed(smoother, np.zeros(7), confidence=np.where(np.arange(7) % 6 == 0, OBSERVED, HIDDEN)[:, None])
+    for t, (_, dressed) in enumerate(frames):
+        said = {"observed": float(t % 6 == 0), "hand_contact": 0.1 * t, "loop_mm.far": 10.0 * t}
+        dressed["sleeve"] = replace(dressed["sleeve"], diagnostics=said)
+    smoothed = smoother.smooth(frames, strengths(0))
+    after = [dressed["sleeve"] for _, dressed in smoothed]
+    assert [scan_beside(tracked) for tracked, _ in smoothed] == [0, -1, -2, -3, 2, 1, 0]
+    assert [d.diagnostics["loop_mm.far"] for d in after] == [0, 0, 0, 0, 60, 60, 60]
+    assert [d.diagnostics["observed"] for d in after] == [1, 0, 0, 0, 0, 0, 1]
+    assert [d.diagnostics["hand_contact"] for d in after] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    assert [d.confidence[0] for d in after] == [OBSERVED, *[INTERPOLATED] * 5, OBSERVED]
+
+
 def test_without_any_scan_garments_are_smoothed_as_strongly_and_guessed_ones_not_at_all(smoother):
     def roughness(confidence):
         flicker = 0.001 * np.random.default_rng(8).standard_normal((9, VERTICES, 3))
@@ -170,7 +202,9 @@ def test_a_loop_cut_off_or_run_over_in_some_frames_is_laid_by_the_others(smoothe
             dressed["sleeve"], diagnostics={"loop_length.far": 1.1 * length, "loop_share.far": length}
         )
     looped = replace(template, loops=(far,), loop_names=("far",))
-    smoothed = Smoother(smoother.model, smoother.person, (looped,), smoother.settings).smooth(frames, strengths(3))
+    smoothed = Smoother(smoother.model, smoother.person, (looped,), smoother.settings, 30.0).smooth(
+        frames, strengths(3)
+    )
     off = np.linalg.norm(shirts(smoothed) - template.rest - [0, 0, 1], axis=2)
     assert off.max() < 0.1 * np.linalg.norm(narrowed, axis=2).max()
     for _, dressed in smoothed:  # what is said of the loop is said of where it is laid

@@ -19,7 +19,7 @@ def smoother():
     basis = np.zeros((len(V), 3, 0)), np.zeros((2, 3, 0))
     model = BodyModel(V, F, J, np.array([-1, 0]), index, weights, *basis, ("root", "head"))
     sleeve = GarmentTemplate("sleeve", 3, tube(9, 12, 0.12, 1.0)[0], F, np.zeros((0, 2)), F, weights, (), ())
-    return Smoother(model, Person(np.zeros(0), V, J), (sleeve,), MotionSettings())
+    return Smoother(model, Person(np.zeros(0), V, J), (sleeve,), MotionSettings(), fps=30.0)
 
 
 def posed(smoother, bends, body=0.0, sleeve=0.0, confidence=OBSERVED):

@@ -17,6 +17,9 @@ class MotionSettings(Settings):
 
     temporal: bool = setting(True, "switch", "smooth pose and surfaces over consecutive frames")
     near: float = setting(0.07, "s", "frames farther apart than that say nothing of one another", gt=0)
+    reach: float = setting(
+        1.0, "s", "a frame without a scan takes its surfaces from scanned frames no farther than that", gt=0
+    )
     margin: int = setting(16, "count", "frames read on either side of a block, so that its border shows no seam", ge=2)
     samples: int = setting(1000, "count", "vertices of a surface that tell its noise from its motion", ge=1)
     max_strength: float = setting(10.0, "1", "of second differences against displacements, at most", gt=0)

@@ -67,7 +67,7 @@ class PreparedRun:
     @cached_property
     def smoother(self) -> motion.Smoother:
         """Smooths consecutive frames."""
-        return motion.Smoother(self.model, self.person, self.templates, self.config.motion)
+        return motion.Smoother(self.model, self.person, self.templates, self.config.motion, self.capture.scene.fps)
 
     @cached_property
     def fusion(self) -> inner.Fusion:

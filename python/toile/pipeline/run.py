@@ -37,6 +37,7 @@ from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse
 from ..measure.verdicts import judge
 from ..scene import InnerShape, Segmented, Tracked
+from ..stages.motion import scan_beside
 from ..vision.segmenters.asked import scene_segmenter
 from . import scanning
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
@@ -305,13 +306,13 @@ def _load_slid(results, prepared, number):
 
 
 def _load_results(results, prepared, number):
-    """A frame as the last stages take it: smoothed, where that is asked for."""
+    """A frame as the last stages take it: smoothed, where that is asked for; its labels are of the frame that gave its surfaces."""
     if prepared.config.motion.temporal:
         tracked, dressed = load_layers(_smoothed(results, prepared).folder(number), prepared.templates)
     else:
         tracked, dressed = _load_slid(results, prepared, number)
-    segmented = _load_segmented(results.folder(number) / "segment.npz") if prepared.templates else None
-    return tracked, segmented, dressed
+    labelled = results.folder(number + scan_beside(tracked)) / "segment.npz"
+    return tracked, _load_segmented(labelled) if prepared.templates else None, dressed
 
 
 def _finish(stored, results, limit, prepared, numbers):

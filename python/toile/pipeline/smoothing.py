@@ -14,7 +14,7 @@ from pathlib import Path
 from ..io.files import identity_of, load_record, save_record
 from ..io.holdout import apart, held
 from ..scene import Dressed, Tracked
-from ..stages.motion import Strengths, strength_of
+from ..stages.motion import Strengths, scans_show, strength_of
 from .blocks import BLOCK, FrameFolders, Progress, blocks
 from .workers import Workers
 
@@ -42,7 +42,7 @@ def smooth(
         save_record(kept, strength_of(total, settings.max_strength, settings.pose_factor), identity)
     left = [own for own in blocks(numbers, held_out) if not all(map(smoothed.whole, own))]
     beside = lambda own: [number for number in numbers if number in held_out] if own[0] in held_out else known
-    around = [(own, _around(beside(own), own[0] // BLOCK, settings.margin)) for own in left]
+    around = [(own, _around(beside(own), own[0] // BLOCK, settings.margin + prepared.smoother.reach)) for own in left]
     done = 0
     for count in pool.each(partial(_smooth, load, smoothed, load_record(kept, Strengths)), around):
         done += count
@@ -91,8 +91,8 @@ def _smooth(load, smoothed, strengths, prepared, block):
         wanted = sorted(set(run) & set(own))
         start, used = time.perf_counter(), time.process_time()
         if wanted:
-            frames = [load(prepared, n) for n in run]
-            made = dict(zip(run, prepared.smoother.smooth(frames, strengths)))
+            layers = _telling(load, prepared, run, own[0] // BLOCK)
+            made = dict(zip(layers, prepared.smoother.smooth(list(layers.values()), strengths)))
         for number in wanted:
             _save(smoothed, number, *made[number])
         for number in wanted:
@@ -102,6 +102,17 @@ def _smooth(load, smoothed, strengths, prepared, block):
             }
             smoothed.status.add(frame=number, stage=smoothed.stage, **took, ok=True)
     yield len(own)
+
+
+def _telling(load, prepared, run, block):
+    """{number: its layers} of the frames of a run that tell of the block: those in its margins and, where scans show only some, those
+    as far beyond as a scan tells of."""
+    near = _around(run, block, prepared.config.motion.margin)
+    layers = {n: load(prepared, n) for n in near}
+    if scans_show(list(layers.values())).all():
+        return layers
+    wide = {n: layers[n] if n in layers else load(prepared, n) for n in run}
+    return wide if scans_show(list(wide.values())).any() else layers
 
 
 def _save(smoothed, number, tracked, dressed):

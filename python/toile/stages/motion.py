@@ -9,7 +9,8 @@ a Whittaker smoother (Eilers, A perfect smoother, 2003) whose `strength` the seq
 largest of w_{t-1}, w_t, w_{t+1}: an ill-known place follows well-known ones beside it, but where all are ill known none is
 carried off along a straight line. An
 observed vertex is known better across the surface, where the scan lies, than along it: the two have strengths of their
-own. Poses are smoothed by `surface.pose_smoothing`, before; where no scan shows the surface it goes along with its pose."""
+own. Poses are smoothed by `surface.pose_smoothing`, before. Where no scan shows the surface, y is first taken from the scanned
+frames beside it, by `surface.between_scans`."""
 
 from __future__ import annotations
 
@@ -31,11 +32,13 @@ from ..scene import (
     Tracked,
     blended_transforms,
 )
+from ..surface.between_scans import between_scans, told_by
 from ..surface.loops import astray, beside_loops, loop_length
 from ..surface.pose_smoothing import STRENGTHS, foretelling_errors, foretelling_strength, smooth_poses
 
 Layers = tuple[Tracked, dict[str, Dressed]]  # of one frame
 LAGS = (1, 2)
+OF_ITSELF = ("observed", "hand_contact", "unsupported_contact", "smoothed_mm")  # diagnostics that no other frame gives
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,11 @@ def strength_of(roughness: Roughness, largest: float, pose_factor: float) -> Str
 class Smoother:
     """Smooths consecutive frames of one person; what does not change from frame to frame is kept."""
 
-    def __init__(self, model: BodyModel, person: Person, templates: Sequence[GarmentTemplate], settings: Any):
+    def __init__(
+        self, model: BodyModel, person: Person, templates: Sequence[GarmentTemplate], settings: Any, fps: float
+    ):
         self.model, self.person, self.templates, self.settings = model, person, templates, settings
+        self.reach = max(round(settings.reach * fps), 1)  # [frames]
 
     def nothing(self) -> Roughness:
         """Of no frames."""
@@ -106,35 +112,41 @@ class Smoother:
         return Roughness(total, count, *foretelling_errors(np.array(joints), self._pose_weight(frames)))
 
     def smooth(self, frames: Sequence[Layers], strengths: Strengths) -> list[Layers]:
-        """The frames again, smoothed; to the bit as they were where nothing is known of their noise."""
-        if len(frames) < 3 or not (strengths.strength.any() or strengths.pose):
+        """The frames again, smoothed; to the bit as they were where nothing is known of their noise and a scan shows all of them, or none."""
+        scanned = scans_show(frames)
+        known = strengths.strength.any() or strengths.pose or (scanned.any() and not scanned.all())
+        if len(frames) < 3 or not known:
             return list(frames)
         strength, noise = strengths.strength, strengths.noise
         found = _poses([tracked for tracked, _ in frames])
         turns, moves = smooth_poses(*found, self._pose_weight(frames), strengths.pose)
-        scanned = _scanned(frames)[:, None]
-        seen_by = np.where(scanned[..., None], turns, found[0]), np.where(scanned, moves, found[1])
+        seen_by = np.where(scanned[:, None, None], turns, found[0]), np.where(scanned[:, None], moves, found[1])
         surfaces = []
         for i, name in enumerate((None, *(t.name for t in self.templates))):
             own = slice(2 * i, 2 * i + 2)
             surfaces.append(self._smooth_surface(name, seen_by, (turns, moves), frames, strength[own], noise[own]))
-        out = []
+        out, source = [], told_by(scanned, self.reach)
         for t, (tracked, dressed) in enumerate(frames):
+            told = frames[source[t]][1]
             face = self._face(tracked, turns[t], moves[t])
             pose = {"rotations": turns[t], "translation": moves[t], "face": face}
-            cloth = {g.name: _told(g, dressed[g.name], v[t]) for g, v in zip(self.templates, surfaces[1:])}
-            out.append((replace(_moved(tracked, surfaces[0][t]), **pose), cloth))
+            cloth = {
+                g.name: _told(g, dressed[g.name], told[g.name], v[t]) for g, v in zip(self.templates, surfaces[1:])
+            }
+            out.append((_shown_by(replace(_moved(tracked, surfaces[0][t]), **pose), source[t] - t), cloth))
         return out
 
     def _pose_weight(self, frames):
         """(T,) of the frames' poses: less where no scan tells."""
-        return np.where(_scanned(frames), 1.0, self.settings.unscanned_weight)
+        return np.where(scans_show(frames), 1.0, self.settings.unscanned_weight)
 
     def _smooth_surface(self, name, seen_by, poses, frames, strength, noise):
         """Vertices (T,n,3) of the tracked surface, or of the garment `name`, at `poses` (turns, moves); they lie about those that each
         frame was `seen_by`: the same, but those found where no scan tells."""
         V, confidence = _positions(frames, name)
-        y, normals = self._local(name, *seen_by, V)
+        shown = scans_show(frames)
+        y, normals = (between_scans(x, shown, self.reach) for x in self._local(name, *seen_by, V))
+        normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
         strength = strength * [1.0, self.settings.across_share]
         parts, trust = _parted(_second(y), normals[1:-1]), self._trust(name, V, confidence)
         d = sum(_smoothing(trust, s, a) for s, a in zip(strength, parts))
@@ -194,7 +206,7 @@ class Smoother:
         return (tracked.face @ R[head].T + x[head] - y[head]) @ S[head]
 
 
-def _scanned(frames):
+def scans_show(frames: Sequence[Layers]) -> np.ndarray:
     """(T,) bool: whether a scan shows something of the frame."""
     return np.array([bool((tracked.confidence == OBSERVED).any()) for tracked, _ in frames])
 
@@ -216,12 +228,26 @@ def _moved(layer, vertices):
     return replace(layer, vertices=vertices, diagnostics=layer.diagnostics | {"smoothed_mm": moved})
 
 
-def _told(template, dressed, vertices):
-    """The Dressed with other vertices; what is said of its loops' lengths holds of them. The girths that these are held
-    against lie farther off and hardly change."""
+def scan_beside(tracked: Tracked) -> int:
+    """By how many frames the scanned frame that gave this one its surfaces lies after it; 0: it is its own."""
+    return int(tracked.diagnostics.get("scan_beside", 0))
+
+
+def _shown_by(tracked, offset):
+    return replace(tracked, diagnostics=tracked.diagnostics | {"scan_beside": float(offset)}) if offset else tracked
+
+
+def _told(template, dressed, source, vertices):
+    """The Dressed with other vertices, which the Dressed `source` gave: itself, or a scanned frame's, of which then holds what is
+    said of openings and cloth. What is said of loops' lengths holds of the vertices. The girths that these are held against lie
+    farther off and hardly change."""
     moved = _moved(dressed, vertices)
+    if source is not dressed:
+        own = {key: moved.diagnostics[key] for key in OF_ITSELF if key in moved.diagnostics}
+        confidence = np.minimum(source.confidence, INTERPOLATED)
+        moved = replace(moved, confidence=confidence, diagnostics=source.diagnostics | own)
     for name, loop in zip(template.loop_names, template.loops):
-        grown = loop_length(vertices[loop]) / max(loop_length(dressed.vertices[loop]), 1e-9)
+        grown = loop_length(vertices[loop]) / max(loop_length(source.vertices[loop]), 1e-9)
         for key in {f"loop_length.{name}", f"loop_share.{name}"} & moved.diagnostics.keys():
             moved.diagnostics[key] *= grown
     return moved
