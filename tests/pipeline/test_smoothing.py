@@ -53,6 +53,17 @@ def made(frames=FRAMES, seed=0):
     return dict(zip(frames, posed(smoother(), 0.5 * np.sin(0.2 * t), *noise, confidence)))
 
 
+def scanned_at(scans):
+    """The same, but the frames of these numbers alone have scans."""
+    layers, other = made(), made(seed=1)
+    for number in set(layers) - set(scans):
+        tracked, dressed = other[number]
+        guessed = np.full_like(tracked.confidence, INTERPOLATED)
+        sleeve = replace(dressed["sleeve"], confidence=np.zeros_like(guessed))
+        layers[number] = replace(tracked, confidence=guessed), {"sleeve": sleeve}
+    return layers
+
+
 def folders(root):
     status = Status(root / "status.jsonl")
     return FrameFolders(root / "frames", status, "frame"), FrameFolders(root / "smoothed", status, "motion")
@@ -99,13 +110,7 @@ def test_a_block_s_border_shows_no_seam(tmp_path):
 @pytest.mark.parametrize("scans", [range(30, 80, 6), (40, 67), (31, 74)])
 def test_a_block_s_border_shows_no_seam_where_only_some_frames_have_scans(tmp_path, scans):
     """Scans as near as the margin and farther: what a frame without takes from them is the same for every block."""
-    layers, other = made(), made(seed=1)
-    for number in layers:
-        if number not in scans:
-            tracked, dressed = other[number]
-            guessed = np.full_like(tracked.confidence, INTERPOLATED)
-            sleeve = replace(dressed["sleeve"], confidence=np.zeros_like(guessed))
-            layers[number] = replace(tracked, confidence=guessed), {"sleeve": sleeve}
+    layers = scanned_at(scans)
     found = np.stack(list(run(tmp_path, layers).values()))
     prepared, frames = prepare(tmp_path), list(layers.values())
     once = prepared.smoother.smooth(frames, load_record(tmp_path / "strengths.npz", Strengths))
@@ -135,6 +140,16 @@ def test_frames_apart_are_left_as_they_are(tmp_path, step, fps):
     for number, (tracked, dressed) in layers.items():
         kept = np.concatenate([dressed["sleeve"].vertices, tracked.vertices, tracked.rotations])
         assert np.array_equal(found[number], kept)
+
+
+def test_frames_too_far_apart_to_be_smoothed_take_their_surfaces_from_scans_none_the_less(tmp_path):
+    layers = scanned_at(range(30, 80, 3))
+    found = run(tmp_path, layers, fps=10.0)
+    plain = lambda number: np.concatenate([layers[number][1]["sleeve"].vertices, layers[number][0].vertices])
+    kept = {n: np.allclose(found[n][: 2 * VERTICES], plain(n), atol=1e-9) for n in layers}
+    assert all(kept[n] == (n % 3 == 0) for n in layers)
+    for number, (tracked, _) in layers.items():  # poses stay as they are
+        assert np.array_equal(found[number][2 * VERTICES :], tracked.rotations)
 
 
 def test_a_gap_of_any_length_parts_the_frames(tmp_path):

@@ -16,7 +16,9 @@ class MotionSettings(Settings):
     """Smoothing over consecutive frames."""
 
     temporal: bool = setting(True, "switch", "smooth pose and surfaces over consecutive frames")
-    near: float = setting(0.07, "s", "frames farther apart than that say nothing of one another", gt=0)
+    near: float = setting(
+        0.07, "s", "frames farther apart than that do not tell noise from motion: they are not smoothed", gt=0
+    )
     reach: float = setting(
         1.0, "s", "a frame without a scan takes its surfaces from scanned frames no farther than that", gt=0
     )

@@ -66,20 +66,20 @@ def _around(numbers, block, margin):
     return numbers[first:last]
 
 
-def _consecutive(numbers, prepared):
-    """The numbers, in order, cut where one does not follow the other, or everywhere where frames lie too far apart in time for motion
-    to be told from noise."""
-    far = prepared.capture.scene.fps * prepared.config.motion.near < 1
-    cuts = [i + 1 for i, (a, b) in enumerate(pairwise(numbers)) if far or b != a + 1]
+def _consecutive(numbers):
+    """The numbers, in order, cut where one does not follow the other."""
+    cuts = [i + 1 for i, (a, b) in enumerate(pairwise(numbers)) if b != a + 1]
     return [numbers[a:b] for a, b in pairwise([0, *cuts, len(numbers)])]
 
 
 def _gather(load, status, prepared, block):
-    """Yields what one (index, numbers) says of its roughness."""
+    """Yields what one (index, numbers) says of its roughness: nothing where frames lie too far apart in time for motion to be told from
+    noise."""
     index, numbers = block
     total = prepared.smoother.nothing()
+    near = prepared.capture.scene.fps * prepared.config.motion.near >= 1
     with status.timing(len(numbers), stage="flicker"):
-        for run in _consecutive(numbers, prepared):
+        for run in _consecutive(numbers) if near else ():
             total += prepared.smoother.gather([load(prepared, n) for n in run])
     yield index, total
 
@@ -87,7 +87,7 @@ def _gather(load, status, prepared, block):
 def _smooth(load, smoothed, strengths, prepared, block):
     """Writes one block's frames, given (its numbers, those with its margins); yields how many."""
     own, around = block
-    for run in _consecutive(around, prepared):
+    for run in _consecutive(around):
         wanted = sorted(set(run) & set(own))
         start, used = time.perf_counter(), time.process_time()
         if wanted:
