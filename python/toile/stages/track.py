@@ -1,6 +1,7 @@
 """Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
 from dataclasses import replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 from .. import kernels
 from ..errors import UserError
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
+from ..surface.keypoint_side import KeypointSide
 from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
 from ..surface.pose_search import PoseSearch, quick_solver
@@ -16,6 +18,9 @@ from ..surface.starts import Starts
 from ..surface.two_sided import TwoSided
 from ..vision.threads import parallel_map, parallel_map_with
 
+# A limb that a scan lacks draws a pose that hides it by half its share of the surface, and one that a scan shows and keypoints put
+# elsewhere draws it back by all of it: so keypoints weigh more than the one and less than the other.
+KEYPOINTS = 0.75
 FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
 
 
@@ -86,12 +91,18 @@ def _search(model, settings, person=None):
 
 
 class _Attempt(NamedTuple):
-    """A pose that was fitted, and how far it lies from the scan, see TwoSided."""
+    """A pose that was fitted, and how far it lies from the scan, see TwoSided, and from the keypoints, see KeypointSide."""
 
     fit: Any  # SkeletonResult
     surface: np.ndarray | None  # (n,3) that gave the start
     distance: float
     astray: float
+    keypoints: float
+    contradicted: bool
+
+    @property
+    def cost(self):
+        return self.distance + KEYPOINTS * self.keypoints
 
 
 class Tracker:
@@ -103,6 +114,7 @@ class Tracker:
         self.skeleton = kernels.SkeletonSolver(
             beside, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
         )
+        self.keypoints = KeypointSide(model, person)
         self.surface, self.search = _Surface(model, person.rest, settings), _search(model, settings, person)
         self.poser = _Poser(model, person, settings) if settings.pose_vertices else None
         quick = quick_solver(model, settings.starts, _options(settings) | {"solve_shape": False})
@@ -157,14 +169,16 @@ class Tracker:
     def _fit(self, frame, points, previous):
         """The pose of a frame, the surface (n,3) that it was fitted to first, or None, and what was found of it. Of the
         poses from the frame before, and, where that lies farther from the scan than is usual, from other starts, the
-        nearest to the scan from both sides; where nothing gives a start, or all have lost the scan, the pose is searched."""
+        nearest to the scan from both sides and to the keypoints; from keypoints alone too, where these put a limb elsewhere; where nothing
+        gives a start, or all have lost the scan, the pose is searched."""
         evidence, scan, s = _evidence(frame, points), frame.scan, self.settings
         measure = None if scan is None else TwoSided(scan, self.search.looks)
 
         def attempt(surface=None, **start):
             fit = self.skeleton.solve(**evidence, **start)
             known = measure is not None and fit.stop != "unmatched"
-            return _Attempt(fit, surface, *(measure(fit.V) if known else (np.inf, 1.0)))
+            told = self.keypoints(np.asarray(fit.rotations), np.asarray(fit.translation), points)
+            return _Attempt(fit, surface, *(measure(fit.V) if known else (np.inf, 1.0)), *told)
 
         best, usual, others = None, np.inf, iter(())
         if previous is not None:
@@ -183,12 +197,14 @@ class Tracker:
             other = next(others, None)
             if other is None:
                 break
-            best = min(best, attempt(other[1], start=other[0]), key=lambda one: one.distance)
+            best = min(best, attempt(other[1], start=other[0]), key=attrgetter("cost"))
+        if best is not None and best.contradicted and previous is not None:
+            best = min(best, attempt(start=self._cold_start(points)), key=attrgetter("cost"))
         searched = False
         if best is None or best.astray > s.search.astray or best.distance > s.search.farther * usual:
             start = self.search.pose(scan)[0]
             found = None if start is None else attempt(start=start)
-            searched = found is not None and (best is None or s.search.as_close * found.distance < best.distance)
+            searched = found is not None and (best is None or s.search.as_close * found.cost < best.cost)
             best = found if searched else best
         pose = 1e3 * best.distance
         usual = (1e3 * usual + pose) / 2 if np.isfinite(usual) and not searched else pose

@@ -1,0 +1,50 @@
+"""How far a posed body lies from triangulated keypoints, limb by limb: what a scan without a limb does not tell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import kernels
+from ..kernels.arrays import Floats
+from ..scene import BodyModel, Person, Points3D
+from .keypoints import keypoint_bones
+from .limbs import LIMBS
+from .two_sided import FAR
+
+
+class KeypointSide:
+    """Measures poses of a Person against Points3D, of which single ones may be wrong, as TwoSided measures them against a scan."""
+
+    def __init__(self, model: BodyModel, person: Person):
+        self.model, self.person, self.bones = model, person, keypoint_bones(model)
+        self.row = {name: i for i, name in enumerate(model.keypoint_names)}
+        of_joint = np.zeros(len(model.parents), int)  # 0: trunk and head
+        for part, limb in enumerate((k for k in map(model.joint, LIMBS) if k is not None), 1):
+            of_joint[limb] = part
+        for joint, parent in enumerate(model.parents):
+            of_joint[joint] = of_joint[joint] or (of_joint[parent] if parent >= 0 else 0)
+        self.part, faces = of_joint[self.bones], model.skin_faces
+        of_face = of_joint[model.weights_idx[np.arange(len(model.weights_idx)), model.weights_val.argmax(1)]][
+            faces[:, 0]
+        ]
+        area = np.bincount(of_face, kernels.face_areas(person.rest, faces), of_joint.max() + 1)
+        self.share = area / area.sum()
+
+    def __call__(self, rotations: Floats, translation: Floats, points: Points3D | None) -> tuple[float, bool]:
+        """The mean distance [m] of the body's surface from where the keypoints put it: of each limb, and of trunk and head, the
+        median of its keypoints, up to twice FAR, by its share of the surface; and whether one of them is beyond FAR."""
+        known = [] if points is None else [i for i, name in enumerate(points.names) if name in self.row]
+        if not known:
+            return 0.0, False
+        rows = [self.row[points.names[i]] for i in known]
+        off = np.linalg.norm(self._places(rotations, translation)[rows] - points.points[known], axis=1)
+        parts = [off[(self.part[rows] == part) & np.isfinite(off)] for part in range(len(self.share))]
+        distance = np.array([np.median(some) if len(some) else 0.0 for some in parts])
+        return float(self.share @ np.minimum(distance, 2 * FAR)), bool((distance > FAR).any())
+
+    def _places(self, rotations, translation):
+        """The model's keypoints (q,3) in a pose, beside its own as the detector's lie."""
+        R, x = self.model.joint_transforms(self.person.J, rotations, translation)
+        V = self.model.skin(self.person.rest, self.person.J, rotations, translation)
+        places, offsets = self.model.keypoints(V, x), self.person.keypoint_offsets
+        return places if offsets is None else places + np.einsum("qij,qj->qi", R[self.bones], offsets)
