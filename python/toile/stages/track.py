@@ -18,9 +18,9 @@ from ..surface.starts import Starts
 from ..surface.two_sided import TwoSided
 from ..vision.threads import parallel_map, parallel_map_with
 
-# A limb that a scan lacks draws a pose that hides it by half its share of the surface, and one that a scan shows and keypoints put
-# elsewhere draws it back by all of it: so keypoints weigh more than the one and less than the other.
-KEYPOINTS = 0.75
+# A limb that a scan lacks draws a pose that hides it by as much as the scan's side loses; one that a scan shows, and keypoints put
+# elsewhere, draws it back by both sides. On arms and legs laid elsewhere, keypoints must weigh more than 0 to 0.53 and less than 0.44 to 1.1.
+KEYPOINTS = 0.4
 FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
 
 

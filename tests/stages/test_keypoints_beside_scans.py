@@ -1,0 +1,98 @@
+"""Scan and keypoints choose a pose together: a limb that the scan lacks stays where keypoints put it, one that the scan shows stays there
+though keypoints put it elsewhere, and a limb that the frame before lost is found again."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toile.config import preset
+from toile.io.body import load_body_model
+from toile.io.capture import open_capture
+from toile.pipeline.samples import points_of
+from toile.scene import Mesh, Person, Points3D
+from toile.stages.track import KEYPOINTS, Tracker, prepare
+from toile.surface.keypoint_side import KeypointSide
+from toile.surface.pose_search import PoseSearch
+from toile.surface.two_sided import FAR, TwoSided, outside_of
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+SETTINGS = preset("draft").track
+HIDING = {  # where the halves of a limb point, in (outwards, forwards, upwards), to lie within the rest of the body
+    "arms": ((-1, 0, -0.3), (-0.5, 0, -1)),
+    "legs": ((-0.16, 0, -1), (0, 0, -1)),
+}
+STILL = np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def body():
+    """(model, person, KeypointSide, PoseSearch) of the mean body."""
+    model = load_body_model("anny")
+    person = Person(np.zeros(model.shapedirs.shape[2]), model.v_template, model.J)
+    return model, person, KeypointSide(model, person), PoseSearch(model, 8, SETTINGS.search, {}, person)
+
+
+def keypoints_of(model, person, rotations):
+    V = model.skin(person.rest, person.J, rotations, STILL)
+    places = model.keypoints(V, model.joint_transforms(person.J, rotations, STILL)[1])
+    return Points3D(tuple(model.keypoint_names), places, np.full(len(places), 0.005), np.full(len(places), 4))
+
+
+def hiding(search, limb):
+    """The pose at rest but for one limb, which lies within the others."""
+    return search._laid(np.zeros((len(search.model.parents), 3)), limb, HIDING[limb[:-2]])
+
+
+def test_a_limb_elsewhere_counts_by_its_share_of_the_surface_and_a_wrong_point_hardly(body):
+    model, person, side, search = body
+    rest = np.zeros((len(model.parents), 3))
+    points = keypoints_of(model, person, rest)
+    assert side(rest, STILL, points) == (pytest.approx(0, abs=1e-9), False)
+    assert side(rest, STILL, None) == (0, False)
+    assert side(rest, STILL, Points3D(("nobody's",), points.points[:1] + 9, points.sigma[:1], points.views[:1]))[0] == 0
+    of_limbs = [side(hiding(search, limb), STILL, points) for limb in search.limbs]
+    assert all(contradicted for _, contradicted in of_limbs)
+    assert [off for off, _ in of_limbs] == pytest.approx(2 * FAR * side.share[1:], rel=0.5)
+    assert 0.05 < side.share[1] < 0.12 < side.share[3] < 0.25 and side.share.sum() == pytest.approx(1)
+    wrong = points.points.copy()
+    wrong[[points.names.index(name) for name in ("body.wrist.L", "body.head", "body.foot.R")]] += 1
+    wrong[points.names.index("body.toe1-1.R")] = np.nan
+    assert side(rest, STILL, replace(points, points=wrong)) == (pytest.approx(0, abs=1e-9), False)
+
+
+@pytest.mark.parametrize("limb", ["arms.L", "arms.R", "legs.L", "legs.R"])
+def test_keypoints_hold_a_limb_that_the_scan_lacks_and_yield_to_one_that_it_shows(body, limb):
+    model, person, side, search = body
+    right, wrong = np.zeros((len(model.parents), 3)), hiding(search, limb)
+    below = np.isin(model.weights_idx[:, 0], search.limbs[limb][1])
+    surface = {
+        pose: model.skin(person.rest, person.J, turns, STILL) for pose, turns in (("right", right), ("wrong", wrong))
+    }
+    whole = Mesh(surface["right"], model.skin_faces)
+    lacking = Mesh(whole.vertices, whole.faces[~below[whole.faces].all(1)])
+
+    def cost(scan, turns, V, told):
+        points = keypoints_of(model, person, told)
+        return TwoSided(scan, outside_of(model))(V)[0] + KEYPOINTS * side(turns, STILL, points)[0]
+
+    without = [cost(lacking, turns, V, right) for turns, V in zip((right, wrong), surface.values())]
+    astray = [cost(whole, turns, V, wrong) for turns, V in zip((right, wrong), surface.values())]
+    assert without[0] < without[1] and astray[0] < astray[1]
+
+
+def test_an_arm_that_the_frame_before_lost_is_found_again_by_keypoints():
+    """That frame lay as far from its poor scan, so that nothing seems lost by the scan."""
+    capture, model = open_capture(SAMPLE), load_body_model("anny")
+    frame = capture.frame(2)
+    points = points_of(capture, preset("draft"), frame)
+    person, _ = prepare(model, [(frame, points)], SETTINGS)
+    tracker = Tracker(model, person, SETTINGS)
+    found = tracker.track(frame, points)
+    rotations = tracker.search._laid(found.rotations, "arms.L", HIDING["arms"])
+    V = model.skin(person.rest, person.J, rotations, found.translation)
+    lost = replace(found, rotations=rotations, vertices=V, diagnostics=found.diagnostics | {"usual_mm": 100.0})
+    again = tracker.track(frame, points, lost)
+    assert 1e3 * np.linalg.norm(V - found.vertices, axis=1).mean() > 30
+    assert 1e3 * np.linalg.norm(again.vertices - found.vertices, axis=1)[~model.inside].mean() < 3
