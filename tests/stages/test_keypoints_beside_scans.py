@@ -82,14 +82,38 @@ def test_keypoints_hold_a_limb_that_the_scan_lacks_and_yield_to_one_that_it_show
     assert without[0] < without[1] and astray[0] < astray[1]
 
 
-def test_an_arm_that_the_frame_before_lost_is_found_again_by_keypoints():
-    """That frame lay as far from its poor scan, so that nothing seems lost by the scan."""
+@pytest.fixture(scope="module")
+def tracked():
+    """(model, person, Tracker, [(Frame, Points3D, its Tracked)]) of two frames whose scans show all."""
     capture, model = open_capture(SAMPLE), load_body_model("anny")
-    frame = capture.frame(2)
-    points = points_of(capture, preset("draft"), frame)
-    person, _ = prepare(model, [(frame, points)], SETTINGS)
+    frames = [capture.frame(n) for n in (2, 3)]
+    seen = [(frame, points_of(capture, preset("draft"), frame)) for frame in frames]
+    person, _ = prepare(model, seen[:1], SETTINGS)
     tracker = Tracker(model, person, SETTINGS)
-    found = tracker.track(frame, points)
+    first = tracker.track(*seen[0])
+    return model, person, tracker, [(*seen[0], first), (*seen[1], tracker.track(*seen[1], first))]
+
+
+def without(model, tracker, frame, surface, limb):
+    """The frame with a scan that lacks a limb of the surface (n,3)."""
+    from scipy.spatial import cKDTree
+
+    below = np.isin(model.weights_idx[:, 0], tracker.search.limbs[limb][1])
+    gone = below[cKDTree(surface).query(frame.scan.vertices)[1]]
+    return replace(frame, scan=Mesh(frame.scan.vertices, frame.scan.faces[~gone[frame.scan.faces].any(1)]))
+
+
+@pytest.mark.parametrize("limb", ["arms.L", "arms.R", "legs.L", "legs.R"])
+def test_a_limb_that_the_scan_of_a_frame_lacks_stays_where_its_keypoints_are(tracked, limb):
+    model, person, tracker, (before, (frame, points, whole)) = tracked
+    found = tracker.track(without(model, tracker, frame, whole.vertices, limb), points, before[2])
+    places = [model.joint_transforms(person.J, t.rotations, t.translation)[1] for t in (found, whole)]
+    assert np.linalg.norm(places[0] - places[1], axis=1)[tracker.search.limbs[limb][1]].max() < 0.06
+
+
+def test_an_arm_that_the_frame_before_lost_is_found_again_by_keypoints(tracked):
+    """That frame lay as far from its poor scan, so that nothing seems lost by the scan."""
+    model, person, tracker, ((frame, points, found), _) = tracked
     rotations = tracker.search._laid(found.rotations, "arms.L", HIDING["arms"])
     V = model.skin(person.rest, person.J, rotations, found.translation)
     lost = replace(found, rotations=rotations, vertices=V, diagnostics=found.diagnostics | {"usual_mm": 100.0})
