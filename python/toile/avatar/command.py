@@ -65,14 +65,19 @@ def train(
     """
     from ..config import changed, from_options
     from ..console import progress_bars
-    from .drive.driver import taught_before
+    from .drive.driver import FILE, taught_before
     from .model.checkpoint import asked_before
     from .settings import TemporalSettings, TrainSettings, train_preset
 
     own = own_options(minutes, steps, lr, seed) | {"temporal": temporal_options(temporal_model, window, seed)}
     trained = asked_before(avatar).get("settings")
     named = quality or config or any(word.startswith("quality") for word in changes or ())
-    taught = taught_before(avatar) or TemporalSettings()
+    taught = taught_before(avatar)
+    if temporal and taught is None and (avatar / FILE).exists():
+        speech.warn(
+            f"{avatar / FILE}: does not say how it was taught: it is taught anew by defaults and by what is given"
+        )
+    taught = taught or TemporalSettings()
     as_before = lambda _: TrainSettings(**trained.model_dump(), temporal=taught)
     base = train_preset if trained is None or named else as_before
     asked = changed(from_options(base, quality, config, changes), own)

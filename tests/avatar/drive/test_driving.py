@@ -250,6 +250,25 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
     assert torch.equal(driven.latents["tshirt"], expected["tshirt"])
 
 
+def test_a_damaged_temporal_model_is_taught_anew_and_that_is_said(
+    sample_avatar, sample_run, tmp_path, monkeypatch, capsys
+):
+    folder = tmp_path / "damaged"
+    shutil.copytree(sample_avatar, folder)
+    monkeypatch.setattr("toile.avatar.train.make.make_avatar", lambda *_: None)
+    monkeypatch.setattr("toile.avatar.drive.teaching.train_temporal", lambda *_: {"steps": 0, "code_error": 0.0})
+    monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal", "--no-physics"])
+    said = []
+    for damage in (False, True):
+        if damage:
+            (folder / "temporal.safetensors").write_bytes(b"cut off")
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        assert stopped.value.code == 0
+        said.append("temporal.safetensors: does not say how it was taught" in capsys.readouterr().err)
+    assert said == [False, True]
+
+
 def test_the_command_line_names_the_temporal_model():
     assert temporal_options(None, None, None) == {}
     assert TemporalSettings(**temporal_options(None, 7, 3)) == TemporalSettings(model="window", window=7, seed=3)
