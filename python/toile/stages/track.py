@@ -15,12 +15,14 @@ from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
 from ..surface.pose_search import PoseSearch, quick_solver
 from ..surface.starts import Starts
-from ..surface.two_sided import TwoSided
+from ..surface.two_sided import FAR, TwoSided
 from ..vision.threads import parallel_map, parallel_map_with
 
 # A limb that a scan lacks draws a pose that hides it by as much as the scan's side loses; one that a scan shows, and keypoints put
 # elsewhere, draws it back by both sides. On arms and legs laid elsewhere, keypoints must weigh more than 0 to 0.53 and less than 0.44 to 1.1.
 KEYPOINTS = 0.4
+HALVES = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")  # roles of the joints where halves of limbs begin
+HELD_STEP = 5  # of their vertices every fifth holds them
 FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
 
 
@@ -127,10 +129,14 @@ class Tracker:
         fit, V, measures = self._fit(frame, points, previous)
         _refuse_unmatched([frame.number], [fit])
         previous = None if measures.get("searched") else previous  # a pose of its own
-        if V is None:
-            rest = person.rest if previous is None else self._start(previous)
-            V = model.skin(rest, person.J, fit.rotations, fit.translation)
-        surface = _unseen(V) if frame.scan is None else self.surface.fit(frame.scan, V)
+        rest = person.rest if previous is None else self._start(previous)
+        posed = model.skin(rest, person.J, fit.rotations, fit.translation)
+        if frame.scan is None:
+            surface = _unseen(posed)
+        else:  # a surface that has followed a scan without a limb has drawn it elsewhere; keypoints tell where it is
+            sure = points is not None and not self.keypoints(fit.rotations, fit.translation, points)[1]
+            held = self.surface.lacking(frame.scan, posed) if sure else ()
+            surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
         return self.tracked(frame, points, fit, surface, previous, measures)
 
     def tracked(self, frame, points, fit, surface, previous=None, measures=MappingProxyType({})):
@@ -169,16 +175,16 @@ class Tracker:
     def _fit(self, frame, points, previous):
         """The pose of a frame, the surface (n,3) that it was fitted to first, or None, and what was found of it. Of the
         poses from the frame before, and, where that lies farther from the scan than is usual, from other starts, the
-        nearest to the scan from both sides and to the keypoints; from keypoints alone too, where these put a limb elsewhere; where nothing
+        nearest to the scan from both sides and to the keypoints; from keypoints too, with the scan and alone, where these put a limb elsewhere; where nothing
         gives a start, or all have lost the scan, the pose is searched."""
         evidence, scan, s = _evidence(frame, points), frame.scan, self.settings
         measure = None if scan is None else TwoSided(scan, self.search.looks)
 
-        def attempt(surface=None, **start):
-            fit = self.skeleton.solve(**evidence, **start)
+        def attempt(surface=None, told=evidence, **start):
+            fit = self.skeleton.solve(**told, **start)
             known = measure is not None and fit.stop != "unmatched"
-            told = self.keypoints(np.asarray(fit.rotations), np.asarray(fit.translation), points)
-            return _Attempt(fit, surface, *(measure(fit.V) if known else (np.inf, 1.0)), *told)
+            beside = self.keypoints(fit.rotations, fit.translation, points)
+            return _Attempt(fit, surface, *(measure(fit.V) if known else (np.inf, 1.0)), *beside)
 
         best, usual, others = None, np.inf, iter(())
         if previous is not None:
@@ -198,8 +204,10 @@ class Tracker:
             if other is None:
                 break
             best = min(best, attempt(other[1], start=other[0]), key=attrgetter("cost"))
-        if best is not None and best.contradicted and previous is not None:
-            best = min(best, attempt(start=self._cold_start(points)), key=attrgetter("cost"))
+        if best is not None and best.contradicted:
+            start = self._cold_start(points)
+            again = attempt(start=start), attempt(told={"keypoints": points}, start=start)
+            best = min(best, *again, key=attrgetter("cost"))
         searched = False
         if best is None or best.astray > s.search.astray or best.distance > s.search.farther * usual:
             start = self.search.pose(scan)[0]
@@ -276,11 +284,23 @@ class _Surface:
 
     def __init__(self, model, rest, settings):
         self.model, self.settings = model, settings
+        self.halves = list(_halves_of_limbs(model))
         self.solver = kernels.NricpSolver(rest, model.f, large_motion=False, rebase=True, **settings.nricp.model_dump())
 
-    def fit(self, scan, start):
-        """-> vertices (n,3) and confidence (n,)."""
-        fit = self.solver.solve(scan.vertices, scan.faces, start=start, scan_confidence=scan.confidence)
+    def lacking(self, scan, start):
+        """The vertices (k,), spread evenly, of forearms, shanks and the like at `start` (n,3) that the scan lacks: half of such a part lies
+        farther from the scan than two surfaces of one person do."""
+        far = [half for half in self.halves if np.median(scan.index.closest(start[half], 4 * FAR)[3]) > 2 * FAR]
+        return np.concatenate([np.zeros(0, int), *far])
+
+    def fit(self, scan, start, held=()):
+        """-> vertices (n,3) and confidence (n,). The vertices `held` (k,) stay about where they start."""
+        from scipy.sparse import csr_matrix
+
+        chosen = csr_matrix((np.ones(len(held)), (range(len(held)), held)), (len(held), len(start)))
+        landmarks = (chosen, start[held], self.settings.pose_vertex_sigma) if len(held) else None
+        seen = {"scan_confidence": scan.confidence, "landmarks": landmarks}
+        fit = self.solver.solve(scan.vertices, scan.faces, start=start, **seen)
         confidence = None if fit.stop == "no_overlap" else self._confidence(fit.V, scan)
         if confidence is None or not (confidence == OBSERVED).any():
             raise UserError("scan.ply: the scan and the posed body do not overlap")
@@ -297,6 +317,17 @@ class _Surface:
         )
         confidence[self.model.inside] = HIDDEN
         return confidence.astype(np.uint8)
+
+
+def _halves_of_limbs(model):
+    """Vertices (k,) of each upper and each lower half of the limbs that the model has, every HELD_STEPth."""
+    ends = [k for role in HALVES for side in "LR" if (k := model.joint(f"{role}.{side}")) is not None]
+    half = np.full(len(model.parents), -1)
+    for joint, parent in enumerate(model.parents):
+        half[joint] = joint if joint in ends else half[parent] if parent >= 0 else -1
+    of_vertex = half[model.weights_idx[np.arange(len(model.weights_idx)), model.weights_val.argmax(1)]]
+    for joint in ends:
+        yield np.flatnonzero((of_vertex == joint) & ~model.inside)[::HELD_STEP]
 
 
 def _options(settings):

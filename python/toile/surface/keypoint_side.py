@@ -44,6 +44,7 @@ class KeypointSide:
 
     def _places(self, rotations, translation):
         """The model's keypoints (q,3) in a pose, beside its own as the detector's lie."""
+        rotations, translation = np.asarray(rotations), np.asarray(translation)
         R, x = self.model.joint_transforms(self.person.J, rotations, translation)
         V = self.model.skin(self.person.rest, self.person.J, rotations, translation)
         places, offsets = self.model.keypoints(V, x), self.person.keypoint_offsets
