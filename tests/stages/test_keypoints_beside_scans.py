@@ -12,8 +12,8 @@ from toile.io.body import load_body_model
 from toile.io.capture import open_capture
 from toile.pipeline.samples import points_of
 from toile.scene import HIDDEN, Mesh, Person, Points3D
-from toile.stages.track import KEYPOINTS, Tracker, prepare
-from toile.surface.keypoint_side import KeypointSide
+from toile.stages.track import Tracker, prepare
+from toile.surface.keypoint_side import WEIGHT, KeypointSide
 from toile.surface.pose_search import PoseSearch
 from toile.surface.two_sided import FAR, TwoSided, outside_of
 
@@ -22,6 +22,21 @@ SETTINGS = preset("draft").track
 HIDING = {  # where the halves of a limb point, in (outwards, forwards, upwards), to lie within the rest of the body
     "arms": ((-1, 0, -0.3), (-0.5, 0, -1)),
     "legs": ((-0.16, 0, -1), (0, 0, -1)),
+}
+ELSEWHERE = {  # and other ways beside the trunk, across it and behind
+    "arms": (
+        HIDING["arms"],
+        ((-1, 0, 0), (-1, 0, 0)),
+        ((0, 0, -1), (0, 0, -1)),
+        ((0.2, 0, 1), (-1, 0, 0)),
+        ((0.2, 1, 0), (-0.5, -1, 0)),
+    ),
+    "legs": (
+        HIDING["legs"],
+        ((0.1, 1, -0.1), (0, -0.3, -1)),
+        ((0.1, 1, 1), (0, -0.3, -1)),
+        ((0.1, -0.5, -1), (0.1, -0.6, -1)),
+    ),
 }
 STILL = np.zeros(3)
 
@@ -54,7 +69,7 @@ def test_a_limb_elsewhere_counts_by_its_share_of_the_surface_and_a_wrong_point_h
     assert side(rest, STILL, Points3D(("nobody's",), points.points[:1] + 9, points.sigma[:1], points.views[:1]))[0] == 0
     of_limbs = [side(hiding(search, limb), STILL, points) for limb in search.limbs]
     assert all(contradicted for _, contradicted in of_limbs)
-    assert [off for off, _ in of_limbs] == pytest.approx(2 * FAR * side.share[1:], rel=0.5)
+    assert [off for off, _ in of_limbs] == pytest.approx(2 * FAR * WEIGHT * side.share[1:], rel=0.1)
     assert 0.05 < side.share[1] < 0.12 < side.share[3] < 0.25 and side.share.sum() == pytest.approx(1)
     wrong = points.points.copy()
     wrong[[points.names.index(name) for name in ("body.wrist.L", "body.head", "body.foot.R")]] += 1
@@ -62,10 +77,13 @@ def test_a_limb_elsewhere_counts_by_its_share_of_the_surface_and_a_wrong_point_h
     assert side(rest, STILL, replace(points, points=wrong)) == (pytest.approx(0, abs=1e-9), False)
 
 
-@pytest.mark.parametrize("limb", ["arms.L", "arms.R", "legs.L", "legs.R"])
-def test_keypoints_hold_a_limb_that_the_scan_lacks_and_yield_to_one_that_it_shows(body, limb):
+@pytest.mark.parametrize(
+    "limb, way", [(f"{kind}.{side}", i) for kind in ELSEWHERE for side in "LR" for i in range(len(ELSEWHERE[kind]))]
+)
+def test_keypoints_hold_a_limb_that_the_scan_lacks_and_yield_to_one_that_it_shows(body, limb, way):
     model, person, side, search = body
-    right, wrong = np.zeros((len(model.parents), 3)), hiding(search, limb)
+    surfaces, right = Tracker(model, person, SETTINGS).surface, np.zeros((len(model.parents), 3))
+    wrong = search._laid(right, limb, ELSEWHERE[limb[:-2]][way])
     below = np.isin(model.weights_idx[:, 0], search.limbs[limb][1])
     surface = {
         pose: model.skin(person.rest, person.J, turns, STILL) for pose, turns in (("right", right), ("wrong", wrong))
@@ -74,8 +92,9 @@ def test_keypoints_hold_a_limb_that_the_scan_lacks_and_yield_to_one_that_it_show
     lacking = Mesh(whole.vertices, whole.faces[~below[whole.faces].all(1)])
 
     def cost(scan, turns, V, told):
-        points = keypoints_of(model, person, told)
-        return TwoSided(scan, outside_of(model))(V)[0] + KEYPOINTS * side(turns, STILL, points)[0]
+        off, contradicted = side(turns, STILL, keypoints_of(model, person, told))
+        known = None if contradicted else surfaces.lacking(scan, V)
+        return TwoSided(scan, outside_of(model))(V, known)[0] + off
 
     without = [cost(lacking, turns, V, right) for turns, V in zip((right, wrong), surface.values())]
     astray = [cost(whole, turns, V, wrong) for turns, V in zip((right, wrong), surface.values())]

@@ -18,9 +18,6 @@ from ..surface.starts import Starts
 from ..surface.two_sided import FAR, TwoSided
 from ..vision.threads import parallel_map, parallel_map_with
 
-# A limb that a scan lacks draws a pose that hides it by as much as the scan's side loses; one that a scan shows, and keypoints put
-# elsewhere, draws it back by both sides. On arms and legs laid elsewhere, keypoints must weigh more than 0 to 0.53 and less than 0.44 to 1.1.
-KEYPOINTS = 0.4
 HALVES = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")  # roles of the joints where halves of limbs begin
 HELD_STEP = 5  # of their vertices every fifth holds them
 FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
@@ -104,7 +101,7 @@ class _Attempt(NamedTuple):
 
     @property
     def cost(self):
-        return self.distance + KEYPOINTS * self.keypoints
+        return self.distance + self.keypoints
 
 
 class Tracker:
@@ -135,7 +132,7 @@ class Tracker:
             surface = _unseen(posed)
         else:  # a surface that has followed a scan without a limb has drawn it elsewhere; keypoints tell where it is
             sure = points is not None and not self.keypoints(fit.rotations, fit.translation, points)[1]
-            held = self.surface.lacking(frame.scan, posed) if sure else ()
+            held = np.flatnonzero(self.surface.lacking(frame.scan, posed))[::HELD_STEP] if sure else ()
             surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
         return self.tracked(frame, points, fit, surface, previous, measures)
 
@@ -182,9 +179,11 @@ class Tracker:
 
         def attempt(surface=None, told=evidence, **start):
             fit = self.skeleton.solve(**told, **start)
-            known = measure is not None and fit.stop != "unmatched"
             beside = self.keypoints(fit.rotations, fit.translation, points)
-            return _Attempt(fit, surface, *(measure(fit.V) if known else (np.inf, 1.0)), *beside)
+            if measure is None or fit.stop == "unmatched":
+                return _Attempt(fit, surface, np.inf, 1.0, *beside)
+            lacking = None if points is None or beside[1] else self.surface.lacking(scan, fit.V)
+            return _Attempt(fit, surface, *measure(fit.V, lacking), *beside)
 
         best, usual, others = None, np.inf, iter(())
         if previous is not None:
@@ -288,10 +287,12 @@ class _Surface:
         self.solver = kernels.NricpSolver(rest, model.f, large_motion=False, rebase=True, **settings.nricp.model_dump())
 
     def lacking(self, scan, start):
-        """The vertices (k,), spread evenly, of forearms, shanks and the like at `start` (n,3) that the scan lacks: half of such a part lies
-        farther from the scan than two surfaces of one person do."""
-        far = [half for half in self.halves if np.median(scan.index.closest(start[half], 4 * FAR)[3]) > 2 * FAR]
-        return np.concatenate([np.zeros(0, int), *far])
+        """(n,) bool: forearms, shanks and the like at `start` (n,3) that the scan lacks: half of such a part lies farther from the scan
+        than two surfaces of one person do."""
+        out = np.zeros(len(self.model.v_template), bool)
+        for half in self.halves:
+            out[half] = np.median(scan.index.closest(start[half[::HELD_STEP]], 4 * FAR)[3]) > 2 * FAR
+        return out
 
     def fit(self, scan, start, held=()):
         """-> vertices (n,3) and confidence (n,). The vertices `held` (k,) stay about where they start."""
@@ -320,14 +321,14 @@ class _Surface:
 
 
 def _halves_of_limbs(model):
-    """Vertices (k,) of each upper and each lower half of the limbs that the model has, every HELD_STEPth."""
+    """Vertices (k,) of each upper and each lower half of the limbs that the model has, as cameras see them."""
     ends = [k for role in HALVES for side in "LR" if (k := model.joint(f"{role}.{side}")) is not None]
     half = np.full(len(model.parents), -1)
     for joint, parent in enumerate(model.parents):
         half[joint] = joint if joint in ends else half[parent] if parent >= 0 else -1
     of_vertex = half[model.weights_idx[np.arange(len(model.weights_idx)), model.weights_val.argmax(1)]]
     for joint in ends:
-        yield np.flatnonzero((of_vertex == joint) & ~model.inside)[::HELD_STEP]
+        yield np.flatnonzero((of_vertex == joint) & ~model.inside)
 
 
 def _options(settings):

@@ -19,13 +19,14 @@ class TwoSided:
         face = by_area(scan.vertices, scan.faces, SCAN_POINTS)[0]
         self.scan, self.points, self.looks = scan, scan.vertices[scan.faces[face]].mean(1), looks
 
-    def __call__(self, V):
-        """(distance, astray) of vertices V (n,3): the mean of the distances [m] from either side, each counted up to twice
+    def __call__(self, V, lacking=None):
+        """(distance, astray) of vertices V (n,3), of which the scan is known to lack those where `lacking` (n,) is true: the mean of the distances [m] from either side, each counted up to twice
         FAR; and the smaller of the two sides' shares beyond FAR. What is only missing from one of the two is not astray."""
         from scipy.spatial import cKDTree
 
         of_scan = cKDTree(V[self.looks], balanced_tree=False, compact_nodes=False).query(self.points)[0]
-        of_surface = self.scan.index.closest(V[self.looks[:: max(len(self.looks) // SURFACE_POINTS, 1)]], 2 * FAR)[3]
+        looks = self.looks if lacking is None else self.looks[~lacking[self.looks]]
+        of_surface = self.scan.index.closest(V[looks[:: max(len(looks) // SURFACE_POINTS, 1)]], 2 * FAR)[3]
         sides = of_scan, of_surface
         near = float(np.mean([np.minimum(side, 2 * FAR).mean() for side in sides]))
         return near, float(min((side > FAR).mean() for side in sides))
