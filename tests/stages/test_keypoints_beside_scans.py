@@ -64,17 +64,39 @@ def test_a_limb_elsewhere_counts_by_its_share_of_the_surface_and_a_wrong_point_h
     model, person, side, search = body
     rest = np.zeros((len(model.parents), 3))
     points = keypoints_of(model, person, rest)
-    assert side(rest, STILL, points) == (pytest.approx(0, abs=1e-9), False)
-    assert side(rest, STILL, None) == (0, False)
+    assert side(rest, STILL, points) == (pytest.approx(0, abs=1e-9), False, True)
+    assert side(rest, STILL, None) == (0, False, False)
     assert side(rest, STILL, Points3D(("nobody's",), points.points[:1] + 9, points.sigma[:1], points.views[:1]))[0] == 0
     of_limbs = [side(hiding(search, limb), STILL, points) for limb in search.limbs]
-    assert all(contradicted for _, contradicted in of_limbs)
-    assert [off for off, _ in of_limbs] == pytest.approx(2 * FAR * WEIGHT * side.share[1:], rel=0.1)
+    assert all(contradicted and not vouched for _, contradicted, vouched in of_limbs)
+    assert [off for off, *_ in of_limbs] == pytest.approx(2 * FAR * WEIGHT * side.share[1:], rel=0.1)
     assert 0.05 < side.share[1] < 0.12 < side.share[3] < 0.25 and side.share.sum() == pytest.approx(1)
     wrong = points.points.copy()
     wrong[[points.names.index(name) for name in ("body.wrist.L", "body.head", "body.foot.R")]] += 1
     wrong[points.names.index("body.toe1-1.R")] = np.nan
-    assert side(rest, STILL, replace(points, points=wrong)) == (pytest.approx(0, abs=1e-9), False)
+    assert side(rest, STILL, replace(points, points=wrong)) == (pytest.approx(0, abs=1e-9), False, True)
+
+
+def test_keypoints_vouch_for_no_limb_of_which_they_tell_too_little(body):
+    """Else a scan that shows the limb elsewhere would not count against the pose."""
+    model, person, side, _ = body
+    rest = np.zeros((len(model.parents), 3))
+    points = keypoints_of(model, person, rest)
+    arm = [i for i, name in enumerate(points.names) if name.endswith(".L") and name.startswith(("body.", "hand_"))]
+    arm = [i for i in arm if any(word in points.names[i] for word in ("upperarm", "lowerarm", "wrist", "finger"))]
+    unseen = points.points.copy()
+    unseen[arm] = np.nan
+    assert side(rest, STILL, replace(points, points=unseen))[1:] == (False, False)
+    main = [
+        points.names.index(f"body.{role}.{at}")
+        for at in "LR"
+        for role in ("upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
+    ]
+    few = Points3D(tuple(points.names[i] for i in main), points.points[main], points.sigma[main], points.views[main])
+    assert side(rest, STILL, few)[1:] == (False, True)
+    wrist = few.points.copy()
+    wrist[2] += 0.3  # the median does not see it
+    assert side(rest, STILL, replace(few, points=wrist))[1:] == (False, False)
 
 
 @pytest.mark.parametrize(
@@ -92,8 +114,8 @@ def test_keypoints_hold_a_limb_that_the_scan_lacks_and_yield_to_one_that_it_show
     lacking = Mesh(whole.vertices, whole.faces[~below[whole.faces].all(1)])
 
     def cost(scan, turns, V, told):
-        off, contradicted = side(turns, STILL, keypoints_of(model, person, told))
-        known = None if contradicted else surfaces.lacking(scan, V)
+        off, _, vouched = side(turns, STILL, keypoints_of(model, person, told))
+        known = surfaces.lacking(scan, V) if vouched else None
         return TwoSided(scan, outside_of(model))(V, known)[0] + off
 
     without = [cost(lacking, turns, V, right) for turns, V in zip((right, wrong), surface.values())]

@@ -98,6 +98,7 @@ class _Attempt(NamedTuple):
     astray: float
     keypoints: float
     contradicted: bool
+    vouched: bool
 
     @property
     def cost(self):
@@ -131,8 +132,8 @@ class Tracker:
         if frame.scan is None:
             surface = _unseen(posed)
         else:  # a surface that has followed a scan without a limb has drawn it elsewhere; keypoints tell where it is
-            sure = points is not None and not self.keypoints(fit.rotations, fit.translation, points)[1]
-            held = np.flatnonzero(self.surface.lacking(frame.scan, posed))[::HELD_STEP] if sure else ()
+            *_, vouched = self.keypoints(fit.rotations, fit.translation, points)
+            held = np.flatnonzero(self.surface.lacking(frame.scan, posed))[::HELD_STEP] if vouched else ()
             surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
         return self.tracked(frame, points, fit, surface, previous, measures)
 
@@ -182,7 +183,8 @@ class Tracker:
             beside = self.keypoints(fit.rotations, fit.translation, points)
             if measure is None or fit.stop == "unmatched":
                 return _Attempt(fit, surface, np.inf, 1.0, *beside)
-            lacking = None if points is None or beside[1] else self.surface.lacking(scan, fit.V)
+            *_, vouched = beside
+            lacking = self.surface.lacking(scan, fit.V) if vouched else None
             return _Attempt(fit, surface, *measure(fit.V, lacking), *beside)
 
         best, usual, others = None, np.inf, iter(())

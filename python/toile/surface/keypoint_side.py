@@ -35,17 +35,21 @@ class KeypointSide:
         area = np.bincount(of_face, kernels.face_areas(person.rest, faces), of_joint.max() + 1)
         self.share = area / area.sum()
 
-    def __call__(self, rotations: Floats, translation: Floats, points: Points3D | None) -> tuple[float, bool]:
+    def __call__(self, rotations: Floats, translation: Floats, points: Points3D | None) -> tuple[float, bool, bool]:
         """What counts beside a TwoSided's distance [m]: of each limb, and of trunk and head, the median distance of its keypoints, up to
-        twice FAR, by its share of the surface, times WEIGHT; and whether one of them is beyond FAR."""
+        twice FAR, by its share of the surface, times WEIGHT; whether one of them is beyond FAR; and whether keypoints vouch for the pose:
+        none is, and of every limb half of them and more are seen, three in four of these within FAR."""
         known = [] if points is None else [i for i, name in enumerate(points.names) if name in self.row]
         if not known:
-            return 0.0, False
+            return 0.0, False, False
         rows = [self.row[points.names[i]] for i in known]
         off = np.linalg.norm(self._places(rotations, translation)[rows] - points.points[known], axis=1)
-        parts = [off[(self.part[rows] == part) & np.isfinite(off)] for part in range(len(self.share))]
+        given = [off[self.part[rows] == part] for part in range(len(self.share))]
+        parts = [some[np.isfinite(some)] for some in given]
         distance = np.array([np.median(some) if len(some) else 0.0 for some in parts])
-        return float(WEIGHT * (self.share @ np.minimum(distance, 2 * FAR))), bool((distance > FAR).any())
+        contradicted = bool((distance > FAR).any())
+        vouched = not contradicted and all(_vouch(*limb) for limb in list(zip(parts, given))[1:])
+        return float(WEIGHT * (self.share @ np.minimum(distance, 2 * FAR))), contradicted, vouched
 
     def _places(self, rotations, translation):
         """The model's keypoints (q,3) in a pose, beside its own as the detector's lie."""
@@ -54,3 +58,8 @@ class KeypointSide:
         V = self.model.skin(self.person.rest, self.person.J, rotations, translation)
         places, offsets = self.model.keypoints(V, x), self.person.keypoint_offsets
         return places if offsets is None else places + np.einsum("qij,qj->qi", R[self.bones], offsets)
+
+
+def _vouch(seen, given):
+    """Do the distances (k,) of a limb's keypoints that were seen, of those given, tell where all of it is?"""
+    return bool(len(seen) and 2 * len(seen) >= len(given) and np.percentile(seen, 75) < FAR)
