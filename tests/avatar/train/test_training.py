@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch.utils.data import DataLoader, default_collate
 
 from toile.avatar.model.assets import read_assets
 from toile.avatar.model.checkpoint import load_avatar, read_facts
 from toile.avatar.settings import DataSettings, NetworkSettings, preset
+from toile.avatar.train.data import AvatarData
 from toile.avatar.train.make import Request, make_avatar
+from toile.avatar.train.training import reading
 from toile.cli import main
 from toile.errors import UserError
 
@@ -111,6 +114,31 @@ def test_killed_processes_go_on_to_the_bit(sample_run, tmp_path):
     assert start(killed).wait() == 0
     for name in ("losses.jsonl", "avatar.safetensors"):
         assert (whole / name).read_bytes() == (killed / name).read_bytes()
+
+
+@pytest.mark.slow(seconds=40)
+def test_two_processes_of_torchrun_learn_as_one_of_twice_the_batch(sample_run, tmp_path):
+    """The body alone: of what has codes, each process draws its own noise. Means are weighted within a process."""
+    torchrun = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "--no-python"]
+    small = ["--set", "data.texture_size=64", "--set", "data.image=[64,64]", "--set", "network.width=16"]
+    for name, before, pictures in (("one", [], 4), ("two", torchrun, 2)):
+        command = [sys.executable, "-c", "from toile.cli import main; main()", "train", sample_run, tmp_path / name]
+        options = ["--quality", "draft", "--steps", "6,0,0", "--no-align", "--set", f"batch={pictures}", *small]
+        subprocess.run([*before, *map(str, command), *options], check=True)
+    one, two = ([line["loss"] for line in losses(tmp_path / name)] for name in ("one", "two"))
+    assert len(one) == 6 and one[-1] < one[0]
+    assert two == pytest.approx(one, rel=0.01)
+
+
+def test_samples_that_processes_read_are_those_read_here(sample_run, tmp_path):
+    """As for a GPU."""
+    data = AvatarData(sample_run, chosen().data, tmp_path)
+    order = [[0, 3], [5, 1], [2, 2]]
+    loader = DataLoader(data, batch_sampler=order, num_workers=2, multiprocessing_context=reading())
+    for numbers, found in zip(order, loader, strict=True):
+        expected = default_collate([data[i] for i in numbers])
+        assert found.keys() == expected.keys()
+        assert all(torch.equal(found[name], value) for name, value in expected.items())
 
 
 def test_loaded_avatar_is_the_trained_one(trained):

@@ -14,11 +14,11 @@ OCCLUSION_SAMPLES = 16  # spread over the training frames, whose mean ambient oc
 
 
 class Objective(torch.nn.Module):
-    """The avatar with its losses; the networks run in the precision of the device, all losses in float32."""
+    """The avatar with its losses, all of them in float32; `half`: its networks are multiplied in bfloat16."""
 
-    def __init__(self, avatar, settings):
+    def __init__(self, avatar, settings, half=False):
         super().__init__()
-        self.avatar, self.settings = avatar, settings
+        self.avatar, self.settings, self.half = avatar, settings, half
         self.kinds = {layer.name: layer.kind for layer in avatar.layers}
         self.labels = {layer.name: layer.label for layer in avatar.layers}
         self.open_sky = {}  # {frame: {layer: (n,)}}
@@ -45,6 +45,10 @@ class Objective(torch.nn.Module):
 
     def forward(self, batch, phase, share):
         """{term: value} of a phase; `share` of it that is over, 0 to 1, anneals c."""
+        with torch.autocast(batch["image"].device.type, torch.bfloat16, enabled=self.half):
+            return self._terms(batch, phase, share)
+
+    def _terms(self, batch, phase, share):
         avatar, names = self.avatar, [name for name, kind in self.kinds.items() if kind in phase.kinds]
         codes = avatar.encode(batch, names)
         together = "image" in phase.terms

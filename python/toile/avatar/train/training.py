@@ -10,9 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import multiprocessing
 import os
 import time
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 
 import torch
@@ -22,6 +24,7 @@ from ...errors import UserError
 from ...io.files import write_text
 from ...kernels import InputError
 from ..model.checkpoint import Checkpoints, load_model, load_optimiser
+from .data import AvatarData
 from .losses import total
 from .objective import Objective
 
@@ -59,7 +62,7 @@ class Training:
         self.progress, self.say, self.seconds = progress, say, seconds
         kinds = {layer.kind for layer in data.layers}
         self.phases = [phase for phase in phases if phase.steps and kinds & set(phase.kinds)]
-        self.objective = Objective(avatar, settings)
+        self.objective = Objective(avatar, settings, half=fabric.device.type != "cpu")
         self.module = fabric.setup_module(self.objective)
         self.checkpoints = Checkpoints(self.folder / "checkpoints")
         self.at = Position([phase.steps for phase in self.phases])
@@ -154,8 +157,9 @@ class Training:
         order = BatchOrder(len(self.data), phase, (self.settings.seed, self.at.returns), start, self.fabric)
         workers = 0 if self.fabric.device.type == "cpu" else min(WORKERS, os.cpu_count() or 1)
         loader = DataLoader(
-            self.data, batch_sampler=order, num_workers=workers, multiprocessing_context="spawn" if workers else None
-        )
+            self.data, batch_sampler=order, num_workers=workers, pin_memory=workers > 0,
+            multiprocessing_context=reading() if workers else None,
+        )  # fmt: skip
         return self.fabric.setup_dataloaders(loader, use_distributed_sampler=False)
 
     def _checkpoint(self, optimiser):
@@ -238,6 +242,15 @@ class Training:
         if self.log:
             batch = self.fabric.to_device(default_collate([self.data[0]]))
             self.log.picture(self.at.total, self.objective.picture(batch))
+
+
+@cache
+def reading():
+    """How processes that read samples are started: as copies of one that has imported what they need. Started anew each would take
+    seconds, and copies of this process could stand still in locks that its threads hold."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([AvatarData.__module__])
+    return context
 
 
 class BatchOrder(Sampler):
