@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +26,7 @@ from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pi
 from ..model.poses import pose_distance
 
 HEAD_REACH = 0.12  # the head lies this near to its facial keypoints [m]
-THREADS = 2  # frames prepared at a time
+THREADS = min(8, os.cpu_count() or 1)  # frames prepared at a time
 VERSION = 2  # of the cache's files
 REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
 
