@@ -65,12 +65,12 @@ def render(surfaces, K, T_camera_world, size, background=0.0, layer_depth=False)
 
 
 def _render(scene, background, layer_depth):
-    surfaces, views = scene.surfaces, scene.views()
-    front, shown = _front(scene, views)
+    surfaces, views = scene.surfaces, scene.views() if layer_depth else [scene.view()] * len(scene.surfaces)
+    front, shown = _front(scene, views) if layer_depth else (views[0], scene.shown(views[0]))
     pixels, colours, depths, own_depths = [], [], [], []
     for k, (surface, view) in enumerate(zip(surfaces, views)):
         pixel = _where(view.own >= 0 if layer_depth else shown[k])
-        uv, z = scene.interpolate(k, view.own.view(-1)[pixel], pixel)
+        uv, z = scene.interpolate(k, view.face.view(-1)[pixel] - scene.first_face[k], pixel)
         if layer_depth:
             own_depths.append(view.paste(pixel, z[None], torch.inf))
             seen = _where(shown[k].view(-1)[pixel])
@@ -176,6 +176,16 @@ class _Scene:
         """(m,3) int32, -1 for none."""
         parts = [_beyond(s.faces) for s in self.surfaces]
         return np.concatenate([np.where(part < 0, -1, part + n) for part, n in zip(parts, self.first_face)])
+
+    def view(self):
+        """All surfaces at once."""
+        faces = torch.cat([s.faces + n for s, n in zip(self.surfaces, self.first_vertex)])
+        return _View(self, *rasterise(self.vertices.detach(), faces, self.K, self.size))
+
+    def shown(self, view):
+        """[(H,W)], where each surface is seen in `view`."""
+        ends = [*self.first_face[1:], self.first_face[-1] + len(self.surfaces[-1].faces)]
+        return [(view.face >= a) & (view.face < b) for a, b in zip(self.first_face, ends)]
 
     def views(self):
         """Each surface by itself."""
