@@ -9,7 +9,12 @@ from tests.support import surfaces as shapes  # noqa: E402
 from tests.support.surfaces import IDENTITY, body_and_cloth, f32, of_vertices, pictures, scene, spheres  # noqa: E402
 from toile import kernels  # noqa: E402
 from toile.avatar.render import renderer  # noqa: E402
-from toile.avatar.render.rasterise import NEAR, rasterise, rasterise_by_scatter  # noqa: E402
+from toile.avatar.render.rasterise import (  # noqa: E402
+    NEAR,
+    rasterise,
+    rasterise_apart_by_scatter,
+    rasterise_by_scatter,
+)
 from toile.avatar.render.renderer import Surface, render  # noqa: E402
 from toile.avatar.train.losses import soft_visibility  # noqa: E402
 
@@ -219,12 +224,16 @@ def test_scatter_rasteriser_sees_the_same_faces_as_the_core():
         torch.testing.assert_close(depth[same], other_depth[same], rtol=1e-6, atol=0)
 
 
-def test_renderer_draws_the_same_with_the_scatter_rasteriser(monkeypatch):
+@pytest.mark.parametrize("layer_depth", [True, False])
+def test_renderer_draws_the_same_with_the_scatter_rasteriser(monkeypatch, layer_depth):
     surfaces = spheres()
     K, T = shapes.camera(64)
-    expected = render(surfaces, K, T, (64, 64), layer_depth=True)
+    of_vertices(surfaces)
+    expected = render(surfaces, K, T, (64, 64), layer_depth=layer_depth)
     monkeypatch.setattr(renderer, "rasterise", rasterise_by_scatter)
-    seen = render(surfaces, K, T, (64, 64), layer_depth=True)
+    monkeypatch.setattr(renderer, "rasterise_apart", rasterise_apart_by_scatter)
+    seen = render(surfaces, K, T, (64, 64), layer_depth=layer_depth)
+    assert torch.equal(seen.depth.isfinite(), expected.depth.isfinite())
     assert (seen.face == expected.face).float().mean() > 0.999
     torch.testing.assert_close(seen.image, expected.image, atol=1e-4, rtol=0)
 

@@ -107,7 +107,7 @@ def _check_same_model(asked, folder, wearer, owner):
     (avatar, body), (lender, other) = wearer, owner
     arrays = ("faces", "skin_idx", "skin_val")
     same = all(np.array_equal(getattr(body, name), getattr(other, name)) for name in arrays)
-    if not same or avatar.skeleton.levels != lender.skeleton.levels:
+    if not same or avatar.skeleton.parents != lender.skeleton.parents:
         words = [
             f"{one.scene.body_model}, {len(layer.rest)} vertices, {len(one.skeleton.J)} joints"
             for one, layer in (owner, wearer)

@@ -76,11 +76,24 @@ class Avatar(nn.Module):
     def model(self, name):
         return self.models[self.names.index(name)]
 
+    def transforms(self, batch):
+        """The skeleton's (R, t) of a batch's poses, see `Skeleton`."""
+        if "transforms" in batch:
+            return batch["transforms"]
+        with torch.autocast(batch["rotations"].device.type, enabled=False):
+            return self.skeleton(batch["rotations"], batch["translation"])
+
     def unposed(self, batch, name):
         """Registered vertices of a layer (B,n,3), unposed [m]: the target of geometry and Laplacian."""
+        if f"unposed.{name}" in batch:
+            return batch[f"unposed.{name}"]
         with torch.autocast(batch["rotations"].device.type, enabled=False):
-            transforms = self.skeleton(batch["rotations"], batch["translation"])
-            return self.model(name).skin.unpose(batch[f"vertices.{name}"], *transforms)
+            return self.model(name).skin.unpose(batch[f"vertices.{name}"], *self.transforms(batch))
+
+    def with_unposed(self, batch, names):
+        """The batch, and what a step reads of it several times: `transforms`, and `unposed` of these layers."""
+        batch = batch | {"transforms": self.transforms(batch)}
+        return batch | {f"unposed.{name}": self.unposed(batch, name) for name in names}
 
     def encode(self, batch, names=None):
         """{layer: (mean, logvar)}, each (B,Z), of the layers that have a code."""
@@ -126,9 +139,8 @@ class Avatar(nn.Module):
     def decode(self, batch, latents, names=None, texture=True):
         """{layer: Decoded} from pose, face and camera of the batch and the layers' codes; float32 in any autocast."""
         pose = self._as_taught(pose_features(batch["rotations"], self.up))
-        view = batch["T_camera_world"]
+        view, transforms = batch["T_camera_world"], self.transforms(batch)
         with torch.autocast(view.device.type, enabled=False):
-            transforms = self.skeleton(batch["rotations"], batch["translation"])
             centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
         face = self._face_features(batch["face"], batch["face_seen"]) if hasattr(self, "face_mean") else None
         return {

@@ -11,41 +11,35 @@ from .operators import Linear
 
 
 class Skeleton(nn.Module):
-    """Forward kinematics about world axes: R_k = R_parent exp(r_k), x_k = x_parent + R_parent (J_k - J_parent)."""
+    """Forward kinematics about world axes: R_k = R_parent exp(r_k), x_k = x_parent + R_parent (J_k - J_parent).
+
+    All joints at once: each takes in as many joints above it as it knows already, so d of them in log2 d products (pointer jumping).
+    """
 
     def __init__(self, J, parents):
         super().__init__()
-        self.register_buffer("J", torch.as_tensor(np.asarray(J, dtype=np.float32)), persistent=False)
-        self.levels = _levels([int(p) for p in parents])
-        place, order = {}, []
-        for i, (joints, above) in enumerate(self.levels):
-            place |= {joint: row for row, joint in enumerate(joints)}
-            order += joints
-            self.register_buffer(f"joints{i}", torch.tensor(joints), persistent=False)
-            if above is not None:
-                self.register_buffer(f"above{i}", torch.tensor([place[p] for p in above]), persistent=False)
-                self.register_buffer(f"offset{i}", (self.J[joints] - self.J[above])[..., None], persistent=False)
-        self.register_buffer("back", torch.tensor(order).argsort(), persistent=False)
+        J, parents = np.asarray(J, dtype=np.float32), np.asarray(parents)
+        above = np.append(np.where(parents < 0, len(J), parents), len(J))  # the last stands for what lies above a root
+        offset = J - np.append(J, np.zeros((1, 3), np.float32), axis=0)[above[:-1]]
+        self.register_buffer("J", torch.as_tensor(J), persistent=False)
+        self.register_buffer("offset", torch.as_tensor(offset), persistent=False)
+        self.register_buffer("root", torch.as_tensor(parents < 0)[:, None].float(), persistent=False)
+        self.register_buffer("still", torch.eye(4), persistent=False)
+        self.parents, self.jumps = parents.tolist(), 0
+        while (above < len(J)).any():
+            self.register_buffer(f"above{self.jumps}", torch.as_tensor(above), persistent=False)
+            above, self.jumps = above[above], self.jumps + 1
 
     def forward(self, rotations, translation):
         """Rotation vectors (B,K,3), translation (B,3) -> skinning transforms R (B,K,3,3), t (B,K,3): x = sum_k w_k (R_k v + t_k)."""
-        local = rotation_matrices(rotations)
-        R, x = [local.index_select(1, self.joints0)], [self.J[self.joints0] + translation[:, None]]
-        for i in range(1, len(self.levels)):  # joints as deep as one another at once
-            above = R[-1].index_select(1, getattr(self, f"above{i}"))
-            x.append(x[-1].index_select(1, getattr(self, f"above{i}")) + (above @ getattr(self, f"offset{i}"))[..., 0])
-            R.append(above @ local.index_select(1, getattr(self, f"joints{i}")))
-        R, x = (torch.cat(parts, 1).index_select(1, self.back) for parts in (R, x))
+        offset = self.offset + self.root * translation[:, None]
+        M = torch.cat([rotation_matrices(rotations), offset[..., None]], -1)  # (B,K,3,4) of each joint in its parent's frame
+        M = torch.cat([M, self.still[3].expand(*M.shape[:2], 1, 4)], -2)
+        M = torch.cat([M, self.still.expand(len(M), 1, 4, 4)], 1)
+        for i in range(self.jumps):
+            M = M.index_select(1, getattr(self, f"above{i}")) @ M
+        R, x = M[:, :-1, :3, :3], M[:, :-1, :3, 3]
         return R, x - (R @ self.J[..., None])[..., 0]
-
-
-def _levels(parents):
-    """[(joints, their parents)] by depth in the tree; the roots' parents are None."""
-    depth = []
-    for p in parents:
-        depth.append(0 if p < 0 else depth[p] + 1)
-    levels = [[k for k, d in enumerate(depth) if d == level] for level in range(max(depth) + 1)]
-    return [(joints, None if i == 0 else [parents[k] for k in joints]) for i, joints in enumerate(levels)]
 
 
 def rotation_matrices(r):

@@ -23,9 +23,27 @@ def rasterise(vertices, faces, K, size):
     return torch.tensor(result.face).long(), torch.tensor(result.depth)
 
 
+def rasterise_apart(vertices, meshes, K, size):
+    """Meshes, each faces (m,3) of the vertices (n,3), by themselves: [(face, depth)] as `rasterise` gives them."""
+    if vertices.device.type == "cpu":
+        return [rasterise(vertices, faces, K, size) for faces in meshes]
+    return rasterise_apart_by_scatter(vertices, meshes, K, size)
+
+
+def rasterise_apart_by_scatter(vertices, meshes, K, size):
+    """The same on any device, all meshes at once."""
+    height, width = size
+    starts = np.cumsum([0, *(len(faces) for faces in meshes)]).tolist()
+    picture = torch.cat([torch.full((len(faces),), k, device=faces.device) for k, faces in enumerate(meshes)])
+    face, depth = rasterise_by_scatter(vertices, torch.cat(meshes), K, size, picture, len(meshes))
+    faces = [torch.where(one < 0, -1, one - start) for one, start in zip(face.view(-1, height, width), starts)]
+    return list(zip(faces, depth.view(-1, height, width)))
+
+
 @torch.no_grad()
-def rasterise_by_scatter(vertices, faces, K, size):
-    """The same in torch, on any device: faces test their bounding boxes' pixels; the least (depth, face) stays."""
+def rasterise_by_scatter(vertices, faces, K, size, picture=None, pictures=1):
+    """The same in torch, on any device: faces test their bounding boxes' pixels; the least (depth, face) stays. `picture` (m,): into
+    which of `pictures`, one below the other, each face is drawn."""
     if not torch.isfinite(vertices).all():
         raise InputError("rasterise: vertices are not finite")
     height, width = size
@@ -37,30 +55,35 @@ def rasterise_by_scatter(vertices, faces, K, size):
     high = torch.minimum(high, torch.tensor([width - 1, height - 1], device=high.device))
     extent = (high - low + 1).clamp(min=0)  # columns, rows
     area = extent.prod(1)
-    plane = _inverse_depth(corners, K)
-    best = torch.full((height * width,), torch.iinfo(torch.int64).max, device=vertices.device)
+    edges, plane = _edges(snapped), _inverse_depth(corners, K)
+    near, far = corners[..., 2].aminmax(dim=1)
+    first_row = None if picture is None else picture[face] * height
+    best = torch.full((pictures * height * width,), torch.iinfo(torch.int64).max, device=vertices.device)
     for part in _parts(area):
         count = area[part]
         owner, first = part.repeat_interleave(count), (count.cumsum(0) - count).repeat_interleave(count)
         rank, across = torch.arange(len(owner), device=owner.device) - first, extent[owner, 0]
         column, row = low[owner, 0] + rank % across, low[owner, 1] + rank.div(across, rounding_mode="floor")
-        inside = _covers(snapped[owner], column, row)
+        inside = _covers(edges[owner], column, row)
         owner, column, row = owner[inside], column[inside], row[inside]
-        near, far = corners[owner, :, 2].amin(1), corners[owner, :, 2].amax(1)
-        z = 1 / (plane[owner, 0] * (column + 0.5) + plane[owner, 1] * (row + 0.5) + plane[owner, 2])
-        z = torch.where(z >= near, torch.minimum(z, far), near)  # an edge-on plane divides by zero
+        z = 1 / (plane[owner] * torch.stack([column + 0.5, row + 0.5, torch.ones(len(row), device=row.device)], 1)).sum(1)
+        z = torch.where(z >= near[owner], torch.minimum(z, far[owner]), near[owner])  # an edge-on plane divides by zero
         key = (z.float().view(torch.int32).long() << 32) | face[owner]  # positive floats order as their bits do
+        row = row if first_row is None else row + first_row[owner]
         best.scatter_reduce_(0, row * width + column, key, "amin")
     empty = best == torch.iinfo(torch.int64).max
     depth = (best >> 32).int().view(torch.float32).double()
     face, depth = (best & 0xFFFFFFFF).masked_fill(empty, -1), depth.masked_fill(empty, torch.inf)
-    return face.view(height, width), depth.view(height, width)
+    return face.view(-1, width), depth.view(-1, width)
 
 
 def _clip(corners):
     """Cuts triangles (m,3,3) by z >= NEAR -> (k,3,3) pieces and the face (k,) of each."""
     front = corners[..., 2] >= NEAR
-    count, face = front.sum(1), torch.arange(len(corners), device=corners.device)
+    face = torch.arange(len(corners), device=corners.device)
+    if front.all():
+        return corners, face
+    count = front.sum(1)
     whole, one, two = count == 3, count == 1, count == 2
     odd = torch.where(one[:, None], front, ~front).int().argmax(1)  # the corner alone on its side comes first
     turn = (odd[:, None] + torch.arange(3, device=odd.device)) % 3
@@ -101,16 +124,20 @@ def _parts(area):
     return [] if len(some) == 0 else some.split(torch.unique_consecutive(run, return_counts=True)[1].tolist())
 
 
-def _covers(corner, column, row):
-    """Do triangles (k,3,2) cover the centres of their pixels? Exact in integers, top-left rule, either winding."""
-    a, b, c = corner.unbind(1)
-    (abx, aby), (acx, acy) = (b - a).unbind(1), (c - a).unbind(1)
+def _edges(corner):
+    """Of triangles (k,3,2) in units of 1/4096 px the lines (k,3,3): a x + b y + c >= 0 on the inner side of each edge, and on it where
+    it owns its points by the top-left rule. Exact in integers, of either winding; nothing is inside of a triangle without area."""
+    (abx, aby), (acx, acy) = ((corner[:, k] - corner[:, 0]).unbind(1) for k in (1, 2))
     area = abx * acy - aby * acx
-    b, c = torch.where(area[:, None] < 0, c, b), torch.where(area[:, None] < 0, b, c)
+    order = torch.tensor([[0, 1, 2], [0, 2, 1]], device=corner.device)[(area < 0).long()]
+    p = corner.gather(1, order[..., None].expand(-1, -1, 2))
+    dx, dy = (p.roll(-1, 1) - p).unbind(2)
+    others = ~((dy < 0) | ((dy == 0) & (dx > 0)))  # y points down: such an edge owns its points
+    c = dy * p[..., 0] - dx * p[..., 1] - others.long()
+    return torch.stack([-dy, dx, c.masked_fill((area == 0)[:, None], torch.iinfo(torch.int64).min // 2)], 2)
+
+
+def _covers(edges, column, row):
+    """Do triangles cover the centres of their pixels? `edges` (k,3,3) of `_edges`."""
     x, y = column * SUBPIXEL + SUBPIXEL // 2, row * SUBPIXEL + SUBPIXEL // 2
-    inside = area != 0
-    for p, q in ((a, b), (b, c), (c, a)):
-        dx, dy = (q - p).unbind(1)
-        top_left = (dy < 0) | ((dy == 0) & (dx > 0))  # y points down: such an edge owns its points
-        inside &= dx * (y - p[:, 1]) - dy * (x - p[:, 0]) >= (~top_left).long()
-    return inside
+    return (edges[..., 0] * x[:, None] + edges[..., 1] * y[:, None] + edges[..., 2] >= 0).all(1)

@@ -16,7 +16,7 @@ from torch.nn.functional import grid_sample
 from torch.utils.weak import WeakIdKeyDictionary
 
 from ...kernels import Contours, InputError, face_neighbours, paint, raster
-from .rasterise import NEAR, rasterise
+from .rasterise import NEAR, rasterise, rasterise_apart
 
 _int32, _neighbours = WeakIdKeyDictionary(), WeakIdKeyDictionary()  # of tensors of faces, which rarely change
 EDGE_ON = 1e-3  # sine of the angle between ray and face; below it a face has colour but no interior gradient
@@ -189,8 +189,8 @@ class _Scene:
 
     def views(self):
         """Each surface by itself."""
-        parts = self.vertices.detach().split([len(s.vertices) for s in self.surfaces])
-        buffers = [rasterise(part, s.faces, self.K, self.size) for part, s in zip(parts, self.surfaces)]
+        meshes = [s.faces + n for s, n in zip(self.surfaces, self.first_vertex)]
+        buffers = rasterise_apart(self.vertices.detach(), meshes, self.K, self.size)
         return [_View(self, face, depth, n) for (face, depth), n in zip(buffers, self.first_face)]
 
     def interpolate(self, k, face, pixel):

@@ -50,6 +50,7 @@ class Objective(torch.nn.Module):
 
     def _terms(self, batch, phase, share):
         avatar, names = self.avatar, [name for name, kind in self.kinds.items() if kind in phase.kinds]
+        batch = avatar.with_unposed(batch, names)
         codes = avatar.encode(batch, names)
         together = "image" in phase.terms
         decoded = avatar.decode(batch, avatar.sample(codes), names)
