@@ -33,7 +33,7 @@ class Skeleton(nn.Module):
     def forward(self, rotations, translation):
         """Rotation vectors (B,K,3), translation (B,3) -> skinning transforms R (B,K,3,3), t (B,K,3): x = sum_k w_k (R_k v + t_k)."""
         offset = self.offset + self.root * translation[:, None]
-        M = torch.cat([rotation_matrices(rotations), offset[..., None]], -1)  # (B,K,3,4) of each joint in its parent's frame
+        M = torch.cat([rotation_matrices(rotations), offset[..., None]], -1)  # (B,K,3,4), in the parent's frame
         M = torch.cat([M, self.still[3].expand(*M.shape[:2], 1, 4)], -2)
         M = torch.cat([M, self.still.expand(len(M), 1, 4, 4)], 1)
         for i in range(self.jumps):

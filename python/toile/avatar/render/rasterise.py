@@ -66,7 +66,8 @@ def rasterise_by_scatter(vertices, faces, K, size, picture=None, pictures=1):
         column, row = low[owner, 0] + rank % across, low[owner, 1] + rank.div(across, rounding_mode="floor")
         inside = _covers(edges[owner], column, row)
         owner, column, row = owner[inside], column[inside], row[inside]
-        z = 1 / (plane[owner] * torch.stack([column + 0.5, row + 0.5, torch.ones(len(row), device=row.device)], 1)).sum(1)
+        centre = torch.stack([column + 0.5, row + 0.5, torch.ones(len(row), device=row.device)], 1)
+        z = 1 / (plane[owner] * centre).sum(1)
         z = torch.where(z >= near[owner], torch.minimum(z, far[owner]), near[owner])  # an edge-on plane divides by zero
         key = (z.float().view(torch.int32).long() << 32) | face[owner]  # positive floats order as their bits do
         row = row if first_row is None else row + first_row[owner]
