@@ -59,7 +59,7 @@ def render(surfaces, K, T_camera_world, size, background=0.0, layer_depth=False)
         raise InputError("render: surfaces is empty")
     with torch.autocast(surfaces[0].vertices.device.type, enabled=False):
         scene = _Scene(surfaces, K.float(), T_camera_world.float(), size)
-        if not layer_depth and not torch.is_grad_enabled() and scene.vertices.device.type == "cpu":
+        if not layer_depth and not torch.is_grad_enabled():
             return _painted(scene, background)
         return _render(scene, background, layer_depth)
 
@@ -89,22 +89,23 @@ def _render(scene, background, layer_depth):
 
 
 def _painted(scene, background):
-    """The same picture without gradients: all layers at once by the core's loops, to rounding."""
-    surfaces = scene.surfaces
+    """The same picture without gradients: all layers at once by the core's loops, to rounding. For an accelerator too, which waits for
+    hundreds of operations to be issued while the core draws."""
+    surfaces, device = scene.surfaces, scene.vertices.device
     first_uv, first_face = _starts([s.uv for s in surfaces]), scene.first_face
-    V, K, F = scene.points, scene.K.double().numpy(), scene.faces
+    V, K, F = scene.points, scene.K.double().cpu().numpy(), scene.faces
     face_uv = np.concatenate([_indices(s.face_uv, len(s.uv)) + n for s, n in zip(surfaces, first_uv)])
-    uv = torch.cat([s.uv for s in surfaces]).double().numpy()
-    textures = [s.texture.detach().float().permute(1, 2, 0).numpy() for s in surfaces]
+    uv = torch.cat([s.uv for s in surfaces]).double().cpu().numpy()
+    textures = [s.texture.detach().float().permute(1, 2, 0).cpu().numpy() for s in surfaces]
     seen = raster(V, F, K, scene.size, near_plane=NEAR)
-    image = torch.from_numpy(paint(seen.face, V, F, uv, face_uv, K, textures, first_face, EDGE_ON))
-    face = torch.tensor(seen.face)
+    image = torch.from_numpy(paint(seen.face, V, F, uv, face_uv, K, textures, first_face, EDGE_ON)).to(device)
+    face = torch.tensor(seen.face, device=device)
     covered = face >= 0
     if torch.is_tensor(background) or background:
-        background = torch.as_tensor(background, dtype=image.dtype)
+        background = torch.as_tensor(background, dtype=image.dtype, device=device)
         image = torch.where(covered, image, background[:, None, None] if background.ndim == 1 else background)
-    layer = sum(((face >= n).long() for n in first_face), torch.tensor(-1))
-    depth = torch.tensor(seen.depth, dtype=torch.float32)[None]
+    layer = sum(((face >= n).long() for n in first_face), torch.tensor(-1, device=device))
+    depth = torch.tensor(seen.depth, dtype=torch.float32, device=device)[None]
     return Rendered(image, covered.float(), face.long(), layer, depth)
 
 
