@@ -137,6 +137,7 @@ def stepped(hasty, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow(seconds=60)
 def test_a_capture_that_is_killed_twice_ends_with_the_same_bits(stepped, tmp_path, monkeypatch):
     from toile.studio import sequence
 
@@ -172,6 +173,7 @@ def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
     assert np.linalg.norm(V - wrist, axis=1).min() < 0.05
 
 
+@pytest.mark.slow(seconds=45)
 def test_frames_between_the_pictured_ones_have_keypoints_alone_and_change_no_other_frame(stepped, tmp_path):
     from toile.io.capture import open_capture
 

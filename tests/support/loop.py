@@ -31,7 +31,7 @@ class Samples(torch.utils.data.Dataset):
 class TinyObjective(torch.nn.Module):
     """Draws noise as a VAE does, has a colour parameter and terms named as the real ones."""
 
-    def __init__(self, avatar, settings):
+    def __init__(self, avatar, settings, half=False):
         super().__init__()
         self.avatar, self.settings = avatar, settings
 

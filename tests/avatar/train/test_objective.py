@@ -90,7 +90,7 @@ def test_objective_gives_every_term_that_a_phase_asks_for(name):
 
 @pytest.mark.parametrize("name", ["body", "garment", "joint"])
 def test_networks_multiplied_in_bfloat16_give_nearly_the_same_terms_and_slopes(name):
-    """Losses and slopes stay float32, and what a batch holds is not rounded: eight bits put a vertex a centimetre off."""
+    """Losses and slopes stay float32, and what a batch holds is not rounded: eight bits put a vertex millimetres off."""
     job, chosen, found = objective((BODY, SHIRT)), next(p for p in AvatarSettings().phases() if p.name == name), []
     awake(job.avatar, 0.1)
     for job.half in (False, True):

@@ -15,7 +15,7 @@ from torch import nn
 
 from ...surface.uv import UvMap
 from ..render.renderer import Surface
-from .networks import COLOUR_IN, LayerNetworks, channels_last, resize
+from .networks import COLOUR_IN, LayerNetworks, resize
 from .operators import Facing
 from .remainder import manifold_harmonics
 from .skinning import Skin
@@ -60,7 +60,7 @@ class LayerModel(nn.Module):
             faces=torch.as_tensor(np.asarray(layer.faces, dtype=np.int64)),
             uv=torch.as_tensor(np.asarray(layer.uv, dtype=np.float32)),
             face_uv=torch.as_tensor(np.asarray(layer.face_uv, dtype=np.int64)),
-            mean_texture=channels_last(torch.as_tensor(mean_texture, dtype=torch.float32)[None])[0],
+            mean_texture=torch.as_tensor(mean_texture, dtype=torch.float32),
             valid=torch.as_tensor(valid, dtype=torch.float32)[None],
         )
         for key, value in fixed.items():

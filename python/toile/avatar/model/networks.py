@@ -9,6 +9,7 @@ choices. Sizes are powers of two, at least 16 texels (textures 32).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import torch
 import torch.nn.functional as F
@@ -22,6 +23,7 @@ LOGVAR = 10.0  # bound of |logvar|: sigma stays within [0.0067, 148]
 START_LOGVAR = -4.0  # sigma = 0.135
 POSE_CHANNELS, FACE_CHANNELS, FACE_HIDDEN = 16, 8, 32
 COLOUR_IN = 0.25  # difference in colour that networks read as 1
+MULTIPLIED = 256  # texels along a side up to which doubling is faster as two products of matrices than by torch's loops
 COARSEST = 4  # texels along a side of the coarsest maps of encoder and code
 
 
@@ -96,7 +98,18 @@ def resize(maps, size):
         return (rows[..., ::2] + rows[..., 1::2]).mul_(0.25)
     if maps.shape[-1] > size:
         return F.avg_pool2d(maps, maps.shape[-1] // size)
+    if size == 2 * maps.shape[-1] <= MULTIPLIED:
+        with torch.autocast(maps.device.type, enabled=False):
+            rows = doubling(size, maps.device)
+            return rows @ maps.float() @ rows.T
     return F.interpolate(maps, size=(size, size), mode="bilinear", align_corners=False)
+
+
+@lru_cache(8)
+def doubling(size, device):
+    """(size, size / 2): values along a line of texels at twice as many, bilinear."""
+    line = torch.eye(size // 2, device=device)[:, None]
+    return F.interpolate(line, size=size, mode="linear", align_corners=False)[:, 0].T.contiguous()
 
 
 def doublings(start, size):

@@ -38,8 +38,11 @@ class Linear(nn.Module):
     def forward(self, x):
         m, n = self.shape
         with torch.autocast(x.device.type, enabled=False):
-            columns = x.float().permute(1, 0, 2).reshape(n, -1)
-            y = Product.apply(self.sparse("matrix", (m, n)), self.sparse("transposed", (n, m)), columns)
+            columns, matrix = x.float().permute(1, 0, 2).reshape(n, -1), self.sparse("matrix", (m, n))
+            if torch.is_grad_enabled() and x.requires_grad:
+                y = Product.apply(matrix, self.sparse("transposed", (n, m)), columns)
+            else:
+                y = matrix @ columns
         return y.reshape(m, len(x), -1).permute(1, 0, 2)
 
 

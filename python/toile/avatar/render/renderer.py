@@ -96,7 +96,7 @@ def _painted(scene, background):
     V, K, F = scene.points, scene.K.double().cpu().numpy(), scene.faces
     face_uv = np.concatenate([_indices(s.face_uv, len(s.uv)) + n for s, n in zip(surfaces, first_uv)])
     uv = torch.cat([s.uv for s in surfaces]).double().cpu().numpy()
-    textures = [s.texture.detach().float().permute(1, 2, 0).cpu().numpy() for s in surfaces]
+    textures = [s.texture.detach().float().permute(1, 2, 0).contiguous().cpu().numpy() for s in surfaces]
     seen = raster(V, F, K, scene.size, near_plane=NEAR)
     image = torch.from_numpy(paint(seen.face, V, F, uv, face_uv, K, textures, first_face, EDGE_ON)).to(device)
     face = torch.tensor(seen.face, device=device)

@@ -168,8 +168,8 @@ def fitting_scale(run, settings, frames):
 
 
 def start_fabric():
-    """One device, or as many as torchrun started processes. What is half as precise is the Objective's: a Fabric of mixed precision
-    rounds batches too, vertices to a centimetre."""
+    """One device, or as many as torchrun started processes. Which products are rounded is the Objective's choice: a Fabric of
+    mixed precision would round batches too, vertices by millimetres."""
     local, world = int(os.environ.get("LOCAL_WORLD_SIZE", 1)), int(os.environ.get("WORLD_SIZE", 1))
     fabric = Fabric(
         accelerator="cuda" if torch.cuda.is_available() else "cpu",
