@@ -19,6 +19,7 @@ from toile.avatar.model.networks import (
     channels_last,
     count,
     reparameterised,
+    resize,
 )
 
 SIZES = dict(geometry=16, texture=32, latent=4, width=16, least_width=4, shadow_width=2, occlusion=16)
@@ -211,3 +212,13 @@ def test_a_decoder_learns_a_map_that_its_features_tell_apart():
 def test_maps_stay_in_channels_last_order():
     y = Decoder(8, 8, 32, 16, 8).body(channels_last(torch.randn(2, 8, 8, 8)))
     assert y.is_contiguous(memory_format=torch.channels_last)
+
+
+@pytest.mark.parametrize("size", [8, 64, 128, 256])
+def test_doubled_maps_are_bilinear_in_any_autocast(size):
+    """Also beyond the size to which it is done by products of matrices."""
+    maps = torch.randn(2, 3, size, size, generator=torch.Generator().manual_seed(size))
+    expected = torch.nn.functional.interpolate(maps, scale_factor=2, mode="bilinear", align_corners=False)
+    for enabled in (False, True):
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
+            torch.testing.assert_close(resize(maps, 2 * size), expected, atol=1e-5, rtol=0)
