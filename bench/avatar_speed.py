@@ -42,20 +42,22 @@ def measure(folder, size, threads, run=None, together=None):
     from toile import kernels
     from toile.avatar.measure.heldout import HeldOut
     from toile.avatar.model.checkpoint import read_facts
+    from toile.avatar.model.recorded import decoder
 
     torch.set_num_threads(threads)
     kernels.set_threads(threads)
     held = HeldOut(folder, read_facts(folder)["frames"][:1], run)
     name, data = next(iter(held.data.items()))
     avatar, sample = held.avatars[name], data[0]
+    decode = decoder(avatar)
     scale = torch.tensor([[size / sample["image"].shape[-1]], [size / sample["image"].shape[-2]], [1.0]])
     batch = {k: v.to(held.device) for k, v in default_collate([sample | {"K": sample["K"] * scale}]).items()}
     with torch.no_grad():
         latents = avatar.means(avatar.encode(batch))
-        decoded = avatar.decode(batch, latents)
+        decoded = decode(batch, latents)
         occlusion = avatar.ambient_occlusion(decoded)
         calls = {
-            "decode": lambda: avatar.decode(batch, latents),
+            "decode": lambda: decode(batch, latents),
             "occlusion": lambda: avatar.ambient_occlusion(decoded),
             "shadow": lambda: avatar.shade(decoded, occlusion),
             "draw": lambda: avatar.compose(decoded, batch, (size, size), shadow=False),

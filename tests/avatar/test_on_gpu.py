@@ -15,6 +15,8 @@ from tests.support.surfaces import body_and_cloth, f32, of_vertices, pictures  #
 from toile.avatar.drive.animate import DrivenAvatar  # noqa: E402
 from toile.avatar.drive.teaching import train_temporal  # noqa: E402
 from toile.avatar.measure.evaluation import evaluate_avatar  # noqa: E402
+from toile.avatar.model.edits import Edit, apply_edits  # noqa: E402
+from toile.avatar.model.recorded import Recorded, decoder  # noqa: E402
 from toile.avatar.render.rasterise import rasterise  # noqa: E402
 from toile.avatar.render.renderer import Surface, render  # noqa: E402
 from toile.avatar.settings import TemporalSettings, preset  # noqa: E402
@@ -106,6 +108,32 @@ def test_one_avatar_is_the_same_on_both(trained, sample_run):
             assert float((one - other).norm(dim=-1).max()) < 1e-4
         assert seen[1][2] == 0
         assert (np.abs(seen[0][3] - seen[1][3]).max(2) > 255 * DRAWN).mean() < DIFFERENT
+
+
+@pytest.mark.parametrize("painted", [False, True])
+def test_what_is_recorded_decodes_as_what_is_not(trained, sample_run, painted):
+    driven = DrivenAvatar(trained, sample_run, device=torch.device("cuda"))
+    avatar = driven.avatar
+    if painted:
+        name = avatar.layers[-1].name
+        cover = np.full((64, 64), 200, np.uint8)
+        colour = np.broadcast_to(np.array([200, 30, 60], np.uint8), (64, 64, 3))
+        both = dict(cover=cover, colour=colour), dict(cover=cover, scale=np.array([1, 0.5, 0.5]))
+        apply_edits(avatar, [Edit(name, name, "test", **one) for one in both])
+        avatar.cuda()
+    recorded = decoder(avatar)
+    assert isinstance(recorded, Recorded)
+    frames = [(driven.batch(i, avatar.cameras[k], k), driven._codes(i)) for i, k in ((0, 0), (1, 3), (3, 5))]
+    found = [recorded(*frame) for frame in frames]
+    assert len(recorded.graphs) == 1
+    with torch.no_grad():
+        for frame, one in zip(frames, found):
+            for name, plain in avatar.decode(*frame).items():
+                torch.testing.assert_close(one[name].vertices, plain.vertices, atol=1e-6, rtol=0)
+                torch.testing.assert_close(one[name].texture, plain.texture, atol=1e-4, rtol=0)
+                torch.testing.assert_close(one[name].mean_texture, plain.mean_texture, atol=1e-4, rtol=0)
+    shapes_alone = recorded(*frames[1], texture=False)
+    assert all(one.texture is None for one in shapes_alone.values())
 
 
 def test_its_errors_are_the_same_on_both(trained, tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from toile import kernels
 from toile.avatar.model.operators import Facing, joint_centroids, uniform_laplacian
 from toile.avatar.train import losses
 
@@ -81,6 +82,15 @@ def test_view_code_is_the_cosine_between_normal_and_view():
     assert cosine[0, 2].item() == pytest.approx(-1 / math.sqrt(101), abs=1e-6)
     assert cosine[1, 0].item() == pytest.approx(0, abs=1e-6)
     assert cosine[0, 6] == 0  # no face, no normal
+
+
+def test_normals_in_torch_are_the_core_s():
+    v, f = octahedron()
+    x = torch.as_tensor(v).float()[None] + 0.1 * torch.randn(2, len(v), 3)  # the last vertex has no face
+    flat = torch.zeros(2, len(v), 3)
+    for vertices, faces in ((x, f), (x, np.concatenate([f, f[:, ::-1]])), (flat, f), (1e-3 * x, f)):
+        core = [torch.from_numpy(kernels.vertex_normals(one.double().numpy(), faces)) for one in vertices]
+        torch.testing.assert_close(Facing(faces).normals(vertices), torch.stack(core).float(), atol=1e-5, rtol=0)
 
 
 def test_texture_is_a_mean_over_seen_texels_and_channels():

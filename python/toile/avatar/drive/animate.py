@@ -32,6 +32,7 @@ from ...scene import Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, nearest_poses
+from ..model.recorded import decoder
 from .apart import motion_of, take
 from .cameras import asked_cameras, camera_path
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
@@ -76,6 +77,7 @@ class DrivenAvatar:
         self.latents = self._latents(seed)
         self.warnings = [*self._warnings(poses), *hardly_foretold(self.measured)]
         self.avatar.to(self.device)
+        self.decoded = decoder(self.avatar)
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
         cloths = self._cloths(physics)
         self.warnings += doubts(cloths) + outdated(self.folder, self.avatar.layers, physics)
@@ -178,7 +180,7 @@ class DrivenAvatar:
     @torch.no_grad()
     def geometry(self, i):
         """{layer: Decoded} of frame i by its codes, without textures."""
-        return self.avatar.decode(self.unseen(i), self._codes(i), texture=False)
+        return self.decoded(self.unseen(i), self._codes(i), texture=False)
 
     def _codes(self, i):
         return {name: z[i : i + 1].to(self.device) for name, z in self.latents.items()}
@@ -187,7 +189,7 @@ class DrivenAvatar:
     def decode(self, i, batch):
         """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left, share of what hangs that is
         shown as cloth)."""
-        decoded = self.avatar.decode(batch, self._codes(i))
+        decoded = self.decoded(batch, self._codes(i))
         if self.draping:
             placed, share = self.draping.clear(i, decoded, batch)
             return *placed, share

@@ -85,7 +85,7 @@ class PosedAvatar:
             row = 0
         latents = {name: z[row : row + 1].to(driven.device) for name, z in driven.latents.items()}
         batch = driven.batch(row, driven.avatar.cameras[0])
-        decoded, _, _ = driven.layering(driven.avatar.decode(batch, latents, texture=False), batch)
+        decoded, _, _ = driven.layering(driven.decoded(batch, latents, texture=False), batch)
         return {name: layer.vertices[0].double().cpu().numpy() for name, layer in decoded.items()}
 
     def turned(self, rotations, turns):

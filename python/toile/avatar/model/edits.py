@@ -65,10 +65,10 @@ class LayerEdits(nn.Module):
     def _smoothed(self, texture):
         """Brightness (B,1,CELLS,CELLS), the mean over valid texels nearby: folds stay, prints that slip hardly do; 1 where no
         texel is."""
-        luma = (texture * texture.new_tensor(LUMA)[:, None, None]).sum(1, keepdim=True)
+        luma = sum(weight * colour for weight, colour in zip(LUMA, texture.split(1, 1)))
         cell = max(texture.shape[-1] // CELLS, 1)
         total, weight = (F.avg_pool2d(F.avg_pool2d(x, cell), 3, 1, 1) for x in (luma * self.known, self.known))
-        return torch.where(weight > 0, total / weight.clamp(min=1e-9), 1.0)
+        return (total / weight.clamp(min=1e-9)).masked_fill(weight <= 0, 1.0)
 
 
 class _Step(nn.Module):

@@ -7,7 +7,6 @@ layer, a "surface", by all three. All geometry is unposed until linear blend ski
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -76,6 +75,7 @@ class LayerModel(nn.Module):
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
         self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
         self.edits = None  # edits.LayerEdits
+        self._harmonics = None  # made where they are asked for
 
     def encode(self, unposed, texture, weight):
         """Code (mean, logvar), each (B,Z), Z = modes + latent: of unposed vertices (B,n,3), texture (B,3,T,T) and its
@@ -96,15 +96,22 @@ class LayerModel(nn.Module):
         """Z, numbers of the code."""
         return len(self.modes) + self.sizes.latent
 
-    @cached_property
+    @property
     def harmonics(self):
         """(n,R) displacements of the remainder, and the vertices' masses (n,1)."""
-        H, mass = manifold_harmonics(self.rest.cpu().double().numpy(), self.faces.cpu().numpy(), self.sizes.remainder)
-        return torch.as_tensor(H, dtype=torch.float32), torch.as_tensor(mass[:, None], dtype=torch.float32)
+        device = self.rest.device
+        if self._harmonics is None:
+            H, mass = manifold_harmonics(
+                self.rest.cpu().double().numpy(), self.faces.cpu().numpy(), self.sizes.remainder
+            )
+            self._harmonics = tuple(torch.as_tensor(x, dtype=torch.float32) for x in (H, mass[:, None]))
+        if self._harmonics[0].device != device:
+            self._harmonics = tuple(x.to(device) for x in self._harmonics)
+        return self._harmonics
 
     def remainder(self, left):
         """(B,3R) [m^2]: what of displacements (B,n,3) that a code leaves is smooth."""
-        H, mass = (x.to(left.device) for x in self.harmonics)
+        H, mass = self.harmonics
         return torch.einsum("nr,bnx->brx", H * mass, left).flatten(1)
 
     def amplitudes(self, unposed):
@@ -145,7 +152,7 @@ class LayerModel(nn.Module):
                 unposed = unposed + (z[:, : len(self.modes)] @ self.modes).reshape(unposed.shape)
             if z is not None and z.shape[1] > self.code_size:
                 left = z[:, self.code_size :].reshape(len(z), -1, 3)
-                unposed = unposed + torch.einsum("nr,brx->bnx", self.harmonics[0].to(z.device), left)
+                unposed = unposed + torch.einsum("nr,brx->bnx", self.harmonics[0], left)
         return unposed
 
     @staticmethod

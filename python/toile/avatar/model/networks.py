@@ -105,7 +105,8 @@ def resize(maps, size):
     return F.interpolate(maps, size=(size, size), mode="bilinear", align_corners=False)
 
 
-@lru_cache(8)
+@lru_cache(None)  # a recorded graph reads it where it lies
+@torch.inference_mode(False)
 def doubling(size, device):
     """(size, size / 2): values along a line of texels at twice as many, bilinear."""
     line = torch.eye(size // 2, device=device)[:, None]

@@ -12,6 +12,8 @@ from torch import nn
 from ...kernels import vertex_normals
 from ...surface.operators import adjacency, neighbour_mean, sides
 
+CANCELLED = 1e-6  # a share of the faces' area that rounding leaves where they face each other
+
 
 class Linear(nn.Module):
     """A fixed sparse matrix (m,n) applied to every sample's (n,3); not part of the saved state.
@@ -66,14 +68,31 @@ class Facing(nn.Module):
     def __init__(self, faces):
         super().__init__()
         self.faces = np.asarray(faces, dtype=np.int32)
+        self.register_buffer("corners", torch.as_tensor(self.faces.T.astype(np.int64)), persistent=False)  # (3,m)
+        face = np.tile(np.arange(len(self.faces)), 3)
+        self.about = Linear(coo_matrix((np.ones(len(face)), (self.faces.T.ravel(), face))))  # the faces about a vertex
 
     @torch.no_grad()
     def forward(self, vertices, centre):
         """Vertices (B,n,3), camera centres (B,3) -> (B,n,1), -1 to 1; 0 where a vertex has no normal."""
-        normals = np.stack([vertex_normals(v, self.faces) for v in vertices.cpu().double().numpy()])
+        normals = self._by_core(vertices) if vertices.device.type == "cpu" else self.normals(vertices)
         view = centre[:, None] - vertices
         length = view.square().sum(-1).clamp(min=1e-24).sqrt()
-        return ((torch.from_numpy(normals).to(view) * view).sum(-1) / length)[..., None]
+        return ((normals * view).sum(-1) / length)[..., None]
+
+    def _by_core(self, vertices):
+        normals = np.stack([vertex_normals(v, self.faces) for v in vertices.double().numpy()])
+        return torch.from_numpy(normals).to(vertices)
+
+    def normals(self, vertices):
+        """(B,n,3) as the core's `vertex_normals`, to rounding, without waiting for the host."""
+        a, b, c = vertices[:, self.corners].double().unbind(1)
+        area = torch.linalg.cross(b - a, c - a)
+        sums = self.about(torch.cat([area, area.norm(dim=-1, keepdim=True)], -1))
+        rest = vertices.shape[1] - sums.shape[1]  # vertices of no face
+        sums = torch.cat([sums, sums.new_zeros(len(sums), rest, 4)], 1) if rest else sums
+        length = sums[..., :3].norm(dim=-1, keepdim=True)
+        return sums[..., :3] / length.masked_fill(length <= CANCELLED * sums[..., 3:], torch.inf)
 
 
 def uniform_laplacian(faces, n):
