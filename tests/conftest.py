@@ -12,7 +12,10 @@ SLOW = 60  # seconds that a slow test takes which says nothing else
 
 
 def pytest_addoption(parser):
-    text = "start no test that would end later than so many seconds from now, by what its mark says; shorter ones first"
+    text = (
+        "start no test that would end later than so many seconds from now, by what its mark says and how much longer "
+        "than theirs said those before took; shorter ones first"
+    )
     parser.addoption("--time-budget", type=float, metavar="SECONDS", help=text)
 
 
@@ -25,17 +28,42 @@ def seconds_of(item):
 def pytest_collection_modifyitems(config, items):
     if config.getoption("--time-budget") is not None:
         items.sort(key=seconds_of)
-        config.stash[DEADLINE] = time.monotonic() + config.getoption("--time-budget")
+        config.stash[BUDGET] = Budget(config.getoption("--time-budget"))
 
 
-DEADLINE = pytest.StashKey[float]()
+class Budget:
+    """Seconds that are left for tests, on a machine that may be slower than their marks say."""
+
+    def __init__(self, seconds):
+        self.deadline, self.said, self.taken = time.monotonic() + seconds, 0.0, 0.0
+
+    @property
+    def left(self):
+        return self.deadline - time.monotonic()
+
+    def needs(self, item):
+        return seconds_of(item) * max(self.taken / max(self.said, 1e-9), 1.0)
+
+
+BUDGET = pytest.StashKey[Budget]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item, nextitem):
+    """Notes how long a slow test takes, what it shares with others included."""
+    budget, begun = item.config.stash.get(BUDGET, None), time.monotonic()
+    if budget is None or not 0 < budget.needs(item) <= budget.left:
+        return (yield)
+    found = yield
+    budget.said, budget.taken = budget.said + seconds_of(item), budget.taken + time.monotonic() - begun
+    return found
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    left = item.config.stash.get(DEADLINE, float("inf")) - time.monotonic()
-    if seconds_of(item) > left:
-        pytest.skip(f"not run: {max(left, 0):.0f} s are left of --time-budget, it takes about {seconds_of(item)} s")
+    budget = item.config.stash.get(BUDGET, None)
+    if budget is not None and (needs := budget.needs(item)) > budget.left:
+        pytest.skip(f"not run: {max(budget.left, 0):.0f} s are left of --time-budget, it takes about {needs:.0f} s")
 
 
 @pytest.fixture(scope="session")

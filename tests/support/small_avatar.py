@@ -73,7 +73,7 @@ def scene(layers, view_dependent=True):
     return Scene("tubes", 30, "m", "z", "anny", labels, garments, face_keypoints=True, view_dependent=view_dependent)
 
 
-def avatar(layers=(BODY, SHIRT), views=3, face=True, seed=0, options=None, view_dependent=True, poses=None):
+def avatar(layers=(BODY, SHIRT), views=3, face=True, seed=0, options=None, view_dependent=True, poses=None, **light):
     torch.manual_seed(seed)
     options = options or settings()
     size = options.data.texture_size
@@ -90,6 +90,7 @@ def avatar(layers=(BODY, SHIRT), views=3, face=True, seed=0, options=None, view_
         FACE - [0, 0, 0.4] if face else None,
         2 if face else None,
         poses,
+        **light,
     )
 
 

@@ -24,6 +24,9 @@ class DataSettings(Settings):
         "person", "name", "person, garment or head: what the crop is centred on"
     )
     face: bool = setting(True, "switch", "facial keypoints drive the layers, where the run has any")
+    light: bool = setting(
+        True, "switch", "light is told from what it falls on: it stays where it is while the person turns"
+    )
     window: int = setting(
         0,
         "count",

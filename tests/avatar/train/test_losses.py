@@ -90,7 +90,7 @@ def test_normals_in_torch_are_the_core_s():
     flat = torch.zeros(2, len(v), 3)
     for vertices, faces in ((x, f), (x, np.concatenate([f, f[:, ::-1]])), (flat, f), (1e-3 * x, f)):
         core = [torch.from_numpy(kernels.vertex_normals(one.double().numpy(), faces)) for one in vertices]
-        torch.testing.assert_close(Facing(faces).normals(vertices), torch.stack(core).float(), atol=1e-5, rtol=0)
+        torch.testing.assert_close(Facing(faces).in_torch(vertices), torch.stack(core).float(), atol=1e-5, rtol=0)
 
 
 def test_texture_is_a_mean_over_seen_texels_and_channels():

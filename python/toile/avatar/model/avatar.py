@@ -27,11 +27,25 @@ class Avatar(nn.Module):
     `layers`: what `read_layers` gives, or [surface_layer] for the baseline. `J` (K,3) and `parents` (K,): the skeleton.
     `mean_texture` {name: (3,T,T)} and `valid` {name: (T,T)}. `face_mean` (q,3): mean facial keypoints in the frame of
     joint `head`, None where no face drives the avatar. `poses`: those of the training, as `AvatarData.poses`; networks read none as
-    lying beyond them, joint by joint. One camera, or a scene that says so: no view branch.
+    lying beyond them, joint by joint. `light` (8,3) and `mean_light` {name: (3,s,s)}: of light.py, None where light is not told
+    from what it falls on. One camera, or a scene that says so: no view branch.
     """
 
     def __init__(
-        self, settings, layers, J, parents, cameras, scene, mean_texture, valid, face_mean=None, head=None, poses=None
+        self,
+        settings,
+        layers,
+        J,
+        parents,
+        cameras,
+        scene,
+        mean_texture,
+        valid,
+        face_mean=None,
+        head=None,
+        poses=None,
+        light=None,
+        mean_light=None,
     ):
         super().__init__()
         self.settings, self.layers, self.cameras, self.scene = settings, list(layers), list(cameras), scene
@@ -51,9 +65,12 @@ class Avatar(nn.Module):
                 valid[layer.name],
                 np.asarray(parents),
                 face,
+                mean_light and mean_light[layer.name],
             )
             for layer in self.layers
         )
+        light = None if light is None else torch.as_tensor(light, dtype=torch.float32)
+        self.register_buffer("light", light, persistent=False)
         self.register_buffer("up", up_vector(scene.up), persistent=False)
         taught = None if poses is None else pose_features(torch.as_tensor(poses["rotations"]), self.up)
         limits = None if taught is None else torch.stack([taught.amin(0), taught.amax(0)])
@@ -102,10 +119,17 @@ class Avatar(nn.Module):
                 self.unposed(batch, model.name),
                 batch[f"mean_texture.{model.name}"],
                 batch[f"mean_weight.{model.name}"],
+                self._registered_lit(batch, model),
             )
             for model in self._chosen(names)
             if model.networks.encoder is not None
         }
+
+    def _registered_lit(self, batch, model):
+        """How the texels of the batch's own frames were lit, see `LayerModel.lit`."""
+        if self.light is None or model.mean_light is None:
+            return None
+        return model.lit(model.facing.normals(batch[f"vertices.{model.name}"]), self.light)
 
     @staticmethod
     def sample(codes):
@@ -144,7 +168,9 @@ class Avatar(nn.Module):
             centre = -(view[:, :3, :3].transpose(1, 2) @ view[:, :3, 3:])[..., 0]
         face = self._face_features(batch["face"], batch["face_seen"]) if hasattr(self, "face_mean") else None
         return {
-            model.name: model.decode(pose, face, self._code(model, batch, latents), transforms, centre, texture)
+            model.name: model.decode(
+                pose, face, self._code(model, batch, latents), transforms, centre, texture, self.light
+            )
             for model in self._chosen(names)
         }
 

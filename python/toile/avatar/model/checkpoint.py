@@ -196,7 +196,9 @@ def save_assets(folder, data):
         save_record(assets / f"layer{i}.npz", layer)
     maps = {f"mean_texture.{name}": value for name, value in data.mean_texture.items()}
     maps |= {f"valid.{name}": value for name, value in data.valid.items()}
-    rig = {"J": data.J, "parents": data.parents, "face_mean": data.face_mean, "head": data.head, **data.poses}
+    maps |= {f"mean_light.{name}": value for name, value in (data.mean_light or {}).items()}
+    rig = {"J": data.J, "parents": data.parents, "face_mean": data.face_mean, "head": data.head, "light": data.light}
+    rig |= data.poses
     maps |= {name: value for name, value in rig.items() if value is not None}
 
     def write(part):

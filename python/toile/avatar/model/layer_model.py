@@ -14,6 +14,7 @@ from torch import nn
 
 from ...surface.uv import UvMap
 from ..render.renderer import Surface
+from .light import irradiance, irradiance_basis
 from .networks import COLOUR_IN, LayerNetworks, resize
 from .operators import Facing
 from .remainder import manifold_harmonics
@@ -32,8 +33,8 @@ class Decoded:
 
     unposed: torch.Tensor  # (B,n,3) [m]
     vertices: torch.Tensor  # (B,n,3) posed, in the world [m]
-    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view in particular; an edit's may be finer
-    texture: torch.Tensor | None = None  # (B,3,T,T) as this sample's camera sees it, before shadow
+    mean_texture: torch.Tensor | None = None  # (B,3,T,T) of no view and no light in particular; an edit's may be finer
+    texture: torch.Tensor | None = None  # (B,3,T,T) as this sample's camera sees it in this pose's light, before shadow
     shadow: torch.Tensor | None = None  # (B,1,T,T) quasi-shadow
 
     @property
@@ -45,7 +46,8 @@ class Decoded:
 class LayerModel(nn.Module):
     """One layer: its fixed surface (buffers, rebuilt from the assets) and its networks (the saved state)."""
 
-    def __init__(self, layer, sizes, mean_texture, valid, parents, face=None):
+    def __init__(self, layer, sizes, mean_texture, valid, parents, face=None, mean_light=None):
+        """`mean_light` (3,s,s): E' of light.py, None where light is not told from what it falls on."""
         super().__init__()
         self.name, self.kind, self.label, self.sizes = layer.name, layer.kind, layer.label, sizes
         geometry_map = UvMap(layer, sizes.geometry)
@@ -71,17 +73,21 @@ class LayerModel(nn.Module):
         self.register_buffer("mean_ao", torch.zeros(len(layer.rest)))
         self.skin, self.sampler = Skin(layer), UvSampler(layer, sizes.geometry)
         self.geometry_texels = TexelValues(geometry_map, layer.faces)
-        self.facing = Facing(layer.faces) if sizes.view else None
+        self.facing = Facing(layer.faces) if sizes.view or mean_light is not None else None
         self.view_texels = TexelValues(UvMap(layer, sizes.view_size), layer.faces) if sizes.view else None
         self.shadow_texels = TexelValues(UvMap(layer, sizes.occlusion), layer.faces)
+        known = None if mean_light is None else torch.as_tensor(mean_light, dtype=torch.float32)
+        self.register_buffer("mean_light", known, persistent=False)
+        self.light_texels = None if known is None else TexelValues(UvMap(layer, known.shape[-1]), layer.faces)
         self.edits = None  # edits.LayerEdits
         self._harmonics = None  # made where they are asked for
 
-    def encode(self, unposed, texture, weight):
-        """Code (mean, logvar), each (B,Z), Z = modes + latent: of unposed vertices (B,n,3), texture (B,3,T,T) and its
-        weights (B,1,T,T)."""
+    def encode(self, unposed, texture, weight, lit=None):
+        """Code (mean, logvar), each (B,Z), Z = modes + latent: of unposed vertices (B,n,3), texture (B,3,T,T), its weights
+        (B,1,T,T) and how it was `lit`."""
         shape = self.geometry_texels((unposed - self.rest) / GEOMETRY_IN)
         seen = (weight > 0) & (self.valid > 0)
+        texture = texture if lit is None else texture / resize(lit, self.texels)
         colour = torch.where(seen, texture - self.mean_texture, 0.0) / COLOUR_IN
         mean, logvar = self.networks.encoder(shape, resize(colour, self.sizes.texture))
         return torch.cat([self.amplitudes(unposed), mean], 1), logvar
@@ -123,9 +129,18 @@ class LayerModel(nn.Module):
         """What drives the decoders, see `LayerNetworks.features`: of a code with a remainder the code alone."""
         return self.networks.features(pose, face, None if z is None else z[:, : self.code_size])
 
-    def decode(self, pose, face, z, transforms, centre, texture=True):
-        """Pose features (B,K,C), face (B,q,3) and code (B,Z), or code and remainder (B,Z + 3R), posed by `transforms` and seen
-        from centre (B,3)."""
+    def lit(self, normals, light):
+        """How much more light than on their mean falls on the texels (B,3,s,s), of normals (B,n,3) and `Avatar.light`; None
+        where that is not known."""
+        if light is None or self.mean_light is None:
+            return None
+        with torch.autocast(normals.device.type, enabled=False):
+            more = self.light_texels(irradiance(irradiance_basis(normals), light) - 1)
+            return (1 + more) / self.mean_light
+
+    def decode(self, pose, face, z, transforms, centre, texture=True, light=None):
+        """Pose features (B,K,C), face (B,q,3) and code (B,Z), or code and remainder (B,Z + 3R), posed by `transforms`, seen
+        from centre (B,3) and lit by `light` (8,3), see `lit`."""
         features = self.features(pose, face, z)
         unposed = self.decode_shape(features, z)
         with torch.autocast(features.device.type, enabled=False):
@@ -134,12 +149,16 @@ class LayerModel(nn.Module):
             return decoded
         residual = self.networks.texture(features)
         decoded.mean_texture = decoded.texture = self._coloured(self.mean_texture, residual)
+        normals = None if self.facing is None else self.facing.normals(decoded.vertices)
         if self.networks.view is not None:
-            cosine = self.view_texels(self.facing(decoded.vertices, centre))
+            cosine = self.view_texels(self.facing(decoded.vertices, centre, normals))
             seen = self.networks.view_residual(self._coloured(self.coarse_texture[0], residual), cosine)
             decoded.texture = self._coloured(decoded.mean_texture, seen)
         if self.edits is not None:
             decoded.mean_texture, decoded.texture = self.edits(decoded.mean_texture, decoded.texture)
+        lit = self.lit(normals, light)
+        if lit is not None:
+            decoded.texture = decoded.texture * resize(lit, decoded.texture.shape[-1])
         return decoded
 
     def decode_shape(self, features, z):

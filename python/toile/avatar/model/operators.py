@@ -73,19 +73,23 @@ class Facing(nn.Module):
         self.about = Linear(coo_matrix((np.ones(len(face)), (self.faces.T.ravel(), face))))  # the faces about a vertex
 
     @torch.no_grad()
-    def forward(self, vertices, centre):
+    def forward(self, vertices, centre, normals=None):
         """Vertices (B,n,3), camera centres (B,3) -> (B,n,1), -1 to 1; 0 where a vertex has no normal."""
-        normals = self._by_core(vertices) if vertices.device.type == "cpu" else self.normals(vertices)
+        normals = self.normals(vertices) if normals is None else normals
         view = centre[:, None] - vertices
         length = view.square().sum(-1).clamp(min=1e-24).sqrt()
         return ((normals * view).sum(-1) / length)[..., None]
 
-    def _by_core(self, vertices):
+    @torch.no_grad()
+    def normals(self, vertices):
+        """(B,n,3) of vertices (B,n,3), unit or zero: by the core, on another device by torch."""
+        if vertices.device.type != "cpu":
+            return self.in_torch(vertices)
         normals = np.stack([vertex_normals(v, self.faces) for v in vertices.double().numpy()])
         return torch.from_numpy(normals).to(vertices)
 
-    def normals(self, vertices):
-        """(B,n,3) as the core's `vertex_normals`, to rounding, without waiting for the host."""
+    def in_torch(self, vertices):
+        """As the core's `vertex_normals`, to rounding, without waiting for the host."""
         a, b, c = vertices[:, self.corners].double().unbind(1)
         area = torch.linalg.cross(b - a, c - a)
         sums = self.about(torch.cat([area, area.norm(dim=-1, keepdim=True)], -1))

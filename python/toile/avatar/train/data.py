@@ -20,13 +20,18 @@ from ...io.holdout import held
 from ...io.inputs import files_under, stamps
 from ...io.layout import OK
 from ...io.run import Run, open_run
+from ...kernels import vertex_normals
 from ...surface.layers import read_layers, registered_surface, surface_layer
+from ...surface.sampling import evenly
 from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
+from ..model.light import SIZE, fit_light, irradiance, irradiance_basis
+from ..model.networks import resize
 from ..model.poses import pose_distance
 
 HEAD_REACH = 0.12  # the head lies this near to its facial keypoints [m]
 THREADS = min(8, os.cpu_count() or 1)  # frames prepared at a time
+LIT, TELLING = 64, 2000  # frames, and texels of a layer, that tell of the light: about so many at most
 VERSION = 2  # of the cache's files
 REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
 
@@ -134,7 +139,7 @@ class AvatarData(Dataset):
     def _key(self, layered):
         """The cache's folder: what its files depend on. Of the registration the poses and three whole frames, of the pictures
         names, sizes and times."""
-        settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes"})
+        settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes", "light"})
         parts = [VERSION, layered, settings, str(self.run.path.resolve()), [c.name for c in self.cameras]]
         digest = hashlib.sha256(json.dumps(parts).encode())
         digest.update(self.run.done.tobytes() + self.run.pose.rotations[:].tobytes())
@@ -306,6 +311,41 @@ class AvatarData(Dataset):
         self.texture_std = float(np.sqrt(max(squared - explained, 0) / max(3 * weights, 1e-9)))
         self.face_mean, self.head = self._face(np.array(faces))
 
+    @property
+    def light(self):
+        """(8,3) of `model.light`; None where it is not to be told from what it falls on."""
+        return self._lit[0] if self.settings.light else None
+
+    @property
+    def mean_light(self):
+        """{layer: (3,s,s)} of `model.light`, None without."""
+        return self._lit[1] if self.settings.light else None
+
+    @cached_property
+    def _lit(self):
+        size, known = min(self.settings.texture_size, SIZE), evenly(self.frames, LIT)
+        files, turned, observed = [load_file(self._path(number)) for number in known], {}, []
+        for layer in self.layers:
+            texels = UvMap(layer, size)
+            normals = [vertex_normals(f[f"vertices.{layer.name}"].astype(np.float64), layer.faces) for f in files]
+            Y = np.stack([texels.texels(irradiance_basis(n))[texels.valid] for n in normals])
+            colours, seen = (
+                np.stack(x) for x in zip(*(self._coarse(f, layer.name, size, texels.valid) for f in files))
+            )
+            some = slice(None, None, max(colours.shape[1] // TELLING, 1))
+            turned[layer.name] = texels.valid, Y, seen
+            observed.append((colours[:, some], seen[:, some], Y[:, some]))
+        light = fit_light(observed)
+        return light.astype(np.float32), {name: _mean_light(*of, light) for name, of in turned.items()}
+
+    def _coarse(self, file, name, size, valid):
+        """Colours (P,3) of the `valid` texels of a frame's mean texture at another size, and whether each was seen (P,)."""
+        texture, weight = self._maps(file, name, "mean_")
+        known = (weight > 0).float()
+        share = resize(known[None], size)[0, 0]
+        colours = resize((texture * known)[None], size)[0] / share.clamp(min=1e-6)
+        return colours.numpy()[:, valid].T.astype(np.float64), share.numpy()[valid] > 0.5
+
     def _face(self, faces):
         """Mean facial keypoints, and the head joint's index; (None, None) where none shall drive, the scene has no face, or none was seen."""
         head = self.run.body_model.joint("head")
@@ -315,6 +355,15 @@ class AvatarData(Dataset):
         mean = np.zeros(faces.shape[1:])
         mean[seen] = np.nanmean(faces[:, seen], axis=0)
         return mean, head
+
+
+def _mean_light(valid, basis, seen, light):
+    """(3,s,s): E' of texels over the frames that saw them, or over all where none did; 1 where no texel is `valid`."""
+    E = irradiance(basis, light)
+    weight = np.where(seen.any(0), seen, True)[..., None]
+    mean = np.ones((*valid.shape, 3), np.float32)
+    mean[valid] = (E * weight).sum(0) / weight.sum(0)
+    return mean.transpose(2, 0, 1)
 
 
 def _save(path, values):

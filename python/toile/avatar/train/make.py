@@ -31,7 +31,9 @@ from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
 BEGUN = (".", ALIGNED, "cache")  # what a training that was stopped at once leaves in AVATAR
-ASSETS = ("layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses")
+ASSETS = (
+    "layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses", "light", "mean_light",
+)  # fmt: skip
 FITTED = 50  # frames that the crop is fitted to
 MARGIN = 4  # about the person in the crop [px of the capture]
 
