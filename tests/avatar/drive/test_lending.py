@@ -70,6 +70,17 @@ def test_codes_textures_and_folds_are_the_garments_own(owner, worn, sample_run):
     assert torch.allclose(*folds, atol=1e-6) and folds[0].abs().max() > 1e-4
 
 
+def test_it_is_lit_by_the_wearers_lamps(owner, taller, sample_run):
+    worn = DrivenAvatar(taller, sample_run, garments={"tshirt": owner})
+    batch, avatar = worn.unseen(1), worn.avatar
+    shown, lamps = worn.decode(1, batch)[0]["tshirt"], avatar.light.clone()
+    avatar.light.zero_()
+    even = worn.decode(1, batch)[0]["tshirt"]
+    avatar.light.copy_(lamps)
+    assert torch.equal(shown.mean_texture, even.mean_texture)
+    assert not torch.allclose(shown.texture, even.texture, atol=1e-3)
+
+
 def test_on_another_body_it_keeps_its_lengths_and_lies_outside(worn, owner, sample_run):
     lent = worn.lent[0]
     assert 0 < lent.strain < 0.05 and not lent.warnings

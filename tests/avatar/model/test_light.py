@@ -1,11 +1,14 @@
 """Light is found from how texels change as their normals turn, and falls on every pose from where it did."""
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
 from tests.support.small_avatar import BODY, SHIRT, SURFACE, avatar, awake, batch
+from toile.avatar.model.checkpoint import load_avatar
 from toile.avatar.model.light import DARKEST, TERMS, fit_light, irradiance, irradiance_basis
 
 LIGHT = np.array([[0.05, -0.1, 0.4, -0.04, -0.1, -0.03, 0.05, -0.08]] * 3).T * [1, 0.9, 1.1]
@@ -122,6 +125,20 @@ def test_a_code_says_nothing_of_the_light():
     dark = awake(avatar())
     found = model.encode(b | {key: b[key] * brighter})["shirt"][0]
     torch.testing.assert_close(found, dark.encode(b)["shirt"][0], atol=1e-3, rtol=1e-3)
+
+
+def test_light_comes_back_with_an_avatar_and_one_of_before_has_none(sample_avatar, tmp_path):
+    folder = shutil.copytree(sample_avatar, tmp_path / "avatar", ignore=shutil.ignore_patterns("cache"))
+    found = load_avatar(folder)
+    assert found.light.abs().max() > 0
+    maps = folder / "assets" / "maps.npz"
+    with np.load(maps) as fields:
+        kept = {name: value for name, value in fields.items() if not name.startswith(("light", "mean_light"))}
+        assert np.array_equal(fields["light"], found.light.numpy())
+        assert np.array_equal(fields["mean_light.tshirt"], found.model("tshirt").mean_light.numpy())
+    np.savez(maps, **kept)
+    before = load_avatar(folder)
+    assert before.light is None and all(model.mean_light is None for model in before.models)
 
 
 def test_light_moves_no_geometry():

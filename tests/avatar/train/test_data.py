@@ -43,6 +43,17 @@ def other(sample_run, tmp_path):
     return run, capture
 
 
+def test_light_is_told_from_what_it_falls_on_where_asked(data, sample_run, cache):
+    assert data.light.shape == (8, 3) and np.isfinite(data.light).all()
+    assert {name: of.shape for name, of in data.mean_light.items()} == {"body": (3, 64, 64), "tshirt": (3, 64, 64)}
+    assert all(of.min() > 0 for of in data.mean_light.values())
+    without = AvatarData(sample_run, SETTINGS.model_copy(update={"light": False}), cache, frames=[0, 2])
+    assert without.light is None and without.mean_light is None
+    assert without.folder == data.folder  # what is prepared is the same
+    one = AvatarData(sample_run, SETTINGS, cache, frames=[2], known=[0, 2])
+    assert not one.light.any() and all((of == 1).all() for of in one.mean_light.values())
+
+
 def test_a_sample_has_what_its_users_were_promised(data):
     batch = default_collate([data[0], data[9]])
     n, g, q = 13718, len(data.layers[1].rest), len(data.face_mean)

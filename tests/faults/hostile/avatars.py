@@ -84,6 +84,9 @@ for name, path, changes in [
     ("texture gone", "maps", {"mean_texture.surface": None}),
     ("texture of another size", "maps", {"mean_texture.surface": np.zeros((3, 2, 2), np.float32)}),
     ("poses gone", "maps", {"rotations": None}),
+    ("light of another size", "maps", {"light": np.zeros((3, 8)), "mean_light.surface": None}),
+    ("light's mean gone", "maps", {"light": np.zeros((8, 3)), "mean_light.surface": None}),
+    ("light's mean of another size", "maps", {"light": np.zeros((8, 3)), "mean_light.surface": np.ones((3, 2, 2))}),
 ]:
     add(f"avatar {path} {name}", "avatar", archive(f"assets/{path}.npz", **changes), ANIMATE, f"{path}.npz")
 gone = lambda folder: (folder / "assets" / "layer0.npz").unlink()

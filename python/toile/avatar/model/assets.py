@@ -14,7 +14,7 @@ from ...io.camera import first_error, read_cameras
 from ...io.files import load_record
 from ...scene import Scene
 from ...surface.layers import Layer
-from .light import DARKEST, TERMS
+from .light import SIZE, TERMS
 
 NUMBERS, INTEGERS = "fiub", "iu"  # kinds of numpy's types
 
@@ -51,18 +51,18 @@ def read_assets(folder, facts):
         "face_mean": maps.get("face_mean", (None, 3)) if "face_mean" in maps.values else None,
         "head": None if head is None else int(head),
         "poses": {"rotations": maps.get("rotations", (None, len(J), 3))},
-        **_light(maps, layers),
+        **_light(maps, layers, min(side, SIZE)),
     }
 
 
-def _light(maps, layers):
-    """Of light.py; None of an avatar whose light is not told from what it falls on."""
+def _light(maps, layers, size):
+    """Of light.py, maps of `size` texels; None of an avatar whose light is not told from what it falls on."""
     if "light" not in maps.values:
         return {"light": None, "mean_light": None}
-    mean = {layer.name: maps.get(f"mean_light.{layer.name}", (3, None, None)) for layer in layers}
+    mean = {layer.name: maps.get(f"mean_light.{layer.name}", (3, size, size)) for layer in layers}
     for name, found in mean.items():
-        if found.shape[1] != found.shape[2] or not found.size or found.min() < DARKEST:
-            raise UserError(f"{maps.path}: mean_light.{name}: expected a square of values of at least {DARKEST}")
+        if found.min() <= 0:
+            raise UserError(f"{maps.path}: mean_light.{name}: {found.min()}, expected positive numbers")
     return {"light": maps.get("light", (TERMS, 3)), "mean_light": mean}
 
 
