@@ -107,6 +107,7 @@ def test_one_avatar_is_the_same_on_both(trained, sample_run):
             one, other = (s[0][name].vertices.cpu() for s in seen)
             assert float((one - other).norm(dim=-1).max()) < 1e-4
         assert seen[1][2] == 0
+        assert np.array_equal(both[1].picture(seen[1][0], batch, (SIZE, SIZE)), seen[1][3])
         assert (np.abs(seen[0][3] - seen[1][3]).max(2) > 255 * DRAWN).mean() < DIFFERENT
 
 
@@ -132,6 +133,11 @@ def test_what_is_recorded_decodes_as_what_is_not(trained, sample_run, painted):
                 torch.testing.assert_close(one[name].vertices, plain.vertices, atol=1e-6, rtol=0)
                 torch.testing.assert_close(one[name].texture, plain.texture, atol=1e-4, rtol=0)
                 torch.testing.assert_close(one[name].mean_texture, plain.mean_texture, atol=1e-4, rtol=0)
+    again = decoder(avatar)
+    for frame, one in zip(frames, found):
+        for repeat in (recorded(*frame), again(*frame)):
+            assert all(torch.equal(repeat[n].vertices, one[n].vertices) for n in one)
+            assert all(torch.equal(repeat[n].texture, one[n].texture) for n in one)
     shapes_alone = recorded(*frames[1], texture=False)
     assert all(one.texture is None for one in shapes_alone.values())
 

@@ -198,6 +198,16 @@ def test_one_limb_that_no_training_pose_had_is_warned_of(avatar_folder, sample_r
     assert of_poses(DrivenAvatar(avatar_folder, tmp_path / "one.npz", frames=[0])) == []  # the other is not shown
 
 
+def test_frames_that_the_motion_has_not_are_said(avatar_folder, sample_run):
+    warned = lambda frames: [
+        w for w in DrivenAvatar(avatar_folder, sample_run, frames=frames).warnings if "--frames" in w
+    ]
+    assert not warned([1, 2]) and not warned(None)
+    assert warned([2, 7, 8, 40]) == [
+        "--frames: the motion has frames 0 to 3 at 30 a second, of those asked for not 7-8, 40"
+    ]
+
+
 def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
     first, again, other = (
         DrivenAvatar(sample_avatar / "baseline", sample_run, seed=s).latents["surface"] for s in (0, 0, 1)

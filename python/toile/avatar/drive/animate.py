@@ -28,11 +28,11 @@ from ...io.motion import Motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...pipeline.workers import Workers, check_workers, everywhere
-from ...scene import Mesh
+from ...scene import Mesh, frame_ranges
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, nearest_poses
-from ..model.recorded import decoder
+from ..model.recorded import decoder, repeatable
 from .apart import motion_of, take
 from .cameras import asked_cameras, camera_path
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
@@ -75,7 +75,8 @@ class DrivenAvatar:
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.measured = {}
         self.latents = self._latents(seed)
-        self.warnings = [*self._warnings(poses), *hardly_foretold(self.measured)]
+        absent = sorted(set(frames or ()) - set(self.motion.frames.tolist()))
+        self.warnings = [*lacking(absent, self.motion), *self._warnings(poses), *hardly_foretold(self.measured)]
         self.avatar.to(self.device)
         self.decoded = decoder(self.avatar)
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
@@ -198,7 +199,8 @@ class DrivenAvatar:
     @torch.no_grad()
     def picture(self, decoded, batch, size):
         """(H,W,3) uint8: the layers shaded by one another, before a white wall."""
-        seen = self.avatar.compose(decoded, batch, size)[0]
+        with repeatable():
+            seen = self.avatar.compose(decoded, batch, size)[0]
         image = seen.image + BACKGROUND * (1 - seen.mask)
         return (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).cpu().numpy()
 
@@ -314,6 +316,14 @@ def seen_of(decoded, camera):
     """Whether a vertex of a Decoded lies in the camera's picture."""
     uv, depth = camera.project(decoded.vertices[0].cpu().numpy())
     return bool(((depth > 0) & (uv >= 0).all(1) & (uv < (camera.width, camera.height)).all(1)).any())
+
+
+def lacking(absent, motion):
+    """What a user should know of frames that were asked for and that the motion has not."""
+    if not absent:
+        return []
+    there = f"frames {motion.frames[0]} to {motion.frames[-1]} at {motion.fps:g} a second"
+    return [f"--frames: the motion has {there}, of those asked for not {frame_ranges(absent, most=5)}"]
 
 
 def out_of_sight(unseen, count):

@@ -34,7 +34,7 @@ class Linear(nn.Module):
         """The CSR tensor of this name."""
         parts = [getattr(self, f"{name}_{part}") for part in ("indptr", "indices", "data")]
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
+            warnings.filterwarnings("ignore", message="Sparse (CSR tensor support|invariant checks)")
             return torch.sparse_csr_tensor(*parts, size=shape, check_invariants=False)
 
     def forward(self, x):

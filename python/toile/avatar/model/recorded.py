@@ -13,10 +13,18 @@ from .networks import Conv
 READ = ("rotations", "translation", "face", "face_seen", "T_camera_world")  # of a batch, by `decode`
 
 
+def repeatable():
+    """Within it a GPU's convolutions give the same bits each time, as everything else in decoding and shadows does; on an H200 that
+    costs nothing that can be measured."""
+    return torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=torch.backends.cudnn.allow_tf32)
+
+
 def decoder(avatar):
     """What decodes as `avatar.decode` does where no gradient is asked for: on a CUDA device a `Recorded`, but of an avatar that regresses
     its codes from poses."""
-    return Recorded(avatar) if avatar.up.is_cuda and avatar.projection is None else avatar.decode
+    if not avatar.up.is_cuda:
+        return avatar.decode
+    return Recorded(avatar) if avatar.projection is None else repeatable()(avatar.decode)
 
 
 class Recorded:
@@ -43,15 +51,16 @@ class _Graph:
         batch = {key: x for key, x in self.given.items() if isinstance(key, str)}
         latents = {key[1]: x for key, x in self.given.items() if not isinstance(key, str)}
         call = lambda: avatar.decode(batch, latents, names, texture)
-        aside = torch.cuda.Stream()
-        aside.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(aside):
-            call()  # libraries choose their ways, and what is made once is made
-        torch.cuda.current_stream().wait_stream(aside)
-        self.weights = [conv.folded for conv in avatar.modules() if isinstance(conv, Conv)]  # in their places too
-        self.graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self.graph):
-            self.found = call()
+        with repeatable():
+            aside = torch.cuda.Stream()
+            aside.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(aside):
+                call()  # libraries choose their ways, and what is made once is made
+            torch.cuda.current_stream().wait_stream(aside)
+            self.weights = [conv.folded for conv in avatar.modules() if isinstance(conv, Conv)]  # in their places too
+            self.graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(self.graph):
+                self.found = call()
 
     def play(self, given):
         """{layer: Decoded}, copies that the next call leaves alone."""
