@@ -12,6 +12,7 @@ SWITCHES = {  # row: what of the settings differs
     REGRESSED: lambda s, window: changed(s, data={"window": window}),
     "no view conditioning": lambda s, _: changed(s, network={"view": False}),
     "no shadow network": lambda s, _: changed(s, network={"shadow": False}),
+    "no light told apart": lambda s, _: changed(s, data={"light": False}),
     "no soft visibility": lambda s, _: changed(s, weights={"visibility": 0.0}),
 }
 

@@ -51,7 +51,8 @@ def fit_light(observed):
             A = (T / (1 + mean @ c).clip(DARKEST))[:, None] * away
             left = np.abs(change - A @ c)
             weighted = A / (1 + (left / max(2 * np.median(left), 1e-6)) ** 2)[:, None]
-            c = np.linalg.solve(weighted.T @ A + ridge, weighted.T @ change)
+            normal = np.einsum("ni,nj->ij", weighted, A)  # in one order, whatever the threads of a BLAS
+            c = np.linalg.solve(normal + ridge, np.einsum("ni,n->i", weighted, change))
         light[:, channel] = c
     return light
 
