@@ -23,10 +23,11 @@ RIDGE = 1e-5  # of a squared colour of 0..1, an observation: what hardly turned 
 
 def irradiance_basis(normals):
     """Y (...,8) of unit normals (...,3), arrays or tensors; 0 of a normal of length 0."""
-    x, y, z = (normals[..., k] for k in range(3))
-    of_length = (normals * normals).sum(-1)
-    terms = [x, y, z, x * y, y * z, 3 * z * z - of_length, x * z, x * x - y * y]
-    return torch.stack(terms, -1) if torch.is_tensor(normals) else np.stack(terms, -1)
+    tensors = torch.is_tensor(normals)
+    x, y, z = normals.movedim(-1, 0).contiguous() if tensors else np.moveaxis(normals, -1, 0)
+    xx, yy, zz = x * x, y * y, z * z
+    terms = [x, y, z, x * y, y * z, 2 * zz - xx - yy, x * z, xx - yy]
+    return torch.stack(terms).movedim(0, -1) if tensors else np.stack(terms, -1)  # planes are a third of the time
 
 
 def irradiance(basis, light):
