@@ -73,10 +73,10 @@ def test_codes_textures_and_folds_are_the_garments_own(owner, worn, sample_run):
 def test_it_is_lit_by_the_wearers_lamps(owner, taller, sample_run):
     worn = DrivenAvatar(taller, sample_run, garments={"tshirt": owner})
     batch, avatar = worn.unseen(1), worn.avatar
-    shown, lamps = worn.decode(1, batch)[0]["tshirt"], avatar.light.clone()
-    avatar.light.zero_()
-    even = worn.decode(1, batch)[0]["tshirt"]
-    avatar.light.copy_(lamps)
+    even, found = worn.decode(1, batch)[0]["tshirt"], avatar.light.clone()
+    avatar.light.copy_(found + torch.tensor([0.0, 0, 0.4, 0, 0, 0, 0, 0])[:, None])  # a lamp above
+    shown = worn.decode(1, batch)[0]["tshirt"]
+    avatar.light.copy_(found)
     assert torch.equal(shown.mean_texture, even.mean_texture)
     assert not torch.allclose(shown.texture, even.texture, atol=1e-3)
 

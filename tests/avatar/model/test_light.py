@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.small_avatar import BODY, SHIRT, SURFACE, avatar, awake, batch
 from toile.avatar.model.checkpoint import load_avatar
-from toile.avatar.model.light import DARKEST, TERMS, fit_light, irradiance, irradiance_basis
+from toile.avatar.model.light import DARKEST, TERMS, explained, fit_light, irradiance, irradiance_basis
 
 LIGHT = np.array([[0.05, -0.1, 0.4, -0.04, -0.1, -0.03, 0.05, -0.08]] * 3).T * [1, 0.9, 1.1]
 
@@ -80,6 +80,14 @@ def test_terms_have_no_mean_and_no_light_is_darker_than_the_least():
     torch.testing.assert_close(irradiance_basis(torch.as_tensor(directions(9))), torch.as_tensor(basis[:9]))
 
 
+def test_what_a_light_explains_is_told_by_frames_that_did_not_find_it():
+    assert explained([observed(LIGHT)]) > 0.99
+    colours, seen, basis = observed(0 * LIGHT)
+    flickering = colours * np.random.default_rng(9).uniform(0.7, 1.3, (len(colours), 1, 1))  # an exposure that drifts
+    assert explained([(flickering, seen, basis)]) < 0.1
+    assert explained([observed(LIGHT, frames=1)]) == 0
+
+
 # --- an avatar ------------------------------------------------------------------------------------------------------
 
 
@@ -129,9 +137,11 @@ def test_a_code_says_nothing_of_the_light():
 
 def test_light_comes_back_with_an_avatar_and_one_of_before_has_none(sample_avatar, tmp_path):
     folder = shutil.copytree(sample_avatar, tmp_path / "avatar", ignore=shutil.ignore_patterns("cache"))
+    maps = folder / "assets" / "maps.npz"
+    with np.load(maps) as fields:
+        np.savez(maps, **dict(fields) | {"light": LIGHT.astype(np.float32)})
     found = load_avatar(folder)
     assert found.light.abs().max() > 0
-    maps = folder / "assets" / "maps.npz"
     with np.load(maps) as fields:
         kept = {name: value for name, value in fields.items() if not name.startswith(("light", "mean_light"))}
         assert np.array_equal(fields["light"], found.light.numpy())

@@ -58,6 +58,20 @@ def fit_light(observed):
     return light
 
 
+def explained(observed):
+    """Share of how texels change in every second frame that the light of the other frames explains, of absolute differences from
+    the mean; 0 where there is nothing to tell by. `observed` as of `fit_light`."""
+    light, before, after = fit_light([tuple(values[::2] for values in one) for one in observed]), 0.0, 0.0
+    for colours, seen, basis in observed:
+        known, E = seen[::2, :, None], irradiance(basis, light)
+        count = np.maximum(known.sum(0), 1)
+        T, mean = ((values[::2] * known).sum(0) / count for values in (colours, E))
+        both, shown = seen[1::2] & known.any((0, 2)), colours[1::2]
+        before += np.abs(shown - T)[both].sum()
+        after += np.abs(shown - T * E[1::2] / mean.clip(DARKEST))[both].sum()
+    return float(1 - after / before) if before else 0.0
+
+
 def _turned(colours, seen, basis):
     """Of a layer's N seen texels, frame after frame: T (N,3), t_f - T (N,3), Y' (N,8) and Y_f - Y' (N,8)."""
     count = np.maximum(seen.sum(0), 1)[:, None]

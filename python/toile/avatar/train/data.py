@@ -25,7 +25,7 @@ from ...surface.layers import read_layers, registered_surface, surface_layer
 from ...surface.sampling import evenly
 from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
-from ..model.light import SIZE, fit_light, irradiance, irradiance_basis
+from ..model.light import SIZE, TERMS, explained, fit_light, irradiance, irradiance_basis
 from ..model.networks import resize
 from ..model.poses import pose_distance
 
@@ -321,6 +321,11 @@ class AvatarData(Dataset):
         """{layer: (3,s,s)} of `model.light`, None without."""
         return self._lit[1] if self.settings.light else None
 
+    @property
+    def light_explains(self):
+        """`explained` of the frames by their light, which is none where this is not positive; None without."""
+        return self._lit[2] if self.settings.light else None
+
     @cached_property
     def _lit(self):
         size, known = min(self.settings.texture_size, SIZE), evenly(self.frames, LIT)
@@ -335,8 +340,9 @@ class AvatarData(Dataset):
             some = slice(None, None, max(colours.shape[1] // TELLING, 1))
             turned[layer.name] = texels.valid, Y, seen
             observed.append((colours[:, some], seen[:, some], Y[:, some]))
-        light = fit_light(observed)
-        return light.astype(np.float32), {name: _mean_light(*of, light) for name, of in turned.items()}
+        share = explained(observed)
+        light = fit_light(observed) if share > 0 else np.zeros((TERMS, 3))
+        return light.astype(np.float32), {name: _mean_light(*of, light) for name, of in turned.items()}, share
 
     def _coarse(self, file, name, size, valid):
         """Colours (P,3) of the `valid` texels of a frame's mean texture at another size, and whether each was seen (P,)."""

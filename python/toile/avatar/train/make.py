@@ -122,13 +122,19 @@ class TrainingJob:
             unfinished = begin(folder, facts)
         if not unfinished:
             return request.say(f"{folder}: already trained")
+        share = data.light_explains
+        if share is not None and share <= 0:
+            request.say(
+                "light: how texels change is not explained by how they turn: drawn as if it came evenly from everywhere"
+            )
         if fabric.is_global_zero:
             save_assets(folder, data)
         phases = list(settings.phases(layered))
         training = Training(folder, avatar, data, settings, phases, fabric, progress, request.say, begun, seconds)
         steps = training.run()
         if fabric.is_global_zero:
-            save_avatar(folder, avatar, facts | notes | {"architecture": avatar.describe(), "steps": steps})
+            found = {"architecture": avatar.describe(), "steps": steps, "light_explains": share}
+            save_avatar(folder, avatar, facts | notes | found)
         fabric.barrier()
 
 
