@@ -102,6 +102,7 @@ def test_sleeve_of_wrong_size_is_refined_to_scan_and_openings(scene):
         ((0.7, 1.0, 0.7, 1.0), 0.004),  # a web cuts the far end of the sleeve off
         ((1.0, 1.0, 1.0, 1.4), 0.004),  # a wrong label widens it in one frame, which must not silence the others
         ((0.72, 0.76, 1.0, 1.34, 1.22, 0.73), 0.004),  # webs in three frames, wrong labels in two
+        ((0.5, 0.55, 0.6), 0.004),  # a web in every frame: the cloth above it tells how wide the end is
     ],
 )
 def test_frames_that_show_an_opening_cut_off_say_nothing_of_the_cloth_about_it(scene, monkeypatch, ends, most):
@@ -295,6 +296,17 @@ def test_only_openings_that_are_far_or_nearly_whole_draw_the_first_fit(scene, of
     for loop, match, first in zip(template.loops, matches, dresser._first(posed, matches)):
         np.testing.assert_array_equal(first.target, match.target if laid else posed[loop])
         np.testing.assert_array_equal(first.observed, match.observed & laid)
+
+
+@pytest.mark.parametrize(("share", "laid"), [(0.5, False), (0.9, True), (1.1, True), (1.5, False)])
+def test_no_opening_draws_a_loop_of_this_size_together_or_out(scene, share, laid):
+    model, person = scene[:2]
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    dresser, posed = Dresser(model, person, template, DressSettings()), template.rest
+    drawn = [posed[l].mean(0) + share * (posed[l] - posed[l].mean(0)) for l in template.loops]
+    matches = [LoopMatch(at, np.ones(len(at), bool), np.zeros(len(at))) for at in drawn]
+    for loop, match, first in zip(template.loops, matches, dresser._first(posed, matches)):
+        np.testing.assert_array_equal(first.target, match.target if laid else posed[loop])
 
 
 def test_a_sleeve_far_from_the_faces_that_carry_it_is_refused(scene):

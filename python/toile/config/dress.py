@@ -106,6 +106,12 @@ class DressSettings(Settings):
     fit_reach: float = setting(0.04, "m", "reach of the body's shape when a template is carried to the person", gt=0)
     skin_smoothing: int = setting(10, "count", "umbrella steps on transferred skinning weights", ge=0)
     fit_frames: int = setting(6, "count", "sampled frames that personalise the rest shape, 0 for none", ge=0)
+    rim: float = setting(
+        0.065,
+        "m",
+        "so near to an opening that a sampled frame shows wrong, its cloth says nothing of the rest shape",
+        ge=0,
+    )
     fit_stiffness: float = setting(
         0.3, "1", "smoothness of the personal displacement against one sample's evidence", ge=0
     )
@@ -129,7 +135,12 @@ class DressSettings(Settings):
         le=1,
     )
     whole_opening: float = setting(
-        0.85, "1", "an opening shorter than this share of that, or as much longer, is not shown there", gt=0, le=1
+        0.85,
+        "1",
+        "an opening shorter than this share of that, of what the cloth leads to expect, or of the fitted template's own, or as "
+        "much longer, is not shown there",
+        gt=0,
+        le=1,
     )
     measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
     placement: PlacementSettings = PlacementSettings()

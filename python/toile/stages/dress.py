@@ -91,27 +91,59 @@ class _Skinning:
 
 
 def _personalise(model, person, template, samples, settings, over):
-    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A scan that
-    lacks the fold under a sleeve shows its opening too short, often; labels that run over it show it too long, at times: a
-    frame that shows an opening much shorter or longer than the others says nothing of the cloth about it."""
-    registered = parallel_map_with(
-        lambda: Dresser(model, person, template, settings, over),
-        lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
-        samples,
-    )
-    lengths = np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
-    wrong = np.stack([astray(of, settings.whole_rank, settings.whole_opening) for of in lengths.T], axis=1)
-    shown = _medians(lengths)
+    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A loop that is
+    false in one of them is left out of all, so that its rim goes on as the cloth about it leads: of another's size it is
+    laid on wrong borders. Then they are registered again, with a loop of this size."""
+    girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
+    flares = _flares(template.rest, template.loops, girths)
+    stay = settings.covered_weight if over else settings.unseen_weight
+    average = partial(_averaged, model, person, stay=stay, settings=settings, poses=[of[1] for of in samples])
+
+    def registered(template):
+        made = parallel_map_with(
+            lambda: Dresser(model, person, template, settings, over),
+            lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
+            samples,
+        )
+        return made, _false(made, template.loops, girths, flares, settings.whole_opening)
+
+    fitted, (made, false) = template, registered(template)
+    if false.any():
+        fitted = average(template, made, _astray(made, settings) | false.any(0))
+        made, false = registered(fitted)
+    shown = _medians(np.where(false, np.nan, _lengths(made, settings)))
+    _report_fit(template, shown, settings)
+    return replace(average(fitted, made, _astray(made, settings) | false), opening_lengths=shown)
+
+
+def _lengths(registered, settings):
+    """Lengths (s,l) [m] of the openings that frames show, NaN where none."""
+    return np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
+
+
+def _astray(registered, settings):
+    """Which openings (s,l) say nothing of the cloth about them, beside the other frames. A scan that lacks the fold under a
+    sleeve shows its opening too short, often; labels that run over it show it too long, at times."""
+    of = _lengths(registered, settings).T
+    return np.stack([astray(lengths, settings.whole_rank, settings.whole_opening) for lengths in of], axis=1)
+
+
+def _false(registered, loops, girths, flares, whole):
+    """The same beside what the cloth a hand's breadth away leads to expect: a web joins a sleeve to the trunk in every frame."""
+    shares = np.array([_flares(dressed.vertices, loops, girths) for dressed, _ in registered]) / flares
+    return (shares < whole) | (shares * whole > 1)
+
+
+def _averaged(model, person, template, registered, wrong, poses, settings, stay):
+    """The template with the mean of registered frames, unposed, without the cloth about loops that are `wrong` (s,l) there."""
     total, weight = 0, 0
-    for (_, tracked, _, _), (dressed, _), loops in zip(samples, registered, wrong):
+    for tracked, (dressed, _), loops in zip(poses, registered, wrong):
         rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
-        about = beside_loops(template.rest, [template.loops[i] for i in np.flatnonzero(loops)], settings.free_reach)
+        about = beside_loops(template.rest, [template.loops[i] for i in np.flatnonzero(loops)], settings.rim)
         w = ((dressed.confidence == OBSERVED) & ~about)[:, None]
         total, weight = total + w * (rest - template.rest), weight + w
-    stay = settings.covered_weight if over else settings.unseen_weight
-    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(samples), settings.fit_stiffness, stay)
-    _report_fit(template, shown, settings)
-    return replace(template, rest=template.rest + shift, opening_lengths=shown)
+    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(poses), settings.fit_stiffness, stay)
+    return replace(template, rest=template.rest + shift)
 
 
 def _filled(template, shift, weight, stiffness, stay):
@@ -139,7 +171,7 @@ def _report_fit(template, shown, settings):
         own = loop_length(template.rest[template.loops[i]])
         if np.isnan(shown[i]):
             warnings.warn(
-                f"garment {template.name}: no sampled frame shows loop {name}: it is missing, tucked in or covered; "
+                f"garment {template.name}: no sampled frame shows loop {name} whole: it is missing, tucked in, covered or joined to other cloth; "
                 "its border is extrapolated",
                 stacklevel=4,
             )
@@ -221,11 +253,13 @@ class Dresser:
     def _first(self, posed, matches):
         """The LoopMatch of each loop for the first fit, where pictures follow. A loop near its opening stays as it is posed
         unless the scan shows the opening along most of it: what shows in part may be the border of a web, and pictures
-        tell the place better."""
-        s, first = self.settings.loop, []
+        tell the place better. So does a loop of this person's size that the scan's opening would draw together or out."""
+        s, first, whole = self.settings.loop, [], self.settings.whole_opening
         for loop, match in zip(self.template.loops, matches):
             off = np.linalg.norm(match.target - posed[loop], axis=1)[match.observed]
-            stays = match.observed.mean() < s.whole_share and len(off) and np.median(off) < s.near
+            share = loop_length(match.target) / loop_length(posed[loop])
+            false = self.girths is not None and not whole <= share <= 1 / whole
+            stays = false or (match.observed.mean() < s.whole_share and len(off) and np.median(off) < s.near)
             nothing = LoopMatch(posed[loop], np.zeros(len(loop), bool), np.full(len(loop), np.nan))
             first.append(nothing if stays else match)
         return first
