@@ -142,6 +142,9 @@ class DressSettings(Settings):
         gt=0,
         le=1,
     )
+    joined_opening: float = setting(
+        1.3, "1", "one longer than so often what the cloth leads to expect is joined to other cloth there", gt=1
+    )
     measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
     placement: PlacementSettings = PlacementSettings()
     loop: LoopSettings = LoopSettings()

@@ -105,7 +105,7 @@ def _personalise(model, person, template, samples, settings, over):
             lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
             samples,
         )
-        return made, _false(made, template.loops, girths, flares, settings.whole_opening)
+        return made, _false(made, template.loops, girths, flares, settings)
 
     fitted, (made, false) = template, registered(template)
     if false.any():
@@ -128,10 +128,10 @@ def _astray(registered, settings):
     return np.stack([astray(lengths, settings.whole_rank, settings.whole_opening) for lengths in of], axis=1)
 
 
-def _false(registered, loops, girths, flares, whole):
-    """The same beside what the cloth a hand's breadth away leads to expect: a web joins a sleeve to the trunk in every frame."""
+def _false(registered, loops, girths, flares, settings):
+    """The same beside what the cloth a hand's breadth away leads to expect: webs may cut a sleeve off in every frame."""
     shares = np.array([_flares(dressed.vertices, loops, girths) for dressed, _ in registered]) / flares
-    return (shares < whole) | (shares * whole > 1)
+    return (shares < settings.whole_opening) | (shares > settings.joined_opening)
 
 
 def _averaged(model, person, template, registered, wrong, poses, settings, stay):
