@@ -298,10 +298,21 @@ def test_only_openings_that_are_far_or_nearly_whole_draw_the_first_fit(scene, of
         np.testing.assert_array_equal(first.observed, match.observed & laid)
 
 
-@pytest.mark.parametrize(("share", "laid"), [(0.5, False), (0.9, True), (1.1, True), (1.5, False)])
-def test_no_opening_draws_a_loop_of_this_size_together_or_out(scene, share, laid):
+@pytest.mark.parametrize(
+    ("fitted", "share", "laid"),
+    [
+        (True, 0.5, False),
+        (True, 0.9, True),
+        (True, 1.1, True),
+        (True, 1.5, False),
+        (False, 0.5, True),
+        (False, 1.5, True),
+    ],
+)
+def test_no_opening_draws_a_loop_of_this_size_together_or_out(scene, fitted, share, laid):
     model, person = scene[:2]
     template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    template = replace(template, opening_lengths=np.array([0.7, 0.7]) if fitted else None)
     dresser, posed = Dresser(model, person, template, DressSettings()), template.rest
     drawn = [posed[l].mean(0) + share * (posed[l] - posed[l].mean(0)) for l in template.loops]
     matches = [LoopMatch(at, np.ones(len(at), bool), np.zeros(len(at))) for at in drawn]

@@ -129,7 +129,8 @@ def _astray(registered, settings):
 
 
 def _false(registered, loops, girths, flares, settings):
-    """The same beside what the cloth a hand's breadth away leads to expect: webs may cut a sleeve off in every frame."""
+    """Which openings (s,l) are much shorter, or joined to other cloth, beside what the cloth a hand's breadth away leads to
+    expect by the template's `flares`: webs may cut a sleeve off in every frame."""
     shares = np.array([_flares(dressed.vertices, loops, girths) for dressed, _ in registered]) / flares
     return (shares < settings.whole_opening) | (shares > settings.joined_opening)
 
@@ -253,12 +254,13 @@ class Dresser:
     def _first(self, posed, matches):
         """The LoopMatch of each loop for the first fit, where pictures follow. A loop near its opening stays as it is posed
         unless the scan shows the opening along most of it: what shows in part may be the border of a web, and pictures
-        tell the place better. So does a loop of this person's size that the scan's opening would draw together or out."""
+        tell the place better. So does a loop of a personalised template that the scan's opening would draw together or out."""
         s, first, whole = self.settings.loop, [], self.settings.whole_opening
+        fitted = self.template.opening_lengths is not None
         for loop, match in zip(self.template.loops, matches):
             off = np.linalg.norm(match.target - posed[loop], axis=1)[match.observed]
             share = loop_length(match.target) / loop_length(posed[loop])
-            false = self.girths is not None and not whole <= share <= 1 / whole
+            false = fitted and not whole <= share <= 1 / whole
             stays = false or (match.observed.mean() < s.whole_share and len(off) and np.median(off) < s.near)
             nothing = LoopMatch(posed[loop], np.zeros(len(loop), bool), np.full(len(loop), np.nan))
             first.append(nothing if stays else match)
