@@ -43,10 +43,10 @@ $(VENV)-detector/.ready: tools/detector-requirements.txt
 demo: setup
 	$(BIN)/python apps/demo.py
 
-# a process a core: most tests run on one
+# a process a core: most tests run on one. Each takes neighbours, which share what their file makes once
 test: setup lint
 	ctest --test-dir build --output-on-failure
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 # the types of the compiled module, after a change of the bindings
 stubs: setup

@@ -11,7 +11,7 @@ namespace toile::bind {
 
 namespace {
 
-using Pixels = py::array_t<float, py::array::c_style>;
+using FloatImages = py::array_t<float, py::array::c_style>;
 using Bytes = py::array_t<std::uint8_t, py::array::c_style>;
 
 /// An array that owns a vector's numbers.
@@ -23,7 +23,7 @@ py::array_t<T> as_array(std::vector<T> values, const std::vector<py::ssize_t>& s
     return py::array_t<T>(shape, data, owner);
 }
 
-py::tuple solve(const StereoSolver& solver, const Pixels& grey, const Bytes& mask, const Matrix& ranges) {
+py::tuple solve(const StereoSolver& solver, const FloatImages& grey, const Bytes& mask, const Matrix& ranges) {
     const auto count = static_cast<py::ssize_t>(solver.cameras().size());
     if (grey.ndim() != 3 || mask.ndim() != 3 || grey.shape(0) != count || ranges.rows() != count ||
         ranges.cols() != 2 || mask.shape(0) != count || mask.shape(1) != grey.shape(1) ||
@@ -40,8 +40,8 @@ py::tuple solve(const StereoSolver& solver, const Pixels& grey, const Bytes& mas
                           as_array(std::move(maps.confidence), shape), as_array(std::move(maps.hole), shape));
 }
 
-py::tuple fuse(const std::vector<StereoCamera>& cameras, const Pixels& depth, const Pixels& normal,
-               const Pixels& confidence, const py::kwargs& keywords) {
+py::tuple fuse(const std::vector<StereoCamera>& cameras, const FloatImages& depth, const FloatImages& normal,
+               const FloatImages& confidence, const py::kwargs& keywords) {
     const auto count = static_cast<py::ssize_t>(cameras.size());
     if (depth.ndim() != 3 || normal.ndim() != 4 || confidence.ndim() != 3 || depth.shape(0) != count ||
         normal.size() != 3 * depth.size() || confidence.size() != depth.size())

@@ -165,8 +165,8 @@ def with_another_template(made):
     truth = zarr.open_group(str(made[0] / "truth" / "truth.zarr"), mode="r")
     store = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")
     V, F = truth["garment/tshirt/vertices"][:].astype(float), truth["garment/tshirt/faces"][:]
-    for name, values in (("vertices", V), ("faces", F)):
-        store.create_array(f"garment/tshirt/{name}", data=values, chunks=(1, *values.shape[1:]), overwrite=True)
+    store.create_array("garment/tshirt/vertices", data=V, chunks=(1, *V.shape[1:]), overwrite=True)
+    store.create_array("garment/tshirt/faces", data=F, overwrite=True)
     sure = np.full(V.shape[:2], 2, np.uint8)
     store.create_array("confidence/tshirt", data=sure, chunks=(1, sure.shape[1]), overwrite=True)
     scene = store.attrs["scene"]

@@ -156,6 +156,7 @@ def test_a_capture_that_is_killed_twice_ends_with_the_same_bits(stepped, tmp_pat
     assert [p.name for p in tmp_path.iterdir()] == ["x"]
 
 
+@pytest.mark.slow(seconds=60)
 def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
     import zarr
 

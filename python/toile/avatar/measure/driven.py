@@ -40,6 +40,7 @@ class Driven(HeldOut):
         self.led = [n for n in run.ok if n < self.frames[0]][-lead:] if lead else []
         self.latents, self.driver, self.measured, self.draping, self.shown = {}, None, {}, None, {}
         self.less = {}  # {frame: share of cloth in what is shown}, where it is not all
+        self._steering = {}  # {frame: what steers it}, which every view and row asks for
         if "layered" in self.avatars:
             avatar, self.shown["layered"] = self.avatars["layered"], "layered"
             self.latents["layered"] = self._garment_codes(folder, avatar)
@@ -100,6 +101,11 @@ class Driven(HeldOut):
 
     def _steered(self, frame):
         """Pose and face of a registered frame as `Avatar.decode` takes them."""
+        if frame not in self._steering:
+            self._steering[frame] = self._read_steering(frame)
+        return self._steering[frame]
+
+    def _read_steering(self, frame):
         run = self.registered.run
         face = np.zeros((0, 3)) if run.face is None else run.face.at(frame)
         rotations, translation = run.pose.at(frame)
