@@ -43,10 +43,11 @@ $(VENV)-detector/.ready: tools/detector-requirements.txt
 demo: setup
 	$(BIN)/python apps/demo.py
 
-# a process a core: most tests run on one. Each takes neighbours, which share what their file makes once
+# a process a core, of one thread where a test asks for no more: threads of two processes wait for one another by spinning. Each takes
+# neighbours, which share what their file makes once
 test: setup lint
 	ctest --test-dir build --output-on-failure
-	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 # the types of the compiled module, after a change of the bindings
 stubs: setup
