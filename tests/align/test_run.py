@@ -206,6 +206,18 @@ def test_bad_input_is_refused_with_the_reason(two_blocks, undisturbed, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
+def test_a_run_that_was_registered_anew_is_not_taken_for_what_was_aligned(two_blocks, undisturbed, tmp_path):
+    anew = shutil.copytree(two_blocks, tmp_path / "run")
+    out = shutil.copytree(undisturbed, tmp_path / "aligned")
+    config = (out / "config.toml").read_text()
+    (out / "config.toml").write_text(config.replace(str(two_blocks.resolve()), str(anew.resolve())))
+    assert align(anew, out, QUICK).whole
+    shirt = next(zarr.open_group(str(anew / "registered.zarr"), mode="r+")["garment"].groups())[1]["vertices"]
+    shirt[2, 7, 0] += 0.001
+    with pytest.raises(UserError, match=r"config.toml: .* another registration"):
+        align(anew, out, QUICK)
+
+
 def test_a_run_without_garments_or_with_frames_to_come_is_refused(two_blocks, tmp_path):
     bare = shutil.copytree(two_blocks, tmp_path / "bare")
     group = zarr.open_group(str(bare / "registered.zarr"), mode="r+")

@@ -9,11 +9,12 @@ a killed alignment goes on with the same bits.
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import time
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 
 import numpy as np
@@ -114,14 +115,23 @@ def _begin(run, out, settings):
     asked = {
         "run": str(run.path.resolve()),
         "frames_ok": len(run.ok),
+        "registered": registration(run),
         "toile": __version__,
         "settings": settings.model_dump(mode="json"),
     }
     place = place_of(out, capture_folder(run.path, check=False))
-    claim(out, run.config | place | {"align": asked}, "this run was aligned from another run or with other settings")
+    claim(out, run.config | place | {"align": asked}, "this run was aligned from another run, from another registration of it, or with other settings")
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
             replace_file(Status.of(out).path, lambda path: shutil.copyfile(run.status.path, path))
+
+
+def registration(run) -> str:
+    """What tells a Run's registration from another, wherever it lies: a digest of the poses and of every garment's vertices."""
+    found = hashlib.sha256(run.done.tobytes() + run.pose.rotations[:].tobytes() + run.pose.translation[:].tobytes())
+    for number, garment in product(run.ok, run.garments.values()):
+        found.update(garment.vertices.at(number).tobytes())
+    return found.hexdigest()
 
 
 # Preparation: one reference a garment ---------------------------------------------------------------------------------

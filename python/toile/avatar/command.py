@@ -119,7 +119,7 @@ def train(
 def laid_still(run, folder, asked, progress):
     """The Run that AVATAR `folder` learns: `run`, or AVATAR/aligned made of it, see `toile align`. `asked` None: as the avatar that is
     there was; a new one learns an aligned run, unless this one is, or torchrun trains it. UserError: AVATAR learnt that of another run."""
-    from ..align.run import align
+    from ..align.run import align, registration
     from ..io.run import is_run, open_run
     from .model.checkpoint import ALIGNED, asked_before
 
@@ -134,9 +134,11 @@ def laid_still(run, folder, asked, progress):
         return run
     if before == str(own) and is_run(own):
         learnt = open_run(own)
-        of = learnt.config.get("align", {}).get("run")
-        if of != str(run.path.resolve()) and not same_poses(learnt, run):  # a run that was moved has them still
-            raise UserError(f"{own}: was aligned from {of}, asked is {run.path}: take another folder")
+        of = learnt.config.get("align", {})
+        if of.get("run") != str(run.path.resolve()) and not same_poses(learnt, run):  # a run that was moved has them still
+            raise UserError(f"{own}: was aligned from {of.get('run')}, asked is {run.path}: take another folder")
+        if of.get("registered", now := registration(run)) != now:
+            raise UserError(f"{own}: was aligned before {run.path} was registered anew: take another folder")
         return learnt
     if together:
         raise UserError(f"--align: not by torchrun: toile align {run.path} ALIGNED, then train on that")

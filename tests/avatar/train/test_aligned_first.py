@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zarr
 
-from toile.align.run import Alignment
+from toile.align.run import Alignment, registration
 from toile.avatar.command import laid_still
 from toile.errors import UserError
 from toile.io.layout import FAILED
@@ -32,6 +32,7 @@ def aligning(monkeypatch):
             shutil.copytree(run, out)
             with (out / "config.toml").open("a") as file:
                 file.write(f"\n[align]\nrun = {json.dumps(str(Path(run).resolve()))}\n")
+                file.write(f"registered = {json.dumps(registration(open_run(run)))}\n")
         return Alignment((0, 1, 2), (), {3: "no garment is seen"}, (), True, ("tshirt is torn",))
 
     monkeypatch.setattr("toile.align.run.align", align)
@@ -80,6 +81,17 @@ def test_an_avatar_that_is_there_keeps_the_run_that_it_was_trained_on(sample_run
         UserError, match="aligned: was aligned from .*registered, asked is .*another: take another folder"
     ):
         still(another, tmp_path / "other")
+
+
+def test_an_avatar_does_not_go_on_with_what_was_aligned_of_an_older_registration(sample_run, tmp_path, aligning):
+    run = Path(shutil.copytree(sample_run, tmp_path / "run"))
+    own = still(run, tmp_path / "avatar")
+    asked(tmp_path / "avatar", own)
+    assert still(run, tmp_path / "avatar") == own
+    shirt = next(zarr.open_group(str(run / "registered.zarr"), mode="r+")["garment"].groups())[1]["vertices"]
+    shirt[0] = shirt[0] + 0.05
+    with pytest.raises(UserError, match="aligned: was aligned before .*run was registered anew: take another folder"):
+        still(run, tmp_path / "avatar")
 
 
 def test_what_is_aligned_is_not_aligned_again(sample_run, tmp_path, aligning):
