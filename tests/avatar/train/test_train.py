@@ -183,6 +183,22 @@ def test_minutes_are_kept_within_a_third(pause, slower, tmp_path, monkeypatch):
     assert len(losses(tmp_path)) == sum(taken) and min(taken) > 0 and (slower > 1 or taken[2] > taken[1])
 
 
+def test_a_training_that_goes_on_is_planned_to_its_minutes(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(train, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    def slow(i, sample):
+        now[0] += 0.02
+        return sample
+
+    with pytest.raises(Killed):
+        training(tmp_path, monkeypatch, spoiled(60, kill)).run()
+    begun = now[0]
+    job = training(tmp_path, monkeypatch, Samples(slow), seconds=4.0)
+    job.run()
+    assert now[0] - begun == pytest.approx(4.0, rel=0.3) and sum(job.at.steps) > 65
+
+
 def test_timing_leaves_no_trace(tmp_path, monkeypatch):
     job = training(tmp_path, monkeypatch, seconds=1.0)
     before = weights(job)

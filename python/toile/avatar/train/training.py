@@ -76,7 +76,7 @@ class Training:
             self.objective.prepare(self.data, self.fabric.to_device)
             if self.log:
                 self.log.cut(0)
-        if tensors is None and self.seconds is not None:
+        if self.seconds is not None and not self.at.costs:
             self.at.costs = [self._time_a_step(phase) for phase in self.phases]
             self._plan()
         while self.at.phase < len(self.phases):
