@@ -24,6 +24,7 @@ from toile.avatar.drive.draping import (
 )
 from toile.avatar.drive.residual import ALIKE, CLOTH, CODES, JOINED, MEAN, MIXED, Residual, teach
 from toile.avatar.drive.teaching import train_temporal
+from toile.avatar.edit.editing import Change, edit
 from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.model.checkpoint import load_avatar
 from toile.avatar.settings import ClothSettings, TemporalSettings
@@ -256,6 +257,16 @@ def test_cloth_of_an_avatar_that_was_trained_again_does_not_hang_unasked(told, d
         in said
     )
     assert outdated(folder, layers, False) == outdated(folder, layers, True) == []
+
+
+def test_an_edited_avatar_hangs_its_garments_as_before(told, driven, tmp_path):
+    folder, layers = told(0.014, 0.010), driven.avatar.layers
+    edit(folder, tmp_path / "green", Change("tshirt", scale="0.25,1.5,0.25"), sheet=False)
+    assert worn_cloths(tmp_path / "green", layers, None).keys() == {"tshirt"}
+    with open(folder / "temporal.safetensors", "a") as trained:
+        trained.write("\n")
+    edit(folder, tmp_path / "red", Change("tshirt", scale="1.5,0.25,0.25"), sheet=False)
+    assert not cloth_file(tmp_path / "red", "tshirt").exists()  # measured before it was trained as it is
 
 
 def test_cloth_whose_swings_do_not_count_is_read_back(told, driven):

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from ...errors import UserError
 from ...io.camera import first_error
-from ...io.files import identity_of, load_record
+from ...io.files import identity_of, load_record, save_record
 from ...io.inputs import contents
 from ...kernels import DrapeSolver
 from ..model.assets import CheckedArrays
@@ -57,6 +57,15 @@ def forget_cloths(folder):
     """Removes what was measured of garments as cloth: from now on codes drive all."""
     for path in Path(folder).glob(cloth_file("", "*").name):
         path.unlink()
+
+
+def carry_cloths(folder, out):
+    """Gives AVATAR `out`, a copy of `folder` that moves as it does, what was measured of its garments as cloth since it was trained."""
+    made = made_of(folder)
+    for path in Path(folder).glob(cloth_file("", "*").name):
+        if (identity := identity_of(path)).startswith(made):
+            cloth = load_record(path, Cloth, residual=Residual)
+            save_record(Path(out) / path.name, cloth, made_of(out) + identity.removeprefix(made))
 
 
 def made_of(folder, settings=None):

@@ -16,6 +16,7 @@ from ...io.files import whole_folder, write_text
 from ...io.image import read_rgba
 from ...io.run import open_run
 from ...io.run_folder import body_model_of
+from ..drive.draping import carry_cloths
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.edits import LUMA, load_edits, save_edits
 from ..model.networks import resize
@@ -155,7 +156,7 @@ def marked_baseline(surface, layer, run, frame):
 
 
 def add_edit(folder, out, made):
-    """A copy of an avatar's folder, trained networks and assets alone, with one more edit."""
+    """A copy of an avatar's folder, what was trained, its assets and cloth alone, with one more edit."""
     edits, facts = [*load_edits(folder), made], read_json(folder / "avatar.json")
     shutil.copytree(folder / "assets", out / "assets")
     for name in KEPT:
@@ -164,6 +165,7 @@ def add_edit(folder, out, made):
     save_edits(out, edits)
     words = [f"{edit.garment}: {edit.words}" for edit in edits]
     write_text(out / "avatar.json", json.dumps(facts | {"edits": words}, indent=1))
+    carry_cloths(folder, out)
 
 
 def numbers(option, text, expected, count):
