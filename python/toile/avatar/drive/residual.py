@@ -93,9 +93,13 @@ def teach(poses, simulated, registered, decoded=None):
     known = np.ones(len(poses), bool)
     if decoded is not None and (seen := np.isfinite(decoded).all((1, 2))).any():
         known, joined = seen, shapes[JOINED]
-        trust = best_share(registered[known], joined[known], decoded[known], near[known])
-        shapes |= {CODES: decoded, MIXED: blend(joined, decoded, trust, near[:, None, None])}
-        found = replace(found, trust=trust)
+        share = lambda of: best_share(registered[of], joined[of], decoded[of], near[of])
+        trust = np.full(len(poses), share(known))
+        found = replace(found, trust=float(trust[0]))
+        for out in stretches:
+            trust[out] = share(np.setdiff1d(np.flatnonzero(known), out))
+        mixed = blend(joined, decoded, *(x[:, None, None] for x in (trust, near)))
+        shapes |= {CODES: decoded, MIXED: mixed}
     off = {of: np.linalg.norm((x - registered)[known], axis=2) for of, x in shapes.items()}
     return replace(found, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
 
