@@ -39,9 +39,9 @@ class Objective(torch.nn.Module):
             if frame not in self.open_sky:
                 posed = {name: batch[f"vertices.{name}"][b : b + 1] for name in self.kinds}
                 found = self.avatar.ambient_occlusion({name: Decoded(v, v) for name, v in posed.items()})
-                self.open_sky[frame] = {name: values[0] for name, values in found.items()}
-        frames = [self.open_sky[frame] for frame in batch["frame"].tolist()]
-        return {name: torch.stack([frame[name] for frame in frames]) for name in self.kinds}
+                self.open_sky[frame] = {name: values[0].cpu() for name, values in found.items()}
+        frames, device = [self.open_sky[frame] for frame in batch["frame"].tolist()], batch["frame"].device
+        return {name: torch.stack([frame[name] for frame in frames]).to(device) for name in self.kinds}
 
     def forward(self, batch, phase, share):
         """{term: value} of a phase; `share` of it that is over, 0 to 1, anneals c."""
