@@ -37,6 +37,13 @@ def apart(frames: Iterable[int], span: Span) -> list[int]:
     return [number for number in frames if number not in numbers]
 
 
+def kept_apart(span: Span, pictured: Iterable[int]) -> list[int]:
+    """All numbers that nothing else may read: a run's span, and those from the first to the last of the pictured frames that a
+    training holds out, which are neighbours among the pictured ones."""
+    own = sorted(pictured)
+    return sorted({*held(span), *(range(own[0], own[-1] + 1) if own else ())})
+
+
 def agreed(asked: str | None, own: Span, of: object) -> Span:
     """The span that a command asks for, of a run `of` that was made with its `own`: that one, where there is one. UserError:
     they differ."""

@@ -9,16 +9,16 @@ import torch
 from typer.testing import CliRunner
 
 from toile.avatar.drive.animate import DrivenAvatar
-from toile.avatar.drive.driver import held_out_span
 from toile.avatar.drive.teaching import train_temporal
 from toile.avatar.measure.driven import Driven
-from toile.avatar.measure.driving_codes import DRAWS, like
+from toile.avatar.measure.driving_codes import DRAWS, UNIT, like
 from toile.avatar.measure.evaluation import evaluate_avatar
 from toile.avatar.measure.report import write_avatar_report
 from toile.avatar.model.avatar import Avatar
 from toile.avatar.settings import TemporalSettings
 from toile.cli import app
 from toile.errors import UserError
+from toile.io.holdout import kept_apart
 
 
 @pytest.fixture(scope="module")
@@ -129,8 +129,18 @@ def test_a_run_is_not_driven(sample_run):
     assert isinstance(printed.exception, UserError) and "--driven" in str(printed.exception)
 
 
-def test_all_frames_between_held_out_pictures_are_held_out():
-    assert list(held_out_span([60, 66, 72])) == list(range(60, 73)) and not held_out_span([])
+def test_all_frames_between_held_out_pictures_are_held_out_and_those_of_the_run():
+    assert kept_apart((), [60, 66, 72]) == list(range(60, 73)) and not kept_apart((), [])
+    assert kept_apart((58, 74), [60, 66, 72]) == list(range(58, 75))
+
+
+def test_of_rows_that_nothing_asks_for_again_one_frame_is_kept(folder):
+    held = Driven(folder, [1, 3])
+    for row in ("layered", "temporal model", f"{UNIT} 1"):
+        for frame in (1, 3):
+            held._placed(row, frame)
+    assert held.decoded["layered"].keys() == held.decoded["temporal model"].keys() == {1, 3}  # the truth asks for them
+    assert held.decoded[f"{UNIT} 1"].keys() == {3}
 
 
 def test_physics_shows_what_an_animation_by_physics_shows(folder, sample_run):

@@ -80,7 +80,12 @@ def test_decoded_layers_are_measured_against_the_truth(result):
 
 def test_the_pose_is_some_way_from_the_nearest_trained_one(avatar, result):
     assert 0 < result["all"]["pose_distance_deg"] < 30
-    assert HeldOut(avatar, [2]).from_training(2)[0] == 0
+    assert HeldOut(avatar, [2]).from_training()[0] == 0
+
+
+def test_frames_of_the_hold_out_share_a_cache(avatar):
+    whole, one = HeldOut(avatar), HeldOut(avatar, [3])
+    assert all(whole.data[name].folder == one.data[name].folder for name in whole.data)
 
 
 def test_an_avatar_that_shows_the_captured_picture_has_no_error(avatar, monkeypatch):

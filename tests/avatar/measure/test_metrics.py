@@ -14,7 +14,8 @@ from toile.avatar.measure.metrics import (
     squared_error,
     ssim_map,
 )
-from toile.avatar.model.poses import joints_apart, nearest_poses, pose_distance
+from toile.avatar.model import poses
+from toile.avatar.model.poses import joints_apart, nearest_poses, usual_distance
 from toile.measure.truth import second_difference
 
 SHIRT, SKIN = 3, 1
@@ -133,23 +134,42 @@ def test_pose_distance_is_the_mean_angle_below_the_root():
     other = np.zeros((5, 3))
     other[0] = [0, 0, 1.0]
     other[2] = [np.pi / 2, 0, 0]
-    assert pose_distance(pose, [pose, other]) == pytest.approx([0, 90 / 4])
-    assert len(pose_distance(pose, np.zeros((0, 5, 3)))) == 0
+    assert nearest_poses([pose], [pose, other])[0] == 0
+    assert nearest_poses([pose, other], [other])[0] == pytest.approx([90 / 4, 0])
 
 
 def test_a_joint_is_as_far_as_from_the_nearest_of_all_poses_whichever_is_nearest_as_a_whole():
     pose, one, other = np.zeros((3, 5, 3))
     pose[1, 0], pose[2, 1], one[1, 0], other[2, 1] = 1.0, 0.5, 1.0, 0.5
-    whole, alone = nearest_poses(pose, [one, other])
-    assert whole == pytest.approx(np.degrees(0.5) / 4) and alone == pytest.approx([0, 0, 0, 0])
-    whole, alone = nearest_poses(pose, np.zeros((0, 5, 3)))
-    assert np.isnan(whole) and np.isnan(alone).all() and joints_apart([0], alone[None], "abcd", "none") == []
+    whole, alone = nearest_poses([pose], [one, other])
+    assert whole == pytest.approx(np.degrees(0.5) / 4) and alone[0] == pytest.approx([0, 0, 0, 0])
+    whole, alone = nearest_poses([pose], np.zeros((0, 5, 3)))
+    assert np.isnan(whole) and np.isnan(alone).all() and joints_apart([0], alone, "abcd", "none") == []
 
 
 def test_pose_distance_is_the_geodesic_and_not_the_difference_of_vectors():
     a, b = np.zeros((2, 3)), np.zeros((2, 3))
     a[1], b[1] = [0, 0, np.pi - 0.1], [0, 0, -np.pi + 0.1]
-    assert pose_distance(a, [b]) == pytest.approx([np.degrees(0.2)])
+    assert nearest_poses([a], [b])[0] == pytest.approx([np.degrees(0.2)])
+
+
+def test_angles_between_joints_are_those_of_scipy():
+    from scipy.spatial.transform import Rotation
+
+    one, other = np.random.default_rng(0).normal(size=(2, 40, 3)) * [[[2.0]], [[1.0]]]
+    expected = np.degrees((Rotation.from_rotvec(one).inv() * Rotation.from_rotvec(other)).magnitude())
+    whole, alone = nearest_poses(np.insert(one, 0, 9.0, 0)[None], np.insert(other, 0, 0.0, 0)[None])
+    assert np.allclose(alone[0], expected, atol=1e-9) and np.isclose(whole[0], expected.mean())
+
+
+def test_poses_usually_lie_as_far_apart_as_from_the_nearest_that_is_no_neighbour_in_time(monkeypatch):
+    turned = np.zeros((40, 2, 3))
+    turned[:, 1, 0] = np.radians(np.arange(40))  # a degree a frame
+    assert usual_distance(turned, np.arange(40), apart=10) == pytest.approx(10)
+    assert usual_distance(turned, np.arange(40), apart=100) == pytest.approx(1)  # all are neighbours
+    assert usual_distance(turned[:1], np.arange(1), apart=10) == 0
+    monkeypatch.setattr(poses, "ASKED", 8)
+    assert usual_distance(turned, np.arange(40), apart=10) == pytest.approx(10)
 
 
 def test_the_ring_lies_inside_the_silhouette_and_not_along_the_picture_s_edge():

@@ -1,5 +1,6 @@
 """Samples of a run: what they hold, whence, and a cache that is made once."""
 
+import json
 import shutil
 import tomllib
 
@@ -182,6 +183,18 @@ def test_the_cache_depends_on_what_it_was_made_of(sample_run, data, cache, other
     moved = AvatarData(other[0], SETTINGS, cache, frames=[2])
     zarr.open_group(str(other[0] / "registered.zarr"), mode="r+")["garment/tshirt/vertices"][2, 7, 1] += 0.001
     assert AvatarData(other[0], SETTINGS, cache, frames=[2]).folder != moved.folder != data.folder
+
+
+@pytest.mark.parametrize("field", ["K", "distortion", "T_camera_world"])
+def test_pictures_of_a_camera_that_was_calibrated_anew_are_prepared_anew(field, other, cache):
+    run, capture = other
+    before = AvatarData(run, SETTINGS, cache, frames=[2])
+    cameras = json.loads((capture / "cameras.json").read_text())
+    value = cameras["cameras"][3][field]
+    row = value if field == "distortion" else value[0]
+    row[-1 if field == "T_camera_world" else 0] += 0.01
+    (capture / "cameras.json").write_text(json.dumps(cameras))
+    assert AvatarData(run, SETTINGS, cache, frames=[2]).folder != before.folder
 
 
 def test_the_single_layer_sees_the_same_windows(sample_run, data, cache):

@@ -103,6 +103,17 @@ def test_windows_hold_the_frames_up_to_the_sample_s_own(sample_run, tmp_path):
     assert (found[0] == poses[0]).all() and torch.equal(data[0]["window.face_seen"][2], data[0]["face_seen"])
 
 
+def test_windows_of_other_frames_hold_none_that_the_training_holds_out(sample_run, tmp_path):
+    settings = DataSettings(geometry_size=64, texture_size=64, image=(64, 64), pixel_scale=4.0, window=3)
+    data = AvatarData(sample_run, settings, tmp_path, [0, 3], left_out=[1, 2])
+    poses = data.run.pose.rotations[:].astype(np.float32)
+    assert (data.pose_window(3)["window.rotations"].numpy() == poses[3]).all()
+    assert (data.pose_window(2)["window.rotations"].numpy() == poses[:3]).all()  # what is held out may see what came before
+    ends = AvatarData(sample_run, settings, tmp_path, [3], left_out=[0, 2])  # all between the first and the last
+    assert (ends.pose_window(1)["window.rotations"].numpy() == poses[[0, 0, 1]]).all()
+    assert (ends.pose_window(3)["window.rotations"].numpy() == poses[3]).all()
+
+
 def test_features_of_windows_are_projected_as_the_training_frames_spread(sample_run, tmp_path):
     settings = DataSettings(geometry_size=64, texture_size=64, image=(64, 64), pixel_scale=4.0, window=2)
     data = AvatarData(sample_run, settings, tmp_path)

@@ -146,8 +146,8 @@ class DrivenAvatar:
         return found
 
     def _far_from(self, poses, whose):
-        whole, alone = zip(*(nearest_poses(r, poses["rotations"]) for r in self.motion.rotations[self.rows]))
-        distance, frames, found = np.array(whole), self.motion.frames[self.rows], []
+        distance, alone = nearest_poses(self.motion.rotations[self.rows], poses["rotations"])
+        frames, found = self.motion.frames[self.rows], []
         far = distance > FAR * poses["usual"]
         if far.any():
             worst = int(distance.argmax())
@@ -155,7 +155,7 @@ class DrivenAvatar:
                 f"{far.sum()} of {len(distance)} poses are far from {whose}: frame {frames[worst]} is "
                 f"{distance[worst]:.1f} degrees a joint from the nearest, those are {poses['usual']:.1f} from one another"
             )
-        return found + joints_apart(frames, np.array(alone), self.model.joint_names[1:], whose)
+        return found + joints_apart(frames, alone, self.model.joint_names[1:], whose)
 
     def batch(self, i, camera, index=-1):
         """Frame i seen by a camera, `index` among the avatar's own, as `Avatar.decode` takes it."""

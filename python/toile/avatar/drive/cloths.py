@@ -11,6 +11,7 @@ import torch
 from ... import kernels
 from ...errors import UserError
 from ...io.files import identity_of, save_record
+from ...io.holdout import kept_apart
 from ...io.run import is_run, open_run
 from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
@@ -18,7 +19,7 @@ from ..settings import ClothSettings
 from ..train.data import check_registration
 from .animate import DrivenAvatar
 from .draping import Cloth, cloth_file, made_of
-from .driver import held_out_span, stride_of, unseen_codes
+from .driver import stride_of, unseen_codes
 from .residual import Residual, teach
 from .teaching import DECODED
 
@@ -49,7 +50,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     check_registration(run, folder, facts)
     driven = DrivenAvatar(folder, path)
     frames = driven.motion.frames
-    rows = np.flatnonzero(~np.isin(frames, held_out_span(facts["holdout"])))
+    rows = np.flatnonzero(~np.isin(frames, kept_apart(run.holdout, facts["holdout"])))
     shown = rows[np.isin(frames[rows], run.pictured)]  # between them garments are only guessed
     cloths = {name: _at_rest(run, driven, name, frames[shown], settings) for name in names}
     stretches = _stretches(rows, frames)

@@ -113,11 +113,6 @@ def without(track, frames):
     return Track(track.frames[keep], track.features[torch.as_tensor(keep)], row_starts(breaks), track.step, track.rate)
 
 
-def held_out_span(frames):
-    """Of the held-out pictured frames, contiguous among the pictured ones, all numbers from the first to the last."""
-    return range(min(frames), max(frames) + 1) if frames else ()
-
-
 class Driver(nn.Module):
     """Poses to the codes of every garment: a temporal model over projected features and scaled codes."""
 

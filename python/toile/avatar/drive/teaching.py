@@ -15,11 +15,11 @@ from torch import nn
 from torch.utils.data import default_collate
 
 from ...errors import UserError
-from ...io.holdout import held
+from ...io.holdout import kept_apart
 from ...io.run import open_run
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
-from .driver import FILE, PREFIX, UNSEEN, Driver, held_out_span, one_thread, reader_of, run_track, stride_of, without
+from .driver import FILE, PREFIX, UNSEEN, Driver, one_thread, reader_of, run_track, stride_of, without
 
 SPAN = 0.5  # seconds of poses that the window model sees where nobody says how many
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
@@ -46,7 +46,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
         raise UserError(f"{folder}: no garment with a code: there is no code that a motion could drive")
     run = open_run(facts["run"])
     whole = run_track(reader_of(folder, avatar), run)
-    track = without(whole, {*held(run.holdout), *held_out_span(facts["holdout"])})
+    track = without(whole, kept_apart(run.holdout, facts["holdout"]))
     data = data_of(run, folder, facts, "cache", facts["frames"])
     targets, sizes = codes_of(avatar, data)
     rows = torch.tensor(track.rows(set(data.frames)))
@@ -77,7 +77,9 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
 
 def data_of(run, folder, facts, cache, frames):
     """AvatarData of frames of the Run that the avatar in `folder` was trained on; `facts`: its own."""
-    data = AvatarData(run, facts["settings"].data, folder=folder / cache, frames=frames, layered=facts["layered"])
+    data = AvatarData(
+        run, facts["settings"].data, folder / cache, frames, facts["layered"], left_out=facts["holdout"]
+    )
     check_same(folder / "avatar.json", facts["topology"], topology(data.layers, data.scene, data.cameras))
     return data
 

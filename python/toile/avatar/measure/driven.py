@@ -122,7 +122,10 @@ class Driven(HeldOut):
         """{layer: vertices (n,3)}, garments out of the body."""
         if frame not in self.decoded[name]:
             self._keep(name, frame, self._posed(name, frame), self._steered(frame))
-        return self.decoded[name][frame]
+        return self._vertices(name, frame)
+
+    def _asked_again(self, name):
+        return name == "layered" or (name in LED and super()._asked_again(name))
 
     def _clear(self, frame, decoded, pose):
         if not self.draping:

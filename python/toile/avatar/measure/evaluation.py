@@ -166,7 +166,7 @@ def _as_stated(picture, sources):
 
 def _result(held, errors, sources, mm_per_pixel):
     geometry = {n: held.geometry_errors(n, sources) for n in held.frames} if held.truth else {}
-    whole, alone = zip(*(held.from_training(n) for n in held.frames))
+    whole, alone = held.from_training()
     distance = {n: None if np.isnan(d) else float(d) for n, d in zip(held.frames, whole)}
 
     def of(name, frame=None):
@@ -188,5 +188,5 @@ def _result(held, errors, sources, mm_per_pixel):
         {"frame": n, "pose_distance_deg": distance[n]} | {name: of(name, n) for name in NAMES} for n in held.frames
     ]
     names = held.registered.run.body_model.joint_names[1:]
-    held.warnings += joints_apart(held.frames, np.array(alone), names, "the training's poses")
+    held.warnings += joints_apart(held.frames, alone, names, "the training's poses")
     return {"all": everything, "per_frame": per_frame, "warnings": held.warnings}  # to which driving adds

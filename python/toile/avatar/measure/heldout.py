@@ -79,7 +79,7 @@ class HeldOut:
         if "layered" in self.avatars:
             faces = self.registered.run.body_model.skin_faces
             self.layering = GarmentLayering(self.avatars["layered"], faces)
-        self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}
+        self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}; see `_asked_again`
         self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
     def _data(self, folder, layered):
@@ -90,6 +90,8 @@ class HeldOut:
             folder=folder / "evaluation",
             frames=self.frames,
             layered=layered,
+            known=sorted({*self.frames, *(n for n in facts["holdout"] if n in self.registered.run.pictured)}),
+            left_out=facts["holdout"],
         )
         check_same(folder, facts["topology"], topology(data.layers, data.scene, data.cameras))
         return data
@@ -98,10 +100,10 @@ class HeldOut:
     def count(self):
         return len(next(iter(self.data.values())))
 
-    def from_training(self, frame):
-        """`nearest_poses` of a frame's pose among those of the frames trained on that the run has."""
-        poses, row = self.registered.rotations, self.registered.run.row
-        return nearest_poses(poses[row(frame)], poses[[row(n) for n in self.trained]])
+    def from_training(self):
+        """`nearest_poses` of the frames among those trained on that the run has."""
+        poses, rows = self.registered.rotations, self.registered.run.rows
+        return nearest_poses(poses[rows(self.frames)], poses[rows(self.trained)])
 
     def pictures(self):
         """Every held-out picture as both avatars show it."""
@@ -160,10 +162,18 @@ class HeldOut:
         if frame not in self.decoded[name]:
             if self.shown[name] == "layered":
                 decoded, *self.intersections[frame] = self._clear(frame, decoded, pose)
-            self.decoded[name][frame] = {
-                layer: d.vertices[0].cpu().numpy().astype(np.float64) for layer, d in decoded.items()
-            }
-        return self.decoded[name][frame]
+            if not self._asked_again(name):
+                self.decoded[name].clear()
+            self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy() for layer, d in decoded.items()}
+        return self._vertices(name, frame)
+
+    def _vertices(self, name, frame):
+        """{layer: (n,3)} of a frame that was decoded, as double precision measures it."""
+        return {layer: V.astype(np.float64) for layer, V in self.decoded[name][frame].items()}
+
+    def _asked_again(self, name):
+        """Whether a frame of what is shown is asked for once its pictures are drawn, so that all frames are kept: for the truth."""
+        return self.truth is not None
 
     def _clear(self, frame, decoded, pose):
         """({layer: Decoded} with garments out of the body, pairs before, pairs left)."""
@@ -218,7 +228,7 @@ class HeldOut:
         """{avatar: {measure: mm}} of what was decoded in a frame; `sources` {avatar: what is shown of it}."""
         layers = {name: {layer.name: layer for layer in data.layers} for name, data in self.data.items()}
         return {
-            name: self.registered.errors(frame, self.decoded[shown][frame], layers[name])
+            name: self.registered.errors(frame, self._vertices(shown, frame), layers[name])
             for name, shown in sources.items()
         }
 

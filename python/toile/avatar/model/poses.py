@@ -4,35 +4,53 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...surface.sampling import evenly
+
+ASKED = 256  # poses that tell how far they usually lie from one another
 JOINT_FAR = 20.0  # degrees: a joint that is farther from where every other pose had it is warned of
 
 
-def joint_distances(rotations, others):
-    """(T,K-1) geodesic angles [degrees] of the joints below the root between a pose (K,3) and each of (T,K,3).
+def nearest_poses(rotations, others):
+    """How far each pose of (F,K,3) lies from the nearest of (T,K,3), the mean over its joints (F,), and how far each of its joints from
+    where any of them has it (F,K-1) [degrees]; nan without others.
 
     Rotation vectors relative to the parent; the root is left out, since avatars unpose it.
     """
+    one, other = quaternions(rotations), quaternions(others)
+    whole, alone = np.full(len(one), np.nan), np.full(one.shape[:2], np.nan)
+    for i, q in enumerate(one if len(other) else ()):
+        apart = joint_angles(q, other)
+        whole[i], alone[i] = apart.mean(1).min(), apart.min(0)
+    return whole, alone
+
+
+def usual_distance(rotations, frames, apart):
+    """How far [degrees] 95 % of the poses (F,K,3) of these frames (F,) are at most from the nearest that is not their neighbour in time:
+    `apart` frames or more away, where there is one. Of many poses ASKED are asked."""
+    poses, found = quaternions(rotations), []
+    for i in evenly(range(len(poses)), ASKED):
+        far = np.abs(frames - frames[i]) >= apart
+        others = poses[far if far.any() else frames != frames[i]]
+        found.append(joint_angles(poses[i], others).mean(1).min() if len(others) else 0.0)
+    return float(np.quantile(found, 0.95))
+
+
+def quaternions(rotations):
+    """(T,K-1,4) of the joints below the root of poses (T,K,3)."""
     from scipy.spatial.transform import Rotation
 
-    others = np.asarray(others, dtype=np.float64)
-    T, K = others.shape[:2]
-    if T == 0:
-        return np.zeros((0, K - 1))
-    a = Rotation.from_rotvec(np.tile(np.asarray(rotations, np.float64)[1:], (T, 1)))
-    b = Rotation.from_rotvec(others[:, 1:].reshape(-1, 3))
-    return np.degrees((a.inv() * b).magnitude().reshape(T, K - 1))
+    below = np.asarray(rotations, np.float64)[:, 1:]
+    if not below.size:
+        return np.zeros((*below.shape[:2], 4))
+    return Rotation.from_rotvec(below.reshape(-1, 3)).as_quat().reshape(*below.shape[:2], 4)
 
 
-def pose_distance(rotations, others):
-    """(T,) mean over the joints of their distances."""
-    return joint_distances(rotations, others).mean(1)
-
-
-def nearest_poses(rotations, others):
-    """How far a pose (K,3) lies from the nearest of (T,K,3) as a whole, by `pose_distance`, and how far each of its joints from where any of
-    them has it (K-1,) [degrees]; nan without others."""
-    apart = joint_distances(rotations, others)
-    return (apart.mean(1).min(), apart.min(0)) if len(apart) else (np.nan, np.full(apart.shape[1], np.nan))
+def joint_angles(q, others):
+    """(T,K) geodesic angles [degrees] between rotations (K,4) and (T,K,4), unit quaternions: 4 asin(d / 2) of the shorter chord d to q
+    or to -q, which is the same rotation; the squares of both sum to 4."""
+    away = others - q
+    square = np.einsum("tki,tki->tk", away, away)
+    return np.degrees(4 * np.arcsin(np.sqrt(np.minimum(square, np.maximum(4 - square, 0))) / 2))
 
 
 def joints_apart(frames, alone, names, whose):

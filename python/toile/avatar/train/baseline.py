@@ -95,7 +95,7 @@ def unseen_error(job, folder, settings, frames, cache):
     """Mean absolute error of the foreground of pictures that a trained baseline encodes itself."""
     device = job.fabric.device
     avatar = load_avatar(folder).to(device)
-    data = AvatarData(job.run, settings.data, cache, frames, layered=False, known=job.frames)
+    data = AvatarData(job.run, settings.data, cache, frames, layered=False, known=job.frames, left_out=job.held)
     found = []
     for row in evenly(range(len(data)), SCORED):
         batch = {name: value.to(device) for name, value in default_collate([data[row]]).items()}

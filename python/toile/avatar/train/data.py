@@ -16,7 +16,7 @@ from torch.utils.data import Dataset
 
 from ...errors import UserError
 from ...io.files import replace_file, write_text
-from ...io.holdout import held
+from ...io.holdout import kept_apart
 from ...io.inputs import files_under, stamps
 from ...io.layout import OK
 from ...io.run import Run, open_run
@@ -27,12 +27,13 @@ from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
 from ..model.light import SIZE, TERMS, explained, fit_light, irradiance, irradiance_basis
 from ..model.networks import resize
-from ..model.poses import pose_distance
+from ..model.checkpoint import topology
+from ..model.poses import usual_distance
 
 HEAD_REACH = 0.12  # the head lies this near to its facial keypoints [m]
 THREADS = min(8, os.cpu_count() or 1)  # frames prepared at a time
 LIT, TELLING = 64, 2000  # frames, and texels of a layer, that tell of the light: about so many at most
-VERSION = 2  # of the cache's files
+VERSION = 3  # of the cache's files
 REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
 
 
@@ -72,7 +73,8 @@ class AvatarData(Dataset):
 
     `settings`: DataSettings. `folder`: where the cache goes, a folder a setting of it; at 512 texels and a crop of 320 x
     320 px it takes about 1 MB a sample. Frames are prepared on threads, each file is written whole, and a preparation that
-    was cut goes on. `known`: the frames whose cache it is, by default `frames`, which are some of them. `layered=False`: the tracked surface alone, for the baseline. `progress(done, total)`.
+    was cut goes on. `known`: the frames whose cache it is, by default `frames`, which are some of them. `layered=False`: the tracked surface alone, for the baseline.
+    `left_out`: frames that the training holds out, beside the run's own; no other frame's window reads them. `progress(done, total)`.
 
     A sample is a dict of float32 tensors, unless said, that torch's default collation stacks:
       frame, camera int64; rotations (K,3), translation (3,), face (q,3) with 0 where unseen, face_seen (q,)
@@ -85,9 +87,9 @@ class AvatarData(Dataset):
     Cameras without a picture of a frame give no sample of it. UserError: no frame has pictures; topologies and UVs that do not fit.
     """
 
-    def __init__(self, run, settings, folder, frames=None, layered=True, progress=None, known=None):
+    def __init__(self, run, settings, folder, frames=None, layered=True, progress=None, known=None, left_out=()):
         run = run if isinstance(run, Run) else open_run(run)
-        self.run, self.capture, self.settings = run, run.capture, settings
+        self.run, self.capture, self.settings, self.left_out = run, run.capture, settings, left_out
         self.scene, self.J, self.parents = self.capture.scene, run.rest_joints, run.body_model.parents
         named = list(run.garments)
         if named != [g.name for g in self.scene.garments]:
@@ -140,8 +142,11 @@ class AvatarData(Dataset):
         """The cache's folder: what its files depend on. Of the registration the poses and three whole frames, of the pictures
         names, sizes and times."""
         settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes", "light"})
-        parts = [VERSION, layered, settings, str(self.run.path.resolve()), [c.name for c in self.cameras]]
-        digest = hashlib.sha256(json.dumps(parts).encode())
+        fitting = topology(self.layers, self.scene, self.cameras)
+        digest = hashlib.sha256(json.dumps([VERSION, layered, settings, str(self.run.path.resolve()), fitting]).encode())
+        for camera in self.capture.cameras.values():
+            for value in (camera.size, camera.K, camera.distortion, camera.T_camera_world):
+                digest.update(np.asarray(value, np.float64).tobytes())
         digest.update(self.run.done.tobytes() + self.run.pose.rotations[:].tobytes())
         digest.update(json.dumps(self._pictures()).encode())
         for number in (self.known[0], self.known[len(self.known) // 2], self.known[-1]):
@@ -166,16 +171,11 @@ class AvatarData(Dataset):
 
     @cached_property
     def poses(self):
-        """rotations (F,K,3) and translation (F,3) of the frames; usual: how far [degrees] 95 % of these poses are at most from
-        the nearest that is not their neighbour in time (a second or more away, where there is one)."""
+        """rotations (F,K,3) and translation (F,3) of the frames; usual: their `usual_distance`, neighbours nearer than a second."""
         rows = [self.run.row(n) for n in self.frames]
         rotations, translation = self.run.pose.rotations[rows], self.run.pose.translation[rows]
-        frames, distances = np.array(self.frames), []
-        for number, pose in zip(frames, rotations):
-            apart = np.abs(frames - number) >= self.scene.fps
-            others = rotations[apart if apart.any() else frames != number]
-            distances.append(pose_distance(pose, others).min() if len(others) else 0.0)
-        return {"rotations": rotations, "translation": translation, "usual": float(np.quantile(distances, 0.95))}
+        usual = usual_distance(rotations, np.array(self.frames), self.scene.fps)
+        return {"rotations": rotations, "translation": translation, "usual": usual}
 
     def pose_window(self, number):
         """Poses and faces of the last `settings.window` registered frames up to `number`, pictured or not; {} without."""
@@ -198,7 +198,7 @@ class AvatarData(Dataset):
         face = np.zeros((len(rotations), 0, 3)) if self.run.face is None else self.run.face[:]
         steps, good = np.diff(self.run.frames), self.run.done == OK
         usual = np.bincount(steps).argmax() if len(steps) else 1
-        held_out = np.isin(self.run.frames, held(self.run.holdout))
+        held_out = np.isin(self.run.frames, kept_apart(self.run.holdout, self.left_out))
         begins = np.r_[True, (steps != usual) | ~good[:-1] | (held_out[:-1] & ~held_out[1:])]
         return rotations, face, np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
 

@@ -105,7 +105,7 @@ class TrainingJob:
 
         with fabric.rank_zero_first():
             place = cache or folder / "cache"
-            data = AvatarData(self.run, settings.data, place, self.frames, layered, known=self.known)
+            data = AvatarData(self.run, settings.data, place, self.frames, layered, known=self.known, left_out=self.held)
         torch.manual_seed(draw(settings.seed, "weights"))
         avatar = Avatar(settings, **{name: getattr(data, name) for name in ASSETS})
         facts = {
