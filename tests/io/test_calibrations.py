@@ -285,6 +285,26 @@ def test_a_mirrored_rotation_and_lenses_beyond_five_coefficients_are_refused(tmp
         read_calibration(kind, path)
 
 
+@pytest.mark.parametrize("word", ["RT", "camera_to_world"])
+def test_a_pose_whose_translation_lies_in_its_last_row_is_refused(tmp_path, word):
+    _, path, kind, _ = written_as(tmp_path, "json")
+    data, T = json.loads(path.read_text()), np.eye(4)
+    T[3, :3] = 0.1, 0.2, 3.0
+    data["left"] = {k: v for k, v in data["left"].items() if k not in ("R", "t")} | {word: T.tolist()}
+    path.write_text(json.dumps(data))
+    with pytest.raises(UserError, match=rf"camera 'left': {word}: its last row is \[0.1, 0.2, 3.0, 1.0\].*transposed"):
+        read_calibration(kind, path)
+
+
+def test_a_colmap_text_whose_lines_of_points_are_missing_is_refused(tmp_path):
+    _, path, kind, _ = written_as(tmp_path, "colmap-text")
+    images = tmp_path / "images.txt"
+    kept = [line for line in images.read_text().split("\n") if line.strip()]
+    images.write_text("\n".join(kept) + "\n")
+    with pytest.raises(UserError, match=r"images\.txt: line \d+: not X Y POINT3D_ID"):
+        read_calibration(kind, path)
+
+
 def test_a_folder_without_the_calibration_or_with_two_is_refused(tmp_path):
     with pytest.raises(UserError, match="no calibration of kind 'qualisys'"):
         find_calibration("qualisys", tmp_path)

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from toile.errors import UserError
+from toile.io.camera import read_cameras
 from toile.io.capture import open_capture
 from toile.io.files import load_record, save_record
+from toile.io.keypoints import read_keypoints
 from toile.io.mesh import read_mesh, write_mesh
 from toile.scene import Mesh
 
@@ -59,6 +61,37 @@ def test_centimetres_are_the_same_capture_in_metres(tmp_path):
     point = here.frame(0).scan.vertices[::1000]
     assert np.allclose(there.frame(0).scan.vertices[::1000], point, atol=1e-6)
     assert np.allclose(there.cameras[name].project(point)[0], here.cameras[name].project(point)[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "field, spoilt, said",
+    [
+        ("T_camera_world", lambda T: np.transpose(T).tolist(), "its last row is not 0 0 0 1: is it transposed"),
+        ("K", lambda K: np.transpose(K).tolist(), r"K \(cam\d+\): expected \[\[fx, s, cx\]"),
+        ("K", lambda K: (2 * np.array(K)).tolist(), r"K \(cam\d+\): expected \[\[fx, s, cx\]"),
+    ],
+)
+def test_matrices_of_other_layouts_are_refused(tmp_path, field, spoilt, said):
+    data = json.loads((SAMPLE / "cameras.json").read_text())
+    data["cameras"][2][field] = spoilt(data["cameras"][2][field])
+    (tmp_path / "cameras.json").write_text(json.dumps(data))
+    with pytest.raises(UserError, match=rf"cameras\.json: cameras\.2\..*{said}"):
+        read_cameras(tmp_path / "cameras.json")
+
+
+@pytest.mark.parametrize(
+    "names, rows, said",
+    [
+        ("ab", [[1, 2, 0.5], [3, 4, 87]], r"points\.c\[1\]: its confidence is 87, expected 0 to 1"),
+        ("ab", [[1, 2, 0.5], [3, 4, -1]], r"points\.c\[1\]: its confidence is -1, expected 0 to 1"),
+        ("aa", [[1, 2, 0.5], [3, 4, 0.5]], "names: a stands there twice"),
+    ],
+)
+def test_keypoints_that_say_no_share_or_a_name_twice_are_refused(tmp_path, names, rows, said):
+    path = tmp_path / "keypoints.json"
+    path.write_text(json.dumps({"names": list(names), "points": {"c": rows}}))
+    with pytest.raises(UserError, match=f"keypoints.json: {said}"):
+        read_keypoints(path, {"c": None})
 
 
 @dataclass(frozen=True)

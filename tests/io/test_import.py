@@ -138,12 +138,49 @@ def test_pictures_of_films_are_decoded_with_their_offset(tmp_path):
                 film.add(np.full((v.height, v.width, 3), 20 + 30 * i, np.uint8))
     imported(tmp_path / "their", tmp_path / "ours", offsets={"front": 2})
     capture = open_capture(tmp_path / "ours")
-    assert capture.frames == (0, 1, 2, 3, 4, 5)
+    assert capture.frames == (0, 1, 2, 3, 4, 5) and capture.scene.fps == 30
     images = capture.frame(1).images
     assert {name: round((int(image.mean()) - 20) / 30) for name, image in images.items()} == {
         "left": 1, "front": 3, "cam 3": 1,
     }  # fmt: skip
     assert "front" not in capture.frame(5).images
+
+
+def test_frames_follow_as_fast_as_those_of_the_films(tmp_path):
+    pytest.importorskip("av")
+    from toile.io.video import VideoWriter
+
+    made = views()
+    write_json(tmp_path, made)
+
+    def filmed(*rates):
+        for v, rate in zip(made, rates):
+            with VideoWriter(tmp_path / "videos" / f"{v.name}.mp4", rate) as film:
+                for _ in range(6):
+                    film.add(np.zeros((v.height, v.width, 3), np.uint8))
+
+    filmed(60, 60, 60)
+    found = read_rig("lists", tmp_path, Options())
+    assert found.fps == 60 and "frames a second: 60.0" in found.notes
+    filmed(60, 25)
+    with pytest.raises(UserError, match=r"left.mp4 has 60 .*|.*.mp4 has 25 pictures a second, .*mp4 60: .* --fps"):
+        read_rig("lists", tmp_path, Options())
+    assert read_rig("lists", tmp_path, Options(fps=50.0)).fps == 50
+    rig(tmp_path / "pictures")
+    silent = read_rig("lists", tmp_path / "pictures", Options())
+    assert silent.fps == 30 and "frames a second: 30 (assumed, give them by --fps)" in silent.notes
+
+
+def test_the_confidence_of_a_scan_is_kept_in_other_units(tmp_path):
+    from toile.io.mesh import write_mesh
+    from toile.scene import Mesh
+
+    rig(tmp_path / "their", numbers=(0,))
+    corners, confidence = np.array([[0, 0, 0], [0, 0, 1700.0], [100, 0, 0]]), np.array([1.0, 0.0, 0.5])
+    write_mesh(tmp_path / "their" / "scans" / "0.ply", Mesh(corners, np.array([[0, 1, 2]]), confidence=confidence))
+    imported(tmp_path / "their", tmp_path / "ours", units="mm")
+    scan = open_capture(tmp_path / "ours").frame(0).scan
+    assert np.allclose(scan.confidence, confidence, atol=1e-6) and np.allclose(scan.vertices[1], [0, 0, 1.7])
 
 
 def huge_png(path, width=40_000, height=25_000):
@@ -163,6 +200,10 @@ SPOILT = {
     "unreadable": (lambda f: (f / "images/left/000002.jpg").write_bytes(b"no"), "cannot be read as a PNG or JPEG"),
     "huge header": (lambda f: huge_png(f / "images/front/000011.png"), r"their/images/front/000011\.png: .*1000000000 pixels"),
     "two of a frame": (lambda f: save(f / "images/left/2.png", (480, 360)), "camera 'left' has frame 2 in"),
+    "16 bits": (
+        lambda f: Image.fromarray(np.full((360, 480), 40_000, np.uint16)).save(f / "images/front/000011.png"),
+        r"front/000011\.png: 16 bits a channel, expected 8",
+    ),
     "another set": (other_cameras, r"images: pictures of no camera of the calibration: 0\.jpg; its cameras: left"),
     "seven digits": (lambda f: save(f / "images/left/1234567.jpg", (480, 360)), "at most six digits"),
     "keypoints": (

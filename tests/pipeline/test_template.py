@@ -9,6 +9,7 @@ import zarr
 
 from toile import cli
 from toile.io.body import PACKAGED
+from toile.io.layout import DOUBTFUL, GOOD, WRONG
 from toile.io.mesh import read_mesh
 from toile.io.run import open_run
 from toile.kernels import boundary_loops
@@ -45,6 +46,17 @@ def test_a_run_with_a_body_model_of_its_own_gives_the_same_template(
     assert np.array_equal(own.vertices, packaged.vertices) and np.array_equal(own.faces, packaged.faces)
     assert own.uv is not None and len(boundary_loops(own.faces)) >= 3
     assert f"tshirt from {own_model}" in capsys.readouterr().out
+
+
+def test_what_is_made_of_frames_that_are_judged_wrong_says_so(own_model, tmp_path, monkeypatch, capsys):
+    zarr.open_group(str(own_model / "registered.zarr"), mode="r+")["verdict"][:] = [WRONG, DOUBTFUL, WRONG, GOOD]
+    said = "of 4 frames 2 wrong and 1 doubtful: see toile report"
+    assert command(monkeypatch, own_model, tmp_path / "t.obj", "--name", "tshirt", "--label", "tshirt") == 0
+    assert said in capsys.readouterr().err
+    monkeypatch.setattr("sys.argv", ["toile", "export", str(own_model), str(tmp_path / "clip.npz")])
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert said in capsys.readouterr().err and (tmp_path / "clip.npz").exists()
 
 
 def test_an_unknown_label_is_refused_by_name(sample_run, tmp_path, monkeypatch, capsys):

@@ -26,6 +26,7 @@ def align(
     """Slide garments along their surfaces until their prints lie still on them: a run with true interior correspondence."""
     from ..config import from_options
     from ..console import progress_bars, shard_of
+    from ..io.run import open_run
     from .run import align as run_alignment
     from .settings import AlignSettings
 
@@ -38,7 +39,7 @@ def align(
     speech.result(
         words, aligned=outcome.matched, between=outcome.between, pending=outcome.pending, failed=outcome.failed
     )
-    for warning in outcome.warnings:
+    for warning in (*filter(None, [open_run(run).judgement]), *outcome.warnings):
         speech.warn(warning)
     speech.frame_notes({"failed": outcome.failed})
     speech.next_step("status" if outcome.pending else "report", out)

@@ -30,7 +30,7 @@ def import_capture(
     units: Annotated[str, typer.Option(help="of calibration and scans: m, dm, cm, mm, or metres a unit")] = "",
     up: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z; default what the cameras hold up")] = "",
     fps: Annotated[
-        float | None, typer.Option(help="frames a second; default the data set's, or 30", min=1e-3, max=100_000)
+        float | None, typer.Option(help="frames a second; default the data set's, the films', or 30", min=1e-3, max=100_000)
     ] = None,
     frames: Frames = None,
     step: Step = 1,
@@ -54,7 +54,7 @@ def import_capture(
 
     folders = dict(images=images, masks=masks, labels=labels, keypoints=keypoints, scans=scans, videos=videos)
     if kind in KINDS:
-        found = read_rig(kind, source, Options(folders, units, up, skeleton, offsets_of(offset or []), cropped))
+        found = read_rig(kind, source, Options(folders, units, up, skeleton, offsets_of(offset or []), fps, cropped))
     elif kind in DATASETS:
         given = [*folders.values(), units, skeleton, offset, cropped]
         if any(given):
@@ -97,6 +97,7 @@ def export(
     from ..errors import UserError
     from .export.source import open_clip, with_frames, with_layers, with_textures
     from .export.writing import MOTIONS, format_of, write_clip
+    from .run import is_run, open_run
 
     kind = format_of(out, kind)
     if motion not in (None, *MOTIONS):
@@ -111,6 +112,8 @@ def export(
     speech.result(f"{out}: {len(clip.frames)} frames of {names}", frames=clip.frames)
     for note in notes:
         speech.result(f"  {note}")
+    if is_run(path) and (words := open_run(path).judgement):
+        speech.warn(words)
 
 
 def offsets_of(given):

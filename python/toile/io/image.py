@@ -61,6 +61,12 @@ def _check_size(path: Path, image: Any, size: tuple[int, int]) -> None:
         raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
 
 
+def _bits(path: Path | str) -> int:
+    """Bits a channel of a PNG, as the 25th byte says."""
+    with open(path, "rb") as file:
+        return file.read(25)[24]
+
+
 def write_image(path: Path, pixels: Anything) -> None:
     """(H,W,3) or (H,W) uint8 as a whole file: JPEG for the suffix .jpg, else PNG."""
     from PIL import Image
@@ -80,6 +86,8 @@ def _opened(path: Path | str) -> Any:
             width, height = image.size
             if width * height > MAX_PIXELS:
                 raise UserError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
+            if image.format == "PNG" and _bits(path) > 8:  # converted, they would be cut off at 255, or lose their lower half
+                raise UserError(f"{path}: {_bits(path)} bits a channel, expected 8")
             yield image
     except UserError:
         raise

@@ -172,7 +172,7 @@ def moved_scan(path: Path, metres: float, turn: Anything) -> Source:
 
     def write(out: Path) -> None:
         mesh = read_mesh(path)
-        write_mesh(out, Mesh(metres * mesh.vertices @ turn.T, mesh.faces, face_labels=mesh.face_labels))
+        write_mesh(out, replace(mesh, vertices=metres * mesh.vertices @ turn.T, uv=None, face_uv=None))
 
     return write
 

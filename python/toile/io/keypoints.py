@@ -12,6 +12,7 @@ from ..errors import UserError
 from ..scene import Camera, Keypoints, Points3D
 from .bounded import read_json
 
+SUREST = 2.0  # detectors go a little beyond 1; a confidence in percent does so by far
 
 def read_keypoints(path: Path, cameras: dict[str, Camera], left_out: Sequence[str] = ()) -> Keypoints:
     """2D keypoints of one frame, for the cameras that are known; those of cameras that are left out are passed over."""
@@ -25,11 +26,16 @@ def read_keypoints(path: Path, cameras: dict[str, Camera], left_out: Sequence[st
     for camera, rows in points.items():
         if camera not in cameras:
             raise UserError(f"{path}: points.{camera}: no such camera in cameras.json")
+        if len(set(names)) < len(names):
+            raise UserError(f"{path}: names: {max(names, key=names.count)} stands there twice")
         if len(rows) != len(names):
             raise UserError(f"{path}: points.{camera} has {len(rows)} rows, names {len(names)}")
         bad = np.flatnonzero(~np.isfinite(rows).all(1))
         if len(bad):
             raise UserError(f"{path}: points.{camera}[{bad[0]}] is not finite")
+        bad = np.flatnonzero((rows[:, 2] < 0) | (rows[:, 2] > SUREST))
+        if len(bad):
+            raise UserError(f"{path}: points.{camera}[{bad[0]}]: its confidence is {rows[bad[0], 2]:g}, expected 0 to 1")
     return Keypoints(names, points)
 
 

@@ -17,7 +17,8 @@ from .run import is_run, open_run
 
 MAX_FRAMES = 1_000_000
 FARTHEST = 1e4  # [m] from the origin: beyond, single precision places a person by millimetres
-LARGEST_TURN = 1e3  # [rad] of a rotation vector
+LARGEST_TURN = 1e3  # [rad] of the root's rotation vector, which may count its turns
+LARGEST_BEND = 2 * np.pi  # [rad] of any other joint's
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,12 @@ def read_motion(path: Path | str, model: BodyModel, J: Anything, fps: float, tra
 
 def _sane(path, motion):
     """The Motion. UserError: it has places or turns that are no person's."""
-    for name, largest, unit in (("translation", FARTHEST, "m"), ("rotations", LARGEST_TURN, "rad")):
-        values = np.abs(getattr(motion, name)).reshape(len(motion), -1).max(1)
+    turns = np.linalg.norm(motion.rotations, axis=2)
+    for name, values, largest, unit in (
+        ("translation", np.abs(motion.translation).max(1), FARTHEST, "m"),
+        ("rotations", turns[:, 0], LARGEST_TURN, "rad"),
+        ("rotations", turns[:, 1:].max(1, initial=0), LARGEST_BEND, "rad (are they in degrees?)"),
+    ):
         if (values > largest).any():
             row = int(values.argmax())
             words = f"{values[row]:.3g} {unit} in frame {motion.frames[row]}, expected at most {largest:g}"

@@ -14,7 +14,7 @@ from ..errors import UserError
 from ..kernels.arrays import Floats
 from ..scene import Camera
 from .calibration import KINDS, find_calibration, read_calibration
-from .films import film_count
+from .films import film_count, film_rate
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
 from .places import Placed, files_of, folder_of, numbered, place, placed
@@ -22,6 +22,8 @@ from .scene_file import METRES
 from .skeletons import SKELETONS
 
 SHOWN = 3  # names in a message
+FPS = 30.0  # where nothing tells
+SAME_RATE = 1.01  # films whose rates differ by less tell the same
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Options:
     up: str = ""  # x, y, z, -x, -y, -z
     skeleton: str = ""
     offsets: Mapping[str, int] = field(default_factory=dict)  # camera: its file number of frame 0
+    fps: float | None = None  # frames a second, by default those of the films
     cropped: bool = False  # pictures lack columns at the right or rows below that the calibration has
 
 
@@ -63,7 +66,19 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     if not frames:
         raise UserError(f"{root}: no pictures of the cameras {_few(cameras)}: folders images/, CAM/ or videos/")
     _add_scans(frames, root, metres, turn, options, notes)
-    return Found(cameras, frames, up, films=films, cropped=options.cropped, notes=tuple(notes))
+    fps = options.fps or _rate(films)
+    notes.append(f"frames a second: {fps or f'{FPS:g} (assumed, give them by --fps)'}")
+    return Found(cameras, frames, up, fps or FPS, films=films, cropped=options.cropped, notes=tuple(notes))
+
+
+def _rate(films: Mapping[str, tuple[Path, int]]) -> float:
+    """What all films' headers say; 0 where none does. UserError: they say different things."""
+    rates = {path.name: rate for path, _ in films.values() if (rate := film_rate(path))}
+    slowest, fastest = min(rates, key=rates.__getitem__, default=""), max(rates, key=rates.__getitem__, default="")
+    if rates and rates[fastest] > SAME_RATE * rates[slowest]:
+        each = f"{slowest} has {rates[slowest]:g} pictures a second, {fastest} {rates[fastest]:g}"
+        raise UserError(f"{each}: give those that frames are to be numbered by as --fps")
+    return rates[slowest] if rates else 0.0
 
 
 def metres_of(units: str) -> float:
@@ -105,7 +120,8 @@ def _placed(root: Path, what: str, cameras: dict[str, Camera], options: Options,
         notes.append(f"left: {len(found.strange)} {what} of no camera: {_few(p.name for p in found.strange)}")
     if found.files:
         seen = {camera for files in found.files.values() for camera in files}
-        notes.append(f"{what}: {sum(map(len, found.files.values()))} of {len(seen)} cameras in {folder.name}/")
+        ask = ", whose ids [labels] of scene.toml has to name" if what == "labels" else ""
+        notes.append(f"{what}: {sum(map(len, found.files.values()))} of {len(seen)} cameras in {folder.name}/{ask}")
     return found
 
 

@@ -20,7 +20,20 @@ from ..scene import BodyModel
 from .bounded import check_file
 from .camera import first_error
 from .capture import Capture, open_capture
-from .layout import DIAGNOSTICS, IDENTITY, OK, STORE, VERDICT, VERSION, Attributes, Stored, StoredGarment, layout_of
+from .layout import (
+    DIAGNOSTICS,
+    DOUBTFUL,
+    IDENTITY,
+    OK,
+    STORE,
+    VERDICT,
+    VERSION,
+    WRONG,
+    Attributes,
+    Stored,
+    StoredGarment,
+    layout_of,
+)
 from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics, scans_folder
 from .status import Status
 
@@ -264,6 +277,14 @@ class Run:
     def ok(self) -> list[int]:
         """Numbers of the registered frames, in the run's order."""
         return self.frames[self.rows()].tolist()
+
+    @property
+    def judgement(self) -> str:
+        """In words, how many of the registered frames are judged wrong or doubtful; "" where none is, or the run is older than verdicts."""
+        levels = [] if self.verdict is None else self.verdict[self.rows()].tolist()
+        counts = [(levels.count(WRONG), "wrong"), (levels.count(DOUBTFUL), "doubtful")]
+        told = " and ".join(f"{count} {level}" for count, level in counts if count)
+        return told and f"{self.path}: of {len(levels)} frames {told}: see toile report {self.path}"
 
     @cached_property
     def pictured(self) -> list[int]:

@@ -33,10 +33,10 @@ def template_of_run(run: Run, name: str, label: str) -> GarmentTemplate:
     """The template of a garment `name` worn where the tracked surface has a label of the run's scene, in the body model's
     own rest pose, where `dress.prepare` expects it. UserError: no such label, or no region of it with an opening."""
     ids = run.scene.labels
-    if label not in ids:
-        raise UserError(f"--label {label}: the run knows {', '.join(ids)}")
     if run.labels is None:
         raise UserError(f"{run.path}: labels: the run has none, its scene names no garment")
+    if label not in ids:
+        raise UserError(f"--label {label}: the run knows {', '.join(ids)}")
     return _cut(run.body_model, person_of(run), name, ids[label], run.labels[run.rows()])
 
 

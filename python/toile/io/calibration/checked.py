@@ -46,6 +46,14 @@ def rotation(path: Path, field: str, value: Any) -> Floats:
     return U @ Vt
 
 
+def placed(path: Path, field: str, value: Any) -> Floats:
+    """(4,4) of (4,4) or (3,4) numbers, its upper left a rotation. UserError: its last row is not 0 0 0 1."""
+    M = numbers(path, field, value, (4, 4), (3, 4))
+    if len(M) == 4 and not np.allclose(M[3], [0, 0, 0, 1]):
+        raise UserError(f"{path}: {field}: its last row is {M[3].tolist()}, expected 0 0 0 1: is it transposed?")
+    return rigid(rotation(path, field, M[:3, :3]), M[:3, 3])
+
+
 def rigid(R: Anything, t: Anything) -> Floats:
     """(4,4) that maps x to R x + t."""
     T = np.eye(4)

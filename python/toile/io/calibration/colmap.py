@@ -89,7 +89,10 @@ def _cameras_txt(path: Path) -> dict[int, Any]:
 def _images_txt(path: Path) -> list[tuple[str, int, list[float]]]:
     images = []
     lines = [(i, line) for i, line in enumerate(read_text(path, BYTES).split("\n"), 1) if not line.startswith("#")]
-    for number, line in lines[::2]:  # every second line lists points, and may be empty
+    for number, line in lines[1::2]:
+        if len(line.split()) % 3:
+            raise UserError(f"{path}: line {number}: not X Y POINT3D_ID ..., the points of the image above, nor empty")
+    for number, line in lines[::2]:
         words = line.split()
         if not words:
             continue

@@ -19,7 +19,7 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_json, read_text
-from .checked import HALF, add, intrinsics, inverse, make_camera, numbers, rigid, rotation
+from .checked import HALF, add, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
 
 NAMES = ("*_par.txt", "*.json")
 SPELLINGS = {
@@ -69,8 +69,7 @@ def _camera(path: Path, name: str, fields: dict[str, Any], half: float) -> Camer
     if word is None:
         T = rigid(rotation(path, f"camera '{name}': R", needed("R", (3, 3), (3,))), needed("t", (3,)))
     else:
-        M = needed(word, (4, 4), (3, 4))
-        T = rigid(rotation(path, f"camera '{name}': {word}", M[:3, :3]), M[:3, 3])
+        T = placed(path, f"camera '{name}': {word}", given[word])
         T = inverse(T) if word == "camera_to_world" else T
     size = [int(numbers(path, f"camera '{name}': {side}", given[side] or 0, (1,))[0]) for side in ("height", "width")]
     bend = np.zeros(5) if given["dist"] is None else np.ravel(given["dist"])

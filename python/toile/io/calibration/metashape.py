@@ -25,7 +25,7 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_xml
-from .checked import add, intrinsics, inverse, make_camera, numbers, rigid, rotation
+from .checked import add, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
 
 NAMES = ("*.xml",)
 WORLD = ("scale", "rotation", "translation")
@@ -41,15 +41,14 @@ def read(path: Path) -> dict[str, Camera]:
     whole = _world(path, chunk.find("transform"))
     cameras: dict[str, Camera] = {}
     for camera in chunk.iter("camera"):
-        placed = camera.findtext("transform")
-        if placed is None:
+        given = camera.findtext("transform")
+        if given is None:
             continue  # not aligned
         name = Path(camera.get("label", "")).stem
         sensor = sensors.get(camera.get("sensor_id"))
         if sensor is None:
             raise UserError(f"{path}: camera '{name}': no sensor {camera.get('sensor_id')}")
-        T = numbers(path, f"camera '{name}': transform", placed.split(), (4, 4))
-        T = rigid(rotation(path, f"camera '{name}': transform", T[:3, :3]), T[:3, 3])
+        T = placed(path, f"camera '{name}': transform", given.split())
         scale, R, t = worlds.get(camera.get("component_id")) or whole
         pose = rigid(R @ T[:3, :3], scale * R @ T[:3, 3] + t)
         add(path, cameras, make_camera(path, name, *_lens(path, name, sensor), inverse(pose)))

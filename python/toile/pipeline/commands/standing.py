@@ -114,6 +114,9 @@ def template(
     label: Annotated[str, typer.Option(help="its label in the run's scene")],
 ):
     """Make a garment template from a run's tracked surface and labels."""
+    from ...io.run import open_run
     from ..template import write_template
 
     speech.result(write_template(run, out, name, label))
+    if words := open_run(run).judgement:
+        speech.warn(words)
