@@ -133,6 +133,11 @@ def test_all_frames_between_held_out_pictures_are_held_out():
     assert list(held_out_span([60, 66, 72])) == list(range(60, 73)) and not held_out_span([])
 
 
+def test_the_frames_driven_are_the_same_in_whatever_order_they_are_asked_for(folder, held):
+    turned = Driven(folder, [3, 1])
+    assert turned.frames == held.frames == [1, 3] and turned.span == held.span == [1, 2, 3]
+
+
 def test_physics_shows_what_an_animation_by_physics_shows(folder, sample_run):
     printed = CliRunner().invoke(app, ["evaluate", str(folder), "--frames", "3", "--driven", "--physics", "--json"])
     assert printed.exit_code == 0, printed.output
