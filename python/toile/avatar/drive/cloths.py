@@ -12,13 +12,14 @@ from ... import kernels
 from ...errors import UserError
 from ...io.files import identity_of, save_record
 from ...io.run import is_run, open_run
+from ...scene import stride_of
 from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
 from ..settings import ClothSettings
 from ..train.data import check_registration
 from .animate import DrivenAvatar
 from .draping import Cloth, cloth_file, made_of
-from .driver import held_out_span, stride_of, unseen_codes
+from .driver import held_out_span, unseen_codes
 from .residual import Residual, teach
 from .teaching import DECODED
 
