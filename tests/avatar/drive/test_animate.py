@@ -315,6 +315,22 @@ def test_an_orbit_has_turned_as_far_as_time_has_passed_whatever_the_step_of_the_
     assert np.allclose(fifth, every[::5]) and not np.allclose(every[0], every[5])
 
 
+@pytest.mark.parametrize("up", "xyz")
+def test_who_turns_on_the_spot_in_a_bvh_turns_about_the_scene_s_up(avatar_folder, tmp_path, monkeypatch, up):
+    path, channels = tmp_path / "turn.bvh", "3 Zrotation Xrotation Yrotation"
+    joints = f"ROOT Hips {{ OFFSET 0 0 0 CHANNELS {channels} JOINT Spine {{ OFFSET 0 9 0 CHANNELS {channels} }} }}"
+    degrees = "\n".join(f"0 0 {10 * k} 0 0 0" for k in range(10))
+    path.write_text(f"HIERARCHY {joints} MOTION Frames: 10 Frame Time: {1 / 30} {degrees}")
+    avatar, turn = load_avatar(avatar_folder), np.roll(np.eye(3), "xyz".index(up) - 2, axis=0)
+    joints = SimpleNamespace(J=avatar.skeleton.J @ torch.as_tensor(turn.T, dtype=torch.float32))
+    turned_avatar = SimpleNamespace(scene=replace(avatar.scene, up=up), skeleton=joints)
+    monkeypatch.setattr(apart, "load_avatar", lambda folder: turned_avatar)
+    motion = apart.motion_of(avatar_folder, path)
+    angles = np.radians(10 * np.arange(10))
+    assert np.allclose(motion.rotations[:, 0], angles[:, None] * np.eye(3)["xyz".index(up)])
+    assert np.abs(motion.rotations[:, 1:]).max() < 1e-9
+
+
 def test_a_stopped_animation_leaves_no_folder_that_looks_whole(avatar_folder, sample_run, tmp_path):
     def stop(*_):
         raise KeyboardInterrupt

@@ -44,7 +44,8 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
 def motion_of(folder, path):
     """The Motion at `path` for the avatar in `folder`, as it is given."""
     avatar, start = load_avatar(folder), training_poses(folder)["translation"].mean(0)
-    return read_motion(Path(path), _body_model(folder, avatar), _joints(avatar), avatar.scene.fps, start)
+    model, scene = _body_model(folder, avatar), avatar.scene
+    return read_motion(Path(path), model, _joints(avatar), scene.fps, start, scene.up)
 
 
 def _body_model(folder, avatar):
