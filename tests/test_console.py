@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from toile.console import ProgressLines, duration, garments_of
+from toile.console import ProgressLines, duration, frame_numbers, garments_of, numbers_of
 from toile.errors import UserError
 
 
@@ -37,6 +37,12 @@ def test_a_quiet_log_says_nothing(capsys):
 
 def test_durations_are_said_in_words():
     assert [duration(s) for s in (40, 720, 12600)] == ["40 s", "12 min", "3.5 h"]
+
+
+def test_frame_numbers_rise_and_each_comes_once_in_whatever_order_they_are_typed():
+    for text in ("1-3,50,60", "60,1-3,50", "50,60,3,2,1", "2-3,1-3,60,50,60"):
+        assert numbers_of(text) == frame_numbers(text, range(100)) == (1, 2, 3, 50, 60)
+        assert frame_numbers(text, range(100), step=2) == (1, 3, 60)
 
 
 def test_garments_are_read_as_a_name_and_the_avatar_that_each_is_taken_of():

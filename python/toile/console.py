@@ -99,10 +99,10 @@ def completion(
 
 
 def numbers_of(text: str | None) -> tuple[int, ...] | None:
-    """ "1-3,7" -> (1, 2, 3, 7), None for None."""
+    """ "7,1-3" -> (1, 2, 3, 7), rising and each once, None for None."""
     if text is None:
         return None
-    return tuple(dict.fromkeys(n for first, last in ranges(text) for n in range(first, last + 1)))
+    return tuple(sorted({n for first, last in ranges(text) for n in range(first, last + 1)}))
 
 
 def garments_of(given: Iterable[str] | None) -> dict[str, Path]:
@@ -121,16 +121,16 @@ def garments_of(given: Iterable[str] | None) -> dict[str, Path]:
 
 
 def frame_numbers(text: str | None, available: Iterable[int], step: int = 1) -> tuple[int, ...]:
-    """ "1-50,60" -> the numbers of that list that are captured, every `step`-th; all of them for None."""
+    """ "60,1-50" -> the numbers of that list that are captured, rising and each once, every `step`-th; all of them for None."""
     if step < 1:
         raise UserError(f"--step {step}: expected at least 1")
     if text is None:
         return tuple(available)[::step]
     there = set(available)
-    numbers = [n for first, last in ranges(text) for n in range(first, last + 1) if first == last or n in there]
+    numbers = {n for first, last in ranges(text) for n in range(first, last + 1) if first == last or n in there}
     if not numbers:
         raise UserError(f"--frames {text}: none of them is there")
-    return tuple(dict.fromkeys(numbers))[::step]
+    return tuple(sorted(numbers))[::step]
 
 
 def ranges(text: str) -> list[tuple[int, int]]:

@@ -441,3 +441,14 @@ def frame_ranges(numbers: Sequence[int], most: int | None = None, between: str =
             runs.append([number, number])
     shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
     return between.join(shown[:most]) + (f"{between}..." if most is not None and len(shown) > most else "")
+
+
+def stride_of(frames: Anything) -> int:
+    """The commonest step from one frame number to the next; 0 for a single frame."""
+    steps, counts = np.unique(np.diff(frames), return_counts=True)
+    return int(steps[counts.argmax()]) if len(steps) else 0
+
+
+def rate_of(frames: Anything, fps: float) -> float:
+    """Pictures a second of a film of these frames, whose numbers count at `fps`: a step of 5 leaves a fifth. A gap is no pause."""
+    return fps / (stride_of(frames) or 1)

@@ -5,6 +5,7 @@ import csv
 import io
 import json
 import pickle
+import shutil
 import zipfile
 
 import numpy as np
@@ -177,6 +178,17 @@ def test_parts_of_goliath_and_keypoints_of_dna_rendering_arrive(tmp_path):
     keypoints = capture.frame(7).keypoints
     assert keypoints.names == ("body.upperarm01.L",)
     np.testing.assert_allclose(keypoints.points["48"], [[100.5, 60.5, 0.9]])
+
+
+def test_frames_of_mvhumannet_are_as_far_apart_as_in_its_films(tmp_path):
+    """Every fifth of 25 frames a second is there: 0005, 0010, ..."""
+    made, _ = write_mvhumannet(tmp_path / "their")
+    for v in made:
+        pictures = tmp_path / "their" / "images" / v.name
+        shutil.copy(pictures / "0380_img.jpg", pictures / "0385_img.jpg")
+    write_capture(DATASETS["mvhumannet"](tmp_path / "their", "z"), tmp_path / "ours", "test")
+    capture = open_capture(tmp_path / "ours")
+    assert np.diff(capture.frames) / capture.scene.fps == pytest.approx([0.2])
 
 
 class Evil:

@@ -6,6 +6,9 @@ import pytest
 from tests.support.smpl import smpl_fields
 from toile.errors import UserError
 from toile.io.body import load_body_model
+from toile.io.bvh import MIDDLE, SIDED
+from toile.io.export.bvh import write_bvh
+from toile.io.export.clip import Clip, ClipSkeleton
 from toile.io.motion import read_motion
 
 
@@ -143,6 +146,61 @@ def test_a_bvh_turns_the_joints_of_the_same_roles_in_another_skeleton(model, tmp
     np.testing.assert_allclose(theirs.rotations[:, shoulder], ours.rotations[:, arm], atol=1e-12)
     assert np.abs(np.delete(theirs.rotations, shoulder, 1)).max() < 1e-9
     np.testing.assert_allclose(theirs.translation, ours.translation, atol=1e-12)
+
+
+def turn_to(up):
+    """What takes z to the axis `up`, as body models are turned."""
+    return np.roll(np.eye(3), "xyz".index(up) - 2, axis=0)
+
+
+SMPLS = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # x left, y back, z up -> x left, y up, z front
+STANDS = {
+    "x up": (turn_to("x"), "x"),
+    "y up": (turn_to("y"), "y"),
+    "z up": (turn_to("z"), "z"),
+    "as SMPL, y up": (SMPLS, "y"),
+    "as SMPL, z up": (turn_to("y").T @ SMPLS, "z"),
+}
+
+
+@pytest.fixture(scope="module")
+def walk(model):
+    """Rotations (T,K,3) and translations (T,3) of a person, z up, who turns by 90 degrees on the way and moves every joint that a
+    BVH file is asked for."""
+    time, moved = np.linspace(0, 1, 12)[:, None], sorted({*SIDED} & {n.split(".")[0] for n in model.joint_roles})
+    names = [*MIDDLE, *(f"{name}.{side}" for name in moved for side in "LR")]
+    rotations = np.zeros((12, len(model.parents), 3))
+    for name, axis in zip(names, np.random.default_rng(0).normal(size=(len(names), 3))):
+        rotations[:, model.joint(name)] = 0.4 * time * axis
+    rotations[:, 0] = time * [0, 0, np.pi / 2]
+    return rotations, np.array([0, 0, 0.9]) + time * [0.5, -1.0, 0.1]
+
+
+def bvh_of(path, model, walk, turn, up):
+    """The file that `toile export` writes of the walk by a body turned by `turn`."""
+    pose = lambda frame: (walk[0][frame] @ turn.T, turn @ walk[1][frame])
+    skeleton = ClipSkeleton(model.joint_names, tuple(model.parents.tolist()), model.J @ turn.T, pose)
+    write_bvh(Clip("walk", 30.0, up, tuple(range(len(walk[0]))), (), skeleton), path)
+    return path
+
+
+@pytest.mark.parametrize("stands", STANDS)
+def test_a_bvh_moves_a_turned_body_as_it_moves_the_body_turned(model, walk, stands, tmp_path):
+    turn, up = STANDS[stands]
+    path = bvh_of(tmp_path / "walk.bvh", model, walk, np.eye(3), "z")
+    upright = read(path, model)
+    motion = read_motion(path, model, model.J @ turn.T, 30.0, turn @ [0, 0, 0.9], up)
+    np.testing.assert_allclose(motion.rotations, upright.rotations @ turn.T, atol=1e-9)
+    np.testing.assert_allclose(motion.translation, upright.translation @ turn.T, atol=1e-9)
+
+
+@pytest.mark.parametrize("stands", STANDS)
+def test_an_exported_bvh_comes_back_as_the_motion_that_it_was(model, walk, stands, tmp_path):
+    turn, up = STANDS[stands]
+    path = bvh_of(tmp_path / "walk.bvh", model, walk, turn, up)
+    motion = read_motion(path, model, model.J @ turn.T, 30.0, turn @ walk[1][0], up)
+    np.testing.assert_allclose(motion.rotations, walk[0] @ turn.T, atol=1e-6)
+    np.testing.assert_allclose(motion.translation, walk[1] @ turn.T, atol=1e-6)
 
 
 def test_a_real_bvh_keeps_the_feet_near_the_ground(model, shared_data):

@@ -33,6 +33,13 @@ def test_a_film_gives_its_pictures_back(tmp_path):
     assert max(np.abs(g.astype(int) - p).mean() for g, p in zip(got, put)) < 6  # chroma at half the resolution
 
 
+@pytest.mark.parametrize("fps", [30, 29.97 / 5, 0.3, 1e-5])
+def test_a_film_lasts_as_long_as_its_rate_says_down_to_a_picture_in_1001_seconds(tmp_path, fps):
+    with av.open(str(write(tmp_path / "a.mp4", pictures(), fps))) as film:
+        lasts = film.duration / av.time_base
+    assert lasts == pytest.approx(5 / max(fps, 1 / 1001), rel=1e-3)
+
+
 def test_the_same_pictures_give_the_same_bits(tmp_path):
     a, b = (write(tmp_path / f"{n}.mp4", pictures()).read_bytes() for n in "ab")
     assert a == b

@@ -138,6 +138,14 @@ def test_store_is_laid_out_to_the_letter(run):
     assert [x["name"] for x in attributes["scene"]["garments"]] == ["tshirt"]
 
 
+def test_a_run_has_its_frames_rising_and_each_once_in_whatever_order_they_are_asked_for(run, tmp_path):
+    capture = open_capture(SAMPLE)
+    for asked in ([0, 1, 4], [4, 0, 1], [0, 0, 4, 1, 1]):
+        assert pipeline._frames(tmp_path / "new", capture, asked) == (0, 1, 4)
+        assert pipeline._frames(run, capture, asked) == (0, 1, 2, 4)
+    assert pipeline._frames(run, capture, [2, 0, 0]) == FRAMES
+
+
 def test_a_killed_run_goes_on_with_the_same_bits(run, tmp_path):
     out = tmp_path / "killed"
     code = (

@@ -114,6 +114,12 @@ class Puppet:
         return {layer.name: layer.at(frame) + lift for layer in self.clip.layers}
 
 
+def test_a_clip_is_played_as_long_as_it_lasts_whatever_the_step_of_its_frames(tmp_path):
+    for folder, frames, pictures in (("each", (3, 4, 5, 7), 25), ("fifth", (0, 5, 10, 20), 5)):
+        write_animation(bending_clip(frames), tmp_path / folder)
+        assert Shown(tmp_path / folder).facts()["rate"] == pictures  # a second
+
+
 def test_poses_are_degrees_by_name_and_others_are_refused(tmp_path):
     shown = Shown(tmp_path, Puppet())
     for angle in (90, -45):

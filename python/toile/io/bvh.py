@@ -1,4 +1,7 @@
-"""Motion from BVH files (y up, facing +z, as CMU's), retargeted by the roles of joints onto a body model."""
+"""Motion from BVH files (y up), retargeted by the roles of joints onto a body model.
+
+It is retargeted with x left, y back, z up (`stance`), whatever the axes are in which the file and the model stand at rest.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,11 @@ from .bounded import read_bytes
 from .joints import joint_roles
 
 MAX_BYTES = 200_000_000
-TO_OURS = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x left, y up, z front -> x left, y back, z up
 
 MIDDLE = ("root", "spine04", "spine02", "neck01", "head")  # roles (io.joints) that a file's joints are looked for in
 SIDED = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
 BONES = {"upperarm01": "lowerarm01", "lowerarm01": "wrist", "upperleg01": "lowerleg01", "lowerleg01": "foot"}
+LEG = ("upperleg01.L", "lowerleg01.L", "foot.L")
 ENDS = {"wrist": "lowerarm01", "foot": "lowerleg01"}  # end joints follow their limb
 
 
@@ -125,9 +128,48 @@ def starts_at(bvh):
     return 1 if len(bvh.root) > 1 and turn(bvh.rotations[0], bvh.rotations[1]).max() > np.radians(15) else 0
 
 
+def stance(places, up, left):
+    """Rotation (3,3) that takes x left, y back, z up to the axes in which a skeleton stands at rest, `up` (0, 1, 2) its own up.
+
+    `places` {role: (3,)} of its joints: its left is the level axis nearest to the way from those of the right to those of the
+    left, or `left` (3,) where none are paired.
+    """
+    pairs = [role for role in SIDED if {f"{role}.L", f"{role}.R"} <= places.keys()]
+    across = sum((places[f"{role}.L"] - places[f"{role}.R"] for role in pairs), np.zeros(3))
+    across[up] = 0
+    if across.any():
+        axis = np.abs(across).argmax()
+        left = np.sign(across[axis]) * np.eye(3)[axis]
+    upwards = np.eye(3)[up]
+    return np.column_stack([left, np.cross(upwards, left), upwards])
+
+
+def stance_of_model(model, J, up):
+    """`stance` of a body model with rest joints J (K,3), `up` ("x", "y", "z") its up; turned as the packaged one without pairs."""
+    axis = "xyz".index(up)
+    places = dict(reversed(list(zip(model.joint_roles, J))))  # of several joints of a role the first
+    return stance(places, axis, np.eye(3)[(axis + 1) % 3])
+
+
+def stance_of_file(bvh, found):
+    """`stance` of a BVH file, whose up is y; its left is x without pairs."""
+    places = rest_places(bvh)
+    return stance({role: places[j] for role, j in found.items()}, 1, np.eye(3)[0])
+
+
+def rest_places(bvh):
+    """Joints (j,3) of a BVH file at rest."""
+    places = bvh.offsets.copy()
+    for j, parent in enumerate(bvh.parents):
+        if parent >= 0:
+            places[j] += places[parent]
+    return places
+
+
 def facing(bvh, pick, found):
-    """World rotations (T,j,3,3) of the frames `pick`, in our axes, the whole clip turned so that it starts facing -y."""
-    world = TO_OURS @ bvh.rotations[pick] @ TO_OURS.T
+    """World rotations (T,j,3,3) of the frames `pick`, z up, the whole clip turned so that it starts facing -y."""
+    S = stance_of_file(bvh, found)
+    world = S.T @ bvh.rotations[pick] @ S
     return rotate_z(-heading(world[0, found["root"]])) @ world
 
 
@@ -148,10 +190,11 @@ def rotate_z(angle):
 
 
 def retarget(world, bvh, model, J, found, lowest=None):
-    """Local rotations (T,K,3,3) of a body `model` with rest joints J (K,3): limbs take the file's bone directions, trunk
-    and head its turns from its rest. `lowest` [rad]: upper arms are lifted to hang at most so far below their rest."""
-    names, parents = model.joint_roles, model.parents
-    T = len(world)
+    """Local rotations (T,K,3,3) of a body `model` with rest joints J (K,3), x left, y back, z up: limbs take the file's bone
+    directions, trunk and head its turns from its rest. `lowest` [rad]: upper arms are lifted to hang at most so far below
+    their rest."""
+    names, parents, T = model.joint_roles, model.parents, len(world)
+    places = rest_places(bvh) @ stance_of_file(bvh, found)
     G, align = np.empty((T, len(names), 3, 3)), {}
     for k, name in enumerate(names):
         above = np.broadcast_to(np.eye(3), (T, 3, 3)) if parents[k] < 0 else G[:, parents[k]]
@@ -161,7 +204,7 @@ def retarget(world, bvh, model, J, found, lowest=None):
         joint, dot, side = name.partition(".")
         if joint in BONES and f"{BONES[joint]}.{side}" in found and f"{BONES[joint]}.{side}" in names:
             ours = J[names.index(f"{BONES[joint]}.{side}")] - J[k]
-            theirs = TO_OURS @ bvh.offsets[found[f"{BONES[joint]}.{side}"]]
+            theirs = places[found[f"{BONES[joint]}.{side}"]] - places[found[name]]
             align[name] = shortest(ours, theirs)
         G[:, k] = world[:, found[name]] @ align.get(f"{ENDS.get(joint, joint)}.{side}", np.eye(3))
         if joint == "upperarm01" and lowest is not None and f"lowerarm01.{side}" in names:
@@ -201,13 +244,12 @@ def raised(G, above, bone, lowest):
 
 
 def floor_path(bvh, pick, model, J, found):
-    """Root shifts (T,3) [m] from the first of `pick`, scaled by leg length; zero where the file or the model has no legs."""
-    leg = [found.get(f"{j}.L") for j in ("lowerleg01", "foot")]
-    if None in leg or not {"upperleg01.L", "lowerleg01.L", "foot.L"} <= set(model.joint_roles):
+    """Root shifts (T,3) [m] from the first of `pick`, z up, scaled by leg length; zero where the file or the model has no legs."""
+    if not set(LEG) <= set(model.joint_roles) & found.keys():
         return np.zeros((len(pick), 3))
-    ours = sum(np.linalg.norm(J[model.joint(a)] - J[model.joint(b)])
-               for a, b in (("upperleg01.L", "lowerleg01.L"), ("lowerleg01.L", "foot.L")))  # fmt: skip
-    scale = ours / sum(np.linalg.norm(bvh.offsets[j]) for j in leg)
-    path = scale * (bvh.root[pick] - bvh.root[pick[0]]) @ TO_OURS.T
-    first = TO_OURS @ bvh.rotations[pick[0], found["root"]] @ TO_OURS.T
+    length = lambda joints: np.linalg.norm(np.diff(joints, axis=0), axis=1).sum()
+    ours, theirs = J[[model.joint(role) for role in LEG]], rest_places(bvh)[[found[role] for role in LEG]]
+    S = stance_of_file(bvh, found)
+    path = length(ours) / length(theirs) * (bvh.root[pick] - bvh.root[pick[0]]) @ S
+    first = S.T @ bvh.rotations[pick[0], found["root"]] @ S
     return path @ rotate_z(-heading(first)).T

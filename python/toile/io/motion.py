@@ -12,7 +12,7 @@ from ..errors import UserError
 from ..kernels.arrays import Anything
 from ..scene import BodyModel
 from .bounded import read_npz
-from .bvh import facing, floor_path, matches, read_bvh, retarget, starts_at
+from .bvh import facing, floor_path, matches, read_bvh, retarget, stance_of_model, starts_at
 from .run import is_run, open_run
 
 MAX_FRAMES = 1_000_000
@@ -49,13 +49,15 @@ class Motion:
         return rows
 
 
-def read_motion(path: Path | str, model: BodyModel, J: Anything, fps: float, translation: Anything) -> Motion:
-    """A Motion for a BodyModel with rest joints `J` (K,3), at `fps`.
+def read_motion(
+    path: Path | str, model: BodyModel, J: Anything, fps: float, translation: Anything, up: str = "z"
+) -> Motion:
+    """A Motion for a BodyModel with rest joints `J` (K,3), its up the axis `up` ("x", "y", "z"), at `fps`.
 
     `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,
-    started facing -y with the root's translation `translation` (3,) [m]), or a .npz `{rotations (T,K,3),
-    translation (T,3), face (T,q,3)?, fps}` (frames counted from 0, taken at the nearest instants of `fps`).
-    UserError names the file and the field.
+    started facing as the model does at rest with the root's translation `translation` (3,) [m]), or a .npz
+    `{rotations (T,K,3), translation (T,3), face (T,q,3)?, fps}` (in the model's axes; frames counted from 0, taken at the
+    nearest instants of `fps`). UserError names the file and the field.
     """
     path = Path(path)
     if is_run(path):
@@ -65,7 +67,7 @@ def read_motion(path: Path | str, model: BodyModel, J: Anything, fps: float, tra
     if not path.is_file():
         raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
     bvh = path.suffix.lower() == ".bvh"
-    return _sane(path, _of_bvh(path, model, J, fps, translation) if bvh else _of_npz(path, len(J), fps))
+    return _sane(path, _of_bvh(path, model, J, fps, translation, up) if bvh else _of_npz(path, len(J), fps))
 
 
 def _sane(path, motion):
@@ -94,7 +96,7 @@ def _of_run(path, joints):
     return Motion(run.frames[rows], rotations[rows], run.pose.translation[rows], face, run.scene.fps)
 
 
-def _of_bvh(path, model, J, fps, translation):
+def _of_bvh(path, model, J, fps, translation, up):
     from scipy.spatial.transform import Rotation
 
     bvh = read_bvh(path)
@@ -103,9 +105,10 @@ def _of_bvh(path, model, J, fps, translation):
         raise UserError(f"{path}: no joint named like Hips")
     start = starts_at(bvh)
     pick = start + _instants(len(bvh.root) - start, 1 / bvh.frame_time, fps)
-    R = retarget(facing(bvh, pick, found), bvh, model, J, found)
-    local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(len(pick), -1, 3)
-    path_of_root = translation + floor_path(bvh, pick, model, J, found)
+    S = stance_of_model(model, J, up)
+    R = retarget(facing(bvh, pick, found), bvh, model, J @ S, found)
+    local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(len(pick), -1, 3) @ S.T
+    path_of_root = translation + floor_path(bvh, pick, model, J, found) @ S.T
     return Motion(np.arange(len(pick)), local, path_of_root, None, fps, tuple(missing))
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 QUALITY = "18"  # x264's constant rate factor: visually lossless
+FINEST = 1001  # the largest denominator of a rate: that of 30000/1001, and of the slowest
 
 
 class VideoWriter:
-    """Writes RGB pictures (H,W,3) uint8 in a row as an .mp4 at `fps`; odd sides lose their last row or column.
+    """Writes RGB pictures (H,W,3) uint8 in a row as an .mp4 at `fps`, at least 1/1001; odd sides lose their last row or column.
 
     A context manager: the file stands under its name only once all is written, and not at all where an exception ends it.
     """
@@ -34,7 +35,8 @@ class VideoWriter:
 
         picture = np.ascontiguousarray(picture[: len(picture) & ~1, : picture.shape[1] & ~1])
         if self.stream is None:
-            self.stream = self.container.add_stream("libx264", rate=Fraction(self.fps).limit_denominator(1001))
+            rate = max(Fraction(self.fps).limit_denominator(FINEST), Fraction(1, FINEST))
+            self.stream = self.container.add_stream("libx264", rate=rate)
             self.stream.height, self.stream.width = picture.shape[:2]
             self.stream.pix_fmt = "yuv420p"  # what every player shows
             self.stream.options = {"crf": QUALITY, "threads": "1"}  # one thread: the same bits

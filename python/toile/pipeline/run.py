@@ -73,8 +73,8 @@ def register(
     keep: bool = True,
     **settings: Any,
 ) -> Outcome:
-    """Registers `frames` (numbers; all by default) of a capture, its folder or opened, into the folder `run` and returns an
-    Outcome.
+    """Registers `frames` (numbers in any order; all by default) of a capture, its folder or opened, into the folder `run` and
+    returns an Outcome.
 
     Settings are those that `toile settings` lists: `quality="draft"` names the preset that the others change, a stage's
     come as a dictionary, `dress={"contact": 0.01}`, or by dotted names, `**{"dress.contact": 0.01}`. With a `config` they
@@ -131,9 +131,9 @@ def _config(run, config, settings):
 
 
 def _frames(run, capture, frames):
-    """Numbers of frames: those asked for and those of the run."""
+    """Numbers of frames, rising and each once: those asked for and those of the run."""
     known = tuple(read_config(run).get("frames", ())) if config_file(run).exists() else ()
-    asked = tuple(capture.frames if not known else ()) if frames is None else tuple(frames)
+    asked = tuple(capture.frames if not known else ()) if frames is None else tuple(sorted(set(frames)))
     unknown = sorted(set(asked) - set(capture.frames) - set(known))
     if unknown or not (asked or known):
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")

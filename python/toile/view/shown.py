@@ -24,6 +24,7 @@ from ..io.run import is_run, open_run
 from ..kernels import SurfaceIndex
 from ..kernels.arrays import Floats
 from ..measure.truth import open_truth
+from ..scene import rate_of
 
 PLAIN, CONFIDENCE, DISTANCE, TRUTH = "plain", "confidence", "distance to the scan", "distance to the truth"
 TEXTURE = "texture"
@@ -82,7 +83,7 @@ class Shown:
         """What the page asks first."""
         cameras = self.capture.cameras.values() if self.capture else ()
         return {
-            "name": str(self.path), "up": self.clip.up, "fps": self.clip.fps, "frames": list(self.clip.frames),
+            "name": str(self.path), "up": self.clip.up, "rate": rate_of(self.clip.frames, self.clip.fps), "frames": list(self.clip.frames),
             "layers": [self._layer(name) for name in self.layers], "scan": self.capture is not None,
             "cameras": [camera_facts(camera) for camera in cameras], "marks": self._marks(), "curve": self._curve(),
             "turns": list(self.posable.turns) if self.posable else [],

@@ -157,6 +157,14 @@ def test_the_film_shows_the_frames_in_their_order_in_whichever_they_are_made(mad
     assert np.array_equal(*found) and len(found[0]) == 2 and not np.array_equal(*found[0])
 
 
+def test_the_film_lasts_as_long_as_the_motion_whatever_the_step_of_the_frames(avatar_folder, sample_run, tmp_path):
+    av = pytest.importorskip("av")
+    animate(avatar_folder, sample_run, tmp_path / "out", frames=[1, 3], height=32, meshes=False)
+    with av.open(str(tmp_path / "out" / "animation.mp4")) as film:
+        lasts = film.duration / av.time_base
+    assert lasts == pytest.approx(2 * 2 / open_run(sample_run).scene.fps, abs=1e-3)  # two pictures of two frames each
+
+
 def test_no_pair_of_cloth_and_body_is_left(made):
     out, done = made
     body, shirt = (read_mesh(out / "meshes" / name / "000002.ply") for name in ("body", "tshirt"))
@@ -292,6 +300,35 @@ def test_an_orbit_follows_who_walks_and_lets_him_jump(avatar_folder, sample_run)
     path = camera_path(driven, "orbit", 32)
     higher = [path(i)[0].project(there[i : i + 1] + 0.2 * up)[0] for i in range(4)]
     assert np.abs(np.subtract(higher, seen)).max() > 1  # [px]
+
+
+def test_an_orbit_has_turned_as_far_as_time_has_passed_whatever_the_step_of_the_frames(avatar_folder, sample_run):
+    driven = DrivenAvatar(avatar_folder, sample_run)
+    motion = driven.motion
+
+    def seen(numbers):
+        driven.motion = replace(motion, frames=numbers, translation=np.repeat(motion.translation[:1], len(numbers), 0))
+        path = camera_path(driven, "orbit", 32)
+        return [path(i)[0].T_camera_world for i in range(len(numbers))]
+
+    every, fifth = seen(7 + np.arange(16)), seen(7 + 5 * np.arange(4))
+    assert np.allclose(fifth, every[::5]) and not np.allclose(every[0], every[5])
+
+
+@pytest.mark.parametrize("up", "xyz")
+def test_who_turns_on_the_spot_in_a_bvh_turns_about_the_scene_s_up(avatar_folder, tmp_path, monkeypatch, up):
+    path, channels = tmp_path / "turn.bvh", "3 Zrotation Xrotation Yrotation"
+    joints = f"ROOT Hips {{ OFFSET 0 0 0 CHANNELS {channels} JOINT Spine {{ OFFSET 0 9 0 CHANNELS {channels} }} }}"
+    degrees = "\n".join(f"0 0 {10 * k} 0 0 0" for k in range(10))
+    path.write_text(f"HIERARCHY {joints} MOTION Frames: 10 Frame Time: {1 / 30} {degrees}")
+    avatar, turn = load_avatar(avatar_folder), np.roll(np.eye(3), "xyz".index(up) - 2, axis=0)
+    joints = SimpleNamespace(J=avatar.skeleton.J @ torch.as_tensor(turn.T, dtype=torch.float32))
+    turned_avatar = SimpleNamespace(scene=replace(avatar.scene, up=up), skeleton=joints)
+    monkeypatch.setattr(apart, "load_avatar", lambda folder: turned_avatar)
+    motion = apart.motion_of(avatar_folder, path)
+    angles = np.radians(10 * np.arange(10))
+    assert np.allclose(motion.rotations[:, 0], angles[:, None] * np.eye(3)["xyz".index(up)])
+    assert np.abs(motion.rotations[:, 1:]).max() < 1e-9
 
 
 def test_a_stopped_animation_leaves_no_folder_that_looks_whole(avatar_folder, sample_run, tmp_path):

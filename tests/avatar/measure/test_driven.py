@@ -143,6 +143,11 @@ def test_of_rows_that_nothing_asks_for_again_one_frame_is_kept(folder):
     assert held.decoded[f"{UNIT} 1"].keys() == {3}
 
 
+def test_the_frames_driven_are_the_same_in_whatever_order_they_are_asked_for(folder, held):
+    turned = Driven(folder, [3, 1])
+    assert turned.frames == held.frames == [1, 3] and turned.span == held.span == [1, 2, 3]
+
+
 def test_physics_shows_what_an_animation_by_physics_shows(folder, sample_run):
     printed = CliRunner().invoke(app, ["evaluate", str(folder), "--frames", "3", "--driven", "--physics", "--json"])
     assert printed.exit_code == 0, printed.output

@@ -181,6 +181,11 @@ def test_a_frame_without_hold_out_must_be_named():
     assert _chosen("avatar", facts, [1], [0, 1])[0] == [1]
 
 
+def test_frames_to_evaluate_rise_and_each_comes_once_in_whatever_order_they_are_asked_for():
+    for asked in ([1, 2, 5], [5, 1, 2], [5, 5, 2, 1, 2]):
+        assert _chosen("avatar", {"holdout": [], "frames": []}, asked, range(9)) == ([1, 2, 5], [])
+
+
 def test_without_truth_the_registration_is_checked_by_its_pictures(avatar, sample_run, tmp_path):
     import tomllib
 

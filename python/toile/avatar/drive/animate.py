@@ -28,7 +28,7 @@ from ...io.motion import Motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...pipeline.workers import Workers, check_workers, everywhere
-from ...scene import Mesh, frame_ranges
+from ...scene import Mesh, frame_ranges, rate_of
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, nearest_poses
@@ -265,7 +265,8 @@ def animate(
     apart=True,
 ):
     """Drives AVATAR `folder` by `motion` (a run, .bvh or .npz) into the new folder `out`, which appears once it is whole:
-    pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default.
+    pictures/, meshes/LAYER/, animation.mp4 and animation.json. `frames`: numbers of the motion's frames, all by default; the film
+    shows them as far apart as their numbers by the motion's rate say.
     `camera`: a name of the avatar's cameras (its first by default), "orbit", or a cameras.json whose cameras are taken in
     turn. `height` [px]. `physics`: which garments hang as cloth, see `worn_cloths`; True after `ensure_worn`. `garments` {name: folder of another avatar}: those
     that it wears of others. `apart`: as `take` takes it. `workers` processes share the frames, or those of a running dask `scheduler`.
@@ -288,7 +289,8 @@ def animate(
             pool.start()
             shot = pool.prepared()
             driven, rows = shot.driven, shot.rows
-            with VideoWriter(out / "animation.mp4", driven.motion.fps) as film:
+            shown = driven.motion.frames[rows]
+            with VideoWriter(out / "animation.mp4", rate_of(shown, driven.motion.fps)) as film:
                 made = filmed(pool.each(Shot.make, rows), shot, film, progress)
         before, left, shares, strains, seen = zip(*(made[row] for row in rows))
         before, left = sum(before), sum(left)

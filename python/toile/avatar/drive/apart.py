@@ -9,11 +9,12 @@ import numpy as np
 
 from ...io.motion import Motion, read_motion
 from ...io.run_folder import body_model_of
+from ...scene import rate_of, stride_of
 from ...surface.apart import Apart, keep_apart
 from ...surface.limbs import Limbs
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
-from .driver import FILE, REACH, load_driver, stride_at, stride_of
+from .driver import FILE, REACH, load_driver, stride_at
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
 def motion_of(folder, path):
     """The Motion at `path` for the avatar in `folder`, as it is given."""
     avatar, start = load_avatar(folder), training_poses(folder)["translation"].mean(0)
-    return read_motion(Path(path), _body_model(folder, avatar), _joints(avatar), avatar.scene.fps, start)
+    model, scene = _body_model(folder, avatar), avatar.scene
+    return read_motion(Path(path), model, _joints(avatar), scene.fps, start, scene.up)
 
 
 def _body_model(folder, avatar):
@@ -66,7 +68,7 @@ def moving_surface(avatar, folder):
 def rows_read(folder, motion, garments, physics, shown):
     """(T,) bool: rows of a Motion that the codes of those `shown` (T,) are read from. A window looks back, smoothing over time both
     ways; a damped model and cloth by physics have seen all that was before. `garments` {name: folder of another avatar}."""
-    ahead = int(REACH * motion.fps / (stride_of(motion.frames) or 1))
+    ahead = int(REACH * rate_of(motion.frames, motion.fps))
     back = max(_rows_back(folder, motion), *(_rows_back(place, motion, lent=True) for place in garments.values()), 0)
     back, needed = len(shown) if physics else back + ahead, np.zeros(len(shown), bool)
     for row in np.flatnonzero(shown):

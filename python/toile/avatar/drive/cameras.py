@@ -43,8 +43,9 @@ def camera_path(driven, camera, height):
         return lambda i: asked[i % len(asked)]
     (first, index), to = asked[0], driven.motion.translation
     home = training_poses(driven.folder)["translation"].mean(0)  # where that camera saw the person
-    up, turn = driven.avatar.up.cpu().numpy().astype(np.float64), 2 * np.pi / (ROUND * driven.motion.fps)
-    return lambda i: (turned(followed(first, to[i] - home, up), to[i], up, turn * i), index)
+    up, times = driven.avatar.up.cpu().numpy().astype(np.float64), driven.motion.frames / driven.motion.fps
+    angles = 2 * np.pi / ROUND * (times - times[0])
+    return lambda i: (turned(followed(first, to[i] - home, up), to[i], up, angles[i]), index)
 
 
 def resized(camera: Camera, height):

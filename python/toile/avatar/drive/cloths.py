@@ -13,13 +13,14 @@ from ...errors import UserError
 from ...io.files import identity_of, save_record
 from ...io.holdout import kept_apart
 from ...io.run import is_run, open_run
+from ...scene import stride_of
 from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
 from ..settings import ClothSettings
 from ..train.data import check_registration
 from .animate import DrivenAvatar
 from .draping import Cloth, cloth_file, made_of
-from .driver import stride_of, unseen_codes
+from .driver import unseen_codes
 from .residual import Residual, teach
 from .teaching import DECODED
 

@@ -16,6 +16,7 @@ from torch import nn
 
 from ...errors import UserError
 from ...io.camera import first_error
+from ...scene import stride_of
 from ..model.carried import COMPONENTS, Projection
 from ..model.checkpoint import load_avatar, load_model, read_tensors
 from ..model.temporal import DampedModel, TemporalModel, windows
@@ -92,12 +93,6 @@ def row_starts(breaks):
     """(T,) where each row of neighbours begins, from whether frame i + 1 is no neighbour of frame i (T-1,)."""
     begins = np.r_[True, breaks]
     return torch.as_tensor(np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0)))
-
-
-def stride_of(frames):
-    """The commonest step from one frame to the next; 0 for a single frame."""
-    steps, counts = np.unique(np.diff(frames), return_counts=True)
-    return int(steps[counts.argmax()]) if len(steps) else 0
 
 
 def stride_at(fps, stride, taught):

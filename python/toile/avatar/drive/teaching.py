@@ -17,9 +17,10 @@ from torch.utils.data import default_collate
 from ...errors import UserError
 from ...io.holdout import kept_apart
 from ...io.run import open_run
+from ...scene import stride_of
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
-from .driver import FILE, PREFIX, UNSEEN, Driver, one_thread, reader_of, run_track, stride_of, without
+from .driver import FILE, PREFIX, UNSEEN, Driver, one_thread, reader_of, run_track, without
 
 SPAN = 0.5  # seconds of poses that the window model sees where nobody says how many
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop

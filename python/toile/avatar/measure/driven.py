@@ -13,8 +13,9 @@ import torch
 
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
+from ...scene import stride_of
 from ..drive.draping import Draping, doubts, outdated, relieved, worn_cloths
-from ..drive.driver import hardly_foretold, load_driver, run_track, stride_of
+from ..drive.driver import hardly_foretold, load_driver, run_track
 from ..model.checkpoint import load_avatar
 from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
 from .heldout import VIEW, HeldOut

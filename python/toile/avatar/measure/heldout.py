@@ -297,8 +297,8 @@ class RegisteredRun:
 
 
 def _chosen(folder, facts, asked, pictured):
-    """Frames to evaluate, and what is to be said about them."""
-    frames = facts["holdout"] if asked is None else list(asked)
+    """Frames to evaluate, rising and each once, and what is to be said about them."""
+    frames = sorted(set(facts["holdout"] if asked is None else asked))
     if not frames:
         raise UserError(f"{folder}: nothing was held out of the training: name frames by --frames")
     left = [n for n in frames if n in set(pictured)]

@@ -4,7 +4,8 @@ Taken: `camera_intrinsics.json` (one K for all, pixel centres at whole numbers, 
 ({"1_CAMERA.png": {rotation, translation}}, world to camera, millimetres), `camera_scale.pkl` (a factor of translations),
 `images/CAMERA/0005_img.jpg` at half the size, `fmask/CAMERA/0005_img_fmask.png`.
 
-Left: `annots`, `openpose` (of which size is not said), `smpl_param`, `smplx`. Its rate is not said: 25 / 5 frames a second.
+Left: `annots`, `openpose` (of which size is not said), `smpl_param`, `smplx`. Every fifth frame of films is there, under its number
+in the film: 0005, 0010, ... Films have 25 frames a second, some 30 (https://github.com/GAP-LAB-CUHK-SZ/MVHumanNet/issues/15).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ..pickles import plain, read_pickle
 from ..places import placed
 from .upright import upright
 
-FPS = 5.0
+FPS = 25.0  # of the films, which frames are numbered by
 SHARES = (1.0, 0.5, 0.25)  # of the full size that pictures may have
 
 

@@ -200,7 +200,7 @@ async function play() {
   state.playing = !state.playing;
   $('play').textContent = state.playing ? 'pause' : 'play';
   for (let began = performance.now(), first = frames.indexOf(state.frame); state.playing;) {
-    const k = first + Math.floor((performance.now() - began) / 1000 * clips[0].fps);
+    const k = first + Math.floor((performance.now() - began) / 1000 * clips[0].rate);
     await show(frames[k % frames.length]);
     await new Promise(requestAnimationFrame);
   }
