@@ -6,7 +6,7 @@ import pytest
 from tests.support.smpl import smpl_fields
 from toile.errors import UserError
 from toile.io.body import load_body_model
-from toile.io.bvh import MIDDLE, SIDED
+from toile.io.bvh import MIDDLE, SIDED, read_bvh, starts_at
 from toile.io.export.bvh import write_bvh
 from toile.io.export.clip import Clip, ClipSkeleton
 from toile.io.motion import read_motion
@@ -55,7 +55,10 @@ def test_another_rate_is_taken_at_the_nearest_instants(model, tmp_path):
         ({"translation": np.full((4, 3), np.nan)}, "translation is not finite"),
         ({"translation": np.full((4, 3), 1e30)}, r"translation: 1e\+30 m in frame 0, expected at most 10000"),
         ({"rotations": np.full((4, 104, 3), -1e5)}, r"rotations: 1.73e\+05 rad in frame 0, expected at most 1000"),
-        ({"rotations": np.full((4, 104, 3), 30.0)}, r"rotations: 52 rad \(are they in degrees\?\) in frame 0, .* 6.283"),
+        (
+            {"rotations": np.full((4, 104, 3), 30.0)},
+            r"rotations: 52 rad \(are they in degrees\?\) in frame 0, .* 6.283",
+        ),
         ({"fps": 0.0}, "fps 0"),
         ({"fps": "thirty"}, "fps"),
         ({"face": np.zeros((3, 7, 3))}, "face"),
@@ -201,6 +204,16 @@ def test_an_exported_bvh_comes_back_as_the_motion_that_it_was(model, walk, stand
     motion = read_motion(path, model, model.J @ turn.T, 30.0, turn @ walk[1][0], up)
     np.testing.assert_allclose(motion.rotations, walk[0] @ turn.T, atol=1e-6)
     np.testing.assert_allclose(motion.translation, walk[1] @ turn.T, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "turns, start", [([170, 0, 1, 2], 1), ([0, 30, 55, 80], 0), ([0, 1, 2, 30], 0), ([0, 40], 0), ([0], 0)]
+)
+def test_a_first_frame_is_left_out_where_a_leap_from_it_is_the_only_one(tmp_path, turns, start):
+    rows = [f"0 90 0 0 0 0 0 0 {turn}" for turn in turns]
+    head = BVH.split("Frames")[0] + f"Frames: {len(rows)}\nFrame Time: 0.0333333\n"
+    (tmp_path / "a.bvh").write_text(head + "\n".join(rows) + "\n")
+    assert starts_at(read_bvh(tmp_path / "a.bvh")) == start
 
 
 def test_a_real_bvh_keeps_the_feet_near_the_ground(model, shared_data):

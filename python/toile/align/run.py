@@ -28,7 +28,7 @@ from ..io.run_folder import capture_folder, read_diagnostics, write_diagnostics
 from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
 from ..pipeline.blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
-from ..pipeline.manifest import claim, place_of
+from ..pipeline.manifest import check_own, claim, place_of
 from ..pipeline.workers import everywhere
 from ..prints.colours import Places
 from ..prints.lengths import true_lengths
@@ -100,6 +100,7 @@ def align(
 def _check(run, out):
     if out.resolve() == run.path.resolve():
         raise UserError(f"{out}: the aligned run needs a folder of its own")
+    check_own(out)
     if not run.garments:
         raise UserError(f"{run.path}: the scene names no garment, there is nothing to align")
     if (run.done == PENDING).any():
@@ -120,7 +121,8 @@ def _begin(run, out, settings):
         "settings": settings.model_dump(mode="json"),
     }
     place = place_of(out, capture_folder(run.path, check=False))
-    claim(out, run.config | place | {"align": asked}, "this run was aligned from another run, from another registration of it, or with other settings")
+    other = "this run was aligned from another run, from another registration of it, or with other settings"
+    claim(out, run.config | place | {"align": asked}, other)
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
             replace_file(Status.of(out).path, lambda path: shutil.copyfile(run.status.path, path))

@@ -135,7 +135,8 @@ def laid_still(run, folder, asked, progress):
     if before == str(own) and is_run(own):
         learnt = open_run(own)
         of = learnt.config.get("align", {})
-        if of.get("run") != str(run.path.resolve()) and not same_poses(learnt, run):  # a run that was moved has them still
+        elsewhere = of.get("run") != str(run.path.resolve())
+        if elsewhere and not same_poses(learnt, run):  # a run that was moved has them still
             raise UserError(f"{own}: was aligned from {of.get('run')}, asked is {run.path}: take another folder")
         if of.get("registered", now := registration(run)) != now:
             raise UserError(f"{own}: was aligned before {run.path} was registered anew: take another folder")

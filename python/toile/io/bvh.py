@@ -21,6 +21,7 @@ MIDDLE = ("root", "spine04", "spine02", "neck01", "head")  # roles (io.joints) t
 SIDED = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
 BONES = {"upperarm01": "lowerarm01", "lowerarm01": "wrist", "upperleg01": "lowerleg01", "lowerleg01": "foot"}
 LEG = ("upperleg01.L", "lowerleg01.L", "foot.L")
+LEAP, LONE = np.radians(15), 3.0  # from a calibration pose: so far at least, and so many times as far as a frame later
 ENDS = {"wrist": "lowerarm01", "foot": "lowerleg01"}  # end joints follow their limb
 
 
@@ -124,8 +125,11 @@ def matches(bvh):
 
 
 def starts_at(bvh):
-    """The first frame that is not a lone calibration pose."""
-    return 1 if len(bvh.root) > 1 and turn(bvh.rotations[0], bvh.rotations[1]).max() > np.radians(15) else 0
+    """The first frame that is not a lone calibration pose: 1 where a joint leaps from frame 0 to 1 and none does so from there on."""
+    if len(bvh.root) < 3:
+        return 0
+    leap, after = (turn(bvh.rotations[i], bvh.rotations[i + 1]).max() for i in (0, 1))
+    return int(leap > max(LEAP, LONE * after))
 
 
 def stance(places, up, left):

@@ -65,11 +65,11 @@ def _camera(path: Path, i: int, entry: Any, metres: float) -> Camera:
         raise UserError(f"{path}: cameras.{i} ({entry.name}): more than {MAX_PIXELS} pixels")
     if not np.array_equal(K[2], [0, 0, 1]) or abs(K[1, 0]) > 1e-6 * K[0, 0]:
         raise UserError(f"{path}: cameras.{i}.K ({entry.name}): expected [[fx, s, cx], [0, fy, cy], [0, 0, 1]]")
+    R, place = T[:3, :3], f"{path}: cameras.{i}.T_camera_world ({entry.name})"
     if not np.allclose(T[3], [0, 0, 0, 1]):
-        raise UserError(f"{path}: cameras.{i}.T_camera_world ({entry.name}): its last row is not 0 0 0 1: is it transposed?")
-    R = T[:3, :3]
+        raise UserError(f"{place}: its last row is not 0 0 0 1: is it transposed?")
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-4 or np.linalg.det(R) < 0:
-        raise UserError(f"{path}: cameras.{i}.T_camera_world ({entry.name}): its upper left is not a rotation")
+        raise UserError(f"{place}: its upper left is not a rotation")
     T = T.copy()
     T[:3, 3] *= metres
     return Camera(entry.name, entry.width, entry.height, K, distortion, T)

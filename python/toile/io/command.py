@@ -30,7 +30,8 @@ def import_capture(
     units: Annotated[str, typer.Option(help="of calibration and scans: m, dm, cm, mm, or metres a unit")] = "",
     up: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z; default what the cameras hold up")] = "",
     fps: Annotated[
-        float | None, typer.Option(help="frames a second; default the data set's, the films', or 30", min=1e-3, max=100_000)
+        float | None,
+        typer.Option(help="frames a second; default the data set's, the films', or 30", min=1e-3, max=100_000),
     ] = None,
     frames: Frames = None,
     step: Step = 1,

@@ -86,7 +86,9 @@ def _opened(path: Path | str) -> Any:
             width, height = image.size
             if width * height > MAX_PIXELS:
                 raise UserError(f"{path}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
-            if image.format == "PNG" and _bits(path) > 8:  # converted, they would be cut off at 255, or lose their lower half
+            if (
+                image.format == "PNG" and _bits(path) > 8
+            ):  # converted, it would be cut off at 255 or lose its lower half
                 raise UserError(f"{path}: {_bits(path)} bits a channel, expected 8")
             yield image
     except UserError:

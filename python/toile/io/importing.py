@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..kernels.arrays import Anything, Floats
-from ..scene import Camera, Mesh
+from ..scene import Camera
 from .files import replace_file
 from .films import decoded, film_size
 from .image import image_header, one_channel, write_image

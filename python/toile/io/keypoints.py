@@ -14,6 +14,7 @@ from .bounded import read_json
 
 SUREST = 2.0  # detectors go a little beyond 1; a confidence in percent does so by far
 
+
 def read_keypoints(path: Path, cameras: dict[str, Camera], left_out: Sequence[str] = ()) -> Keypoints:
     """2D keypoints of one frame, for the cameras that are known; those of cameras that are left out are passed over."""
     data = read_json(path, dict)
@@ -35,7 +36,8 @@ def read_keypoints(path: Path, cameras: dict[str, Camera], left_out: Sequence[st
             raise UserError(f"{path}: points.{camera}[{bad[0]}] is not finite")
         bad = np.flatnonzero((rows[:, 2] < 0) | (rows[:, 2] > SUREST))
         if len(bad):
-            raise UserError(f"{path}: points.{camera}[{bad[0]}]: its confidence is {rows[bad[0], 2]:g}, expected 0 to 1")
+            said = f"its confidence is {rows[bad[0], 2]:g}, expected 0 to 1"
+            raise UserError(f"{path}: points.{camera}[{bad[0]}]: {said}")
     return Keypoints(names, points)
 
 

@@ -46,14 +46,19 @@ class Asked:
 def check_folder(run: Path) -> None:
     """UserError: the folder holds something else than a run of `toile register`, or one that cannot be gone on with."""
     path = config_file(run)
-    if run.exists() and not run.is_dir():
-        raise UserError(f"{run}: is no folder")
-    if run.exists() and not path.exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
-        raise UserError(f"{run}: the folder is not empty and holds no run")
+    check_own(run)
     if path.exists() and "align" in read_config(run):
         raise UserError(f"{run}: an aligned run: register into another folder")
     if is_run(run) and path.exists() and not open_run(run).resumable:
         raise UserError(f"{run}: registered by an older version, which did not say what it made of what: register anew")
+
+
+def check_own(run: Path) -> None:
+    """UserError: there is something that is no run."""
+    if run.exists() and not run.is_dir():
+        raise UserError(f"{run}: is no folder")
+    if run.exists() and not config_file(run).exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
+        raise UserError(f"{run}: the folder is not empty and holds no run")
 
 
 def config_of(run: Path) -> Config | None:
@@ -132,8 +137,7 @@ def claim(run, asked, refusal):
     """Makes the folder `run` with a config.toml that holds the table `asked`, or checks that its own is the same wherever the
     capture lies; else UserError: `refusal`."""
     path, place = config_file(run), {name: asked[name] for name in PLACE if name in asked}
-    if run.exists() and not path.exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
-        raise UserError(f"{run}: the folder is not empty and holds no run")
+    check_own(Path(run))
     with locked(run):
         if path.exists() and read_config(run) | place != _toml(asked):
             raise UserError(f"{path}: {refusal}")

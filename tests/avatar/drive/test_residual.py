@@ -2,7 +2,19 @@
 
 import numpy as np
 
-from toile.avatar.drive.residual import CLOTH, CODES, FEWEST, FOLDS, JOINED, MEAN, MIXED, Residual, best_share, moving, teach
+from toile.avatar.drive.residual import (
+    CLOTH,
+    CODES,
+    FEWEST,
+    FOLDS,
+    JOINED,
+    MEAN,
+    MIXED,
+    Residual,
+    best_share,
+    moving,
+    teach,
+)
 
 RNG = np.random.default_rng(3)
 MODES = RNG.normal(size=(2, 30, 3)) * 0.01

@@ -108,7 +108,7 @@ def test_windows_of_other_frames_hold_none_that_the_training_holds_out(sample_ru
     data = AvatarData(sample_run, settings, tmp_path, [0, 3], left_out=[1, 2])
     poses = data.run.pose.rotations[:].astype(np.float32)
     assert (data.pose_window(3)["window.rotations"].numpy() == poses[3]).all()
-    assert (data.pose_window(2)["window.rotations"].numpy() == poses[:3]).all()  # what is held out may see what came before
+    assert (data.pose_window(2)["window.rotations"].numpy() == poses[:3]).all()  # held out, it may see what came before
     ends = AvatarData(sample_run, settings, tmp_path, [3], left_out=[0, 2])  # all between the first and the last
     assert (ends.pose_window(1)["window.rotations"].numpy() == poses[[0, 0, 1]]).all()
     assert (ends.pose_window(3)["window.rotations"].numpy() == poses[3]).all()

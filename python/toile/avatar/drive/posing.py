@@ -13,6 +13,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from ...errors import UserError
+from ...io.bvh import stance_of_model
 from ...io.export.clip import Clip, ClipLayer
 from ...io.image import write_image
 from ...io.motion import Motion
@@ -90,8 +91,8 @@ class PosedAvatar:
 
     def turned(self, rotations, turns):
         """Rotations (K,3) with joints turned about the axes of their parents at rest."""
-        up = "xyz".index(self.driven.avatar.scene.up[-1])
-        axes = dict(zip("abu", np.eye(3)[[(up + 1) % 3, (up + 2) % 3, up]]))
+        avatar = self.driven.avatar
+        axes = dict(zip("abu", stance_of_model(self.model, avatar.skeleton.J.cpu().numpy(), avatar.scene.up[-1]).T))
         rotations = np.array(rotations)
         for name, angle in turns.items():
             if name not in self.turns:

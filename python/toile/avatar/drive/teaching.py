@@ -78,9 +78,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
 
 def data_of(run, folder, facts, cache, frames):
     """AvatarData of frames of the Run that the avatar in `folder` was trained on; `facts`: its own."""
-    data = AvatarData(
-        run, facts["settings"].data, folder / cache, frames, facts["layered"], left_out=facts["holdout"]
-    )
+    data = AvatarData(run, facts["settings"].data, folder / cache, frames, facts["layered"], left_out=facts["holdout"])
     check_same(folder / "avatar.json", facts["topology"], topology(data.layers, data.scene, data.cameras))
     return data
 

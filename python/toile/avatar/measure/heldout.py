@@ -79,7 +79,7 @@ class HeldOut:
         if "layered" in self.avatars:
             faces = self.registered.run.body_model.skin_faces
             self.layering = GarmentLayering(self.avatars["layered"], faces)
-        self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: vertices (n,3)}; see `_asked_again`
+        self.decoded = {name: {} for name in folders}  # by what is shown and frame, {layer: (n,3)}; see `_asked_again`
         self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
     def _data(self, folder, layered):

@@ -25,9 +25,9 @@ from ...surface.layers import read_layers, registered_surface, surface_layer
 from ...surface.sampling import evenly
 from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
+from ..model.checkpoint import topology
 from ..model.light import SIZE, TERMS, explained, fit_light, irradiance, irradiance_basis
 from ..model.networks import resize
-from ..model.checkpoint import topology
 from ..model.poses import usual_distance
 
 HEAD_REACH = 0.12  # the head lies this near to its facial keypoints [m]
@@ -143,7 +143,8 @@ class AvatarData(Dataset):
         names, sizes and times."""
         settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes", "light"})
         fitting = topology(self.layers, self.scene, self.cameras)
-        digest = hashlib.sha256(json.dumps([VERSION, layered, settings, str(self.run.path.resolve()), fitting]).encode())
+        parts = [VERSION, layered, settings, str(self.run.path.resolve()), fitting]
+        digest = hashlib.sha256(json.dumps(parts).encode())
         for camera in self.capture.cameras.values():
             for value in (camera.size, camera.K, camera.distortion, camera.T_camera_world):
                 digest.update(np.asarray(value, np.float64).tobytes())

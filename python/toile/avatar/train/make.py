@@ -107,7 +107,8 @@ class TrainingJob:
 
         with fabric.rank_zero_first():
             place = cache or folder / "cache"
-            data = AvatarData(self.run, settings.data, place, self.frames, layered, known=self.known, left_out=self.held)
+            shared = {"known": self.known, "left_out": self.held}
+            data = AvatarData(self.run, settings.data, place, self.frames, layered, **shared)
         torch.manual_seed(draw(settings.seed, "weights"))
         avatar = Avatar(settings, **{name: getattr(data, name) for name in ASSETS})
         facts = {
