@@ -161,6 +161,7 @@ def test_a_surface_that_most_cameras_with_a_depth_there_contradict_is_none():
         (r"images has 2 entries for 3", dict(images=PICTURES[:2])),
         (r"masks\[0\] has shape", dict(masks=[np.ones((2, 2))] * 3)),
         (r"depth_range\[0\] is", dict(depth_range=RANGES[:, ::-1])),
+        (r"depth_range\[0\] is .*, inf", dict(depth_range=RANGES * [1, np.inf])),
         (r"depth_range.*shape", dict(depth_range=RANGES[:2])),
         ("the masks are empty", dict(masks=[np.zeros((64, 80))] * 3, depth_range=None)),
     ],
