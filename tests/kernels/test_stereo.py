@@ -182,3 +182,18 @@ def test_bad_cameras_and_options_are_refused_by_name():
     for name, value in (("noise", 0), ("sources", 0), ("spacing", np.nan), ("iterations", -1)):
         with pytest.raises(kernels.InputError, match=name):
             kernels.StereoSolver(CAMERAS, **{name: value})
+
+
+@pytest.mark.parametrize(
+    "normal, confidence",
+    [
+        ((3, 4, 5, 2), (3, 4, 5)),
+        ((3, 3, 4, 5), (3, 4, 5)),
+        ((3, 5, 4, 3), (3, 4, 5)),
+        ((3, 4, 5, 3), (3, 5, 4)),
+        ((3, 4, 5, 3), (5, 4, 3)),
+    ],
+)
+def test_depth_maps_of_other_shapes_are_not_fused_whatever_their_count(normal, confidence):
+    with pytest.raises(kernels.InputError, match="not of one size"):
+        kernels.fuse_depths(CAMERAS, np.ones((3, 4, 5)), np.ones(normal), np.ones(confidence))
