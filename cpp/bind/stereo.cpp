@@ -2,6 +2,7 @@
 
 #include <pybind11/numpy.h>
 
+#include <algorithm>
 #include <memory>
 
 #include "base/errors.h"
@@ -43,8 +44,11 @@ py::tuple solve(const StereoSolver& solver, const FloatImages& grey, const Bytes
 py::tuple fuse(const std::vector<StereoCamera>& cameras, const FloatImages& depth, const FloatImages& normal,
                const FloatImages& confidence, const py::kwargs& keywords) {
     const auto count = static_cast<py::ssize_t>(cameras.size());
-    if (depth.ndim() != 3 || normal.ndim() != 4 || confidence.ndim() != 3 || depth.shape(0) != count ||
-        normal.size() != 3 * depth.size() || confidence.size() != depth.size())
+    const auto fits = [&](const FloatImages& maps, py::ssize_t dimensions) {
+        return maps.ndim() == dimensions && std::equal(depth.shape(), depth.shape() + 3, maps.shape());
+    };
+    if (depth.ndim() != 3 || depth.shape(0) != count || !fits(confidence, 3) || !fits(normal, 4) ||
+        normal.shape(3) != 3)
         throw InputError("fuse_depths: depth, normal and confidence are not of one size, or not one a camera");
     const auto options = options_from<FuseOptions>(keywords, "fuse_depths");
     FusedPoints fused;

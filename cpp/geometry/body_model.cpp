@@ -19,8 +19,9 @@ void check_body_model(const std::string& kernel, const BodyModel& m) {
     require(m.J.rows() == K,
             kernel + ": body_model.J has " + std::to_string(m.J.rows()) + " rows, parents " + std::to_string(K));
     check_points(kernel, "body_model.J", m.J);
-    require(m.weights_idx.rows() == n && m.weights_val.rows() == n && m.weights_idx.cols() == m.weights_val.cols(),
-            kernel + ": body_model.weights_idx and weights_val must both be (" + std::to_string(n) + ", B)");
+    require(m.weights_idx.rows() == n && m.weights_val.rows() == n && m.weights_idx.cols() == m.weights_val.cols() &&
+                m.weights_idx.cols() > 0,
+            kernel + ": body_model.weights_idx and weights_val must both be (" + std::to_string(n) + ", B), B > 0");
     check_finite(kernel, "body_model.weights_val", m.weights_val);
     for (Eigen::Index v = 0; v < n; ++v) {
         for (Eigen::Index b = 0; b < m.weights_idx.cols(); ++b)

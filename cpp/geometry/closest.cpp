@@ -46,8 +46,17 @@ SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, co
         return answer(0, 1 - t, t);
     }
     const double sum = va + vb + vc;
-    if (!(sum > 0)) return answer(1, 0, 0);  // a face of no area that rounding let through
-    return answer(va / sum, vb / sum, vc / sum);
+    if (sum > 1e-6 * ab.squaredNorm() * ac.squaredNorm()) return answer(va / sum, vb / sum, vc / sum);
+    // With a corner all but on the opposite edge va, vb and vc are mostly rounding: the nearest may lie on any edge.
+    SurfacePoint best = std::min({va, vb, vc}) > 0 ? answer(va / sum, vb / sum, vc / sum) : answer(1, 0, 0);
+    const auto along = [&](const Vec3& from, const Vec3& edge) {
+        const double square = edge.squaredNorm();
+        return square > 0 ? std::clamp((p - from).dot(edge) / square, 0.0, 1.0) : 0;
+    };
+    const double t = along(a, ab), u = along(b, c - b), v = along(a, ac);
+    for (const SurfacePoint& on_edge : {answer(1 - t, t, 0), answer(0, 1 - u, u), answer(1 - v, 0, v)})
+        if (on_edge.distance < best.distance) best = on_edge;
+    return best;
 }
 
 struct SurfaceIndex::State {

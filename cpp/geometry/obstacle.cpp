@@ -21,6 +21,14 @@ Vec3 unit_or_zero(const Vec3& v) {
     return length > 0 ? Vec3(v / length) : Vec3::Zero();
 }
 
+/// Zero where the height is the rounding of the corners' places: such a face looks anywhere.
+Vec3 normal_of(const BoxTree::Triangle& t) {
+    const Vec3 ab = t.b - t.a, ac = t.c - t.a, n = ab.cross(ac);
+    const double longest = std::max({ab.norm(), ac.norm(), (ac - ab).norm()});
+    const double place = std::max({t.a.norm(), t.b.norm(), t.c.norm()});
+    return n.norm() > 4e-15 * place * longest ? unit_or_zero(n) : Vec3::Zero();
+}
+
 /// Length along the unit direction d from p to the triangle; `reach` where it is missed.
 double hit(const Vec3& p, const Vec3& d, double reach, const BoxTree::Triangle& t) {
     const Vec3 u = t.b - t.a, v = t.c - t.a, n = u.cross(v), s = p - t.a;
@@ -109,10 +117,7 @@ bool Obstacle::on_border(const SurfacePoint& s) const {
     return false;
 }
 
-Vec3 Obstacle::face_normal(int face) const {
-    const BoxTree::Triangle& t = triangle(face);
-    return unit_or_zero((t.b - t.a).cross(t.c - t.a));
-}
+Vec3 Obstacle::face_normal(int face) const { return normal_of(triangle(face)); }
 
 /// Weighted by the angle at the vertex: the sign of a point whose closest feature is the vertex follows it
 /// (Baerentzen and Aanaes 2005).
@@ -123,7 +128,7 @@ Vec3 Obstacle::vertex_normal(int vertex) const {
         const int f = faces_of_.index[static_cast<std::size_t>(k)];
         const BoxTree::Triangle& t = triangle(f);
         const Vec3* corners[3] = {&t.a, &t.b, &t.c};
-        const Vec3 normal = unit_or_zero((t.b - t.a).cross(t.c - t.a));
+        const Vec3 normal = normal_of(t);
         for (int c = 0; c < 3; ++c) {
             if (F_(f, c) != vertex) continue;
             const Vec3 u = *corners[(c + 1) % 3] - *corners[c], w = *corners[(c + 2) % 3] - *corners[c];
@@ -135,10 +140,11 @@ Vec3 Obstacle::vertex_normal(int vertex) const {
 
 Vec3 Obstacle::pseudo_normal(const SurfacePoint& s) const {
     Vec3 n = face_normal(s.face);
+    const bool thin = n.isZero(0);  // all its sides are one
     for (int c = 0; c < 3; ++c) {
         if (s.barycentric[c] > 1 - on_edge) return vertex_normal(F_(s.face, c)) * orientation_;
         const int beyond = across_(s.face, c);
-        if (s.barycentric[(c + 2) % 3] < on_edge && beyond >= 0) n += face_normal(beyond);
+        if ((thin || s.barycentric[(c + 2) % 3] < on_edge) && beyond >= 0) n += face_normal(beyond);
     }
     return unit_or_zero(n) * orientation_;
 }
@@ -193,6 +199,7 @@ bool Obstacle::pass_through(const Vec3& p, Probe& probe) const {
     const int sign = left < 0 ? -1 : 1;
     for (const auto& [length, face] : hits) {
         const Vec3 normal = face_normal(face) * orientation_;
+        if (normal.isZero(0)) continue;
         left += normal.dot(probe.outward) > 0 ? -1 : 1;
         if (sign * left > 0) continue;
         probe.point = p + length * probe.outward;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <iterator>
-#include <map>
 #include <numeric>
 #include <tuple>
 
@@ -72,33 +71,87 @@ Adjacency vertex_faces(const Faces& F, Eigen::Index n) {
     }));
 }
 
-std::vector<std::vector<int>> boundary_loops(const Faces& F) {
-    const Adjacency ends = sides(F, F.size() > 0 ? F.maxCoeff() + 1 : 0);
-    const auto faces = [&](int i, int j) {
-        const auto [first, last] =
-            std::equal_range(ends.index.begin() + ends.start[i], ends.index.begin() + ends.start[i + 1], j);
-        return last - first;
-    };
-    std::multimap<int, int> next;  // boundary half-edges i -> j
+namespace {
+
+using Sides = std::vector<std::pair<int, int>>;
+
+/// Sides of one face only, as that face runs, in the order of faces.
+Sides border_sides(const Faces& F, Eigen::Index n) {
+    const Adjacency ends = sides(F, n);
+    Sides border;
     for (Eigen::Index f = 0; f < F.rows(); ++f)
-        for (int c = 0; c < 3; ++c)
-            if (const int i = F(f, c), j = F(f, (c + 1) % 3); i != j && faces(i, j) == 1) next.emplace(i, j);
-    std::vector<std::vector<int>> loops;
-    while (!next.empty()) {
-        auto edge = next.begin();  // smallest vertex first
-        std::vector<int> loop{edge->first};
-        int at = edge->second;
-        next.erase(edge);
-        while (at != loop.front()) {
-            loop.push_back(at);
-            auto step = next.find(at);
-            if (step == next.end()) break;  // an open chain of a badly oriented mesh
-            at = step->second;
-            next.erase(step);
+        for (int c = 0; c < 3; ++c) {
+            const int i = F(f, c), j = F(f, (c + 1) % 3);
+            const auto begin = ends.index.begin();
+            const auto [first, last] = std::equal_range(begin + ends.start[i], begin + ends.start[i + 1], j);
+            if (i != j && last - first == 1) border.emplace_back(i, j);
         }
-        loops.push_back(std::move(loop));
+    return border;
+}
+
+/// Walks along each side once, in its direction where one leaves the vertex, else against it.
+class BorderWalk {
+public:
+    BorderWalk(const Sides& border, Eigen::Index n)
+        : border_(border), m_(static_cast<int>(border.size())), taken_(border.size(), 0),
+          at_(rows_of(n,
+                      [&](auto&& visit) {
+                          for (int k = 0; k < m_; ++k) {
+                              visit(border[k].first, k);
+                              visit(border[k].second, m_ + k);
+                          }
+                      })),
+          next_(at_.start) {}
+
+    /// The vertex after v, -1 where no side is left.
+    int step(int v) {
+        for (int& i = next_[v]; i < at_.start[v + 1]; ++i) {
+            const int k = at_.index[i] % m_;
+            if (taken_[k]) continue;
+            taken_[k] = 1;
+            return at_.index[i] < m_ ? border_[k].second : border_[k].first;
+        }
+        return -1;
     }
-    std::stable_sort(loops.begin(), loops.end(), [](const auto& a, const auto& b) { return a.size() > b.size(); });
+
+private:
+    const Sides& border_;
+    int m_;
+    std::vector<char> taken_;
+    Adjacency at_;  // of a vertex the sides that leave it, and m more for those that reach it
+    std::vector<int> next_;
+};
+
+}  // namespace
+
+std::vector<std::vector<int>> boundary_loops(const Faces& F) {
+    const Eigen::Index n = F.size() > 0 ? F.maxCoeff() + 1 : 0;
+    const Sides border = border_sides(F, n);
+    BorderWalk walk(border, n);
+    std::vector<std::vector<int>> loops;
+    std::vector<int> path, place(static_cast<std::size_t>(n), -1);  // of a vertex on the path
+    for (const auto& side : border) {
+        path.assign(1, side.first);
+        place[side.first] = 0;
+        while (!path.empty()) {
+            const int at = walk.step(path.back());
+            if (at < 0) {  // the start again, or the end of an open chain
+                place[path.back()] = -1;
+                path.pop_back();
+            } else if (place[at] < 0) {
+                place[at] = static_cast<int>(path.size());
+                path.push_back(at);
+            } else {
+                const auto first = path.begin() + place[at];
+                auto& loop = loops.emplace_back(first, path.end());
+                std::rotate(loop.begin(), std::min_element(loop.begin(), loop.end()), loop.end());
+                std::for_each(first + 1, path.end(), [&](int v) { place[v] = -1; });
+                path.erase(first + 1, path.end());
+            }
+        }
+    }
+    std::sort(loops.begin(), loops.end(),
+              [](const auto& a, const auto& b) { return a.size() != b.size() ? a.size() > b.size() : a < b; });
     return loops;
 }
 

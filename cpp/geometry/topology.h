@@ -19,7 +19,8 @@ Adjacency vertex_neighbours(const Faces& F, Eigen::Index n);
 Adjacency vertex_faces(const Faces& F, Eigen::Index n);
 
 /// Boundary loops as vertex cycles in the direction of their faces' half-edges, longest (in vertices) first; equal
-/// lengths by smallest vertex. Each cycle starts at its smallest vertex.
+/// lengths by smallest vertex. Each cycle starts at its smallest vertex and passes none twice: where loops touch, each is one
+/// by itself. Neighbours that run opposite ways cut no loop. Sides on no cycle, as beside edges of three faces, are left out.
 std::vector<std::vector<int>> boundary_loops(const Faces& F);
 
 /// (m,3): the face beyond the edge opposite each corner, -1 where that edge has not exactly two faces.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "base/parallel.h"
@@ -113,7 +114,7 @@ Vector signed_distance(const Vertices& points, const SurfaceIndex& index, const 
     Vector out(points.rows());
     parallel_for(points.rows(), [&](std::int64_t i) {
         const Vec3 p = points.row(i);
-        const double distance = index.closest(p).distance;
+        const double distance = index.closest(p, std::numeric_limits<double>::infinity()).distance;
         out[i] = winding.inside(p) ? -distance : distance;
     }, 64);
     return out;

@@ -228,7 +228,7 @@ private:
         double gain = 0, size = 0;
         const auto add = [&](double before, double after) {
             gain += before - after;
-            size += std::abs(before) + std::abs(after);
+            size += std::abs(before - after);
         };
         for (const int p : changed_) {
             add(unary_(p, x[p]), unary_(p, alpha));

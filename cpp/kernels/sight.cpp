@@ -1,7 +1,9 @@
 #include "kernels/sight.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
 #include <string>
 
@@ -14,12 +16,29 @@ namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// Ideal normalised coordinates to distorted ones (Brown 1971, OpenCV's order of coefficients).
-void distort(double& x, double& y, const Vector& k) {
-    const double r2 = x * x + y * y, xy = 2 * x * y, radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-    x = x * radial + k[2] * xy + k[3] * (r2 + 2 * x * x);
-    y = y * radial + k[2] * (r2 + 2 * y * y) + k[3] * xy;
-}
+/// Brown 1971, OpenCV's order of coefficients, as far as r radial(r) grows. What lies farther out is moved as it is where
+/// that ends: it would fold back into the picture.
+class Lens {
+public:
+    explicit Lens(const Vector& k) : k_(k) {
+        Mat3 companion;  // d (r radial) / dr = 0: u^3 + 3 k1 u^2 + 5 k2 u + 7 k3 = 0 of u = 1 / r^2
+        companion << -3 * k[0], -5 * k[1], -7 * k[4], 1, 0, 0, 0, 1, 0;
+        for (const std::complex<double>& u : companion.eigenvalues())
+            if (u.imag() == 0 && u.real() > 0) limit_ = std::max(limit_, std::sqrt(u.real()));
+    }
+    bool shows(const Eigen::Vector2d& ideal) const { return ideal.norm() * limit_ <= 1; }
+    /// Ideal normalised coordinates to distorted ones.
+    Eigen::Vector2d distort(const Eigen::Vector2d& ideal) const {
+        const double share = 1 / std::max(1.0, ideal.norm() * limit_), x = share * ideal[0], y = share * ideal[1];
+        const double r2 = x * x + y * y, xy = 2 * x * y, radial = 1 + r2 * (k_[0] + r2 * (k_[1] + r2 * k_[4]));
+        return {x * radial + k_[2] * xy + k_[3] * (r2 + 2 * x * x) + (1 - share) * ideal[0],
+                y * radial + k_[2] * (r2 + 2 * y * y) + k_[3] * xy + (1 - share) * ideal[1]};
+    }
+
+private:
+    const Vector& k_;
+    double limit_ = 0;  // 1 / the least such r
+};
 
 void check_camera(const char* kernel, const Camera& camera) {
     const std::string name = kernel;
@@ -45,7 +64,7 @@ struct Seen {
 class Eye {
 public:
     Eye(const Camera& camera, const Eigen::Ref<const Matrix>& depth, double tolerance, double min_cosine)
-        : camera_(camera), R_(camera.T_camera_world.topLeftCorner<3, 3>()),
+        : camera_(camera), lens_(camera.distortion), R_(camera.T_camera_world.topLeftCorner<3, 3>()),
           t_(camera.T_camera_world.topRightCorner<3, 1>()), centre_(-R_.transpose() * t_), depth_(depth),
           tolerance_(tolerance), min_cosine_(min_cosine) {}
 
@@ -53,11 +72,10 @@ public:
         const Mat3& K = camera_.K;
         const Vec3 p = R_ * world + t_;
         const double z = std::abs(p[2]) < 1e-12 ? 1e-12 : p[2];
-        double x = p[0] / z, y = p[1] / z;
-        distort(x, y, camera_.distortion);
-        Seen out{K(0, 0) * x + K(0, 1) * y + K(0, 2), K(1, 0) * x + K(1, 1) * y + K(1, 2)};
-        const bool inside = out.u >= 0 && out.v >= 0 && out.u < static_cast<double>(depth_.cols()) &&
-                            out.v < static_cast<double>(depth_.rows());
+        const Eigen::Vector2d ideal(p[0] / z, p[1] / z), at = lens_.distort(ideal);
+        Seen out{K(0, 0) * at[0] + K(0, 1) * at[1] + K(0, 2), K(1, 0) * at[0] + K(1, 1) * at[1] + K(1, 2)};
+        const bool inside = lens_.shows(ideal) && out.u >= 0 && out.v >= 0 &&
+                            out.u < static_cast<double>(depth_.cols()) && out.v < static_cast<double>(depth_.rows());
         if (p[2] > 0 && inside)
             out.clearance = depth_(static_cast<Eigen::Index>(out.v), static_cast<Eigen::Index>(out.u)) - p[2];
         return out;
@@ -77,6 +95,7 @@ public:
 
 private:
     const Camera& camera_;
+    Lens lens_;
     Mat3 R_;
     Vec3 t_, centre_;
     Eigen::Ref<const Matrix> depth_;
@@ -136,14 +155,14 @@ Vertices undistorted_view(const Vertices& points, const Camera& camera) {
     check_camera("undistorted_view", camera);
     const Mat3 R = camera.T_camera_world.topLeftCorner<3, 3>();
     const Vec3 t = camera.T_camera_world.topRightCorner<3, 1>();
+    const Lens lens(camera.distortion);
     Vertices out(points.rows(), 3);
     parallel_for(points.rows(), [&](std::int64_t i) {
         constexpr double nearest = 1e-3;  // [m], what lies behind is not seen anyway
         const Vec3 p = R * points.row(i).transpose() + t;
         const double z = std::max(p[2], nearest);
-        double x = p[0] / z, y = p[1] / z;
-        distort(x, y, camera.distortion);
-        out.row(i) << x * z, y * z, p[2];
+        const Eigen::Vector2d at = lens.distort({p[0] / z, p[1] / z});
+        out.row(i) << at[0] * z, at[1] * z, p[2];
     }, 4096);
     return out;
 }

@@ -22,7 +22,7 @@ struct Sight {
     Matrix uv;         ///< (n,2) [px]
     Vector weight;     ///< (n,) cosine between normal and view where the point is visible, else 0
     Vector clearance;  ///< (n,) by how far the point lies before the surface [m]: +inf where the picture shows none,
-                       ///< -inf outside of the picture
+                       ///< -inf outside of the picture and of what the lens shows
 };
 
 /// `depth` (H,W) [m], +inf where empty. Visible is what lies at most `tolerance` / cosine [m] behind the surface, and

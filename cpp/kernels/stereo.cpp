@@ -80,9 +80,10 @@ void check_pictures(const std::vector<StereoCamera>& cameras, const StereoPictur
         require(std::all_of(grey, grey + plane, [](float value) { return value >= 0 && value <= 255; }),
                 "stereo: images" + name + " has a value that is not within 0 to 255");
         const auto i = static_cast<Eigen::Index>(c);
-        require((ranges(i, 0) == 0 && ranges(i, 1) == 0) || (ranges(i, 0) > 0 && ranges(i, 1) > ranges(i, 0)),
+        require((ranges(i, 0) == 0 && ranges(i, 1) == 0) ||
+                    (ranges(i, 0) > 0 && ranges(i, 1) > ranges(i, 0) && std::isfinite(ranges(i, 1))),
                 "stereo: depth_range" + name + " is (" + std::to_string(ranges(i, 0)) + ", " +
-                    std::to_string(ranges(i, 1)) + "), expected 0 < nearest < farthest");
+                    std::to_string(ranges(i, 1)) + "), expected 0 < nearest < farthest < inf");
     }
 }
 

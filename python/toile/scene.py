@@ -90,7 +90,7 @@ class Camera:
 
     def distort(self, xy: Anything) -> Floats:
         """Ideal normalised coordinates (..., 2) to distorted ones (Brown 1971, OpenCV's order of coefficients)."""
-        return distort(xy, self.distortion)
+        return distort(xy, self.distortion, lens_limit(self.distortion))
 
     def project(self, points: Array) -> tuple[Floats, Floats]:
         """World points (..., 3) -> pixels (..., 2) and depth (...) [m]; what lies behind has depth <= 0."""
@@ -101,10 +101,36 @@ class Camera:
         return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
 
 
-def distort(xy: Anything, coefficients: Anything, derivative: bool = False) -> Any:
+def lens_limit(coefficients: Anything) -> Floats:
+    """1 / r (...) of the least r where `coefficients` (..., 5) turn back, d (r radial) / dr = 0; 0 where they never do."""
+    k1, k2, _, _, k3 = np.moveaxis(coefficients, -1, 0)
+    companion = np.zeros((*np.shape(k1), 3, 3))  # of u^3 + 3 k1 u^2 + 5 k2 u + 7 k3 = 0, u = 1 / r^2
+    companion[..., 0, :] = -np.stack([3 * k1, 5 * k2, 7 * k3], -1)
+    companion[..., 1, 0] = companion[..., 2, 1] = 1
+    u = np.linalg.eigvals(companion)
+    return np.sqrt(np.where((u.imag == 0) & (u.real > 0), u.real, 0).max(-1))
+
+
+def distort(xy: Anything, coefficients: Anything, limit: Anything, derivative: bool = False) -> Any:
     """Ideal normalised coordinates (..., 2) to distorted ones, and d distorted / d xy (..., 2, 2) where asked for.
 
-    `coefficients` (..., 5): k1 k2 p1 p2 k3 of Brown 1971 in OpenCV's order, broadcast against the points."""
+    `coefficients` (..., 5): k1 k2 p1 p2 k3 of Brown 1971 in OpenCV's order, and their `lens_limit`, broadcast against the points.
+    What lies beyond is moved as it is there: it would fold back into the picture."""
+    if not np.any(limit):
+        return _brown(xy, coefficients, derivative)
+    r = np.linalg.norm(xy, axis=-1, keepdims=True)
+    share = 1 / np.maximum(1, r * limit[..., None])
+    if not derivative:
+        return _brown(share * xy, coefficients, False) + (1 - share) * xy
+    distorted, D = _brown(share * xy, coefficients, True)
+    far = share[..., 0] < 1
+    n = xy[far] / r[far]
+    across = share[far][:, None] * (np.eye(2) - n[:, :, None] * n[:, None])  # d (share xy) / d xy
+    D[far] = np.eye(2) + (D[far] - np.eye(2)) @ across
+    return distorted + (1 - share) * xy, D
+
+
+def _brown(xy: Anything, coefficients: Anything, derivative: bool) -> Any:
     k1, k2, p1, p2, k3 = np.moveaxis(coefficients, -1, 0)
     x, y = xy[..., 0], xy[..., 1]
     r2 = x * x + y * y

@@ -63,6 +63,11 @@ def test_closest_points_solved_from_anywhere():
     assert not index.occluded(far, -far / np.linalg.norm(far, axis=1, keepdims=True))[1:].any()  # beyond float32: never
 
 
+def test_signed_distance_solved_from_anywhere():
+    far = np.array([[1e20, 0, 0], [0, 5e30, 0], [0, 0, -1e49]])
+    np.testing.assert_allclose(signed_distance(far, A, F), np.linalg.norm(far, axis=1), rtol=1e-6)
+
+
 def test_closest_points_solved_beside_a_vertex_that_no_face_uses():
     V, G = ugly.isolated(A, F)
     np.testing.assert_allclose(SurfaceIndex(V, G).closest(POINTS)[3], SurfaceIndex(A, F).closest(POINTS)[3], atol=1e-12)

@@ -91,6 +91,24 @@ def test_an_ugly_body_is_solved(spoil):
     assert (np.linalg.norm(result.V, axis=1) > 0.195).all()
 
 
+def test_beside_faces_without_area_between_sound_ones_cloth_moves_as_without_them():
+    body_V, body_F = ball()
+    rng = np.random.default_rng(0)
+    a, b, c = body_F.T
+    t = rng.uniform(0.2, 0.8, (len(a), 1))
+    cut = body_V[a] + t * (body_V[b] - body_V[a])  # on an edge to rounding: two sound faces and one of no area
+    m = len(body_V) + np.arange(len(a))
+    split_F = np.concatenate([np.stack(f, 1) for f in ((a, b, m), (a, m, c), (m, b, c))])
+    at = body_V[a] + rng.uniform(0.05, 0.95, (len(a), 1)) * (body_V[b] - body_V[a])
+    corners = np.array([[0, 0, 0], [1e-5, 0, 0], [0, 1e-5, 0]])
+    V = (1.003 * at[:, None] + corners).reshape(-1, 3)
+    F = np.arange(len(V)).reshape(-1, 3)
+    plain = kernels.untangle(V, F, body_V, body_F)
+    split = kernels.untangle(V, F, np.concatenate([body_V, cut]), split_F)
+    assert plain.stop == split.stop == "clear"
+    assert np.abs(split.V - plain.V).max() < 1e-3
+
+
 @pytest.mark.parametrize("scale", [1e-25, 1e-6, 1e-3, 1e3, 1e6, 1e25])
 def test_units_from_micrometres_to_kilometres_are_solved_alike(scale):
     V, F, body_V, body_F = shell()

@@ -82,3 +82,17 @@ def test_starts_that_name_no_face_are_refused():
         index.reached(np.zeros((2, 3)), [3])
     with pytest.raises(kernels.InputError, match="reached: points"):
         index.reached(np.full((1, 3), np.nan), [3])
+
+
+@pytest.mark.parametrize("height", [1e-3, 1e-6, 1e-9, 1e-13, 0.0])
+def test_of_a_triangle_with_a_corner_all_but_on_the_opposite_edge_no_edge_is_nearer_than_the_nearest_point(height):
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        a, along, off = rng.normal(size=(3, 3))
+        V = rng.permutation([a, a + along, a + rng.uniform() * along + height * off])
+        p = a + rng.uniform(-0.5, 1.5) * along + rng.normal(size=3) * 10 ** rng.uniform(-4, 0.5)
+        _, point, bary, distance = kernels.SurfaceIndex(V, [[0, 1, 2]]).closest(p[None])
+        edge = np.roll(V, -1, 0) - V
+        t = np.clip(((p - V) * edge).sum(1) / (edge**2).sum(1), 0, 1)
+        assert distance[0] <= np.linalg.norm(V + t[:, None] * edge - p, axis=1).min() + 1e-9
+        assert np.allclose(point[0], bary[0] @ V, atol=1e-12) and bary[0].min() >= 0

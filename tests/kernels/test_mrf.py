@@ -190,6 +190,14 @@ def test_mrf_constant_costs_at_a_node_change_nothing():
     np.testing.assert_array_equal(mrf(unary + shift, edges, weights).labels, mrf(unary, edges, weights).labels)
 
 
+def test_mrf_constant_costs_at_a_node_hide_no_gain():
+    n = 200
+    unary = np.tile([0.0, 1.0], (n, 1))
+    unary[0] = 1e14
+    result = mrf(unary, np.c_[: n - 1, 1:n], np.full(n - 1, 10.0), start=np.ones(n, int))
+    assert (result.labels == 0).all() and result.stop == "converged"
+
+
 def test_mrf_goes_on_from_given_labels():
     unary, edges, weights = random_problem(16, n=100, labels=4, edges=300)
     first = mrf(unary, edges, weights)

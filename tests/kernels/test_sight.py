@@ -172,3 +172,19 @@ def test_an_evidence_picture_names_the_argument_that_is_wrong(change, named):
     likelihood, rgb = np.zeros((labels.size, 3)), np.zeros((*labels.shape, 3), np.uint8)
     with pytest.raises(kernels.InputError, match=named):
         kernels.evidence_picture(**sound | {"likelihood": likelihood, "rgb": rgb} | change)
+
+
+@pytest.mark.parametrize("lens", [[-0.3, 0, 0, 0, 0], [-0.3, 0, 0.004, -0.003, 0], [-0.28, 0.09, 0, 0, -0.01]])
+def test_what_a_lens_folds_back_into_the_picture_is_seen_in_none(lens):
+    K, T, size = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.eye(4), (480, 640)
+    r = np.linspace(0, 9, 901)
+    turn = r[np.flatnonzero(np.diff(r * (1 + lens[0] * r**2 + lens[1] * r**4 + lens[4] * r**6)) < 0)[0]]
+    for angle in np.linspace(0, 6, 13):
+        points = np.stack([r * np.cos(angle), r * np.sin(angle), np.ones_like(r)], 1)
+        weight = kernels.visibility(points, -points, K, lens, T, np.ones(size), 0.01, 0.1)[1]
+        moved = kernels.undistorted_view(points, K, lens, T)
+        assert (weight[r > turn + 0.02] == 0).all() and (weight[r < 0.4] > 0).all()
+        out = np.linalg.norm(moved[:, :2], axis=1)
+        assert (np.maximum.accumulate(out) - out).max() < 4e-4  # what the tangential terms may take back
+        pixels = (moved @ K.T)[r > turn + 0.3, :2]
+        assert ((pixels < 0) | (pixels >= [640, 480])).any(1).all()

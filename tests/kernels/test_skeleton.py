@@ -257,3 +257,11 @@ def test_a_model_without_shapes_or_keypoints_is_posed_from_scans_alone(model):
     for result in results:
         assert result.shape.shape == (0,) and result.rms < 2e-3
         assert np.linalg.norm(result.V - V, axis=1).mean() < 5e-3
+
+
+def test_a_model_whose_vertices_no_joint_moves_is_refused(model):
+    from dataclasses import replace
+
+    none = np.zeros((len(model.v_template), 0))
+    with pytest.raises(InputError, match=r"weights_idx and weights_val must both be \(\d+, B\), B > 0"):
+        SkeletonSolver(replace(model, weights_idx=none.astype(np.int32), weights_val=none))

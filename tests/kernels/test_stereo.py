@@ -161,6 +161,7 @@ def test_a_surface_that_most_cameras_with_a_depth_there_contradict_is_none():
         (r"images has 2 entries for 3", dict(images=PICTURES[:2])),
         (r"masks\[0\] has shape", dict(masks=[np.ones((2, 2))] * 3)),
         (r"depth_range\[0\] is", dict(depth_range=RANGES[:, ::-1])),
+        (r"depth_range\[0\] is .*, inf", dict(depth_range=RANGES * [1, np.inf])),
         (r"depth_range.*shape", dict(depth_range=RANGES[:2])),
         ("the masks are empty", dict(masks=[np.zeros((64, 80))] * 3, depth_range=None)),
     ],
@@ -181,3 +182,18 @@ def test_bad_cameras_and_options_are_refused_by_name():
     for name, value in (("noise", 0), ("sources", 0), ("spacing", np.nan), ("iterations", -1)):
         with pytest.raises(kernels.InputError, match=name):
             kernels.StereoSolver(CAMERAS, **{name: value})
+
+
+@pytest.mark.parametrize(
+    "normal, confidence",
+    [
+        ((3, 4, 5, 2), (3, 4, 5)),
+        ((3, 3, 4, 5), (3, 4, 5)),
+        ((3, 5, 4, 3), (3, 4, 5)),
+        ((3, 4, 5, 3), (3, 5, 4)),
+        ((3, 4, 5, 3), (5, 4, 3)),
+    ],
+)
+def test_depth_maps_of_other_shapes_are_not_fused_whatever_their_count(normal, confidence):
+    with pytest.raises(kernels.InputError, match="not of one size"):
+        kernels.fuse_depths(CAMERAS, np.ones((3, 4, 5)), np.ones(normal), np.ones(confidence))

@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import networkx as nx
 import numpy as np
 import pytest
 
@@ -58,15 +59,58 @@ def test_border_refuses_an_index_beyond_n_and_a_negative_n():
         kernels.border_vertices(SHEET, -1)
 
 
-def test_boundary_loops_hold_every_border_half_edge_once_on_any_faces():
+def sides_of(loop):
+    return list(zip(loop.tolist(), np.roll(loop, -1).tolist()))
+
+
+def test_on_any_faces_boundary_loops_are_cycles_of_border_sides_and_leave_out_what_lies_on_none():
     rng = np.random.default_rng(2)
     for n, m in ((4, 3), (6, 8), (30, 25), (30, 60)):
-        F = rng.integers(0, n, (m, 3))
-        loops = kernels.boundary_loops(F)
-        half = [(a, b) for f in F.tolist() for a, b in zip(f, f[1:] + f[:1]) if a != b]
-        faces = Counter(tuple(sorted(side)) for side in half)
-        expected = Counter(side for side in half if faces[tuple(sorted(side))] == 1)
-        around = Counter(pair for loop in loops for pair in zip(loop.tolist(), loop.tolist()[1:]))
-        closing = Counter((int(loop[-1]), int(loop[0])) for loop in loops)  # of an open chain there is no such side
-        assert not around - expected and not expected - around - closing
-        assert [len(loop) for loop in loops] == sorted((len(loop) for loop in loops), reverse=True)
+        for F in rng.integers(0, n, (20, m, 3)):
+            loops = kernels.boundary_loops(F)
+            half = [(a, b) for f in F.tolist() for a, b in zip(f, f[1:] + f[:1]) if a != b]
+            faces = Counter(tuple(sorted(side)) for side in half)
+            border = {side for side, count in faces.items() if count == 1}
+            around = [tuple(sorted(side)) for loop in loops for side in sides_of(loop)]
+            assert len(set(around)) == len(around) and set(around) <= border
+            left = nx.Graph(border - set(around))
+            assert len(left) == 0 or nx.is_forest(left)
+            assert all(len(set(loop.tolist())) == len(loop) >= 3 and loop[0] == loop.min() for loop in loops)
+            assert [len(loop) for loop in loops] == sorted((len(loop) for loop in loops), reverse=True)
+
+
+def grid_without(squares, n=5):
+    """Faces of a square grid of n x n vertices without those squares."""
+    i = np.arange(n * n).reshape(n, n)
+    corners = [i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]]
+    kept = np.ones((n - 1, n - 1), bool)
+    kept[tuple(np.transpose(squares))] = False
+    a, b, c, d = (corner[kept] for corner in corners)
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+@pytest.mark.parametrize(
+    "squares, lengths",
+    [([(1, 1), (2, 2)], [16, 4, 4]), ([(1, 2), (2, 1)], [16, 4, 4]), ([(0, 1), (1, 2), (2, 1), (3, 2)], [20, 4, 4])],
+)
+def test_boundary_loops_that_touch_are_loops_each_however_vertices_are_numbered(squares, lengths):
+    F = grid_without(squares)
+    loops = kernels.boundary_loops(F)
+    cycles = {frozenset(sides_of(loop)) for loop in loops}
+    for seed in range(20):
+        number = np.random.default_rng(seed).permutation(25)
+        found = kernels.boundary_loops(number[F])
+        assert all(loop[0] == loop.min() and len(set(loop.tolist())) == len(loop) for loop in found)
+        assert {frozenset(sides_of(np.argsort(number)[loop])) for loop in found} == cycles
+    assert [len(loop) for loop in loops][-len(lengths) :] == lengths
+
+
+def test_faces_that_run_the_other_way_cut_no_boundary_loop():
+    for turned in range(1, 2 ** len(SHEET)):
+        F = [f[::-1] if turned >> k & 1 else f for k, f in enumerate(SHEET)]
+        (loop,) = kernels.boundary_loops(F)
+        assert {frozenset(side) for side in sides_of(loop)} == {frozenset((k, k % 6 + 1)) for k in range(1, 7)}
+
+
+def test_a_fin_on_a_closed_surface_has_no_boundary_loop():
+    assert kernels.boundary_loops(np.concatenate([CUBE, [[0, 2, 8]]])) == []

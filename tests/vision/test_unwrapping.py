@@ -228,3 +228,12 @@ def test_a_map_of_an_unwrapping_is_zero_where_unseen_and_filling_takes_the_neare
 def test_a_picture_without_distortion_is_left_as_it_is():
     picture = np.random.default_rng(0).integers(0, 255, (200, 240, 3)).astype(np.uint8)
     assert undistorted(camera(np.zeros(5)), picture) is picture
+
+
+def test_an_undistorted_picture_holds_nothing_twice_that_its_lens_folds_back():
+    wide = camera((-0.3, 0, 0, 0, 0), f=80.0)
+    white = undistorted(wide, np.full((200, 240), 255, np.uint8))
+    v, u = np.mgrid[:200, :240] + 0.5
+    r = np.hypot((u - wide.K[0, 2]) / wide.K[0, 0], (v - wide.K[1, 2]) / wide.K[1, 1])
+    turn = np.sqrt(1 / 0.9)
+    assert (r > turn + 0.05).any() and not white[r > turn + 0.05].any() and (white[r < turn - 0.05] == 255).all()

@@ -1,5 +1,6 @@
 // One level of a picture's pyramid, packed for reading eight places at a time.
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -18,8 +19,17 @@ public:
 
     float at(int x, int y) const { return static_cast<float>(words_[index(x, y)] & 0xffff) * STEP; }
     bool inside(int x, int y) const { return x >= 0 && y >= 0 && x < width && y < height; }
-    bool person(int x, int y) const { return inside(x, y) && mask[index(x, y)]; }
     std::size_t index(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
+    /// The pixel nearest to a place, pixel (0,0) at (0,0); -1 where the picture has none, or the place is no number.
+    std::int64_t nearest(float u, float v) const {
+        const float x = std::floor(u + 0.5F), y = std::floor(v + 0.5F);
+        const bool shown = x >= 0 && y >= 0 && x < static_cast<float>(width) && y < static_cast<float>(height);
+        return shown ? static_cast<std::int64_t>(index(static_cast<int>(x), static_cast<int>(y))) : -1;
+    }
+    bool person(float u, float v) const {
+        const std::int64_t at = nearest(u, v);
+        return at >= 0 && mask[at];
+    }
 
     struct Slopes {
         Floats value, dx, dy;

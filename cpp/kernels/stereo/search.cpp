@@ -71,12 +71,12 @@ float Search::scale(int x, int y, const Plane& plane) const {
 
 float Search::disagreement(const Pair& pair, const Warp& warp, float w) const {
     constexpr float none = std::numeric_limits<float>::infinity();
-    const int x = static_cast<int>(std::floor(warp.u + 0.5F)), y = static_cast<int>(std::floor(warp.v + 0.5F));
     const Picture& picture = views_[pair.view].picture;
-    if (!(warp.q[2] > 0) || !picture.inside(x, y)) return none;
+    const std::int64_t pixel = warp.q[2] > 0 ? picture.nearest(warp.u, warp.v) : -1;
     const Field& field = fields_[pair.view];
-    const int slot = field.slots[picture.index(x, y)];
+    const int slot = pixel < 0 ? -1 : field.slots[pixel];
     if (slot < 0) return none;
+    const auto x = static_cast<int>(pixel % picture.width), y = static_cast<int>(pixel / picture.width);
     const Plane& there = field.planes[slot];
     const float turned = warp.q[2] - pair.b[2] * w;  // d(1/z there) / dw = turned / q2^2
     if (!(there.w > 0) || !(turned > 0)) return none;
@@ -93,8 +93,7 @@ Opinion Search::opinion(const Window& window, int x, int y, const Plane& plane) 
         const Pair& pair = view_.pairs[k];
         const Picture& other = views_[pair.view].picture;
         const Warp warp(pair, static_cast<float>(x), static_cast<float>(y), plane);
-        const bool shown = warp.q[2] > 0 && other.person(static_cast<int>(std::floor(warp.u + 0.5F)),
-                                                         static_cast<int>(std::floor(warp.v + 0.5F)));
+        const bool shown = warp.q[2] > 0 && other.person(warp.u, warp.v);
         colour[k] = shown ? 1 - correlation(window, grid_, warp, pair, other, noise2_) : FARTHEST;
         cost[k] = colour[k];
         if (geometric_) {

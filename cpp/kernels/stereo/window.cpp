@@ -31,9 +31,7 @@ Window::Window(const Picture& picture, const Grid& grid, int x, int y, float col
     for (std::size_t k = 0; k < LANES; ++k) {
         const Floats px = grid.x[k] + cx, py = grid.y[k] + cy;
         Floats masked;
-        for (std::size_t n = 0; n < 8; ++n)
-            masked[n] =
-                picture.person(static_cast<int>(std::floor(px[n] + 0.5F)), static_cast<int>(std::floor(py[n] + 0.5F)));
+        for (std::size_t n = 0; n < 8; ++n) masked[n] = picture.person(px[n], py[n]);
         value[k] = picture.read(px, py).value - centre;
         const Floats apart = value[k] * (1 / colour);
         weight[k] = masked / fma(apart, apart, all(1));

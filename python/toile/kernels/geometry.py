@@ -38,7 +38,10 @@ def voronoi_mass(V: Array, F: Array) -> Floats:
 
 
 def boundary_loops(F: Array) -> list[Ints]:
-    """Boundary loops as int32 vertex cycles, most vertices first, each from its smallest vertex, along its faces' half-edges."""
+    """Boundary loops as int32 vertex cycles, most vertices first, each from its smallest vertex, along its faces' half-edges.
+
+    No loop passes a vertex twice: where loops touch, each is one by itself. Sides on no cycle, as beside edges of three faces,
+    are left out."""
     return [np.array(loop, dtype=np.int32) for loop in _core.boundary_loops(as_faces("boundary_loops", "F", F))]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..errors import UserError
-from ..scene import Points3D, distort
+from ..scene import Points3D, distort, lens_limit
 from ..surface.keypoints import mirrored
 
 _UNDISTORT_STEPS = 20
@@ -138,7 +138,11 @@ class _Rig:
         self.R = np.stack([c.T_camera_world[:3, :3] for c in cameras])
         self.t = np.stack([c.T_camera_world[:3, 3] for c in cameras])
         self.distortion = np.stack([c.distortion for c in cameras])[:, None]  # (C,1,5)
+        self.limit = lens_limit(self.distortion)
         self.centre = -np.einsum("cji,cj->ci", self.R, self.t)
+
+    def distort(self, xy, derivative=False):
+        return distort(xy, self.distortion, self.limit, derivative)
 
     def to_camera(self, X):
         """World points (..., k, 3) -> (..., C, k, 3)."""
@@ -152,7 +156,7 @@ class _Rig:
         p = self.to_camera(X)
         z = p[..., 2:]
         xy = p[..., :2] / np.where(z > 1e-9, z, 1.0)
-        uv = np.einsum("cij,...ckj->...cki", self.K[:, :2, :2], distort(xy, self.distortion)) + self.K[:, None, :2, 2]
+        uv = np.einsum("cij,...ckj->...cki", self.K[:, :2, :2], self.distort(xy)) + self.K[:, None, :2, 2]
         return np.where(z > 1e-9, uv, np.inf)
 
     def project_with_jacobian(self, X):
@@ -160,7 +164,7 @@ class _Rig:
         p = self.to_camera(X)
         z = np.where(np.abs(p[..., 2]) > 1e-9, p[..., 2], 1e-9)
         xy = p[..., :2] / z[..., None]
-        distorted, D = distort(xy, self.distortion, derivative=True)
+        distorted, D = self.distort(xy, derivative=True)
         uv = np.einsum("cij,ckj->cki", self.K[:, :2, :2], distorted) + self.K[:, None, :2, 2]
         P = (self.R[:, None, :2, :] - xy[..., None] * self.R[:, None, 2:, :]) / z[..., None, None]  # d xy / d X
         return uv, self.K[:, None, :2, :2] @ D @ P
@@ -171,7 +175,7 @@ class _Rig:
         xy = target.copy()
         if self.distortion.any():
             for _ in range(_UNDISTORT_STEPS):
-                xy = xy + (target - distort(xy, self.distortion))
+                xy = xy + (target - self.distort(xy))
         d = np.concatenate([xy, np.ones(xy.shape[:-1] + (1,))], axis=-1)
         d = np.einsum("cji,ckj->cki", self.R, d)
         return d / np.linalg.norm(d, axis=-1, keepdims=True)
