@@ -90,7 +90,12 @@ class Camera:
 
     def distort(self, xy: Anything) -> Floats:
         """Ideal normalised coordinates (..., 2) to distorted ones (Brown 1971, OpenCV's order of coefficients)."""
-        return distort(xy, self.distortion, lens_limit(self.distortion))
+        return distort(xy, self.distortion, self.lens_limit)
+
+    @cached_property
+    def lens_limit(self) -> Floats:
+        """`lens_limit` of its distortion."""
+        return lens_limit(self.distortion)
 
     def project(self, points: Array) -> tuple[Floats, Floats]:
         """World points (..., 3) -> pixels (..., 2) and depth (...) [m]; what lies behind has depth <= 0."""

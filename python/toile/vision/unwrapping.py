@@ -9,7 +9,6 @@ import numpy as np
 
 from .. import kernels
 from ..kernels import bilinear
-from ..scene import lens_limit
 from .visibility import occlusion_border
 
 BORDER = (
@@ -57,7 +56,7 @@ def undistorted(camera, picture, nearest=False):
     K[:2, 2] -= 0.5  # OpenCV's pixel (0,0) has its centre at (0, 0)
     maps = cv2.initUndistortRectifyMap(K, camera.distortion, None, K, (camera.width, camera.height), cv2.CV_32FC1)
     x, y = ((np.arange(n) - K[i, 2]) / K[i, i] for i, n in enumerate((camera.width, camera.height)))
-    maps[0][np.hypot(x, y[:, None]) * lens_limit(camera.distortion) > 1] = -2  # outside: OpenCV folds these in
+    maps[0][np.hypot(x, y[:, None]) * camera.lens_limit > 1] = -2  # outside: OpenCV folds these in
     return cv2.remap(picture, *maps, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR)
 
 
