@@ -224,6 +224,21 @@ def test_lengths_that_are_no_metres_are_named(walk, factor, words):
     assert any(text.startswith("units: ") and words in text for text in texts(walk, serious=True))
 
 
+@pytest.mark.parametrize("masks_alone", [False, True], ids=["keypoints", "masks"])
+def test_cameras_that_stand_in_one_place_are_one_line(capture, masks_alone):
+    """Also those that stand in one place away from the origin."""
+    for file in capture.glob("frames/*/keypoints.json") if masks_alone else ():
+        file.unlink()
+    for centre in ([0, 0, 0], [0.3, -2.1, 1.7]):
+        recalibrated(capture, posed(lambda T, c=centre: np.vstack([np.c_[T[:3, :3], -T[:3, :3] @ c], [0, 0, 0, 1]])))
+        said = texts(capture)
+        assert len(said) == 1 and said[0].startswith("cameras.json: all cameras stand in one place")
+
+
+def test_a_person_without_a_length_is_said():
+    assert check_units(0.0, "m").serious and "no length" in check_units(0.0, "m").text
+
+
 def test_a_child_and_a_giant_are_said_but_stop_nothing():
     assert check_units(1.7, "m") is None
     for tall in (1.19, 2.21):

@@ -20,7 +20,7 @@ from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
 from .body import check_units, check_up, stature, upward
-from .cameras import AGREES, Finding, convention_of, diagonal, offsets, read_as, steps, strangers
+from .cameras import AGREES, Finding, convention_of, diagonal, in_one_place, offsets, read_as, steps, strangers
 from .doubts import asked, doubted
 from .files import KINDS, gaps, labels_seen, looks, uneven, unpadded
 from .fractions import fractions
@@ -114,6 +114,9 @@ def _detections(found: Inspection, capture: Capture) -> None:
         masks = [_silhouettes(frame) for frame in found.frames]
         sighting = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
     if len(sighting.cameras) < 2 or not sighting.uv.size:
+        return
+    if together := in_one_place(sighting.cameras):
+        found.findings += together
         return
     what = "middles of masks" if of_masks else "keypoints"
     convention, errors = convention_of(sighting.thinned(DETECTIONS))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ SHIFT_BETTER = 0.75
 SURELY = 2.0  # standard deviations, by which more detections than half come nearer
 FEW = 8  # cameras
 MOVED = 1.0  # px a frame: below, nothing tells a step in time
+APART = 1e-9  # of their distance from the origin, which is rounding: cameras that are nearer to one another stand in one place
 
 
 def _same(camera: Camera) -> Camera:
@@ -86,6 +87,15 @@ def convention_of(sighting: Sighting) -> tuple[str, dict[str, float]]:
 
 def diagonal(sighting: Sighting) -> float:
     return float(np.mean([np.hypot(*camera.size) for camera in sighting.cameras]))
+
+
+def in_one_place(cameras: Iterable[Camera]) -> list[Finding]:
+    """Of several cameras between which no distance is, so that nothing is seen in depth."""
+    centres = np.array([camera.centre for camera in cameras])
+    if len(centres) < 2 or np.ptp(centres, axis=0).max() > APART * np.abs(centres).max():
+        return []
+    text = "cameras.json: all cameras stand in one place"
+    return [Finding(f"{text}: are their translations left out, or T_camera_world transposed?")]
 
 
 def steps(sighting: Sighting) -> tuple[dict[int, int], Sighting]:
