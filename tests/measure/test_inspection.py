@@ -275,6 +275,36 @@ def test_files_that_lack_or_are_not_read_are_named(capture):
     assert not texts(capture, serious=True)
 
 
+def test_files_of_a_frame_that_nothing_reads_are_named_with_what_is_expected(capture):
+    for number in PICTURED:
+        folder = capture / "frames" / f"{number:06d}"
+        (folder / "masks").rename(folder / "mask")
+        for path in sorted((folder / "images").iterdir()):
+            Image.open(path).save(path.with_suffix(".bmp"))
+            path.unlink()
+        for name in ("scan.obj", f"pose_{number}.json", "Scan.PLY", "notes.txt", "labels/cam1.npy"):
+            (folder / name).write_text("")
+    (capture / "frames" / "000007" / "scan.ply").write_text("")
+    all_of = "images, masks, labels, scan.ply, keypoints.json, keypoints3d.json"
+    assert sorted(text for text in texts(capture, serious=False) if "not read" in text) == [
+        "frames/000000/Scan.PLY and 4 more: not read, expected scan.ply",
+        "frames/000000/images/cam0.bmp and 24 more: not read, expected CAM.png or CAM.jpg",
+        "frames/000000/labels/cam1.npy and 4 more: not read, expected CAM.png or CAM.jpg",
+        "frames/000000/mask and 4 more: not read, expected masks",
+        f"frames/000000/notes.txt and 4 more: not read, expected {all_of}",
+        "frames/000000/pose_0.json and 4 more: not read, expected keypoints.json, keypoints3d.json",
+        "frames/000000/scan.obj and 4 more: not read, expected scan.ply",
+    ]
+
+
+def test_what_systems_leave_in_frames_is_passed_over(capture):
+    for name in (".DS_Store", "Thumbs.db", "desktop.ini", ".keypoints.json.0123.part"):
+        for folder in ("", "images", "masks"):
+            (capture / "frames" / "000000" / folder / name).write_text("")
+    (capture / "frames" / "000000" / "@eaDir").mkdir()
+    assert not texts(capture)
+
+
 def test_a_garment_whose_label_is_seen_nowhere_stops(capture):
     scene = capture / "scene.toml"
     scene.write_text(scene.read_text() + '[[garment]]\nname = "skirt"\nlabel = "skirt"\n')
