@@ -320,6 +320,13 @@ def test_masks_name_the_camera_that_cuts_the_hull(capture):
     assert any("without cam2: its mask or its calibration is off" in text for text in texts(capture))
 
 
+def test_masks_that_are_all_empty_stop_in_one_line(capture):
+    for path in capture.glob("frames/*/masks/*.png"):
+        Image.fromarray(np.asarray(Image.open(path)) // 255).save(path)
+    assert texts(capture, serious=True) == ["masks: all that were looked at are empty: above 127 is the person"]
+    assert not any("empty mask" in text for text in texts(capture))
+
+
 def test_what_cannot_be_opened_or_read_is_a_finding(capture, tmp_path):
     assert inspect(tmp_path / "nothing").wasted
     (capture / "frames" / "000000" / "images" / "cam0.jpg").write_bytes(b"no picture")

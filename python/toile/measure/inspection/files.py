@@ -133,6 +133,10 @@ def looks(frames: list[Any]) -> list[Finding]:
     bright: dict[str, list[float]] = {}
     sharp: dict[str, dict[int, float]] = {}
     found = []
+    masks = [mask for frame in frames for mask in frame.masks.values()]
+    anyone = any(mask.any() for mask in masks)
+    if masks and not anyone:
+        found.append(Finding("masks: all that were looked at are empty: above 127 is the person"))
     for frame in frames:
         for name, image in frame.images.items():
             grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -146,7 +150,7 @@ def looks(frames: list[Any]) -> list[Finding]:
                 float(cv2.Laplacian(grey, cv2.CV_32F).var()) / float(part.mean() + 1) ** 2
             )
         empty = [name for name, mask in frame.masks.items() if not mask.any()]
-        if empty:
+        if empty and anyone:
             found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
     if len(bright) > 2:
         middle = float(np.median([np.median(values) for values in bright.values()]))
