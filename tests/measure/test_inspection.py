@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from toile.measure.inspection import inspect
 from toile.measure.inspection.body import check_units
 from toile.measure.inspection.page import write_inspection
 
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
 OPENGL = np.diag([1.0, -1, -1, 1])
 
@@ -152,6 +154,17 @@ def test_a_camera_out_of_step_is_named_with_its_shift(walk, shift):
     assert len(said) == 1 and said[0].startswith("cam1: ") and said[0].endswith(f"--offset cam1={shift}")
 
 
+@pytest.mark.parametrize("unseen", [0, 1, 2])
+@pytest.mark.parametrize("frames", [3, 4, 6])
+def test_no_camera_of_a_short_capture_in_step_is_called_out_of_step(tmp_path, frames, unseen):
+    """Of the packaged capture, with every third keypoint unseen: a shift that fits better by luck is none."""
+    for name in ("scene.toml", "cameras.json", "templates", *(f"frames/{t:06d}/keypoints.json" for t in range(frames))):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if name == "templates" else shutil.copy)(SAMPLE / name, tmp_path / name)
+    edited(tmp_path, lambda name, t, rows: rows[t][name] * (np.arange(len(rows[t][name])) % 3 != unseen)[:, None])
+    assert not [text for text in texts(tmp_path) if "out of step" in text]
+
+
 def test_two_cameras_out_of_step_are_both_named(walk):
     late = {"cam0": 3, "cam4": -2}
 
@@ -211,6 +224,21 @@ def test_lengths_that_are_no_metres_are_named(walk, factor, words):
     assert any(text.startswith("units: ") and words in text for text in texts(walk, serious=True))
 
 
+@pytest.mark.parametrize("masks_alone", [False, True], ids=["keypoints", "masks"])
+def test_cameras_that_stand_in_one_place_are_one_line(capture, masks_alone):
+    """Also those that stand in one place away from the origin."""
+    for file in capture.glob("frames/*/keypoints.json") if masks_alone else ():
+        file.unlink()
+    for centre in ([0, 0, 0], [0.3, -2.1, 1.7]):
+        recalibrated(capture, posed(lambda T, c=centre: np.vstack([np.c_[T[:3, :3], -T[:3, :3] @ c], [0, 0, 0, 1]])))
+        said = texts(capture)
+        assert len(said) == 1 and said[0].startswith("cameras.json: all cameras stand in one place")
+
+
+def test_a_person_without_a_length_is_said():
+    assert check_units(0.0, "m").serious and "no length" in check_units(0.0, "m").text
+
+
 def test_a_child_and_a_giant_are_said_but_stop_nothing():
     assert check_units(1.7, "m") is None
     for tall in (1.19, 2.21):
@@ -247,6 +275,36 @@ def test_files_that_lack_or_are_not_read_are_named(capture):
     assert not texts(capture, serious=True)
 
 
+def test_files_of_a_frame_that_nothing_reads_are_named_with_what_is_expected(capture):
+    for number in PICTURED:
+        folder = capture / "frames" / f"{number:06d}"
+        (folder / "masks").rename(folder / "mask")
+        for path in sorted((folder / "images").iterdir()):
+            Image.open(path).save(path.with_suffix(".bmp"))
+            path.unlink()
+        for name in ("scan.obj", f"pose_{number}.json", "Scan.PLY", "notes.txt", "labels/cam1.npy"):
+            (folder / name).write_text("")
+    (capture / "frames" / "000007" / "scan.ply").write_text("")
+    all_of = "images, masks, labels, scan.ply, keypoints.json, keypoints3d.json"
+    assert sorted(text for text in texts(capture, serious=False) if "not read" in text) == [
+        "frames/000000/Scan.PLY and 4 more: not read, expected scan.ply",
+        "frames/000000/images/cam0.bmp and 24 more: not read, expected CAM.png or CAM.jpg",
+        "frames/000000/labels/cam1.npy and 4 more: not read, expected CAM.png or CAM.jpg",
+        "frames/000000/mask and 4 more: not read, expected masks",
+        f"frames/000000/notes.txt and 4 more: not read, expected {all_of}",
+        "frames/000000/pose_0.json and 4 more: not read, expected keypoints.json, keypoints3d.json",
+        "frames/000000/scan.obj and 4 more: not read, expected scan.ply",
+    ]
+
+
+def test_what_systems_leave_in_frames_is_passed_over(capture):
+    for name in (".DS_Store", "Thumbs.db", "desktop.ini", ".keypoints.json.0123.part"):
+        for folder in ("", "images", "masks"):
+            (capture / "frames" / "000000" / folder / name).write_text("")
+    (capture / "frames" / "000000" / "@eaDir").mkdir()
+    assert not texts(capture)
+
+
 def test_a_garment_whose_label_is_seen_nowhere_stops(capture):
     scene = capture / "scene.toml"
     scene.write_text(scene.read_text() + '[[garment]]\nname = "skirt"\nlabel = "skirt"\n')
@@ -260,6 +318,13 @@ def test_masks_name_the_camera_that_cuts_the_hull(capture):
         mask = np.roll(np.asarray(Image.open(path)), 60, axis=1)
         Image.fromarray(mask).save(path)
     assert any("without cam2: its mask or its calibration is off" in text for text in texts(capture))
+
+
+def test_masks_that_are_all_empty_stop_in_one_line(capture):
+    for path in capture.glob("frames/*/masks/*.png"):
+        Image.fromarray(np.asarray(Image.open(path)) // 255).save(path)
+    assert texts(capture, serious=True) == ["masks: all that were looked at are empty: above 127 is the person"]
+    assert not any("empty mask" in text for text in texts(capture))
 
 
 def test_what_cannot_be_opened_or_read_is_a_finding(capture, tmp_path):

@@ -28,6 +28,13 @@ VOTES = "votes.json"
 MODES = {"labels": "L", "masks": "L", "images": "RGB"}  # of a frame's pictures, as Pillow names them
 KINDS = ("images", "masks", "labels")  # folders that a frame may have
 ALONE = ("scan.ply", "keypoints.json", "keypoints3d.json")  # files that a frame may have
+LITTER = (
+    "thumbs.db",
+    "ehthumbs.db",
+    "desktop.ini",
+    "@eadir",
+    "__macosx",
+)  # that systems leave in folders, besides hidden files
 CHECKED = 3  # frames that are read before a run begins
 
 
@@ -130,8 +137,17 @@ class Capture:
     def inputs(self, number: int) -> list[Path]:
         """The files that are read of a frame, in order."""
         folder = self.folder(number)
-        pictures = [path for kind in KINDS if (folder / kind).is_dir() for path in _pictures_in(folder / kind)]
+        pictures = [path for kind in KINDS if (folder / kind).is_dir() for path in pictures_in(folder / kind)]
         return sorted(path for path in (*(folder / name for name in ALONE), *pictures) if path.is_file())
+
+    def unread(self, number: int) -> list[Path]:
+        """What lies in a frame's folder and is not read, in order, without what systems leave there."""
+        folder = self.folder(number)
+        found = {path for path in folder.iterdir() if path.name not in (*KINDS, *ALONE)}
+        for kind in KINDS:
+            if (folder / kind).is_dir():
+                found |= set((folder / kind).iterdir()) - set(pictures_in(folder / kind))
+        return sorted(path for path in found if not path.name.startswith(".") and path.name.lower() not in LITTER)
 
     def check_pictures(self, number: int) -> None:
         """UserError where a frame has no picture, or one of another size than its camera's; only headers are read."""
@@ -154,7 +170,7 @@ class Capture:
         if not folder.is_dir():
             raise UserError(f"{folder}: not a folder")
         paths: dict[str, Path] = {}
-        for path in _pictures_in(folder):
+        for path in pictures_in(folder):
             if path.stem in self.left_out:
                 continue
             if path.stem not in self.cameras:
@@ -180,7 +196,7 @@ class Capture:
             )
 
 
-def _pictures_in(folder: Path) -> list[Path]:
+def pictures_in(folder: Path) -> list[Path]:
     """Pictures in a folder, in order; hidden files, which some systems leave, are none."""
     endings = (".png", ".jpg", ".jpeg")
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in endings and not p.name.startswith("."))

@@ -34,9 +34,12 @@ def image_header(path: Path | str) -> tuple[tuple[int, int], str]:
 
 
 def one_channel(path: Path) -> Anything:
-    """(H,W) uint8: the brightest channel of each pixel of a mask that was saved in colour."""
+    """(H,W) uint8 of a mask that was saved in colour, by a palette or as transparency: its alpha where that is not opaque
+    throughout, else the brightest channel of each pixel's colour."""
     with _opened(path) as image:
-        return np.array(image.convert("RGB")).max(2)
+        pixels = np.array(image.convert("RGBA"))
+    alpha = pixels[..., 3]
+    return alpha if alpha.min() < 255 else pixels[..., :3].max(2)
 
 
 def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:

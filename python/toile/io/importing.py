@@ -47,6 +47,7 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
     if not found.frames:
         raise UserError(f"{head}: no frame with pictures, keypoints or a scan")
     found = replace(found, cameras=_sized(found))
+    _check_masks(found)
 
     def write(part: Path) -> None:
         part.mkdir()
@@ -78,10 +79,22 @@ def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Ca
             where = source if isinstance(source, Path) else Path(folder.name) / name
             size, mode = image_header(source if isinstance(source, Path) else path)
             _check_size(where, size, camera)
-            if kind == "masks" and mode not in ("L", "P", "1"):
+            if kind == "masks" and mode not in ("L", "1"):
                 grey = one_channel(path)
                 path.unlink()  # a link: what it points to stays
                 write_image(path, grey)
+
+
+def _check_masks(found: Found) -> None:
+    """UserError for masks of 0 and 1, which would be read as empty; those of the first frame that has some are looked at."""
+    for _, sources in sorted(found.frames.items()):
+        masks = [source for name, source in sources.items() if name.startswith("masks/") and isinstance(source, Path)]
+        if masks:
+            brightest = {path: one_channel(path).max() for path in masks}
+            shown = [path for path in masks if brightest[path]]
+            if shown and all(brightest[path] == 1 for path in shown):
+                raise UserError(f"{shown[0]}: a mask of 0 and 1, expected 0 and 255: above 127 is the person")
+            return
 
 
 def _check_size(path: Path, size: tuple[int, ...], camera: Camera) -> None:

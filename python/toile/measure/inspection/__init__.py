@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
-from ...io.capture import Capture, open_capture
+from ...io.capture import KINDS, Capture, open_capture
 from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
 from .body import check_units, check_up, stature, upward
-from .cameras import AGREES, Finding, convention_of, diagonal, offsets, read_as, steps, strangers
+from .cameras import AGREES, Finding, convention_of, diagonal, in_one_place, offsets, read_as, steps, strangers
 from .doubts import asked, doubted
-from .files import KINDS, gaps, labels_seen, looks, uneven, unpadded
+from .files import gaps, labels_seen, looks, uneven, unpadded, unread
 from .fractions import fractions
 from .masks import COVERED, centroids, coverage
 from .rays import SURE, Meeting, Sighting, epipolar, meet
@@ -68,7 +68,7 @@ def inspect(path: Path) -> Inspection:
         found.findings.append(Finding(str(error)))
         return found
     found.findings += [Finding(warning, serious=False) for warning in capture.warnings]
-    found.findings += gaps(capture.frames) + uneven(capture)
+    found.findings += gaps(capture.frames) + uneven(capture) + unread(capture)
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)
     _detections(found, capture)
@@ -114,6 +114,9 @@ def _detections(found: Inspection, capture: Capture) -> None:
         masks = [_silhouettes(frame) for frame in found.frames]
         sighting = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
     if len(sighting.cameras) < 2 or not sighting.uv.size:
+        return
+    if together := in_one_place(sighting.cameras):
+        found.findings += together
         return
     what = "middles of masks" if of_masks else "keypoints"
     convention, errors = convention_of(sighting.thinned(DETECTIONS))

@@ -33,6 +33,8 @@ def check_units(tall: float, units: str) -> Finding | None:
     """`tall` is a stature as the scene's `units` make it."""
     if not np.isfinite(tall) or STATURE[0] <= tall <= STATURE[1]:
         return None
+    if tall == 0:
+        return Finding("units: the person's legs have no length: all their keypoints meet in one point")
     from ...io.scene_file import METRES
 
     if RARE[0] <= tall <= RARE[1]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...kernels.arrays import Floats
+from ...kernels.arrays import Array, Floats
 from ...scene import Camera
-from .rays import Meeting, Sighting, meet
+from .rays import SURE, Meeting, Sighting, meet
 
 OPENGL = np.diag([1.0, -1, -1, 1])
 BETTER = 0.4  # share of the error that is left, below which another reading is right
@@ -18,9 +18,13 @@ OFF = 3.0  # times the others' error, and
 LEAST = 0.004  # of a picture's diagonal, from which a camera is said to disagree
 EXPLAINS = 1.0  # times the spread that is left: an offset that explains a camera's error
 SHIFTS = 30  # frames that a camera may be out of step
+SHORTEST = 6  # frames: of fewer, no step in time is told
+COMPARED = 40  # detections that a shift is told by, at least
 SHIFT_BETTER = 0.75
+SURELY = 2.0  # standard deviations, by which more detections than half come nearer
 FEW = 8  # cameras
 MOVED = 1.0  # px a frame: below, nothing tells a step in time
+APART = 1e-9  # of their distance from the origin, which is rounding: cameras that are nearer to one another stand in one place
 
 
 def _same(camera: Camera) -> Camera:
@@ -85,13 +89,22 @@ def diagonal(sighting: Sighting) -> float:
     return float(np.mean([np.hypot(*camera.size) for camera in sighting.cameras]))
 
 
+def in_one_place(cameras: Iterable[Camera]) -> list[Finding]:
+    """Of several cameras between which no distance is, so that nothing is seen in depth."""
+    centres = np.array([camera.centre for camera in cameras])
+    if len(centres) < 2 or np.ptp(centres, axis=0).max() > APART * np.abs(centres).max():
+        return []
+    text = "cameras.json: all cameras stand in one place"
+    return [Finding(f"{text}: are their translations left out, or T_camera_world transposed?")]
+
+
 def steps(sighting: Sighting) -> tuple[dict[int, int], Sighting]:
     """{camera: frames that it runs ahead} of cameras that are out of step, told by moving detections, the surest first; and
     the sighting with them put in step."""
     found: dict[int, int] = {}
     T = sighting.uv.shape[1]
     reach = min(SHIFTS, T // 3)
-    if len(sighting.cameras) < 3 or reach < 1 or _motion(sighting) < MOVED:
+    if len(sighting.cameras) < 3 or T < SHORTEST or _motion(sighting) < MOVED:
         return found, sighting
     for _ in range(len(sighting.cameras) // 2):
         gains = {i: _step(sighting, i, reach, points) for i, points in _of_others(sighting) if i not in found}
@@ -120,20 +133,25 @@ def _motion(sighting: Sighting) -> float:
 
 
 def _step(sighting: Sighting, i: int, reach: int, points: Floats) -> tuple[int, float]:
-    """(shift, share of the error that is left) of camera i against points (T,K,3)."""
+    """(shift, share of the error that is left) of camera i against points (T,K,3); each shift is compared with none on the
+    detections that both have, most of which it must bring nearer."""
     at, depth = sighting.cameras[i].project(np.nan_to_num(points))
     known = np.isfinite(points).all(-1) & (depth > 0)
-    errors = {}
-    for shift in range(-reach, reach + 1):
-        one = sighting.shifted(i, shift)
-        both = known & (one.weight[i] > 0.3)
-        if both.sum() >= 10:
-            off = np.linalg.norm(one.uv[i] - at, axis=-1)[both]
-            errors[shift] = float(np.median(off))
-    if 0 not in errors:
-        return 0, 1.0
-    best = min(errors, key=lambda s: (errors[s], abs(s)))
-    return best, errors[best] / max(errors[0], 1e-9)
+    now, found = _off(sighting, i, at, known), (0, 1.0)
+    for shift in sorted(range(-reach, reach + 1), key=abs):
+        then = _off(sighting.shifted(i, shift), i, at, known)
+        both = np.isfinite(now) & np.isfinite(then)
+        n = int(both.sum())
+        if n < COMPARED or (then < now)[both].sum() < (n + SURELY * np.sqrt(n)) / 2:
+            continue
+        share = float(np.median(then[both])) / max(float(np.median(now[both])), 1e-9)
+        found = min(found, (shift, share), key=lambda told: told[1])
+    return found
+
+
+def _off(sighting: Sighting, i: int, at: Floats, known: Array) -> Floats:
+    """Distances (T,K) [px] of camera i's detections from `at` (T,K,2); NaN where either is unknown."""
+    return np.where(known & (sighting.weight[i] > SURE), np.linalg.norm(sighting.uv[i] - at, axis=-1), np.nan)
 
 
 def offsets(sighting: Sighting, meeting: Meeting) -> dict[int, Floats]:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...io.capture import Capture
+from ...io.capture import ALONE, KINDS, Capture, pictures_in
+from ...io.mesh import KINDS as MESHES
 from ...scene import frame_ranges
 from .cameras import Finding
 
-KINDS = ("images", "masks", "labels")
 MANY = 4  # numbers in a message
 DARK = 4.0  # mean of a picture that is black
 STOPS = 1.0  # of brightness that a camera may differ
@@ -53,7 +54,7 @@ def uneven(capture: Capture) -> list[Finding]:
         there: dict[str, list[int]] = {}
         for number in capture.frames:
             folder = capture.folder(number) / kind
-            for path in folder.iterdir() if folder.is_dir() else ():
+            for path in pictures_in(folder) if folder.is_dir() else ():
                 there.setdefault(path.stem, []).append(number)
         pictured |= set(there) if kind == "images" else set()
         frames = sorted({number for numbers in there.values() for number in numbers})
@@ -67,6 +68,35 @@ def uneven(capture: Capture) -> list[Finding]:
     if pictured and idle:
         found.append(Finding(f"cameras without a picture: {', '.join(idle[:MANY])}{'...' * (len(idle) > MANY)}", False))
     return found
+
+
+def unread(capture: Capture) -> list[Finding]:
+    """What lies in frames' folders and is not read, a line a sort: folders by name, files by ending."""
+    sorts: dict[tuple[str, str], list[Path]] = {}
+    for number in capture.frames:
+        for path in capture.unread(number):
+            inside = path.parent.name if path.parent.name in KINDS else ""
+            sort = re.sub(r"\d+", "0", path.name) if path.is_dir() else path.suffix.lower()
+            sorts.setdefault((inside, sort), []).append(path)
+    found = []
+    for first, *more in sorts.values():
+        text = f"{first.relative_to(capture.root).as_posix()}{f' and {len(more)} more' if more else ''}"
+        wanted = _expected(first)
+        instead = f"{wanted} is" if (first.parent / wanted).exists() else f"expected {wanted}"
+        found.append(Finding(f"{text}: not read, {instead}", serious=False))
+    return found
+
+
+def _expected(path: Path) -> str:
+    """What would be read in the place of a file or folder."""
+    if path.parent.name in KINDS:
+        return "CAM.png or CAM.jpg"
+    if path.is_dir():
+        return next(iter(get_close_matches(path.name.lower(), KINDS, 1)), ", ".join(KINDS))
+    if path.suffix.lower() in MESHES:
+        return "scan.ply"
+    alike = [name for name in ALONE if Path(name).suffix == path.suffix.lower()]
+    return ", ".join(alike or (*KINDS, *ALONE))
 
 
 def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str, int]], list[Finding]]:
@@ -103,6 +133,10 @@ def looks(frames: list[Any]) -> list[Finding]:
     bright: dict[str, list[float]] = {}
     sharp: dict[str, dict[int, float]] = {}
     found = []
+    masks = [mask for frame in frames for mask in frame.masks.values()]
+    anyone = any(mask.any() for mask in masks)
+    if masks and not anyone:
+        found.append(Finding("masks: all that were looked at are empty: above 127 is the person"))
     for frame in frames:
         for name, image in frame.images.items():
             grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -116,7 +150,7 @@ def looks(frames: list[Any]) -> list[Finding]:
                 float(cv2.Laplacian(grey, cv2.CV_32F).var()) / float(part.mean() + 1) ** 2
             )
         empty = [name for name, mask in frame.masks.items() if not mask.any()]
-        if empty:
+        if empty and anyone:
             found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
     if len(bright) > 2:
         middle = float(np.median([np.median(values) for values in bright.values()]))
