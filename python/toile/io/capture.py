@@ -28,13 +28,7 @@ VOTES = "votes.json"
 MODES = {"labels": "L", "masks": "L", "images": "RGB"}  # of a frame's pictures, as Pillow names them
 KINDS = ("images", "masks", "labels")  # folders that a frame may have
 ALONE = ("scan.ply", "keypoints.json", "keypoints3d.json")  # files that a frame may have
-LITTER = (
-    "thumbs.db",
-    "ehthumbs.db",
-    "desktop.ini",
-    "@eadir",
-    "__macosx",
-)  # that systems leave in folders, besides hidden files
+LITTER = ("thumbs.db", "ehthumbs.db", "desktop.ini", "@eadir", "__macosx")  # left by systems, besides hidden files
 CHECKED = 3  # frames that are read before a run begins
 
 
