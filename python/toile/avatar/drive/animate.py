@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ...errors import UserError
 from ...io.animation import (
     AnimatedLayer,
     AnimatedSkeleton,
@@ -33,7 +32,7 @@ from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, nearest_poses
 from ..model.recorded import decoder, repeatable
-from .apart import motion_of, take
+from .apart import check_face, motion_of, take
 from .cameras import asked_cameras, camera_path
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
 from .driver import FILE, hardly_foretold, load_driver, make_track, one_thread, reader_of
@@ -70,7 +69,7 @@ class DrivenAvatar:
         self.model = body_model_of(self.facts["run"], scene.body_model, scene.up)
         poses = training_poses(folder)
         self.motion = motion if isinstance(motion, Motion) else take(folder, motion, apart).motion
-        self._check_face(motion)
+        check_face(self.avatar, self.motion, "the motion")
         self.rows = self.motion.rows_of(frames)
         self.lent = lend(self.avatar, dict(garments), folder, self.model.skin_faces)
         self.measured = {}
@@ -83,13 +82,6 @@ class DrivenAvatar:
         cloths = self._cloths(physics)
         self.warnings += doubts(cloths) + outdated(self.folder, self.avatar.layers, physics)
         self.draping = self.draped(cloths, np.arange(len(self.motion))) if cloths else None
-
-    def _check_face(self, motion):
-        """UserError where a motion's facial keypoints are not the avatar's."""
-        own, face = getattr(self.avatar, "face_mean", None), self.motion.face
-        if own is not None and len(own) and face is not None and face.shape[1:] != tuple(own.shape):
-            source = "the motion" if isinstance(motion, Motion) else motion
-            raise UserError(f"{source}: face is {face.shape}, expected {(len(face), *own.shape)}")
 
     def _cloths(self, physics):
         lent = {one.name for one in self.lent}

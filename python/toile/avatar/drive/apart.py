@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...errors import UserError
 from ...io.motion import Motion, read_motion
 from ...io.run_folder import body_model_of
 from ...scene import rate_of, stride_of
@@ -45,7 +46,16 @@ def motion_of(folder, path):
     """The Motion at `path` for the avatar in `folder`, as it is given."""
     avatar, start = load_avatar(folder), training_poses(folder)["translation"].mean(0)
     model, scene = _body_model(folder, avatar), avatar.scene
-    return read_motion(Path(path), model, _joints(avatar), scene.fps, start, scene.up)
+    motion = read_motion(Path(path), model, _joints(avatar), scene.fps, start, scene.up)
+    check_face(avatar, motion, path)
+    return motion
+
+
+def check_face(avatar, motion, source):
+    """UserError, which names the `source`, where a Motion's facial keypoints are not the avatar's."""
+    own, face = getattr(avatar, "face_mean", None), motion.face
+    if own is not None and len(own) and face is not None and face.shape[1:] != tuple(own.shape):
+        raise UserError(f"{source}: face is {face.shape}, expected {(len(face), *own.shape)}")
 
 
 def _body_model(folder, avatar):
