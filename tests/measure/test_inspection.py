@@ -13,9 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.rig import ring_of_cameras
 from toile.io.body import load_body_model
+from toile.io.capture import open_capture
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
 from toile.measure.inspection.body import check_units
+from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -318,6 +320,49 @@ def test_masks_name_the_camera_that_cuts_the_hull(capture):
         mask = np.roll(np.asarray(Image.open(path)), 60, axis=1)
         Image.fromarray(mask).save(path)
     assert any("without cam2: its mask or its calibration is off" in text for text in texts(capture))
+
+
+def test_pictures_exchanged_between_two_cameras_stop_by_both_names(tmp_path):
+    shutil.copytree(SAMPLE, tmp_path / "talk", ignore=shutil.ignore_patterns("truth", "00000[345]"))
+    for folder in (tmp_path / "talk").glob("frames/*/images"):
+        for old, new in (("cam00", "aside"), ("cam03", "cam00"), ("aside", "cam03")):
+            (folder / f"{old}.jpg").rename(folder / f"{new}.jpg")
+    assert texts(tmp_path / "talk", serious=True) == [
+        "cam00: its pictures show the outlines of cam03's masks, not of its own: were they exchanged?",
+        "cam03: its pictures show the outlines of cam00's masks, not of its own: were they exchanged?",
+    ]
+
+
+@pytest.fixture(scope="module")
+def talk():
+    """Two frames of the packaged capture."""
+    capture = open_capture(SAMPLE)
+    return [capture.pictures(number) for number in (0, 5)]
+
+
+@pytest.mark.parametrize("kind", ["masks", "labels"])
+def test_whatever_pictures_are_exchanged_all_of_them_are_named_and_no_others(talk, kind):
+    for order in ("0 1 2 3 4 5 6 7", "1 0 2 3 4 5 6 7", "0 1 5 2 4 3 6 7", "1 2 3 4 5 6 7 0", "0 1 2 3 4 5 6 0"):
+        of = {f"cam0{i}": f"cam0{k}" for i, k in enumerate(order.split())}
+        frames = [replace(frame, images={name: frame.images[of[name]] for name in of}) for frame in talk]
+        said = exchanged([replace(frame, masks={}) for frame in frames] if kind == "labels" else frames)
+        told = {text.split(":")[0]: text.split("outlines of ")[1][:5] for text in (finding.text for finding in said)}
+        assert told == {name: other for name, other in of.items() if name != other}
+
+
+WORSE = {
+    "moved": lambda mask: np.roll(mask, (17, -30), (0, 1)),
+    "fat": lambda mask: cv2.dilate(mask.astype(np.uint8), np.ones((21, 21))) > 0,
+    "mirrored": lambda mask: mask[:, ::-1].copy(),
+    "full": np.ones_like,
+    "empty": np.zeros_like,
+}
+
+
+@pytest.mark.parametrize("how", WORSE)
+def test_a_mask_that_fits_its_picture_badly_names_no_other_camera(talk, how):
+    for name in talk[0].images:
+        assert not exchanged([replace(f, masks=f.masks | {name: WORSE[how](f.masks[name])}) for f in talk])
 
 
 def test_masks_that_are_all_empty_stop_in_one_line(capture):

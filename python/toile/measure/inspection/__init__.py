@@ -24,7 +24,8 @@ from .cameras import AGREES, Finding, convention_of, diagonal, in_one_place, off
 from .doubts import asked, doubted
 from .files import gaps, labels_seen, looks, uneven, unpadded, unread
 from .fractions import fractions
-from .masks import COVERED, centroids, coverage
+from .masks import COVERED, centroids, coverage, silhouettes
+from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
 
 SAMPLED = 5  # frames whose pictures are read
@@ -98,6 +99,7 @@ def _look(found: Inspection, capture: Capture) -> None:
                 found.frames[-1] = replace(found.frames[-1], scan=scan)
             except UserError as error:
                 found.findings.append(Finding(str(error)))
+    found.findings += exchanged(found.frames)
     try:
         found.frames = asked(capture, found.frames)
     except UserError as error:
@@ -111,7 +113,7 @@ def _detections(found: Inspection, capture: Capture) -> None:
     sighting, found.first = _sighting(found, capture)
     of_masks = sighting is None
     if sighting is None:
-        masks = [_silhouettes(frame) for frame in found.frames]
+        masks = [silhouettes(frame) for frame in found.frames]
         sighting = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
     if len(sighting.cameras) < 2 or not sighting.uv.size:
         return
@@ -236,14 +238,9 @@ def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
     found.findings += [finding for finding in checks if finding is not None]
 
 
-def _silhouettes(frame: Frame) -> dict[str, Any]:
-    """Masks, or where there are none what the label images show."""
-    return {**{name: labels > 0 for name, labels in frame.labels.items()}, **frame.masks}
-
-
 def _hulls(found: Inspection, cameras: dict[str, Camera]) -> None:
     for frame in found.frames:
-        masks = {name: mask for name, mask in _silhouettes(frame).items() if name in cameras}
+        masks = {name: mask for name, mask in silhouettes(frame).items() if name in cameras}
         found.hulls = coverage(cameras, masks)
         if found.hulls:
             break
