@@ -199,7 +199,7 @@ def test_frames_follow_as_fast_as_those_of_the_films(tmp_path):
 
     filmed(60, 60, 60)
     found = read_rig("lists", tmp_path, Options())
-    assert found.fps == 60 and "frames a second: 60.0" in found.notes
+    assert found.fps == 60 and "frames a second: 60" in found.notes
     filmed(60, 25)
     with pytest.raises(UserError, match=r"left.mp4 has 60 .*|.*.mp4 has 25 pictures a second, .*mp4 60: .* --fps"):
         read_rig("lists", tmp_path, Options())

@@ -61,10 +61,10 @@ def import_capture(
         if any(given):
             raise UserError(f"toile import {kind}: a data set takes --up, --fps, --frames, --step and --copy alone")
         found = DATASETS[kind](source, up)
+        found = found if fps is None else replace(found, fps=fps)
     else:
         raise UserError(f"toile import {kind}: expected one of {', '.join([*KINDS, *DATASETS])}")
     found = chosen(found, frame_numbers(frames, sorted(found.frames), step))
-    found = found if fps is None else replace(found, fps=fps)
     written = write_capture(found, out, f"{kind} {source}", copy)
     frames, cameras = len(written.frames), len(written.cameras)
     speech.result(f"{out}: {frames} frames, {cameras} cameras, up {written.up}", frames=frames, cameras=cameras)

@@ -67,7 +67,7 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
         raise UserError(f"{root}: no pictures of the cameras {_few(cameras)}: folders images/, CAM/ or videos/")
     _add_scans(frames, root, metres, turn, options, notes)
     fps = options.fps or _rate(films)
-    notes.append(f"frames a second: {fps or f'{FPS:g} (assumed, give them by --fps)'}")
+    notes.append(f"frames a second: {fps or FPS:g}{'' if fps else ' (assumed, give them by --fps)'}")
     return Found(cameras, frames, up, fps or FPS, films=films, cropped=options.cropped, notes=tuple(notes))
 
 

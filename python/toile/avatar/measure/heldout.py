@@ -83,14 +83,14 @@ class HeldOut:
         self._occlusion = {}  # by what is shown, a frame and its ambient occlusion
 
     def _data(self, folder, layered):
-        facts = read_facts(folder)
+        facts, pictured = read_facts(folder), set(self.registered.run.pictured)
         data = AvatarData(
             self.registered.run,
             facts["settings"].data,
             folder=folder / "evaluation",
             frames=self.frames,
             layered=layered,
-            known=sorted({*self.frames, *(n for n in facts["holdout"] if n in self.registered.run.pictured)}),
+            known=sorted({*self.frames, *pictured.intersection(facts["holdout"])}),
             left_out=facts["holdout"],
         )
         check_same(folder, facts["topology"], topology(data.layers, data.scene, data.cameras))
