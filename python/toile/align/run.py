@@ -9,12 +9,11 @@ a killed alignment goes on with the same bits.
 
 from __future__ import annotations
 
-import hashlib
 import shutil
 import time
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, product
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from ..errors import UserError
 from ..io.files import load_record, replace_file, save_record
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
+from ..io.registration import registration
 from ..io.run import Run, is_run, open_run
 from ..io.run_folder import capture_folder, read_diagnostics, write_diagnostics
 from ..io.run_writer import RunWriter, copy_store
@@ -116,7 +116,7 @@ def _begin(run, out, settings):
     asked = {
         "run": str(run.path.resolve()),
         "frames_ok": len(run.ok),
-        "registered": registration(run),
+        "registration": registration(run, run.ok, run.garments.values()),
         "toile": __version__,
         "settings": settings.model_dump(mode="json"),
     }
@@ -126,14 +126,6 @@ def _begin(run, out, settings):
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
             replace_file(Status.of(out).path, lambda path: shutil.copyfile(run.status.path, path))
-
-
-def registration(run) -> str:
-    """What tells a Run's registration from another, wherever it lies: a digest of the poses and of every garment's vertices."""
-    found = hashlib.sha256(run.done.tobytes() + run.pose.rotations[:].tobytes() + run.pose.translation[:].tobytes())
-    for number, garment in product(run.ok, run.garments.values()):
-        found.update(garment.vertices.at(number).tobytes())
-    return found.hexdigest()
 
 
 # Preparation: one reference a garment ---------------------------------------------------------------------------------

@@ -119,7 +119,8 @@ def train(
 def laid_still(run, folder, asked, progress):
     """The Run that AVATAR `folder` learns: `run`, or AVATAR/aligned made of it, see `toile align`. `asked` None: as the avatar that is
     there was; a new one learns an aligned run, unless this one is, or torchrun trains it. UserError: AVATAR learnt that of another run."""
-    from ..align.run import align, registration
+    from ..align.run import align
+    from ..io.registration import registration
     from ..io.run import is_run, open_run
     from .model.checkpoint import ALIGNED, asked_before
 
@@ -138,7 +139,7 @@ def laid_still(run, folder, asked, progress):
         elsewhere = of.get("run") != str(run.path.resolve())
         if elsewhere and not same_poses(learnt, run):  # a run that was moved has them still
             raise UserError(f"{own}: was aligned from {of.get('run')}, asked is {run.path}: take another folder")
-        if of.get("registered", now := registration(run)) != now:
+        if of.get("registration", now := registration(run, run.ok, run.garments.values())) != now:
             raise UserError(f"{own}: was aligned before {run.path} was registered anew: take another folder")
         return learnt
     if together:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..errors import UserError
-from ..scene import Points3D, distort, lens_limit
+from ..lens import distort, lens_limit
+from ..scene import Points3D
 from ..surface.keypoints import mirrored
 
 _UNDISTORT_STEPS = 20

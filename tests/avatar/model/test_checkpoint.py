@@ -139,12 +139,12 @@ def test_an_avatar_that_was_moved_finds_the_run_that_lies_in_it(tmp_path):
 
 
 def test_a_run_that_was_moved_is_known_by_its_registration_and_another_is_refused(tmp_path):
-    asked = {"run": "/old/run", "registered": "12", "settings": preset("draft").model_dump(mode="json")}
+    asked = {"run": "/old/run", "registration": "12", "settings": preset("draft").model_dump(mode="json")}
     begin(tmp_path, asked)
     assert begin(tmp_path, asked | {"run": "/new/run"}) and asked_before(tmp_path)["run"] == "/new/run"
-    with pytest.raises(UserError, match='registered: holds "12", asked is "34"'):
-        begin(tmp_path, asked | {"run": "/new/run", "registered": "34"})
-    older = {name: value for name, value in asked.items() if name != "registered"}
+    with pytest.raises(UserError, match='registration: holds "12", asked is "34"'):
+        begin(tmp_path, asked | {"run": "/new/run", "registration": "34"})
+    older = {name: value for name, value in asked.items() if name != "registration"}
     (tmp_path / "avatar.json").write_text(json.dumps(older | {"steps": None}))
     assert begin(tmp_path, asked)
     with pytest.raises(UserError, match='run: holds "/old/run", asked is "/new/run"'):

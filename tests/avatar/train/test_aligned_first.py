@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import zarr
 
-from toile.align.run import Alignment, registration
+from toile.align.run import Alignment
 from toile.avatar.command import laid_still
 from toile.errors import UserError
 from toile.io.layout import FAILED
+from toile.io.registration import registration
 from toile.io.run import open_run
 
 QUIET = lambda stage, done, total, note=None: None
@@ -32,7 +33,9 @@ def aligning(monkeypatch):
             shutil.copytree(run, out)
             with (out / "config.toml").open("a") as file:
                 file.write(f"\n[align]\nrun = {json.dumps(str(Path(run).resolve()))}\n")
-                file.write(f"registered = {json.dumps(registration(open_run(run)))}\n")
+                registered = open_run(run)
+                digest = registration(registered, registered.ok, registered.garments.values())
+                file.write(f"registration = {json.dumps(digest)}\n")
         return Alignment((0, 1, 2), (), {3: "no garment is seen"}, (), True, ("tshirt is torn",))
 
     monkeypatch.setattr("toile.align.run.align", align)

@@ -125,11 +125,11 @@ def begin(folder, asked):
     found = asked_before(folder)
     if found.get("settings"):  # what an older version did not know has its default
         found["settings"] = found["settings"].model_dump(mode="json")
-    known, new = found.get("registered"), asked.get("registered")
+    known, new = found.get("registration"), asked.get("registration")
     if known and known == new and found.get("run") != asked["run"]:  # the same, at another place
         found["run"] = asked["run"]
         write_text(path, json.dumps(found, indent=1))
-    check_same(path, found if known else found | {"registered": new}, asked)
+    check_same(path, found if known else found | {"registration": new}, asked)
     return found.get("steps") is None
 
 

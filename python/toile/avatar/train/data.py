@@ -19,6 +19,7 @@ from ...io.files import replace_file, write_text
 from ...io.holdout import kept_apart
 from ...io.inputs import files_under, stamps
 from ...io.layout import OK
+from ...io.registration import registration
 from ...io.run import Run, open_run
 from ...kernels import vertex_normals
 from ...surface.layers import read_layers, registered_surface, surface_layer
@@ -51,19 +52,13 @@ def shown(run, settings, row):
 
 
 def registration_of(run, frames):
-    """What tells a Run's registration of these frames from another, wherever it lies: a hash of the poses, and of all surfaces in three
-    of them."""
-    rows = run.rows(frames)
-    digest = hashlib.sha256(run.pose.rotations[rows].tobytes() + run.pose.translation[rows].tobytes())
-    for number in (frames[0], frames[len(frames) // 2], frames[-1]):
-        for surface in (run.track, *(garment.vertices for garment in run.garments.values())):
-            digest.update(surface.at(number).tobytes())
-    return digest.hexdigest()
+    """`registration` of what an avatar is taught: the tracked surface and all garments."""
+    return registration(run, frames, [run.track, *run.garments.values()])
 
 
 def check_registration(run, folder, facts):
     """UserError where a Run is not as AVATAR `folder` of these facts was taught; an avatar of an older toile does not know."""
-    known, frames = facts.get("registered"), facts["frames"]
+    known, frames = facts.get("registration"), facts["frames"]
     if known and (len(run.rows(frames)) < len(frames) or registration_of(run, frames) != known):
         raise UserError(f"{run.path}: its registration is not the one that {folder} was trained on")
 
@@ -139,8 +134,7 @@ class AvatarData(Dataset):
         return [layer.name for layer in self.layers]
 
     def _key(self, layered):
-        """The cache's folder: what its files depend on. Of the registration the poses and three whole frames, of the pictures
-        names, sizes and times."""
+        """The cache's folder: what its files depend on. Of the pictures these are names, sizes and times."""
         settings = self.settings.model_dump(mode="json", exclude={"geometry_size", "window", "modes", "light"})
         fitting = topology(self.layers, self.scene, self.cameras)
         parts = [VERSION, layered, settings, str(self.run.path.resolve()), fitting]
@@ -148,9 +142,8 @@ class AvatarData(Dataset):
         for camera in self.capture.cameras.values():
             for value in (camera.size, camera.K, camera.distortion, camera.T_camera_world):
                 digest.update(np.asarray(value, np.float64).tobytes())
-        digest.update(self.run.done.tobytes() + self.run.pose.rotations[:].tobytes())
         digest.update(json.dumps(self._pictures()).encode())
-        for number in (self.known[0], self.known[len(self.known) // 2], self.known[-1]):
+        for number in self.known:
             for values in self._registered(number).values():
                 digest.update(values.tobytes())
         return digest.hexdigest()[:16]

@@ -119,7 +119,7 @@ class TrainingJob:
             "holdout": list(self.held),
             "layered": layered,
             "settings": settings.model_dump(mode="json"),
-            "registered": registration_of(self.run, self.frames),
+            "registration": registration_of(self.run, self.frames),
         }
         with fabric.rank_zero_first():
             unfinished = begin(folder, facts)
