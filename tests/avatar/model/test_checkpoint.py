@@ -5,6 +5,7 @@ import json
 import pytest
 import torch
 
+from tests.support.small_disk import largest_file
 from toile.avatar.model.checkpoint import (  # fmt: skip
     MODEL,
     Checkpoints,
@@ -18,7 +19,7 @@ from toile.avatar.model.checkpoint import (  # fmt: skip
     write_tensors,
 )
 from toile.avatar.settings import preset
-from toile.errors import UserError
+from toile.errors import UserError, first_line
 
 
 @pytest.fixture
@@ -47,6 +48,18 @@ def test_tensors_and_facts_come_back_to_the_bit(tmp_path):
     assert notes == facts and list(tmp_path.iterdir()) == [tmp_path / "x.safetensors"]
     for name, tensor in tensors.items():
         assert found[name].dtype == tensor.dtype and torch.equal(found[name].nan_to_num(7), tensor.nan_to_num(7))
+
+
+def test_tensors_that_a_disk_does_not_take_are_an_error_of_their_file(tmp_path):
+    with largest_file(1000), pytest.raises(OSError) as raised:
+        write_tensors(tmp_path / "x.safetensors", {"a": torch.zeros(1000)}, {})
+    assert first_line(raised.value) == f"{tmp_path}/x.safetensors: File too large" and list(tmp_path.iterdir()) == []
+
+
+def test_tensors_are_read_by_whom_other_files_are(tmp_path):
+    (tmp_path / "other").touch()
+    write_tensors(tmp_path / "x.safetensors", {"a": torch.zeros(1)}, {})
+    assert (tmp_path / "x.safetensors").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
 def test_weights_and_moments_come_back(model, optimiser, tmp_path):

@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch.utils.data import default_collate
 
+from tests.support.small_disk import largest_file
 from toile.avatar.settings import DataSettings
 from toile.avatar.train.data import AvatarData
 from toile.errors import UserError
@@ -53,6 +54,13 @@ def test_light_is_told_from_what_it_falls_on_where_asked(data, sample_run, cache
     assert without.folder == data.folder  # what is prepared is the same
     one = AvatarData(sample_run, SETTINGS, cache, frames=[2], known=[0, 2])
     assert not one.light.any() and all((of == 1).all() for of in one.mean_light.values())
+
+
+def test_a_cache_that_a_disk_does_not_take_is_told_by_its_file_and_goes_on_to_the_same(data, sample_run, tmp_path):
+    with largest_file(2000), pytest.raises(OSError, match="File too large: .*camera.*safetensors"):
+        AvatarData(sample_run, SETTINGS, tmp_path, frames=[0, 2])
+    assert not list(tmp_path.rglob(".*.part"))
+    assert files(AvatarData(sample_run, SETTINGS, tmp_path, frames=[0, 2])) == files(data)
 
 
 def test_a_sample_has_what_its_users_were_promised(data):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from ...errors import UserError
 from ...io.bounded import check_file, read_json, reason_of
@@ -35,7 +35,7 @@ MODEL, OPTIMISER = "model.", "optimiser."
 def write_tensors(path, tensors, facts):
     """One safetensors file whose header carries `facts` as JSON."""
     whole = {name: tensor.detach().cpu().contiguous().clone() for name, tensor in tensors.items()}
-    replace_file(path, lambda part: save_file(whole, part, metadata={"json": json.dumps(facts)}))
+    replace_file(path, lambda part: part.write_bytes(save(whole, {"json": json.dumps(facts)})))
 
 
 def read_tensors(path):

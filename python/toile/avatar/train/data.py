@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 from torch.utils.data import Dataset
 
 from ...errors import UserError
@@ -367,4 +367,5 @@ def _mean_light(valid, basis, seen, light):
 
 
 def _save(path, values):
-    replace_file(path, lambda temporary: save_file({k: np.ascontiguousarray(v) for k, v in values.items()}, temporary))
+    whole = save({name: np.ascontiguousarray(value) for name, value in values.items()})
+    replace_file(path, lambda part: part.write_bytes(whole))
