@@ -12,7 +12,8 @@ import trimesh
 from PIL import Image
 
 from tests.support.bending_clip import bending_clip
-from toile.errors import UserError
+from tests.support.small_disk import largest_file
+from toile.errors import UserError, first_line
 from toile.io.bvh import read_bvh
 from toile.io.export.clip import TO_Y_UP, blend_skinning, rest_surface
 from toile.io.export.source import with_frames, with_layers, with_textures
@@ -398,6 +399,15 @@ def test_nothing_half_written_is_left(clip, name, tmp_path):
     with pytest.raises(UserError, match="its chunk is missing"):
         write(bad, tmp_path / name, "ply" if name == "out" else None)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == ([] if name == "out" else [(name, "before")])
+
+
+@pytest.mark.parametrize("name", ["a.usdc", "a.usda", "a.glb", "a.npz", "a.bvh", "out"])
+def test_a_full_disk_is_told_by_the_name_that_was_asked_for(clip, name, tmp_path):
+    with largest_file(300), pytest.raises((UserError, OSError)) as raised:
+        write(clip, tmp_path / name, "ply" if name == "out" else None)
+    line = first_line(raised.value)
+    assert line.startswith(f"{tmp_path / name}") and line.endswith("File too large") and ".part" not in line
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_stands_under_its_name_only_once_it_is_whole(tmp_path):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from tests.support.small_disk import largest_file
+from toile.errors import first_line
 from toile.io.video import VideoWriter
 
 av = pytest.importorskip("av")
@@ -59,3 +61,10 @@ def test_a_broken_film_leaves_nothing(tmp_path):
     with VideoWriter(tmp_path / "b.mp4", 30):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_film_that_a_disk_does_not_take_is_called_by_its_name(tmp_path):
+    with largest_file(100), pytest.raises(OSError) as raised, VideoWriter(tmp_path / "a.mp4", 30) as film:
+        for picture in pictures():
+            film.add(picture)
+    assert first_line(raised.value) == f"{tmp_path}/a.mp4: File too large" and list(tmp_path.iterdir()) == []

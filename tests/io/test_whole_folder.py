@@ -2,8 +2,10 @@
 
 import pytest
 
-from toile.errors import UserError
-from toile.io.files import whole_folder
+from tests.support.small_disk import largest_file
+from toile.errors import UserError, first_line
+from toile.io.files import copy_folder, whole_folder
+from toile.io.inputs import files_under
 
 
 def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
@@ -20,6 +22,27 @@ def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
 def test_a_message_about_the_folder_calls_it_by_its_name(tmp_path):
     with pytest.raises(UserError, match=f"^{tmp_path}/out/a: bad$"), whole_folder(tmp_path / "out") as folder:
         raise UserError(f"{folder / 'a'}: bad")
+
+
+def test_an_error_of_the_system_calls_the_folder_by_its_name_and_other_files_by_theirs(tmp_path):
+    for file, named in (("a", tmp_path / "out" / "a"), (None, tmp_path / "out"), (tmp_path / "b", tmp_path / "b")):
+        with pytest.raises(OSError) as raised, whole_folder(tmp_path / "out") as folder:
+            raise OSError(28, "No space left on device", file and str(folder / file))
+        assert first_line(raised.value) == f"{named}: No space left on device" and raised.value.errno == 28
+
+
+def test_a_copied_folder_has_the_same_files_and_an_error_names_the_copy(tmp_path):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    for name in ("large", "b/small"):
+        (tmp_path / "a" / name).write_bytes(name.encode() * 1000)
+    copy_folder(tmp_path / "a", tmp_path / "copy")
+    assert {p.relative_to(tmp_path / "copy"): p.read_bytes() for p in files_under(tmp_path / "copy")} == {
+        p.relative_to(tmp_path / "a"): p.read_bytes() for p in files_under(tmp_path / "a")
+    }
+    with largest_file(100), pytest.raises(OSError) as raised:
+        copy_folder(tmp_path / "a", tmp_path / "other")
+    assert first_line(raised.value) == f"{tmp_path}/other/b/small: File too large"
+    assert files_under(tmp_path / "other") == []
 
 
 def test_of_two_writers_of_one_place_the_first_to_end_wins_and_the_other_is_refused(tmp_path):

@@ -9,7 +9,6 @@ a killed alignment goes on with the same bits.
 
 from __future__ import annotations
 
-import shutil
 import time
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
-from ..io.files import load_record, replace_file, save_record
+from ..io.files import copy_file, load_record, save_record
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
 from ..io.registration import registration
@@ -125,7 +124,7 @@ def _begin(run, out, settings):
     claim(out, run.config | place | {"align": asked}, other)
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
-            replace_file(Status.of(out).path, lambda path: shutil.copyfile(run.status.path, path))
+            copy_file(run.status.path, Status.of(out).path)
 
 
 # Preparation: one reference a garment ---------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import UserError, first_line
 from .bounded import read_npz, reason_of
+from .inputs import files_under
 
 IDENTITY = "made.of"  # the name of a record's identity among its arrays
 
@@ -56,6 +57,18 @@ def replace_file(path, write):
 
 
 @contextmanager
+def called(part, path):
+    """Within it errors call the temporary file or folder `part`, which nobody knows, `path`, and so does an OSError that names no file."""
+    try:
+        yield
+    except UserError as error:
+        raise type(error)(str(error).replace(str(part), str(path))) from None
+    except OSError as error:
+        name = str(error.filename or part).replace(str(part), str(path))
+        raise OSError(error.errno, error.strerror or str(error), name) from None
+
+
+@contextmanager
 def whole_folder(path):
     """A new folder to write into, renamed to `path` at the end, gone after an exception. It is made at once, so that a place that cannot
     be written to is known before any work; two writers of one place do not meet. UserError: `path` holds something, or cannot be made."""
@@ -67,11 +80,10 @@ def whole_folder(path):
     except OSError as error:
         raise UserError(f"{path}: cannot be made: {error.strerror or first_line(error)}") from None
     try:
-        yield folder
+        with called(folder, path):
+            yield folder
         _refuse_full(path)  # another writer was first
         os.replace(folder, path)
-    except UserError as error:  # nobody knows the folder by its other name
-        raise type(error)(str(error).replace(str(folder), str(path))) from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -93,6 +105,17 @@ def output_file(path):
     if path.is_dir():
         raise UserError(f"{path}: cannot be written: it is a folder")
     return path
+
+
+def copy_file(source, path):
+    """A whole copy of a file; an OSError names `path`."""
+    replace_file(path, lambda part: shutil.copyfile(source, part))
+
+
+def copy_folder(source, path):
+    """`copy_file` of every file in a folder and below."""
+    for file in files_under(source):
+        copy_file(file, path / file.relative_to(source))
 
 
 def write_text(path, text):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..scene import BodyModel, Dressed, GarmentTemplate, Inner, Person, Scene, Segmented, Tracked
-from .files import replace_file
+from .files import copy_folder, replace_file
 from .holdout import Span
 from .layout import (
     DIAGNOSTICS,
@@ -277,7 +277,7 @@ def copy_store(run: Run, folder: Path, change: Callable[[RunWriter], None]) -> N
     def write(path: Path) -> None:
         if path.exists():
             shutil.rmtree(path)
-        shutil.copytree(run.path / STORE, path)
+        copy_folder(run.path / STORE, path)
         change(RunWriter(path))
 
     for left in folder.glob(f".{STORE}.*.part"):

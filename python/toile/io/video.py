@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .files import called
+
 QUALITY = "18"  # x264's constant rate factor: visually lossless
 FINEST = 1001  # the largest denominator of a rate: that of 30000/1001, and of the slowest
 
@@ -40,13 +42,17 @@ class VideoWriter:
             self.stream.height, self.stream.width = picture.shape[:2]
             self.stream.pix_fmt = "yuv420p"  # what every player shows
             self.stream.options = {"crf": QUALITY, "threads": "1"}  # one thread: the same bits
-        self.container.mux(self.stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        with called(self.part, self.path):
+            self.container.mux(self.stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
 
     def __exit__(self, kind, *_):
-        if kind is None and self.stream is not None:
-            self.container.mux(self.stream.encode())
-        self.container.close()
-        if kind is None and self.stream is not None:
-            os.replace(self.part, self.path)
-        else:
+        whole = kind is None and self.stream is not None
+        try:
+            with called(self.part, self.path):
+                if whole:
+                    self.container.mux(self.stream.encode())
+                self.container.close()
+            if whole:
+                os.replace(self.part, self.path)
+        finally:
             self.part.unlink(missing_ok=True)

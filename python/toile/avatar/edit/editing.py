@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...io.bounded import read_json
-from ...io.files import whole_folder, write_text
+from ...io.files import copy_file, copy_folder, whole_folder, write_text
 from ...io.image import read_rgba
 from ...io.run import open_run
 from ...io.run_folder import body_model_of
@@ -158,10 +157,10 @@ def marked_baseline(surface, layer, run, frame):
 def add_edit(folder, out, made):
     """A copy of an avatar's folder, what was trained, its assets and cloth alone, with one more edit."""
     edits, facts = [*load_edits(folder), made], read_json(folder / "avatar.json")
-    shutil.copytree(folder / "assets", out / "assets")
+    copy_folder(folder / "assets", out / "assets")
     for name in KEPT:
         if (folder / name).exists():
-            shutil.copyfile(folder / name, out / name)
+            copy_file(folder / name, out / name)
     save_edits(out, edits)
     words = [f"{edit.garment}: {edit.words}" for edit in edits]
     write_text(out / "avatar.json", json.dumps(facts | {"edits": words}, indent=1))

@@ -6,7 +6,6 @@ surfaces that UsdSkel moves. An x axis that points upwards is turned to y, which
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...kernels.arrays import Anything
+from ..files import copy_file
 from .clip import Clip, ClipLayer, ClipSkeleton, rest_surface
 
 ROOT = "/clip"
@@ -24,11 +24,22 @@ SAVED = 100  # frames after which what is in memory goes to the file
 
 
 def write_usd(clip: Clip, path: Path, motion: str, progress: Callable[..., None]) -> list[str]:
-    """Writes .usd, .usdc or .usda, and the pictures that it names into a folder NAME_textures beside it."""
+    """Writes .usd, .usdc or .usda, and the pictures that it names into a folder NAME_textures beside it. UserError: usd-core is not
+    there, or cannot write."""
     try:
-        from pxr import Usd
+        from pxr import Tf
     except ImportError:
         raise UserError("--format usd: usd-core is not installed: pip install 'toile[export]'") from None
+
+    try:
+        return write_stage(clip, path, motion, progress)
+    except Tf.ErrorException as error:
+        raise UserError(f"{path}: cannot be written: {error.args[0].commentary}") from None
+
+
+def write_stage(clip: Clip, path: Path, motion: str, progress: Callable[..., None]) -> list[str]:
+    """`write_usd`, which raises usd-core's own errors."""
+    from pxr import Usd
 
     clip = clip.with_y_up() if clip.up == "x" else clip
     stage = Usd.Stage.CreateNew(str(path))
@@ -103,8 +114,8 @@ def define_material(stage: Any, mesh: Any, layer: ClipLayer, path: Path) -> None
 
     assert layer.texture is not None
     folder = path.with_name(f"{path.stem}_textures")
-    folder.mkdir(exist_ok=True)
-    picture = shutil.copyfile(layer.texture, folder / f"{layer.name}{layer.texture.suffix.lower()}")
+    picture = folder / f"{layer.name}{layer.texture.suffix.lower()}"
+    copy_file(layer.texture, picture)
     kinds, place = Sdf.ValueTypeNames, mesh.GetPath().pathString + "_material"
     material, shaders = UsdShade.Material.Define(stage, place), {}
     for name, kind in {"surface": "PreviewSurface", "texture": "UVTexture", "st": "PrimvarReader_float2"}.items():

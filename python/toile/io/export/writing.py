@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UserError
-from ..files import output_file, whole_folder
+from ..files import called, output_file, whole_folder
 from .alembic import write_alembic
 from .arrays import write_arrays
 from .bvh import write_bvh
@@ -109,7 +109,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     folder = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         folder.mkdir()
-        yield folder / path.name
+        with called(folder / path.name, path):
+            yield folder / path.name
         for picture in folder.glob("*/*"):  # what the file names comes first
             place = path.parent / picture.relative_to(folder)
             place.parent.mkdir(exist_ok=True)
