@@ -1,5 +1,7 @@
 """Motions from runs, BVH and npz: what was written is what drives."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,7 @@ def test_another_rate_is_taken_at_the_nearest_instants(model, tmp_path):
             r"rotations: 52 rad \(are they in degrees\?\) in frame 0, .* 6.283",
         ),
         ({"fps": 0.0}, "fps 0"),
+        ({"fps": 1e-9}, r"4 frames at 1e-09 a second are 9e\+10 at 30, expected at most 1000000"),
         ({"fps": "thirty"}, "fps"),
         ({"face": np.zeros((3, 7, 3))}, "face"),
         ({"rotations": np.array([object()])}, "pickled objects"),
@@ -131,6 +134,12 @@ def test_a_broken_bvh_is_refused_by_what_is_wrong(model, tmp_path, old, new, sai
     (tmp_path / "a.bvh").write_text(BVH.replace(old, new, 1))
     with pytest.raises(UserError, match=f"broken BVH: {said}"):
         read(tmp_path / "a.bvh", model)
+
+
+def test_a_bvh_whose_frames_last_too_long_is_refused(model, tmp_path):
+    (tmp_path / "a.bvh").write_text(re.sub("Frame Time: .*", "Frame Time: 9000", BVH))
+    with pytest.raises(UserError, match="a.bvh: 3 frames at 0.000111111 a second are 5.4e.07 at 3000"):
+        read(tmp_path / "a.bvh", model, 3000.0)
 
 
 LIMB = (

@@ -104,7 +104,7 @@ def _of_bvh(path, model, J, fps, translation, up):
     if "root" not in found:
         raise UserError(f"{path}: no joint named like Hips")
     start = starts_at(bvh)
-    pick = start + _instants(len(bvh.root) - start, 1 / bvh.frame_time, fps)
+    pick = start + _instants(path, len(bvh.root) - start, 1 / bvh.frame_time, fps)
     S = stance_of_model(model, J, up)
     R = retarget(facing(bvh, pick, found), bvh, model, J @ S, found)
     local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(len(pick), -1, 3) @ S.T
@@ -130,13 +130,16 @@ def _of_npz(path, joints, fps):
     own = float(fields["fps"])
     if not 0 < own <= 10_000 or not 0 < T <= MAX_FRAMES:
         raise UserError(f"{path}: {T} frames at fps {own:g}")
-    pick = _instants(T, own, fps)
+    pick = _instants(path, T, own, fps)
     face = fields["face"][pick].astype(np.float64) if "face" in fields else None
     rotations, translation = (fields[name][pick].astype(np.float64) for name in ("rotations", "translation"))
     return Motion(np.arange(len(pick)), rotations, translation, face, fps)
 
 
-def _instants(count, own, fps):
-    """Of `count` frames at `own` a second, those nearest to the instants 0, 1/fps, 2/fps, ..."""
+def _instants(path, count, own, fps):
+    """Of `count` frames at `own` a second, those nearest to the instants 0, 1/fps, 2/fps, ... UserError: these are too many."""
     last = int((count - 1) * fps / own + 0.01)  # files round their frame time
+    if last >= MAX_FRAMES:
+        words = f"{count} frames at {own:g} a second are {last + 1:.3g} at {fps:g}, expected at most {MAX_FRAMES}"
+        raise UserError(f"{path}: {words}")
     return np.minimum(np.rint(np.arange(last + 1) * own / fps).astype(int), count - 1)
