@@ -133,6 +133,8 @@ def laid_still(run, folder, asked, progress):
         asked = bool(run.garments) and not (together or printed or "align" in run.config)
     if not asked or run.path.resolve() == own:
         return run
+    if before not in (None, str(own)):
+        raise UserError(f"--align: {folder} was trained on {before} as it is: take another folder")
     if before == str(own) and is_run(own):
         learnt = open_run(own)
         of = learnt.config.get("align", {})

@@ -382,6 +382,16 @@ def test_folders_that_do_not_fit_are_refused(source, edited, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_avatar_whose_run_is_gone_asks_for_its_place_and_is_edited_without_a_sheet(source, tmp_path):
+    lone, change = tmp_path / "lone", Change("tshirt", checker=8)
+    shutil.copytree(source, lone, ignore=shutil.ignore_patterns("baseline", "cache"))
+    facts = json.loads((lone / "avatar.json").read_text())
+    (lone / "avatar.json").write_text(json.dumps(facts | {"run": str(tmp_path / "gone")}))
+    with pytest.raises(UserError, match=f"^{lone}: its run {tmp_path}/gone is not there: give its place by --run$"):
+        edit(lone, tmp_path / "out", change)
+    assert not (tmp_path / "out").exists() and edit(lone, tmp_path / "out", change, sheet=False).words
+
+
 def test_an_avatar_without_a_baseline_is_shown_alone(source, tmp_path):
     alone = tmp_path / "alone"
     shutil.copytree(source, alone, ignore=shutil.ignore_patterns("baseline", "cache"))

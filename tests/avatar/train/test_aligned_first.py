@@ -13,6 +13,7 @@ import zarr
 
 from toile.align.run import Alignment
 from toile.avatar.command import laid_still
+from toile.avatar.model.checkpoint import asked_before
 from toile.errors import UserError
 from toile.io.layout import FAILED
 from toile.io.registration import registration
@@ -84,6 +85,28 @@ def test_an_avatar_that_is_there_keeps_the_run_that_it_was_trained_on(sample_run
         UserError, match="aligned: was aligned from .*registered, asked is .*another: take another folder"
     ):
         still(another, tmp_path / "other")
+
+
+def test_a_copied_avatar_is_taught_on_from_its_own_aligned_run(sample_run, tmp_path, aligning):
+    asked(tmp_path / "one", still(sample_run, tmp_path / "one"))
+    asked(tmp_path / "one" / "baseline", tmp_path / "one" / "aligned")
+    copy = Path(shutil.copytree(tmp_path / "one", tmp_path / "elsewhere" / "copy"))
+    assert still(sample_run, copy) == copy / "aligned" and len(aligning) == 1
+    assert asked_before(copy)["run"] == asked_before(copy / "baseline")["run"] == str(copy / "aligned")
+
+
+def test_a_run_beside_a_copied_avatar_is_not_taken_for_its_own(sample_run, tmp_path):
+    asked(tmp_path / "one", shutil.copytree(sample_run, tmp_path / "aligned"))
+    copy = Path(shutil.copytree(tmp_path / "one", tmp_path / "elsewhere" / "copy"))
+    shutil.copytree(sample_run, tmp_path / "elsewhere" / "aligned")
+    assert asked_before(copy)["run"] == str(tmp_path / "aligned")
+
+
+def test_what_was_learnt_as_it_is_is_not_aligned_in_vain(sample_run, tmp_path, aligning):
+    asked(tmp_path / "one", sample_run)
+    with pytest.raises(UserError, match="--align: .*one was trained on .* as it is: take another folder"):
+        still(sample_run, tmp_path / "one", wanted=True)
+    assert not aligning and not (tmp_path / "one" / "aligned").exists()
 
 
 def test_an_avatar_does_not_go_on_with_what_was_aligned_of_an_older_registration(sample_run, tmp_path, aligning):

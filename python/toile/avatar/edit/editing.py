@@ -16,6 +16,7 @@ from ...io.image import read_rgba
 from ...io.run import open_run
 from ...io.run_folder import body_model_of
 from ..drive.draping import carry_cloths
+from ..measure.heldout import run_of
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.edits import LUMA, load_edits, save_edits
 from ..model.networks import resize
@@ -73,11 +74,12 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
     folder, facts = Path(folder), read_facts(folder)
     if not facts["layered"]:
         raise UserError(f"{folder}: a single layer has no garment: edit the layered avatar, its baseline goes along")
-    avatar, run = load_avatar(folder), Path(run or facts["run"])
+    avatar, baseline = load_avatar(folder), (folder / "baseline" / "avatar.json").exists()
     layer = garment_of(avatar, change.garment)
+    run = run_of(folder, facts, run) if sheet or baseline else Path(run or facts["run"])
     made = garment_edit(avatar, layer, change, run)
     marked = measured = None
-    if (folder / "baseline" / "avatar.json").exists():
+    if baseline:
         (surface,) = load_avatar(folder / "baseline").layers
         marked = marked_baseline(surface, layer, run, facts["frames"][0])
     with whole_folder(out) as part:

@@ -52,14 +52,20 @@ class HeldOutPicture:
     mm_per_pixel: float  # at the person's distance
 
 
+def run_of(folder, facts, run=None):
+    """Where the run of AVATAR `folder` of these facts is, or is said to be by --run. UserError: it is no more where it was."""
+    path = Path(run or facts["run"])
+    if run is None and not is_run(path):
+        raise UserError(f"{folder}: its run {path} is not there: give its place by --run")
+    return path
+
+
 class HeldOut:
     """AVATAR and, where it is there, AVATAR/baseline, with their data of the chosen frames."""
 
     def __init__(self, folder, frames=None, run=None):
         facts = read_facts(folder)
-        path = Path(run or facts["run"])
-        if run is None and not is_run(path):
-            raise UserError(f"{folder}: its run {path} is not there: give its place by --run")
+        path = run_of(folder, facts, run)
         self.registered = RegisteredRun(path)
         check_registration(self.registered.run, folder, facts)
         self.truth, self.garment_labels = self.registered.truth, self.registered.garment_labels

@@ -28,6 +28,7 @@ FACTS = {  # of AVATAR/avatar.json
 }  # fmt: skip
 FRAMES = ("frames", "holdout")  # lists of frame numbers among them
 ALIGNED = "aligned"  # in AVATAR: the run that `toile train` laid still
+BASELINE = "baseline"  # in AVATAR: the single-layer avatar
 KEPT = 2  # checkpoints; older ones are removed
 MODEL, OPTIMISER = "model.", "optimiser."
 
@@ -180,11 +181,12 @@ def shortened(text, length=60):
 
 
 def moved_along(folder, facts):
-    """The facts of AVATAR or AVATAR/baseline; where AVATAR was moved and its run lies in it, as `toile train` aligns one, that run's
-    place now."""
-    run = Path(str(facts.get("run")))
-    if run.name == ALIGNED and not run.exists():
-        inside = (folder / ALIGNED, folder.parent / ALIGNED)
+    """The facts of AVATAR or AVATAR/baseline; where its run lies in AVATAR, as `toile train` aligns one, that run's place now, for AVATAR
+    may have been moved or copied."""
+    run, inside = Path(str(facts.get("run"))), [folder / ALIGNED]
+    if folder.resolve().name == BASELINE or not run.exists():
+        inside.append(folder.parent / ALIGNED)
+    if run.name == ALIGNED:
         return facts | {"run": next((str(path.resolve()) for path in inside if path.is_dir()), facts["run"])}
     return facts
 
