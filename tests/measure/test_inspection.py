@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 from scipy.spatial.transform import Rotation
 
 from tests.support.rig import ring_of_cameras
@@ -275,6 +275,16 @@ def test_files_that_lack_or_are_not_read_are_named(capture):
     ):  # fmt: skip
         assert any(words in text for text in said), words
     assert not texts(capture, serious=True)
+
+
+def test_pictures_that_other_programs_turn_are_named(capture):
+    assert not any("EXIF" in text for text in texts(capture, serious=False))
+    for name, orientation in (("cam1", 6), ("cam2", 1), ("cam3", 3)):
+        path, note = capture / "frames" / "000000" / "images" / f"{name}.jpg", Image.Exif()
+        note[ExifTags.Base.Orientation] = orientation
+        Image.open(path).save(path, exif=note)
+    (told,) = [text for text in texts(capture, serious=False) if "EXIF" in text]
+    assert told.startswith("cam1, cam3: their pictures ask to be turned (EXIF), and are read as they are stored")
 
 
 def test_files_of_a_frame_that_nothing_reads_are_named_with_what_is_expected(capture):

@@ -33,6 +33,14 @@ def image_header(path: Path | str) -> tuple[tuple[int, int], str]:
         return (height, width), image.mode
 
 
+def turned(path: Path | str) -> bool:
+    """Whether a picture's header (EXIF) asks viewers to turn or mirror it, as cameras held upright do; `read_image` does not."""
+    from PIL import ExifTags
+
+    with _opened(path) as image:
+        return image.getexif().get(ExifTags.Base.Orientation, 1) != 1
+
+
 def one_channel(path: Path) -> Anything:
     """(H,W) uint8 of a mask that was saved in colour, by a palette or as transparency: its alpha where that is not opaque
     throughout, else the brightest channel of each pixel's colour."""

@@ -22,7 +22,7 @@ from ...surface.sampling import evenly
 from .body import check_units, check_up, stature, upward
 from .cameras import AGREES, Finding, convention_of, diagonal, in_one_place, offsets, read_as, steps, strangers
 from .doubts import asked, doubted
-from .files import gaps, labels_seen, looks, uneven, unpadded, unread
+from .files import gaps, labels_seen, looks, uneven, unpadded, unread, upended
 from .fractions import fractions
 from .masks import COVERED, centroids, coverage, silhouettes
 from .outlines import exchanged
@@ -69,7 +69,7 @@ def inspect(path: Path) -> Inspection:
         found.findings.append(Finding(str(error)))
         return found
     found.findings += [Finding(warning, serious=False) for warning in capture.warnings]
-    found.findings += gaps(capture.frames) + uneven(capture) + unread(capture)
+    found.findings += gaps(capture.frames) + uneven(capture) + upended(capture) + unread(capture)
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)
     _detections(found, capture)

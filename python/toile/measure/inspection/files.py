@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import UserError
 from ...io.capture import ALONE, KINDS, Capture, pictures_in
+from ...io.image import turned
 from ...io.mesh import KINDS as MESHES
 from ...scene import frame_ranges
 from .cameras import Finding
@@ -68,6 +70,25 @@ def uneven(capture: Capture) -> list[Finding]:
     if pictured and idle:
         found.append(Finding(f"cameras without a picture: {', '.join(idle[:MANY])}{'...' * (len(idle) > MANY)}", False))
     return found
+
+
+def upended(capture: Capture) -> list[Finding]:
+    """Cameras whose pictures other programs turn as their headers ask, as the first frame with pictures tells; here they are not turned."""
+    folders = [folder for number in capture.frames if (folder := capture.folder(number) / "images").is_dir()]
+    paths = sorted(pictures_in(folders[0]), key=lambda path: path.name) if folders else []
+    names = [path.stem for path in paths if path.stem in capture.cameras and _turned(path)]
+    if not names:
+        return []
+    such = f"{', '.join(names[:MANY])}{'...' * (len(names) > MANY)}"
+    text = f"{such}: their pictures ask to be turned (EXIF), and are read as they are stored: does the calibration mean them so?"
+    return [Finding(text, serious=False)]
+
+
+def _turned(path: Path) -> bool:
+    try:
+        return turned(path)
+    except UserError:  # told where pictures are looked at
+        return False
 
 
 def unread(capture: Capture) -> list[Finding]:
