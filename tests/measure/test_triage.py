@@ -1,17 +1,21 @@
 """What the report's table says: which values are out, what only neighbours show, which frames are worst, and why."""
 
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tests.support.synthetic_run import SAMPLE
 from toile.config import preset
+from toile.io.capture import open_capture
 from toile.measure.triage import facts
 from toile.measure.triage.advice import of_garment, title_of, trouble_of
 from toile.measure.triage.between import Between, along, folded, labels_alike
 from toile.measure.triage.columns import columns_of
 from toile.measure.triage.measured import Row
 from toile.measure.triage.outliers import FINE, GRAVE, OUT, levels, middle_and_edge
+from toile.measure.triage.pictures import _captured
 from toile.measure.verdicts import _limits as limits_of_verdicts
 
 GOOD = np.zeros(20, int)
@@ -216,6 +220,13 @@ def test_pictures_are_of_every_trouble_before_they_are_of_its_neighbours():
         sorted(facts.shown(order, made, reasons, 4)) == [7, 8, 20, 30]
         and len(facts.shown(order, made, reasons, 20)) == 20
     )
+
+
+def test_a_picture_is_shown_whatever_lies_beside_it(tmp_path):
+    folder = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth"))
+    (folder / "frames" / "000000" / "images" / "cam00.CR2").write_bytes(b"as the camera wrote it")
+    ((name, picture),) = _captured(SimpleNamespace(capture=open_capture(folder)), 0, [])
+    assert name == "cam00" and picture.shape == (*open_capture(SAMPLE).cameras["cam00"].size, 3)
 
 
 def test_the_command_names_the_run_its_settings_and_all_its_frames():

@@ -96,6 +96,12 @@ def test_marks_name_bad_frames_and_pictures_are_small(run):
     assert image.size[0] / image.size[1] == pytest.approx(camera["width"] / camera["height"], rel=0.01)
 
 
+def test_a_picture_is_shown_whatever_lies_beside_it(tmp_path):
+    capture = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth"))
+    (capture / "frames" / "000000" / "images" / "cam00.CR2").write_bytes(b"as the camera wrote it")
+    assert Shown(capture).picture("cam00", 0) == Shown(SAMPLE).picture("cam00", 0)
+
+
 def test_a_capture_is_shown_without_layers():
     facts = Shown(SAMPLE).facts()
     assert facts["layers"] == [] and facts["scan"] and facts["frames"][:2] == [0, 1]

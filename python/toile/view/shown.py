@@ -194,11 +194,10 @@ class Shown:
         """A JPEG of what a camera saw, at most PICTURE pixels large."""
         from PIL import Image
 
-        folder = self.capture.folder(self.frame(frame)) / "images" if self.capture else None
-        if folder is None or camera not in self.capture.pictured(frame):
+        files = self.capture.picture_files(self.frame(frame), "images") if self.capture else {}
+        if camera not in files:
             raise UserError(f"{self.path}: frame {frame} has no picture of camera {camera}")
-        path = next(p for p in sorted(folder.iterdir()) if p.stem == camera)
-        image, out = Image.fromarray(read_rgba(path)).convert("RGB"), io.BytesIO()
+        image, out = Image.fromarray(read_rgba(files[camera])).convert("RGB"), io.BytesIO()
         image.thumbnail((PICTURE, PICTURE))
         image.save(out, "JPEG", quality=85)
         return out.getvalue()

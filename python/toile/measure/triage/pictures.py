@@ -11,7 +11,6 @@ from PIL import Image
 
 from ... import kernels
 from ...errors import UserError
-from ...io.image import read_image
 from ...vision.visibility import DepthView
 from ..page import heat
 from ..rendering import BODY, CLOTH, facing, joined, render
@@ -65,16 +64,14 @@ def _captured(run, number, layers):
     """(caption, picture) of up to two cameras that see the person largest, from opposite sides if there are such."""
     try:
         capture = run.capture
-        names = capture.pictured(number)
+        files = capture.picture_files(number, "images")
     except UserError:
         return
     V = np.concatenate([V for V, _, _ in layers]) if layers else np.zeros((0, 3))
-    for name in _telling(capture.cameras, names, V):
+    for name in _telling(capture.cameras, tuple(files), V):
         try:
-            folder = capture.folder(number) / "images"
-            path = next(p for p in sorted(folder.iterdir()) if p.stem == name)
-            picture = read_image(path, capture.cameras[name].size, "RGB")
-        except (UserError, OSError, StopIteration):
+            picture = capture.picture("images", name, files[name])
+        except (UserError, OSError):
             continue
         yield name, _outlined(picture, capture.cameras[name], layers)
 
