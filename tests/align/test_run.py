@@ -17,7 +17,7 @@ import toile.align.run
 import toile.io.run
 from tests.support.blas import most_blas_threads
 from toile import cli
-from toile.align.report import drawn_out, torn
+from toile.align.report import _section, _Textures, drawn_out, torn
 from toile.align.run import align
 from toile.align.settings import AlignSettings
 from toile.errors import UserError
@@ -105,6 +105,16 @@ def test_textures_before_and_after_are_reported(undisturbed):
     assert "error after" in page and "<script" not in page and len(list((undisturbed / "alignment").glob("*.png"))) == 4
 
 
+def test_textures_that_show_no_texel_often_enough_are_not_measured(tmp_path):
+    """Each texel is seen in one frame of four, before and after."""
+    colours, seen = np.full((4, 4, 3), 90, np.uint8), np.arange(16).reshape(4, 4) % 4
+    textures = _Textures([(colours + 10 * k, seen == k) for k in range(4)], [True, False, False, False])
+    measures = textures.measures(textures.often)
+    assert measures == {"texture_std": None, "chroma_std": None, "anchor_error": None}
+    whole = {"before": measures, "after": measures, "frames": 4, "texels": 0, "drawn_out": 0.0}
+    assert "nan<" not in _section("tshirt", whole, {"before": textures, "after": textures}, [0, 1, 2, 3], tmp_path)
+
+
 def test_cloth_that_sliding_tore_is_said(undisturbed, tmp_path):
     """One vertex in a hundred lies 30 cm from where it was: most of its edges are drawn out."""
     measures = json.loads((undisturbed / "alignment.json").read_text())
@@ -161,6 +171,23 @@ def test_slides_between_pictures_are_smooth_and_pass_through_what_was_measured()
     between = over_time(numbers, slides, range(20), 30, AlignSettings())
     assert np.abs(between[:19, 0, 0] - np.arange(19)).max() < 0.6
     assert np.allclose(over_time([3], [still], range(6), 30, AlignSettings()), 1)
+
+
+def test_frames_that_no_picture_of_their_block_tells_of_are_said_to_lie_as_they_were(
+    two_blocks, undisturbed, tmp_path, unreported
+):
+    """Frames 50 and 51, a block of their own, have lost their pictures."""
+    run = shutil.copytree(two_blocks, tmp_path / "run")
+    config = tomllib.loads((run / "config.toml").read_text())["capture"]
+    bare = shutil.copytree(
+        config, tmp_path / "capture", ignore=lambda at, _: ["images"] if at[-2:] in ("50", "51") else []
+    )
+    (run / "config.toml").write_text((run / "config.toml").read_text().replace(config, str(bare)))
+    outcome = align(run, tmp_path / "aligned", QUICK)
+    assert outcome.matched == (48,) and outcome.between == (49,)
+    assert outcome.warnings[0].startswith("frames 50-51 lie as they were registered")
+    step = arrays(tmp_path / "aligned")["garment/tshirt/vertices"] - arrays(run)["garment/tshirt/vertices"]
+    assert np.abs(step).max((1, 2)).astype(bool).tolist() == [True, True, False, False]
 
 
 def test_align_opens_a_run_once(two_blocks, tmp_path, monkeypatch, unreported):

@@ -100,14 +100,16 @@ class _Textures:
 
     def measures(self, texels):
         """texture_std: standard deviation over frames, 0..255, mean over texels; chroma_std: of two differences of
-        logarithms of colours, which light hardly changes; anchor_error: to the anchors' mean, over the other frames."""
+        logarithms of colours, which light hardly changes; anchor_error: to the anchors' mean, over the other frames, or over the
+        anchors where there are no others. None where no texel is seen often enough."""
         logs = logarithms(self.colours.astype(np.float32))
         chroma = np.stack([logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., :2].mean(-1)], -1)
         others = np.flatnonzero(~self.anchors) if not self.anchors.all() else np.arange(len(self.anchors))
         errors = [np.nanmean(e) for e in (self.error(k)[texels] for k in others) if np.isfinite(e).any()]
+        spread = lambda deviation: float(np.sqrt((deviation[texels] ** 2).mean(-1)).mean()) if texels.any() else None
         return {
-            "texture_std": float(np.sqrt((self.deviation[texels] ** 2).mean(-1)).mean()),
-            "chroma_std": float(np.sqrt((_moments(chroma, self.seen)[1][texels] ** 2).mean(-1)).mean()),
+            "texture_std": spread(self.deviation),
+            "chroma_std": spread(_moments(chroma, self.seen)[1]),
             "anchor_error": float(np.mean(errors)) if errors else None,
         }
 

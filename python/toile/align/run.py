@@ -26,7 +26,7 @@ from ..io.run import Run, is_run, open_run
 from ..io.run_folder import capture_folder, read_diagnostics, write_diagnostics
 from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
-from ..pipeline.blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
+from ..pipeline.blocks import BLOCK, BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
 from ..pipeline.manifest import check_own, claim, place_of
 from ..pipeline.workers import everywhere
 from ..prints.colours import Places
@@ -35,7 +35,7 @@ from ..prints.matching import Matched, Matcher
 from ..prints.reference import NEAR, Reference, anchors_and_samples, pyramid_of, reference_of
 from ..prints.sliding import SlidingSurface
 from ..prints.smoothing import over_time
-from ..scene import GarmentTemplate
+from ..scene import GarmentTemplate, frame_ranges
 from ..surface.layering import Layering
 from ..surface.layers import read_layers
 from .prints import PrintReader
@@ -45,8 +45,8 @@ from .settings import AlignSettings
 
 @dataclass(frozen=True)
 class Alignment:
-    """Frames aligned by their own pictures, frames without pictures between them, frames whose pictures could not be used
-    with why, frames that wait for other shards; whether the new run is whole; what should be known of its garments."""
+    """Frames aligned by their own pictures, frames without pictures that slide as those of their block, frames whose pictures
+    could not be used with why, frames that wait for other shards; whether the new run is whole; what should be known of it."""
 
     matched: tuple[int, ...]
     between: tuple[int, ...]
@@ -93,7 +93,7 @@ def align(
         if is_run(out) and not (out / "alignment.json").exists():
             matched = [number for number in run.pictured if results.whole(number)]
             write_report(run, open_run(out), matched or run.pictured, progress)
-    return _outcome(run, out, results)
+    return _outcome(run, out, results, span)
 
 
 def _check(run, out):
@@ -261,10 +261,16 @@ def _measured(matched):
     return {"misfit_before": matched.before, "misfit": matched.after, "compared": matched.seen, "slide_mm": slide}
 
 
-def _outcome(run, out, results):
-    pictured = run.pictured
-    failed = {number: results.reason(number) for number in pictured if results.reason(number) is not None}
-    matched = tuple(number for number in pictured if results.whole(number))
-    between = tuple(number for number in run.ok if number not in set(pictured))
-    pending = tuple(number for number in pictured if not results.done(number))
-    return Alignment(matched, between, failed, pending, is_run(out), torn(out))
+def _outcome(run, out, results, span):
+    pictured = set(run.pictured)
+    failed = {number: why for number in run.pictured if (why := results.reason(number)) is not None}
+    matched = tuple(number for number in run.pictured if results.whole(number))
+    pending = tuple(number for number in run.pictured if not results.done(number))
+    told, between, left = {*matched, *pending}, [], []
+    for block in blocks(run.ok, held(span)):
+        kind = between if told.intersection(block) else left
+        kind += [number for number in block if number not in pictured]
+    words = (
+        f"frames {frame_ranges(left, 4)} lie as they were registered: no picture of their blocks of {BLOCK} was matched"
+    )
+    return Alignment(matched, tuple(between), failed, pending, is_run(out), (*([words] if left else []), *torn(out)))
