@@ -11,7 +11,7 @@ import tomli_w
 import toile
 from toile import _core
 from toile.align.settings import AlignSettings
-from toile.avatar.settings import AvatarSettings, train_preset
+from toile.avatar.settings import AnimateSettings, AvatarSettings, train_preset
 from toile.avatar.settings import preset as avatar_preset
 from toile.config import (
     QUALITIES,
@@ -27,6 +27,7 @@ from toile.config import (
     read_config,
     read_set,
 )
+from toile.config.command import written
 from toile.config.settings import UNITS
 from toile.config.stereo import FuseSettings, MatchSettings
 from toile.errors import UserError
@@ -129,6 +130,23 @@ def test_a_bad_name_is_told_with_where_it_stands(tmp_path):
         from_options(preset, None, file, None)
     with pytest.raises(UserError, match="--set dress.contat: no such setting; nearest: dress.contact"):
         from_options(preset, None, None, ["dress.contat=1"])
+
+
+def test_a_quality_is_refused_where_settings_have_none(tmp_path):
+    (tmp_path / "mine.toml").write_text('quality = "draft"\n')
+    with pytest.raises(UserError, match="--set quality: no such setting"):
+        from_options(lambda _: AlignSettings(), None, None, ["quality=draft"], "align")
+    with pytest.raises(UserError, match="mine.toml: quality: no such setting"):
+        from_options(lambda _: AlignSettings(), None, tmp_path / "mine.toml", None, "align")
+
+
+@pytest.mark.parametrize("settings", [*COMMANDS, AnimateSettings()], ids=lambda s: type(s).__name__)
+def test_set_reads_every_value_as_the_list_writes_it(settings):
+    every = [one for one in listed(settings) if one.name != "quality"]
+    assert (
+        from_options(lambda _: settings, None, None, [f"{one.name}={written(one.default)}" for one in every])
+        == settings
+    )
 
 
 def test_dotted_names_and_tables_are_one():

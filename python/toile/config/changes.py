@@ -15,6 +15,7 @@ from .settings import Settings, listed
 
 Group = TypeVar("Group", bound=Settings)
 Changes = Mapping[str, Any]  # nested, as TOML's tables are; names may be dotted
+NONE = "none"  # how a value of None is written, for which TOML has no word
 
 
 def changed(settings: Group, *changes: Changes, source: str = "", also: Iterable[str] = ()) -> Group:
@@ -54,15 +55,17 @@ def from_options(
     base: Callable[[str], Group], quality: str | None, path: Path | None, words: Iterable[str] | None, table: str = ""
 ) -> Group:
     """The settings that a command was asked for: `base` of a quality, changed by --config and then by --set. Without
-    --quality that of --set counts, then that of the file, then "standard"."""
+    --quality that of --set counts, then that of the file, then "standard"; of settings that have no quality none does."""
     file, given = read_config(path, table), read_set(words)
-    named = [change.pop("quality", None) for change in (given, file)]
-    chosen = quality or named[0] or named[1] or "standard"
+    asked: list[Any] = [quality]
+    if "quality" in type(base("standard")).model_fields:
+        asked += [change.pop("quality", None) for change in (given, file)]
+    chosen = next(filter(None, asked), "standard")
     return changed(changed(base(str(chosen)), file, source=f"--config {path}: "), given, source="--set ")
 
 
 def read_set(words: Iterable[str] | None) -> dict[str, Any]:
-    """["dress.contact=0.01", ...] -> nested changes. Values are TOML's; what is none is text."""
+    """["dress.contact=0.01", ...] -> nested changes. Values are TOML's; what is no such value is text, the word none is None."""
     found: dict[str, Any] = {}
     for word in words or ():
         name, equals, text = word.partition("=")
@@ -71,7 +74,7 @@ def read_set(words: Iterable[str] | None) -> dict[str, Any]:
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except (tomllib.TOMLDecodeError, RecursionError):
-            value = text.strip()
+            value = None if text.strip() == NONE else text.strip()
         _put(found, name.strip(), value)
     return found
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UserError
-from .changes import nearest
+from .changes import NONE, nearest
 from .settings import Listed, Settings, listed
 
 
@@ -93,7 +93,7 @@ def written(value: Any) -> str:
         return "{" + ", ".join(f"{name} = {written(inner)}" for name, inner in value.items()) + "}"
     if isinstance(value, tuple):
         return f"[{', '.join(written(inner) for inner in value)}]"
-    return str(value).lower() if isinstance(value, bool) else "none" if value is None else str(value)
+    return str(value).lower() if isinstance(value, bool) else NONE if value is None else str(value)
 
 
 def default(one: Listed, others: dict[str, Any]) -> str:
