@@ -1,3 +1,5 @@
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -206,3 +208,11 @@ def test_what_is_worn_is_named_inner_to_outer_or_refused():
     for wrong in ("kilt", "tank+tank"):
         with pytest.raises(UserError, match=f"wear is '{wrong}'".replace("+", r"\+")):
             StudioOptions(wear=wrong)
+
+
+def test_a_scene_is_named_after_its_motion_file_whatever_that_is_called():
+    from toile.studio.make import scene_toml
+    from toile.studio.options import StudioOptions
+
+    text = scene_toml(StudioOptions(motion='clips/Äpfel "zwei" \\ drei.bvh'))
+    assert tomllib.loads(text)["scene"]["name"] == 'fitted-Äpfel "zwei" \\ drei'

@@ -144,7 +144,7 @@ def derived_seed(seed, attempt):
 
 def write_scene(part, stage):
     """scene.toml and cameras.json."""
-    (part / "scene.toml").write_text(scene_toml(stage.options))
+    (part / "scene.toml").write_text(scene_toml(stage.options), encoding="utf-8")
     write_json(part / "cameras.json", cameras_json(stage.rig))
 
 
@@ -164,7 +164,7 @@ def scene_toml(options):
     labels = {k: v for k, v in LABELS.items() if k in PAINTED or k in garments}
     name = f"{options.subject}-{Path(options.motion).stem}"
     lines = [
-        f'[scene]\nname = "{name}"\nfps = {FPS:g}\nunits = "m"\nup = "z"\n',
+        f'[scene]\nname = {json.dumps(name, ensure_ascii=False)}\nfps = {FPS:g}\nunits = "m"\nup = "z"\n',
         '[body]\nmodel = "anny"\n',
         "[face]\nkeypoints = true\n",
         "[labels]\n" + "".join(f"{k} = {v}\n" for k, v in labels.items()),
