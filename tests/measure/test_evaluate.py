@@ -8,8 +8,7 @@ import pytest
 import zarr
 
 from tests.support.shapes import tube
-from tests.support.synthetic_run import copy_capture, true_run
-from toile import kernels
+from tests.support.synthetic_run import copy_capture, true_run, with_another_template
 from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh, write_mesh
 from toile.measure.evaluate import evaluate
@@ -160,24 +159,8 @@ def test_a_garment_that_the_truth_lacks_is_named_and_not_measured(made):
     assert found["all"]["inner"]["visible_mm"] < 1e-3
 
 
-def with_another_template(made):
-    """The run as if its template were the truth's own mesh, whose openings it names by the bones."""
-    truth = zarr.open_group(str(made[0] / "truth" / "truth.zarr"), mode="r")
-    store = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")
-    V, F = truth["garment/tshirt/vertices"][:].astype(float), truth["garment/tshirt/faces"][:]
-    store.create_array("garment/tshirt/vertices", data=V, chunks=(1, *V.shape[1:]), overwrite=True)
-    store.create_array("garment/tshirt/faces", data=F, overwrite=True)
-    sure = np.full(V.shape[:2], 2, np.uint8)
-    store.create_array("confidence/tshirt", data=sure, chunks=(1, sure.shape[1]), overwrite=True)
-    scene = store.attrs["scene"]
-    names = ("hem", "neck", "sleeve_right", "sleeve_left")
-    scene["garments"][0]["loops"] = {n: l.tolist() for n, l in zip(names, kernels.boundary_loops(F))}
-    store.attrs["scene"] = scene
-    return store
-
-
 def test_a_template_that_the_truth_has_no_map_of_is_measured_by_surface_and_openings(made):
-    with_another_template(made)
+    with_another_template(*made)
     found = evaluate(made[1])
     assert "no map of this template" in found["warnings"][0]
     shirt = found["all"]["garment"]["tshirt"]
@@ -202,7 +185,7 @@ def test_a_garment_that_lacks_a_part_is_right_one_way_and_misses_the_other():
 
 def test_without_a_map_a_loop_is_measured_against_the_opening_of_its_name(made):
     """Sleeves that lie on one another's rims: the nearest rim would call them right."""
-    store = with_another_template(made)
+    store = with_another_template(*made)
     scene = store.attrs["scene"]
     loops = scene["garments"][0]["loops"]
     loops["sleeve_left"], loops["sleeve_right"] = loops["sleeve_right"], loops["sleeve_left"]

@@ -62,3 +62,19 @@ def true_run(capture_folder, folder):
             Inner(body, confidence, {"tshirt": placed}, 0, {}),
         )
     return run
+
+
+def with_another_template(capture, run):
+    """A run made by `true_run` as if its template were the truth's own mesh, whose openings it names by the bones: its store."""
+    truth = zarr.open_group(str(capture / "truth" / "truth.zarr"), mode="r")
+    store = zarr.open_group(str(run / "registered.zarr"), mode="r+")
+    V, F = truth["garment/tshirt/vertices"][:].astype(float), truth["garment/tshirt/faces"][:]
+    store.create_array("garment/tshirt/vertices", data=V, chunks=(1, *V.shape[1:]), overwrite=True)
+    store.create_array("garment/tshirt/faces", data=F, overwrite=True)
+    sure = np.full(V.shape[:2], 2, np.uint8)
+    store.create_array("confidence/tshirt", data=sure, chunks=(1, sure.shape[1]), overwrite=True)
+    scene = store.attrs["scene"]
+    names = ("hem", "neck", "sleeve_right", "sleeve_left")
+    scene["garments"][0]["loops"] = {n: l.tolist() for n, l in zip(names, kernels.boundary_loops(F))}
+    store.attrs["scene"] = scene
+    return store

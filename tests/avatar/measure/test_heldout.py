@@ -3,15 +3,17 @@
 import json
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from typer.testing import CliRunner
 
+from tests.support.synthetic_run import copy_capture, true_run, with_another_template
 from toile.avatar.drive.layering import GarmentLayering
 from toile.avatar.measure.evaluation import evaluate_avatar
-from toile.avatar.measure.heldout import HeldOut, _chosen
+from toile.avatar.measure.heldout import HeldOut, RegisteredRun, _chosen
 from toile.avatar.measure.report import write_avatar_report
 from toile.avatar.model.checkpoint import read_facts
 from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings
@@ -76,6 +78,23 @@ def test_decoded_layers_are_measured_against_the_truth(result):
     assert len(shirt["boundary_mm"]) == 4 and 0 < geometry["body"]["visible_mm"] < 5
     assert 0 < geometry["outer_mm"] < 5 and 0 < result["all"]["baseline"]["geometry"]["outer_mm"] < 10
     assert result["all"]["labels"] == "truth" and result["all"]["photometric"] is None
+
+
+def test_without_a_map_a_decoded_loop_is_measured_against_the_opening_of_its_name(tmp_path):
+    """Sleeves that lie on one another's rims, as `toile evaluate` of a run tells them: the nearest rim would call them right."""
+    capture = copy_capture(tmp_path)
+    run = true_run(capture, tmp_path)
+    store = with_another_template(capture, run)
+    scene = store.attrs["scene"]
+    loops = scene["garments"][0]["loops"]
+    loops["sleeve_left"], loops["sleeve_right"] = loops["sleeve_right"], loops["sleeve_left"]
+    store.attrs["scene"] = scene
+    registered = RegisteredRun(run)
+    layers = {"tshirt": SimpleNamespace(kind="garment", faces=registered.run.garments["tshirt"].faces)}
+    found = registered.errors(0, {"tshirt": registered.garment("tshirt", 0)}, layers)["garment"]["tshirt"][
+        "boundary_mm"
+    ]
+    assert found["sleeve_left"] > 100 and found["sleeve_right"] > 100 and found["hem"] < 1e-3
 
 
 def test_the_pose_is_some_way_from_the_nearest_trained_one(avatar, result):

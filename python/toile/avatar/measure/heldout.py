@@ -251,6 +251,7 @@ class RegisteredRun:
         self.truth = open_truth(self.run.capture, self.garment_labels)
         faces = {name: garment.faces for name, garment in self.run.garments.items()}
         self.mapped = {name: self.truth.maps(name, F) for name, F in faces.items()} if self.truth else {}
+        self.borders = {name: self.truth.border_names(name, self.run.body_model) for name in self.mapped}
         self._outer = None, None  # a frame and its true outer surface
         self.facial = Facial(self.run.body_model)
 
@@ -283,8 +284,8 @@ class RegisteredRun:
         measures = {"outer_mm": self._outer_error(frame, decoded, layers)}
         for name, V in decoded.items():
             if layers[name].kind == "garment":
-                faces, mapped = self.run.garments[name].faces, self.mapped[name]
-                found = self.truth.garment_errors(name, self.loops[name], V, faces, frame, mapped)[0]
+                faces, told = self.run.garments[name].faces, (self.mapped[name], self.borders[name])
+                found = self.truth.garment_errors(name, self.loops[name], V, faces, frame, *told)[0]
                 measures.setdefault("garment", {})[name] = found
             elif layers[name].kind == "body":
                 hidden = self.run.body.confidence.at(frame) == HIDDEN
