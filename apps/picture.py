@@ -25,8 +25,8 @@ def main():
     tiles = [np.asarray(Image.fromarray(images[facing]).resize((SIZE[0], SIZE[0])))[:, 60:420]]
     for parts in ([track], [body], [body, shirt]):
         tiles.append(render(parts, 0, size=SIZE))
-    Image.fromarray(np.concatenate(tiles, axis=1)).save(ROOT / "docs" / "layers.jpg", quality=85)
-    avatar().save(ROOT / "docs" / "avatar.jpg", quality=85)
+    Image.fromarray(np.concatenate(tiles, axis=1)).save(ROOT / "docs" / "pictures" / "layers.jpg", quality=85)
+    avatar().save(ROOT / "docs" / "pictures" / "avatar.jpg", quality=85)
 
 
 def avatar():

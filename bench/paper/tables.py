@@ -72,14 +72,14 @@ def sizes(found):
 
 
 def _size(run, one):
-    trained, (height, width), studio = one["trained"], run["pixels"], run["studio"] or {}
+    trained, (height, width), studio = one["trained"], run["pixels"], run["studio"]
     minutes = lambda *names: sum(one[n]["seconds"] for n in names if n in one) / 60
     shown = one.get("driven", {}).get("all", {})
     frames = f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} a second"
     return {
         "registered frames": f"{frames}, {run['quality'] or 'as given'}",
         "cameras": f"{run['cameras']} of {width} x {height} px",
-        "pictures": f"{studio['renderer']}, {studio['samples']} samples a pixel" if "samples" in studio else None,
+        "pictures": studio and _pictures(studio),
         "pictured frames trained on": trained["frames"],
         "pictured frames held out": _span(trained["held_out"]),
         "frames that registration holds out too": "-".join(map(str, run.get("held_out", ()))) or "none",
@@ -93,6 +93,12 @@ def _size(run, one):
         "minutes: temporal model": minutes("temporal"),
         "minutes: evaluating": minutes("reconstruction", "driven", "physics"),
     }
+
+
+def _pictures(studio):
+    """How the studio made a capture's pictures, by its options."""
+    traced = studio["renderer"] == "mitsuba"
+    return f"mitsuba, {studio['pixel_paths']} paths a pixel" if traced else studio["renderer"]
 
 
 def _span(frames):

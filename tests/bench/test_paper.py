@@ -8,9 +8,10 @@ from bench.paper.__main__ import TABLE, arguments, small, with_values
 from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
 from bench.paper.study import Paper, Subject, link, once, span_held_out
-from bench.paper.tables import against, collected, goals, tables
+from bench.paper.tables import against, collected, goals, sizes, tables
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
+from toile.studio.options import StudioOptions
 
 MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "face_mse", "silhouette_mse", "ssim")
 
@@ -121,6 +122,17 @@ def test_every_table_has_its_rows(study):
         rows["What was run"][0][1] == "9 of 10 at 30 a second, draft"
         and ["device", *["abacus"] * 3] in rows["What was run"]
     )
+
+
+@pytest.mark.parametrize(
+    "options, said",
+    [({}, "raster"), ({"renderer": "mitsuba", "pixel_paths": 16}, "mitsuba, 16 paths a pixel"), (None, None)],
+)
+def test_how_pictures_were_made_is_told_by_the_studios_options(study, options, said):
+    made = options if options is None else StudioOptions(**options).model_dump()
+    put(study / "logo", run=json.loads((study / "logo" / "run.json").read_text()) | {"studio": made})
+    (told,) = (row for row in sizes(collected(study)).rows if row[0] == "pictures")
+    assert told == ["pictures", said, said, None]
 
 
 def test_page_json_and_markdown_are_written_of_what_is_there(study):
