@@ -85,6 +85,14 @@ def test_the_true_run_lies_on_the_truth(run):
         shown.colours("track", "distance to the truth", 3)
 
 
+def test_colours_are_offered_where_the_truth_has_the_layer(tmp_path):
+    capture = copy_capture(tmp_path)
+    run = true_run(capture, tmp_path)
+    shutil.rmtree(capture / "truth" / "truth.zarr" / "garment")
+    offered = {layer["name"]: "distance to the truth" in layer["colours"] for layer in Shown(run).facts()["layers"]}
+    assert offered == {"track": False, "inner": True, "tshirt": False}
+
+
 def test_marks_name_bad_frames_and_pictures_are_small(run):
     shown = Shown(run)
     facts = json.loads(json.dumps(shown.facts()))

@@ -93,9 +93,13 @@ class Shown:
         kinds = [PLAIN] if self.layers[name].texture is None else [TEXTURE, PLAIN]
         if self.run is not None:
             kinds += [CONFIDENCE] + ([DISTANCE] if self.capture else [])
-            kinds += [TRUTH] if self.truth is not None and name != "track" else []
+            kinds += [TRUTH] if self._true(name) else []
         shown = name != "track" or "inner" not in self.layers
         return {"name": name, "colours": kinds, "shown": shown}
+
+    def _true(self, layer):
+        """Does the truth have what a layer is to be? It has no single surface."""
+        return self.truth is not None and (layer == "inner" or (layer != "track" and self.truth.has(layer)))
 
     def _marks(self):
         """{frame: what is wrong with it}."""
@@ -171,11 +175,9 @@ class Shown:
         """The SurfaceIndex that a kind's distances are to; None where there is none."""
         if kind == DISTANCE:
             return self._scan(frame).index
-        if kind != TRUTH or layer == "track" or self.truth is None or frame not in self.truth:
+        if kind != TRUTH or not self._true(layer) or frame not in self.truth:
             return None
-        if layer == "inner":
-            return SurfaceIndex(*self.truth.body(frame))
-        return SurfaceIndex(*self.truth.garment(layer, frame)) if self.truth.has(layer) else None
+        return SurfaceIndex(*(self.truth.body(frame) if layer == "inner" else self.truth.garment(layer, frame)))
 
     def scan(self, frame: int) -> bytes:
         """uint32 n and m, `quantised` points and padding to four bytes, uint32 faces (m,3)."""
