@@ -23,7 +23,6 @@ def inspect(
     out: Annotated[Path, typer.Option(help="the page")] = Path("inspection.html"),
 ):
     """Say what is wrong with a capture, a line a problem and a page of pictures; exit code 1 where registering is wasted."""
-    from ..errors import UserError
     from ..io.files import output_file
     from .inspection import inspect as look
     from .inspection.page import write_inspection

@@ -188,4 +188,4 @@ def test_a_folder_without_an_avatar_is_refused(owner, sample_run, tmp_path):
 
 def test_a_garment_that_hardly_fits_is_warned_of():
     said = lending.Lent("tshirt", Path("small"), None, None, 0.2).warnings
-    assert said == ["tshirt of small hardly fits: edges stretched by more than 20 %"]
+    assert said == ["tshirt of small hardly fits: one edge in twenty is longer or shorter by more than 20 %"]

@@ -18,7 +18,7 @@ from ..model.checkpoint import load_avatar
 from .draping import worn_cloths
 from .driver import load_driver, make_track, stride_at
 
-TIGHT = 0.1  # 95th percentile of strain beyond which a garment is said to be too small
+TIGHT = 0.1  # 95th percentile of strain, of either sign, beyond which a garment is said to hardly fit
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,10 @@ class Lent:
     def warnings(self):
         if self.strain <= TIGHT:
             return []
-        return [f"{self.name} of {self.folder} hardly fits: edges stretched by more than {100 * self.strain:.0f} %"]
+        share = f"{100 * self.strain:.0f} %"
+        return [
+            f"{self.name} of {self.folder} hardly fits: one edge in twenty is longer or shorter by more than {share}"
+        ]
 
     def cloth(self, physics):
         """{name: Cloth} as it lies on the wearer, or {}, see `worn_cloths`."""

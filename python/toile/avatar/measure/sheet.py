@@ -20,7 +20,7 @@ PAPER, INK = 248, (40, 44, 52)
 def write_sheets(folder, frames, garments, unseen=None):
     """One PNG a frame: of its pictures the one that shows most of the garments' border. Returns the paths.
 
-    frames: lists of pictures of one frame (`heldout.Picture`); garments: label ids; unseen: (frame, views (H,W,3)).
+    frames: lists of pictures of one frame (`heldout.HeldOutPicture`); garments: label ids; unseen: (frame, views (H,W,3)).
     """
     paths = []
     for pictures in frames:
