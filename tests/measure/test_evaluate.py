@@ -150,6 +150,16 @@ def test_a_loop_on_another_loops_rim_is_not_on_its_own(made):
     assert boundary["loop0"] > 100 and boundary["loop1"] < 5
 
 
+def test_frames_that_the_capture_has_lost_are_named(made):
+    shutil.rmtree(made[0] / "frames" / "000001")
+    (made[0] / "frames" / "000004" / "scan.ply").write_text("ply\n")
+    found = evaluate(made[1])
+    (said,) = found["warnings"]
+    assert said.startswith("frames 1, 4: they can no more be read of ")
+    observed = [frame["evidence"]["observed"] for frame in found["per_frame"]]
+    assert [value is None for value in observed] == [number in (1, 4) for number in range(6)]
+
+
 def test_a_garment_that_the_truth_lacks_is_named_and_not_measured(made):
     shutil.rmtree(made[0] / "truth" / "truth.zarr" / "garment")
     found = evaluate(made[1])

@@ -12,7 +12,7 @@ from .. import kernels
 from ..errors import UserError
 from ..io.layout import VERDICTS
 from ..io.run import Run, open_run
-from ..scene import HIDDEN, OBSERVED
+from ..scene import HIDDEN, OBSERVED, frame_ranges
 from .evidence import evidence, nothing
 from .motion import Followed, MotionError, Slip
 from .truth import mean_measures, millimetres, open_truth
@@ -69,7 +69,7 @@ class _Evaluation:
         self.mapped = {name: self.truth.maps(name, run.garments[name].faces) for name in self.known}
         self.borders = {name: self.truth.border_names(name, self.model) for name in self.known}
         self.outside = ~self.model.inside
-        self.followed, self.slips = None, defaultdict(Slip)
+        self.followed, self.slips, self.lost = None, defaultdict(Slip), []
 
     def result(self):
         per_frame, motions = [], defaultdict(MotionError)
@@ -89,11 +89,14 @@ class _Evaluation:
         return {"all": everything, "per_frame": per_frame, "warnings": self._warnings()}
 
     def _warnings(self):
-        """What the truth cannot measure of this run's garments."""
-        said = [] if self.truth is None else [n for n in self.run.garments if n not in self.known]
+        """What the truth cannot measure of this run's garments, and frames without evidence."""
+        unknown = [] if self.truth is None else [n for n in self.run.garments if n not in self.known]
         said = [
-            f"garment {name}: the truth has no such garment: it is not measured, nor are the labels" for name in said
+            f"garment {name}: the truth has no such garment: it is not measured, nor are the labels" for name in unknown
         ]
+        if self.lost:
+            lost = f"frames {frame_ranges(self.lost, 4)}: they can no more be read of {self.capture.root}"
+            said.append(f"{lost}: no evidence is measured of them")
         without = [name for name, mapped in self.mapped.items() if not mapped]
         return said + [
             f"garment {name}: the truth has no map of this template: correspondence_mm and jitter_mm are not measurable"
@@ -208,6 +211,7 @@ class _Evaluation:
         try:
             frame = self.capture.frame(number)
         except UserError:
+            self.lost.append(number)
             return {}
         confidence, joints = self.run.track.confidence.at(number), self._model_joints(number)
         found = evidence(frame, self.capture.cameras, self.model, tracked, joints, confidence, self.outside)
