@@ -9,9 +9,9 @@ from .. import kernels
 SIZE = (360, 220)  # (height, width) of a picture [px]
 BODY, CLOTH = (222, 190, 170), ((86, 124, 168), (170, 110, 90), (110, 150, 100), (150, 120, 170))
 PAPER = (244, 243, 240)
-AXES = {  # rows: the picture's right, down and forward of a camera that looks at a person's front
+AXES = {  # rows: the picture's right, down and forward of a camera that looks at the front of a body at rest
     "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-    "y": ((-1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "y": ((0, 0, 1), (0, -1, 0), (1, 0, 0)),
     "x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
 }
 
