@@ -41,8 +41,7 @@ def measure(path, number, settings, noise=0.0, views=0):
     the cameras, 0: all."""
     capture = open_capture(path)
     frame = capture.pictures(number)
-    names = list(frame.images)[:: max(len(frame.images) // views, 1) if views else 1]
-    images = noisy({name: frame.images[name] for name in names}, noise)
+    images = noisy({name: frame.images[name] for name in some(list(frame.images), views)}, noise)
     begin = time.process_time()
     found = scan(images, frame.masks, capture.cameras, settings)
     spent = time.process_time() - begin
@@ -69,6 +68,11 @@ def measure(path, number, settings, noise=0.0, views=0):
         "vertices": len(found.scan.vertices),
         "sha256": hashlib.sha256(found.scan.vertices.tobytes() + found.scan.faces.tobytes()).hexdigest()[:16],
     }
+
+
+def some(names, count):
+    """Every n-th of the names, `count` in all; 0: all."""
+    return names[:: max(len(names) // count, 1)][:count] if count else names
 
 
 def quantiles(values):

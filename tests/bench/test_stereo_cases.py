@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bench.stereo import some
 from bench.stereo_cases import GAMMA, blurred, exposed, miscalibrated
 from toile.scene import Camera
 
@@ -32,3 +33,10 @@ def test_blur_keeps_light_and_spreads_a_dot_over_as_many_pixels_as_said():
     image[4, 30] = 255
     spread = blurred({"a": image}, CAMERAS, 8)[0]["a"]
     assert np.count_nonzero(spread[..., 0]) == 8 and ((spread / 255.0) ** GAMMA).sum() == pytest.approx(3, rel=0.02)
+
+
+@pytest.mark.parametrize("cameras", [8, 12, 16, 17])
+def test_so_many_cameras_are_compared_as_were_asked_for(cameras):
+    names = [f"cam{i:02d}" for i in range(cameras)]
+    assert len(some(names, 8)) == 8 and some(names, 0) == names
+    assert some(names[:6], 8) == names[:6]
