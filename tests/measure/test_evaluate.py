@@ -11,6 +11,7 @@ from tests.support.shapes import tube
 from tests.support.synthetic_run import copy_capture, true_run, with_another_template
 from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh, write_mesh
+from toile.io.status import Status
 from toile.measure.evaluate import evaluate
 from toile.measure.report import write_report
 from toile.measure.truth import Truth
@@ -148,6 +149,14 @@ def test_a_loop_on_another_loops_rim_is_not_on_its_own(made):
     store["garment/tshirt/vertices"][:] = vertices
     boundary = evaluate(made[1])["all"]["garment"]["tshirt"]["boundary_mm"]
     assert boundary["loop0"] > 100 and boundary["loop1"] < 5
+
+
+def test_of_a_frame_that_was_given_again_the_last_seconds_count(made):
+    status = Status.of(made[1])
+    for frame, seconds in ((0, 1.0), (1, 3.0), (1, 2.0)):
+        status.add(frame=frame, stage="track", seconds=seconds, ok=True)
+    status.add(frame=2, stage="track", seconds=9.0, ok=False, reason="no scan")
+    assert evaluate(made[1])["all"]["seconds"] == {"track": 1.5}
 
 
 def test_frames_that_the_capture_has_lost_are_named(made):

@@ -53,8 +53,8 @@ def evaluate(run: Run | Path | str) -> dict:
     sequence; hidden_share, of the outside vertices; jitter_mm and acceleration as those of garments, of the visible
     vertices against the points of the true body that are nearest in the first frame.
     intersections_left: triangle pairs of garments with the inner skin, whole, and with one another, by exact predicates.
-    seconds: mean a frame. verdicts: how many registered frames are good, doubtful and wrong, by measure/verdicts.py; a
-    frame has its "verdict" and "reasons".
+    seconds: mean a frame, of one that was given again the last. verdicts: how many registered frames are good, doubtful and
+    wrong, by measure/verdicts.py; a frame has its "verdict" and "reasons".
     """
     return _Evaluation(run if isinstance(run, Run) else open_run(run)).result()
 
@@ -237,9 +237,8 @@ class _Evaluation:
         return iou
 
     def _seconds(self):
-        total, frames = defaultdict(float), defaultdict(set)
+        took = defaultdict(dict)  # {stage: {frame: seconds}}
         for entry in self.run.status.lines():
             if entry.get("ok") and "frame" in entry:
-                total[entry["stage"]] += entry["seconds"]
-                frames[entry["stage"]].add(entry["frame"])
-        return {stage: total[stage] / len(frames[stage]) for stage in total}
+                took[entry["stage"]][entry["frame"]] = entry["seconds"]
+        return {stage: float(np.mean([*frames.values()])) for stage, frames in took.items()}
