@@ -176,6 +176,19 @@ def test_an_unknown_name_is_refused_with_the_nearest():
         ({"dress": 3}, "dress = 3: expected a table, its settings are dress.NAME"),
         ({"dress": {"contact": {"a": 1}}}, "dress.contact = {'a': 1}: should be a valid number"),
         ({"segment.opening.depth": [1]}, "segment.opening.depth.1 = (1,): Field required"),
+        (
+            {"verdict.two_sided_mm": [30.0, 12.0]},
+            "verdict.two_sided_mm = (30.0, 12.0): expected two numbers of which the second is not the smaller one",
+        ),
+        (
+            {"verdict.silhouette_iou": [0.8, 0.9]},
+            "verdict.silhouette_iou = (0.8, 0.9): expected two numbers of which the second is not the larger one",
+        ),
+        (
+            {"dress.placement.size": [2.0, 0.5]},
+            "dress.placement.size = (2.0, 0.5): expected two numbers of which the second is not the smaller one",
+        ),
+        ({"prints.blurs": [0.01]}, "prints: blurs and blur_steps: expected as many of each"),
         ({"quality": "best"}, "--quality best: expected one of draft, standard"),
         ({"quality": 3}, "--quality 3: expected one of draft, standard"),
     ],

@@ -16,7 +16,7 @@ from toile.measure.evaluate import evaluate
 from toile.measure.evidence import parted
 from toile.measure.glimpse import Glimpse, glimpse
 from toile.measure.triage.advice import trouble_of
-from toile.measure.verdicts import JudgedLayer, _excess, _openings, agreement, verdict
+from toile.measure.verdicts import JudgedLayer, _excess, _openings, agreement, severity, verdict
 from toile.scene import Frame, GarmentTemplate, Keypoints, Mesh
 from toile.vision.visibility import DepthView
 
@@ -120,6 +120,16 @@ def test_a_frame_gets_no_better_as_a_measure_gets_worse(name):
     assert levels == sorted(levels) and levels[0] == GOOD and levels[-1] == WRONG
     if name != "observed":
         assert levels == [verdict(FINE | {f"shirt.{name}": value}, SETTINGS)[0] for value in steps]
+
+
+@pytest.mark.parametrize("name", VerdictSettings.model_fields)
+def test_one_limit_for_both_verdicts_is_met_from_the_same_side(name):
+    doubtful, wrong = getattr(SETTINGS, name)
+    limit, step = (doubtful + wrong) / 2, (wrong - doubtful) / 4
+    settings = SETTINGS.model_copy(update={name: (limit, limit)})
+    levels = [verdict(FINE | {name: limit + way * step}, settings)[0] for way in (-1, 1)]
+    assert levels == [GOOD, WRONG]
+    assert severity({name: limit - step}, settings) < 1 < severity({name: limit + step}, settings)
 
 
 def test_a_scan_of_holes_and_clutter_is_answered_by_keypoints_and_silhouettes_together():

@@ -30,7 +30,11 @@ def changed(settings: Group, *changes: Changes, source: str = "", also: Iterable
         first = error.errors()[0]
         what = first["msg"].replace("Input should be", "should be").replace("Value error, ", "")
         at = ".".join(str(part) for part in first["loc"])
-        raise UserError(f"{source}{at} = {first['input']!r}: {what}" if at else f"{source}{what}") from None
+        together = first["type"] == "value_error" and isinstance(
+            first["input"], dict
+        )  # of settings, none of them by itself
+        given = "" if together else f" = {first['input']!r}"
+        raise UserError(f"{source}{at}{given}: {what}" if at else f"{source}{what}") from None
 
 
 def read_config(path: Path | None, table: str = "") -> dict[str, Any]:

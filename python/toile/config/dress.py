@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .kernels import BiharmonicSettings, NricpSettings
-from .settings import Settings, setting
+from .settings import Rising, Settings, setting
 
 
 class LoopSettings(Settings):
@@ -56,7 +56,7 @@ class PlacementSettings(Settings):
     lies: float = setting(0.05, "m", "mean distance of a template to where the capture shows it, at most", gt=0)
     near: float = setting(0.06, "m", "a template off by less is left where it is", gt=0)
     clearly: float = setting(1.25, "1", "factor by which one way to lay it is nearer than another", gt=1)
-    size: tuple[float, float] = setting((0.5, 2.0), "1", "of a template, and of a rim, against those of the capture")
+    size: Rising = setting((0.5, 2.0), "1", "of a template, and of a rim, against those of the capture")
     same_size: float = setting(1.2, "1", "factor within which a template is of the person's size", gt=1)
     rim_near: float = setting(0.09, "m", "a rim nearer than this to the capture's is left to the frames", gt=0)
     rim_reach: float = setting(0.25, "m", "a rim farther than this from the capture's is of another cut", gt=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .kernels import MrfSettings
-from .settings import Settings, setting
+from .settings import Rising, Settings, setting
 
 
 class EvidenceSettings(Settings):
@@ -49,7 +49,7 @@ class OpeningSettings(Settings):
     evidence_length: float = setting(0.004, "m", "of a strip whose log odds count once: nearer points are alike", gt=0)
     flank: float = setting(0.012, "m", "of the strip on either side that is asked whether an opening is seen", gt=0)
     smoothing: float = setting(0.012, "m", "Gaussian along the border that was found", gt=0)
-    depth: tuple[float, float] = setting((-0.003, 0.012), "m", "layers searched, from below to above the scan")
+    depth: Rising = setting((-0.003, 0.012), "m", "layers searched, from below to above the scan")
     layer: float = setting(0.003, "m", "between layers", gt=0)
     layer_steps: int = setting(6, "count", "search steps to either side in those layers", ge=1)
     rounding: float = setting(0.003, "m", "by which the rounded step of a scan lies under the opening of cloth")

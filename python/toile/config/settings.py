@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 UNITS = (
     "m",
@@ -37,6 +37,22 @@ class Settings(BaseModel):
 def setting(default: Any, unit: str, meaning: str, **limits: Any) -> Any:
     """A field of Settings. unit: one of UNITS, "1" for shares and weights. limits: those of pydantic (ge, gt, le, lt)."""
     return Field(default, description=meaning, json_schema_extra={"unit": unit}, **limits)
+
+
+def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError("expected two numbers of which the second is not the smaller one")
+    return pair
+
+
+def _falling(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] < pair[1]:
+        raise ValueError("expected two numbers of which the second is not the larger one")
+    return pair
+
+
+Rising = Annotated[tuple[float, float], AfterValidator(_rising)]
+Falling = Annotated[tuple[float, float], AfterValidator(_falling)]
 
 
 @dataclass(frozen=True)

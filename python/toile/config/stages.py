@@ -6,7 +6,7 @@ from .dress import DressSettings
 from .kernels import InnerSolverSettings, UntangleSettings
 from .prints import PrintSettings
 from .segment import SegmentSettings
-from .settings import Settings, setting
+from .settings import Falling, Rising, Settings, setting
 from .stereo import StereoSettings
 from .track import TrackSettings
 from .triangulation import ReconstructSettings
@@ -81,75 +81,63 @@ class InnerSettings(Settings):
 
 class VerdictSettings(Settings):
     """From where on a frame is doubtful, and from where on it is wrong, by what it shows of its layers; see
-    measure/verdicts.py. The worst measure decides. Calibrated by bench/verdicts.py."""
+    measure/verdicts.py. Falling are limits of what is good when large. The worst measure decides. Calibrated by bench/verdicts.py."""
 
-    two_sided_mm: tuple[float, float] = setting(
+    two_sided_mm: Rising = setting(
         (12.0, 30.0), "mm", "the tracked surface and the scan, mean distance from the side that is nearer"
     )
-    scan_edge_mm: tuple[float, float] = setting((50.0, 200.0), "mm", "median length of the edges of the frame's scan")
-    apart: tuple[float, float] = setting(
+    scan_edge_mm: Rising = setting((50.0, 200.0), "mm", "median length of the edges of the frame's scan")
+    apart: Rising = setting(
         (0.02, 0.1), "1", "share of the scan and of the tracked surface, both, that lie 2 cm from one another"
     )
-    astray: tuple[float, float] = setting(
+    astray: Rising = setting(
         (0.05, 0.15), "1", "share of the scan and of the posed body, both, that lie 5 cm from one another"
     )
-    pose_mm: tuple[float, float] = setting(
-        (40.0, 60.0), "mm", "the posed body and the scan, mean distance of both sides"
-    )
-    moved_mm: tuple[float, float] = setting(
+    pose_mm: Rising = setting((40.0, 60.0), "mm", "the posed body and the scan, mean distance of both sides")
+    moved_mm: Rising = setting(
         (20.0, 50.0), "mm", "by how much the posed body was bent to the scan, mean over its outside"
     )
-    keypoint_mm: tuple[float, float] = setting((50.0, 80.0), "mm", "keypoints to those detected, median")
-    face_off: tuple[float, float] = setting(
+    keypoint_mm: Rising = setting((50.0, 80.0), "mm", "keypoints to those detected, median")
+    face_off: Rising = setting(
         (0.5, 1.0), "1", "share of the facial keypoints given that lie off the face: alone they make no frame wrong"
     )
-    silhouette_iou: tuple[float, float] = setting((0.93, 0.85), "1", "overlap of silhouette and masks, at least")
-    uncovered_mm: tuple[float, float] = setting(
-        (30.0, 300.0), "mm", "how far the masks of two cameras reach beyond the silhouette"
-    )
-    overhang_mm: tuple[float, float] = setting(
-        (45.0, 90.0), "mm", "how far the silhouette reaches beyond the masks of two cameras"
-    )
-    cloth_overhang_mm: tuple[float, float] = setting(
-        (25.0, 60.0), "mm", "the same of what a garment shows of the silhouette"
-    )
-    observed: tuple[float, float] = setting(
+    silhouette_iou: Falling = setting((0.93, 0.85), "1", "overlap of silhouette and masks, at least")
+    uncovered_mm: Rising = setting((30.0, 300.0), "mm", "how far the masks of two cameras reach beyond the silhouette")
+    overhang_mm: Rising = setting((45.0, 90.0), "mm", "how far the silhouette reaches beyond the masks of two cameras")
+    cloth_overhang_mm: Rising = setting((25.0, 60.0), "mm", "the same of what a garment shows of the silhouette")
+    observed: Falling = setting(
         (0.4, 0.1), "1", "share of the body's surface found on the scan, at least, where nothing else shows the body"
     )
-    garment_observed: tuple[float, float] = setting(
+    garment_observed: Falling = setting(
         (0.3, 0.1), "1", "share of a garment's vertices found on the labelled scan, at least"
     )
-    garment_mm: tuple[float, float] = setting(
+    garment_mm: Rising = setting(
         (10.0, 30.0), "mm", "a garment and the labelled scan, mean distance from the side that is nearer"
     )
-    opening_observed: tuple[float, float] = setting(
+    opening_observed: Falling = setting(
         (0.75, 0.25), "1", "share of a garment's openings that were seen, of those that the preparation's frames show"
     )
-    loop_mm: tuple[float, float] = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
-    loop_length: tuple[float, float] = setting(
+    loop_mm: Rising = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
+    loop_length: Rising = setting(
         (1.5, 3.0),
         "1",
         "length of a loop against its opening's in the frames of the preparation, or the other way round",
     )
-    loop_share: tuple[float, float] = setting(
+    loop_share: Falling = setting(
         (0.92, 0.5),
         "1",
         "length of a loop over what the cloth about it leads to expect by the template's cut, at least",
     )
-    loop_excess_mm: tuple[float, float] = setting(
+    loop_excess_mm: Rising = setting(
         (100.0, 500.0), "mm", "how much longer a loop is than the cloth about it leads to expect, if by three tenths"
     )
-    unclaimed_opening_mm: tuple[float, float] = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
-    edge_stretch: tuple[float, float] = setting(
-        (0.35, 0.6), "1", "|log of the stretch| of a garment's edges, what 95 % stay below"
-    )
-    stretch_p95: tuple[float, float] = setting(
-        (2.0, 3.0), "1", "stretch of a garment, what 95 % of its area stay below"
-    )
-    pairs_left: tuple[float, float] = setting(
+    unclaimed_opening_mm: Rising = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
+    edge_stretch: Rising = setting((0.35, 0.6), "1", "|log of the stretch| of a garment's edges, what 95 % stay below")
+    stretch_p95: Rising = setting((2.0, 3.0), "1", "stretch of a garment, what 95 % of its area stay below")
+    pairs_left: Rising = setting(
         (0.0, 1000.0), "count", "pairs of a garment's triangles and of those under it that go through one another"
     )
-    flipped_share: tuple[float, float] = setting((0.05, 0.15), "1", "of a garment's area, turned over by the fit")
+    flipped_share: Rising = setting((0.05, 0.15), "1", "of a garment's area, turned over by the fit")
 
 
 class Config(Settings):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .settings import Settings, setting
+from .settings import Rising, Settings, setting
 
 
 class ReconstructSettings(Settings):
@@ -16,7 +16,7 @@ class ReconstructSettings(Settings):
         gt=0,
     )
     inlier_sigmas: float = setting(4.0, "sigma", "the same in multiples of the noise that a frame shows", gt=0)
-    inlier_range: tuple[float, float] = setting(
+    inlier_range: Rising = setting(
         (0.75, 3.0), "1", "how far the frame's noise may narrow and widen it, times what it was at first"
     )
     inlier_near: float = setting(0.35, "1", "a change by less than this share of it is not worth another fit", ge=0)

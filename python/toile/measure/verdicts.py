@@ -109,7 +109,7 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
             owner, _, measure = key.rpartition(".")
             if measure != name:
                 continue
-            value, low = measures[key], wrong < doubtful
+            value, low = measures[key], name in AT_LEAST
             level = WRONG if _beyond(value, wrong, low) else DOUBTFUL if _beyond(value, doubtful, low) else GOOD
             if level != GOOD and not _said_by_others(key, measures, settings):
                 said = f"{words.format(_words(value))} ({'at least' if low else 'at most'} {_words(doubtful)} is good)"
@@ -123,10 +123,10 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
 def severity(measures, settings) -> float:
     """How far the worst measure is from its limit of a good frame: 1 at that limit, more beyond."""
     found = [0.0]
-    for name, (doubtful, wrong, _) in _limits(settings).items():
+    for name, (doubtful, _, _) in _limits(settings).items():
         for key, value in measures.items():
             if key.rpartition(".")[2] == name and not _said_by_others(key, measures, settings):
-                share = (doubtful, value) if wrong < doubtful else (value, doubtful)
+                share = (doubtful, value) if name in AT_LEAST else (value, doubtful)
                 found.append(share[0] / share[1] if share[1] > 0 else float(share[0] > 0))
     return max(found)
 
@@ -184,6 +184,13 @@ def _limits(s):
     }
 
 
+AT_LEAST = (
+    "silhouette_iou",
+    "observed",
+    "garment_observed",
+    "opening_observed",
+    "loop_share",
+)  # what is good when large
 CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 
