@@ -53,6 +53,22 @@ def test_a_wrong_patch_is_wrong_in_every_picture_of_it(ball):
     assert wrong[~border].any()  # and there are patches
 
 
+class Impatient(np.random.Generator):
+    """Draws no more than 5000 labels."""
+
+    left = 5000
+
+    def choice(self, *arguments, **options):
+        self.left -= 1
+        assert self.left, "goes on for ever"
+        return super().choice(*arguments, **options)
+
+
+def test_a_share_of_wrong_labels_that_no_draws_reach_ends_with_as_many_as_they_do(ball):
+    lasting = LastingLabels(ball, TwoHalves(ball), 0.9, 0.004, Impatient(np.random.PCG64(1)))
+    assert 0.35 < (lasting.wrong > 0).mean() < 0.9
+
+
 class Table:
     names = (
         "body.wrist.L",

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from .keypoints import swap_pairs
-from .labels import BLOB_RADIUS, SHIFT_LENGTH, SHIFT_PX
+from .labels import BLOB_RADIUS, MAX_BLOBS, SHIFT_LENGTH, SHIFT_PX
 from .pictures import surface_look
 from .surface import smooth_noise
 
@@ -35,10 +35,12 @@ class LastingLabels:
         if wrong.mean() > fraction:
             wrong &= gate <= np.quantile(gate[wrong], fraction / wrong.mean())
         label = np.where(wrong, moved, true)
-        goal = fraction * len(points)
-        while fraction > 0 and (label != true).sum() < goal and len(np.unique(true)) > 1:
+        goal, ids = fraction * len(points), np.unique(true)
+        for _ in range(MAX_BLOBS):  # of two labels no draws make much more than half wrong
+            if (label != true).sum() >= goal or len(ids) < 2:
+                break
             centre = points[rng.integers(len(points))]
-            label[self.tree.query_ball_point(centre, rng.uniform(*BLOB_RADIUS))] = rng.choice(np.unique(true))
+            label[self.tree.query_ball_point(centre, rng.uniform(*BLOB_RADIUS))] = rng.choice(ids)
         self.wrong = np.where(label != true, label, 0).astype(np.uint8)
 
     def images(self, views):
