@@ -122,3 +122,13 @@ def test_each_part_of_the_truth_can_be_had_alone():
         StudioOptions(truth="soft")
     with pytest.raises(UserError, match="template is 'mine'"):
         StudioOptions(template="mine")
+
+
+@pytest.mark.parametrize("truth", ["plain", "surface+webs"])
+def test_an_amount_of_a_part_that_is_left_out_is_refused(truth):
+    from toile.studio.options import StudioOptions
+
+    with pytest.raises(UserError, match="hard.floor is changed, but truth is '.*', which leaves that part out"):
+        StudioOptions(truth=truth, hard={"floor": False})
+    assert StudioOptions(truth="surface+webs", hard={"surface": 0.007}).amounts.surface == 0.007
+    assert not StudioOptions(hard={"floor": False}).amounts.floor

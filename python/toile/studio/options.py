@@ -74,6 +74,11 @@ class StudioOptions(Settings):
         if self.truth not in ("plain", "hard") and not set(parts) <= set(PARTS):
             known = f'plain, hard, or some of {", ".join(PARTS)} joined by "+"'
             raise UserError(f"studio: truth is {self.truth!r}, expected {known}")
+        idle = [name for name in PARTS if name not in parts and getattr(self.hard, name) != getattr(Hard(), name)]
+        if idle and self.truth != "hard":
+            raise UserError(
+                f"studio: hard.{idle[0]} is changed, but truth is {self.truth!r}, which leaves that part out"
+            )
         worn = self.wear.split("+") if self.wear else []
         if not set(worn) <= set(CUTS) or len(set(worn)) < len(worn):
             raise UserError(
