@@ -151,7 +151,9 @@ def test_only_this_machine_is_answered_and_only_what_is_shown(run):
     with served(run) as address:
         assert address[0] == "127.0.0.1"
         assert get(address, "/")[0] == 200 and get(address, "/facts")[0] == 200
-        assert get(address, "/facts", Host="evil.example:80")[0] == 403
+        assert get(address, "/facts", Host="localhost")[0] == 200  # as browsers write port 80
+        for foreign in ("evil.example:80", "evil.example", "127.0.0.1.evil.example", ""):
+            assert get(address, "/facts", Host=foreign)[0] == 403
         for path in (
             "/../config.toml", "/view.html", "/0/points/tshirt/2", "/0/points/hat/1", "/1/points/tshirt/1", "/0/layer/tshirt",
             "/0/picture/..%2F..%2Fscene/1", "/0/colours/tshirt/nothing/1", "/0/points/tshirt/x", "/0", "/x",

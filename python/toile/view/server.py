@@ -75,7 +75,7 @@ def serve(shown: Sequence[Shown], port: int) -> ThreadingHTTPServer:
         protocol_version = "HTTP/1.1"  # connections stay open
 
         def do_GET(self):
-            if self.headers.get("Host", "").rpartition(":")[0] not in ("127.0.0.1", "localhost"):
+            if self.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
                 return self.answer(403, b"only this machine may ask", "text/plain")  # a foreign name that leads here
             parts = tuple(unquote(part) for part in self.path.partition("?")[0].strip("/").split("/"))
             if len(parts) == 1 and parts[0] in FILES:
