@@ -125,11 +125,11 @@ def test_frames_beyond_the_truth_leave_the_means_of_the_others(made):
             assert value == (pytest.approx(np.mean(numbers)) if numbers else None)
 
 
-def test_failed_frames_are_left_out(made):
+def test_failed_and_pending_frames_are_left_out(made):
     done = zarr.open_group(str(made[1] / "registered.zarr"), mode="r+")["done"]
-    done[0] = 2
+    done[0], done[1], done[2] = 2, 0, 0
     result = evaluate(made[1])
-    assert len(result["per_frame"]) == done.shape[0] - 1 and result["all"]["frames_failed"] == 1
+    assert len(result["per_frame"]) == done.shape[0] - 3 and result["all"]["frames_failed"] == 1
 
 
 def test_measures_are_null_where_every_frame_failed(made):

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..io.layout import VERDICTS
+from ..io.layout import FAILED, VERDICTS
 from ..io.run import Run, open_run
 from ..scene import HIDDEN, OBSERVED, frame_ranges
 from .evidence import evidence, nothing
@@ -85,7 +85,7 @@ class _Evaluation:
             everything["intersections_left"] = sum(f["intersections_left"] for f in per_frame)
         everything["seconds"] = self._seconds()
         everything["verdicts"] = self._verdicts(per_frame)
-        everything["frames_ok"], everything["frames_failed"] = len(per_frame), len(self.run.frames) - len(per_frame)
+        everything["frames_ok"], everything["frames_failed"] = len(per_frame), int((self.run.done == FAILED).sum())
         return {"all": everything, "per_frame": per_frame, "warnings": self._warnings()}
 
     def _warnings(self):
