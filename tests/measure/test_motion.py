@@ -54,6 +54,18 @@ def test_what_all_frames_err_by_alike_is_no_slip_also_of_a_garment_that_turns():
     assert found["shared_mm"] == pytest.approx(5, rel=1e-3) and found["slip_mm"] == pytest.approx(2, rel=1e-3)
 
 
+def test_an_error_along_the_cloth_is_shared_wherever_the_garment_goes():
+    """Each vertex lies up to 5 mm beside its place, the same way on the cloth in every frame."""
+    V, F = sphere(24, 48, 0.3)
+    beside, slip = 0.005 * np.cross([0, 0, 1], V / 0.3), Slip()
+    for number in range(4):
+        R = Rotation.from_rotvec([0.3 * number, 0, 0.5 * number])
+        slip.add(R.apply(beside), R.apply(V) + [2.0 * number, -1, 0.5 * number**2], F)
+    found = slip.measures()
+    assert found["slip_mm"] < 1e-3
+    assert found["shared_mm"] == pytest.approx(1e3 * np.linalg.norm(beside, axis=1).mean(), rel=1e-3)
+
+
 def test_the_slip_of_a_fine_garment_is_that_of_some_of_its_vertices_and_of_one_frame_unknown():
     V, F = sphere(60, 120, 0.3)
     slip = Slip()

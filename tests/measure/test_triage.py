@@ -51,6 +51,24 @@ def test_only_the_bad_side_is_out():
     assert level_of("evidence:pose_mm", [40.0] * 19 + [1.0])[-1] == FINE
 
 
+def test_the_way_to_out_goes_from_the_median_and_is_one_there():
+    for key, values, found in (
+        ("evidence:observed", [80.0] * 17 + [90.0, 70.0, 60.0], [0.0, 1.0, 2.0]),  # floor 10
+        ("evidence:pose_mm", [40.0] * 17 + [30.0, 48.0, 52.0], [0.0, 1.0, 1.5]),  # floor 8
+    ):
+        values = np.array(values)
+        edge = middle_and_edge(values, column(key))[1]
+        assert levels(values, GOOD, column(key), edge, None)[1][-3:] == pytest.approx(found)
+
+
+def test_limits_of_what_is_good_when_large_are_met_from_above():
+    values = [70.0] * 18 + [55.0, 35.0]
+    assert level_of("evidence:silhouette_iou", values, np.full(20, 2), (60.0, 40.0)).tolist() == [FINE] * 18 + [
+        OUT,
+        GRAVE,
+    ]
+
+
 def test_where_most_frames_are_bad_the_limits_still_say_so_but_not_more_than_the_verdict():
     values, limits = [50.0] * 20, (20.0, 40.0)
     key = "dress tshirt:loop_mm.hem"

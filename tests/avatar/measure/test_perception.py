@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toile.avatar.measure.metrics import C1
-from toile.avatar.measure.perception import FLAT, WEIGHTS, SeenSums, legibility, seen
+from toile.avatar.measure.perception import FLAT, LETTER, WEIGHTS, SeenSums, legibility, seen
 
 SIZE, MM = 192, 4.0  # [px], [mm a pixel]
 WHOLE = np.ones((SIZE, SIZE), bool)
@@ -49,6 +49,14 @@ def test_a_print_is_read_a_centimetre_off_and_no_farther(shift, legible):
     inner[20:-20, 20:-20] = True
     found = legibility(moved, image, inner, MM).mean()
     assert found > 0.97 if legible else found < 0.8
+
+
+def test_a_print_is_read_in_a_window_of_five_centimetres():
+    """A bright square of 5 pixels on plain cloth: as far as the window reaches from it there is something to read."""
+    image = np.full((SIZE, SIZE, 3), 0.5)
+    image[94:99, 94:99] = 1.0
+    read = len(legibility(image, image, WHOLE, MM))
+    assert (LETTER / MM + 4) ** 2 < read < (LETTER / MM + 6) ** 2
 
 
 def test_a_fainter_print_is_read_and_none_or_another_is_not():
