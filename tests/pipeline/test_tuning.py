@@ -14,7 +14,7 @@ from toile.pipeline.tuning import tune
 from toile.pipeline.tuning.fit import LoopFit, diagnosis
 from toile.pipeline.tuning.forecast import in_one_process, on_workers
 from toile.pipeline.tuning.heldout import agreement, witnesses
-from toile.pipeline.tuning.trial import Cost, Trial, alone, sampled
+from toile.pipeline.tuning.trial import Cost, Trial, alone, first_at_each_place, sampled
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -34,6 +34,8 @@ def test_frames_are_tried_at_places_over_the_whole_sequence_with_those_after_the
     found = sampled(range(100, 1100))
     assert len(found) == 17 and found[:6] == (100, 101, 102, 103, 104, 349) and found[-3:] == (1097, 1098, 1099)
     assert sampled(range(7)) == tuple(range(7)) and sampled([5]) == (5,)
+    assert first_at_each_place(found) == (100, 349, 598, 848, 1097) == tuple(n for n in found if n - 1 not in found)
+    assert first_at_each_place((5,)) == (5,)
 
 
 def test_frames_begin_alone_at_blocks_and_after_gaps():

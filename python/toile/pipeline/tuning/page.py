@@ -14,7 +14,7 @@ from ...io.files import write_text
 from ...measure.page import document, figure, jpeg_figure, table
 from ...measure.rendering import BODY, CLOTH, render
 from ...measure.triage.pictures import pictures
-from .trial import PLACES, TOGETHER
+from .trial import FIRST, TOGETHER, first_at_each_place
 from .tune import Tried, Tuned
 
 WORDS = (  # of what `evaluate` measures: (words, the way to it)
@@ -36,9 +36,10 @@ def write_page(tuned: Tuned, path: Path) -> Path:
     """Writes the page of a trial."""
     fits = "".join(_fit(tuned, name) for name in tuned.said)
     told = "".join(f"<p class='why'>{html.escape(text)}</p>" for text in tuned.warnings)
-    shown = tuned.frames[:: max(len(tuned.frames) // PLACES, 1)][:PLACES]
+    shown = first_at_each_place(tuned.frames)
     body = (
-        f"<p class='soft'>{len(tuned.frames)} frames from {PLACES} places, {TOGETHER} at each.</p>{fits}{told}"
+        f"<p class='soft'>{len(tuned.frames)} frames from {len(shown)} places, up to {FIRST} at the first and {TOGETHER} at each other."
+        f"</p>{fits}{told}"
         f"<h2>The whole job</h2>{table(('quality', 'processes', 'frames', 'time', 'disk', 'memory'), list(jobs(tuned)))}"
         f"<h2>What it shows</h2>{table(('', *tuned.qualities), list(errors(tuned)))}"
         f"<p class='soft'>Held-out cameras: {html.escape(', '.join(tuned.cameras) or 'none')}. Their pictures, labels and "

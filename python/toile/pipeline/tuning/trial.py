@@ -58,6 +58,11 @@ def sampled(numbers: Sequence[int], places: int = PLACES) -> tuple[int, ...]:
     return tuple(sorted({n for at in starts for n in numbers[at : at + (TOGETHER if at else FIRST)]}))
 
 
+def first_at_each_place(frames: Sequence[int]) -> tuple[int, ...]:
+    """Of the frames that `sampled` chose, the first at each place."""
+    return (*frames[:1], *frames[FIRST::TOGETHER])
+
+
 def alone(numbers: Sequence[int]) -> set[int]:
     """Those of the frames that begin without the state of one before them: another block's, or not the next number's."""
     follow = {b for a, b in pairwise(numbers) if b - a == 1 and a // BLOCK == b // BLOCK}
