@@ -146,5 +146,5 @@ reach = 0.08
 ```
 
 Units: `1` is a share, a weight or a ratio, `count` a number of things, `switch` true or false, `name` one of the words.
-This page is made by `toile settings --markdown`.
+A default of `none` is no value, which `--set NAME=none` gives back. This page is made by `toile settings --markdown`.
 """
