@@ -11,6 +11,7 @@ from toile.avatar.model.networks import (
     Decoder,
     FaceMap,
     LayerNetworks,
+    Normed,
     PoseMap,
     Shadow,
     Sizes,
@@ -214,11 +215,24 @@ def test_maps_stay_in_channels_last_order():
     assert y.is_contiguous(memory_format=torch.channels_last)
 
 
-@pytest.mark.parametrize("size", [8, 64, 128, 256])
-def test_doubled_maps_are_bilinear_in_any_autocast(size):
-    """Also beyond the size to which it is done by products of matrices."""
+@pytest.mark.parametrize("size", [1, 8, 128])
+@pytest.mark.parametrize("times", [2, 4])
+def test_enlarged_maps_are_bilinear_in_any_autocast(size, times):
     maps = torch.randn(2, 3, size, size, generator=torch.Generator().manual_seed(size))
-    expected = torch.nn.functional.interpolate(maps, scale_factor=2, mode="bilinear", align_corners=False)
+    expected = torch.nn.functional.interpolate(maps, scale_factor=times, mode="bilinear", align_corners=False)
     for enabled in (False, True):
         with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
-            torch.testing.assert_close(resize(maps, 2 * size), expected, atol=1e-5, rtol=0)
+            torch.testing.assert_close(resize(maps, times * size), expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("times", [2, 4, 8])
+def test_gradients_of_enlarged_maps_are_those_of_their_values(times):
+    maps = torch.randn(2, 3, 4, 4, dtype=torch.double, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda x: resize(x, 4 * times), maps)
+
+
+@pytest.mark.parametrize("mode", ["same", "up"])
+def test_gradients_of_a_normalised_weight_are_those_of_its_values(mode):
+    conv = Conv(3, 5, 8, mode).double()
+    parts = [torch.randn_like(p).requires_grad_() for p in (conv.direction, conv.gain)]
+    assert torch.autograd.gradcheck(lambda *p: Normed.apply(*p, 1 if mode == "up" else 0), parts)
