@@ -42,7 +42,7 @@ def wake(driver, motion):
     """A driver that was never trained, but answers more than the mean code, far within the range of any."""
     driver.projection.fit(motion.features)
     driver.code_range.mul_(1e3)
-    for p in driver.model.parameters():
+    for p in driver.models.parameters():
         torch.nn.init.normal_(p, std=0.3)
 
 
@@ -236,7 +236,7 @@ def test_the_damped_model_is_asked_for_trained_saved_and_drives(
         main()
     assert stopped.value.code == 0 and "temporal model (damped): 5 steps, code error" in capsys.readouterr().out
     driver, *_ = load_driver(folder)
-    assert isinstance(driver.model, DampedModel) and taught_before(folder).model == "damped"
+    assert isinstance(driver.models[0], DampedModel) and taught_before(folder).model == "damped"
     monkeypatch.setattr(sys, "argv", ["toile", "train", str(sample_run), str(folder), "--temporal", "--no-physics"])
     with pytest.raises(SystemExit):  # what is not given stays as it was asked
         main()

@@ -109,20 +109,14 @@ def without(track, frames):
 
 
 class Driver(nn.Module):
-    """Poses to the codes of every garment: a temporal model over projected features and scaled codes."""
+    """Poses to the codes of every garment: temporal models over projected features and scaled codes, the mean of what they say."""
 
-    def __init__(self, settings, features, sizes):
-        """`features`: P of a pose; `sizes` {garment: Z}."""
+    def __init__(self, settings, features, sizes, models=1):
+        """`features`: P of a pose; `sizes` {garment: Z}; `models`: how many."""
         super().__init__()
         self.settings, self.sizes = settings, dict(sizes)
         total = sum(self.sizes.values())
-        if settings.model == "window":
-            self.model = TemporalModel(COMPONENTS, total, settings.window, settings.channels)
-        else:
-            self.model = DampedModel(COMPONENTS, total, settings.channels)
-        last = [part for part in self.model.modules() if isinstance(part, nn.Linear)][-1]
-        for parameter in last.parameters():  # untaught, it answers the mean code
-            nn.init.zeros_(parameter)
+        self.models = nn.ModuleList(untaught(settings, total) for _ in range(models))
         self.projection = Projection(features)
         self.register_buffer("code_mean", torch.zeros(total))
         self.register_buffer("code_spread", torch.ones(total))
@@ -167,15 +161,19 @@ class Driver(nn.Module):
         sizes = torch.tensor(list(self.sizes.values()))
         self.code_trust.copy_(torch.stack(shares).clamp(0, 1).repeat_interleave(sizes))
 
+    def told(self, poses):
+        """The mean of what the models say of windows or stretches (...,COMPONENTS)."""
+        return torch.stack([model(poses) for model in self.models]).mean(0)
+
     def _read(self, track):
         features = self.projection(track.features)
         if self.settings.model == "window":
-            return self.model(windows(features, self.settings.window, track.first, track.step))
+            return self.told(windows(features, self.settings.window, track.first, track.step))
         rows = torch.unique(track.first).tolist() + [len(features)]
         read = features.new_zeros(len(features), len(self.code_mean))
         for a, b in zip(rows, rows[1:]):
             for row in range(a, min(a + track.step, b)):
-                read[row : b : track.step] = self.model(features[None, row : b : track.step])[0]
+                read[row : b : track.step] = self.told(features[None, row : b : track.step])[0]
         return read
 
     def windows_of(self, track, rows):
@@ -186,8 +184,20 @@ class Driver(nn.Module):
 
     def errors(self, poses, targets):
         """(F,) squared errors of the scaled codes that windows (F,L,COMPONENTS) give, of scaled `targets` (F,Z)."""
-        read = self.model(poses)
+        read = self.told(poses)
         return (read if read.dim() == 2 else read[:, -1]).sub(targets).square().sum(1)
+
+
+def untaught(settings, codes):
+    """A temporal model of TemporalSettings that answers the mean of scaled codes, which is 0."""
+    if settings.model == "window":
+        model = TemporalModel(COMPONENTS, codes, settings.window, settings.channels)
+    else:
+        model = DampedModel(COMPONENTS, codes, settings.channels)
+    last = [part for part in model.modules() if isinstance(part, nn.Linear)][-1]
+    for parameter in last.parameters():
+        nn.init.zeros_(parameter)
+    return model
 
 
 def smoothed(codes, track):
@@ -209,13 +219,16 @@ def load_driver(folder):
     if not path.exists():
         raise UserError(f"{path}: the file is missing: `toile train RUN {folder} --temporal` makes it")
     tensors, facts = read_tensors(path)
+    if "models" not in facts:  # of an older toile, which had one
+        tensors = {name.replace(f"{PREFIX}model.", f"{PREFIX}models.0.", 1): value for name, value in tensors.items()}
     try:
-        driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"])
+        models = int(facts.get("models", 1))
+        driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"], models)
     except ValidationError as error:
         raise UserError(
             f"{first_error(path, error)}; `toile train RUN {folder} --temporal` makes the model anew"
         ) from None
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{path}: not a temporal model's facts: {error}") from None
     try:
         load_model(driver, tensors, path)

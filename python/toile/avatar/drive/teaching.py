@@ -36,7 +36,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     it measured. The baseline's reads the same features as the garments' of the avatar that it lies in.
 
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
-    counts as far as it moves the cloth. `steps`: as many as left the least error on the FOLDS stretches left out in turn.
+    counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as left the least error
+    on these stretches, and drive together (Breiman, "Bagging Predictors", 1996); of FEWEST frames and less one is taught on all.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     The same bits for any number of threads.
     UserError: the avatar has no garment, or its run is gone or another.
@@ -58,7 +59,10 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     poses, scaled = driver.windows_of(track, rows), driver.scaled(targets)
     steps, copies = stop_at(driver, poses, scaled, progress)
     unseen = codes_unseen(copies, track, rows)
-    list(fit(driver, poses, scaled, steps))
+    if copies:
+        driver.models = nn.ModuleList(copy.models[0] for _, copy in copies)
+    else:
+        list(fit(driver, poses, scaled, steps))
     if unseen:
         driver.believe(torch.cat([unseen[name] for name in sizes], 1), targets)
         unseen = codes_unseen(copies, track, rows, driver.code_trust)
@@ -70,7 +74,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
         folder / FILE,
         {PREFIX + name: value for name, value in driver.state_dict().items()}
         | {UNSEEN + name: codes.contiguous() for name, codes in unseen.items()},
-        {"unseen": track.frames[rows].tolist() if unseen else [], "settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
+        {"unseen": track.frames[rows].tolist() if unseen else [], "models": len(driver.models), "settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
          "stride": stride_of(whole.frames) or 1, "measured": measured},
     )  # fmt: skip
     return measured
@@ -149,7 +153,7 @@ def fit(driver, poses, targets, steps):
     """Trains an untaught driver on windows (F,L,COMPONENTS) and scaled codes (F,Z); yields the number of steps done."""
     settings = driver.settings
     generator = torch.Generator().manual_seed(settings.seed)
-    optimiser = torch.optim.AdamW(driver.model.parameters(), settings.lr, weight_decay=settings.weight_decay)
+    optimiser = torch.optim.AdamW(driver.models.parameters(), settings.lr, weight_decay=settings.weight_decay)
     for step in range(steps):
         pick = torch.randint(len(poses), (settings.batch,), generator=generator)
         loss = driver.errors(poses[pick], targets[pick]).mean()
@@ -157,7 +161,7 @@ def fit(driver, poses, targets, steps):
             raise UserError(f"temporal model: step {step}: the loss is not finite")
         optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(driver.model.parameters(), 1.0)
+        nn.utils.clip_grad_norm_(driver.models.parameters(), 1.0)
         optimiser.step()
         yield step + 1
 
