@@ -168,7 +168,7 @@ class TemporalSettings(Settings):
     seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
 
 
-FRICTIONS = (0.3, 0.15, 0.6)  # of cloth on skin and on other cloth; the first where nothing can tell
+FRICTIONS = (0.4, 0.2, 0.6)  # of cloth on skin and on other cloth; the first where nothing can tell
 
 
 class ClothSettings(Settings):
@@ -182,7 +182,7 @@ class ClothSettings(Settings):
     friction: float | None = setting(
         None,
         "1",
-        "Coulomb's coefficient between cloth and body; none: the one of 0.15, 0.3 and 0.6 that errs least in frames left out",
+        "Coulomb's coefficient between cloth and body; none: the one of 0.2, 0.4 and 0.6 that errs least in frames left out",
         ge=0,
     )
     substep: float = setting(1 / 1500, "s", "longest time between two sweeps over the cloth's constraints", gt=0)
