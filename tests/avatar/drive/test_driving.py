@@ -22,7 +22,8 @@ from toile.avatar.drive.driver import (  # fmt: skip
     taught_before,
     without,
 )
-from toile.avatar.drive.teaching import code_reach, codes_unseen, relative_error, stop_at, train_temporal
+from toile.avatar.drive.teaching import FOLDS, code_reach, codes_unseen, relative_error, stop_at, teach, train_temporal
+from toile.avatar.model.carried import COMPONENTS
 from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
 from toile.avatar.model.temporal import DampedModel
 from toile.avatar.settings import TemporalSettings
@@ -121,6 +122,31 @@ def test_poses_far_from_training_give_codes_within_its_range():
     assert (found == found[0]).all(0).sum() < 4  # it still follows the pose
 
 
+def test_several_models_say_the_mean_of_what_each_says():
+    torch.manual_seed(0)
+    settings, motion = TemporalSettings(window=2, channels=8), track(range(9))
+    driver = Driver(settings, 3, {"shirt": 4}, models=3)
+    wake(driver, motion)
+    together, alone = driver.read(motion), []
+    for model in list(driver.models):
+        driver.models = torch.nn.ModuleList([model])
+        alone.append(driver.read(motion))
+    assert torch.allclose(together, torch.stack(alone).mean(0), atol=1e-6) and not torch.equal(alone[0], alone[1])
+
+
+def test_models_each_taught_without_a_stretch_err_less_together_on_new_poses_than_one_by_one():
+    torch.manual_seed(0)
+    poses = torch.randn(400, 1, COMPONENTS)
+    targets = poses[:, 0, :3] + torch.randn(400, 3)
+    driver = Driver(TemporalSettings(window=1, channels=64, steps=200, lr=5e-3), 6, {"shirt": 3})
+    _, copies = teach(driver, poses[:80], targets[:80], lambda *_: None)
+    error = lambda one: float(one.errors(poses[80:], targets[80:]).mean().detach())
+    assert len(driver.models) == len(copies) == FOLDS
+    assert error(driver) < 0.97 * np.mean([error(copy) for _, copy in copies])
+    few = Driver(driver.settings, 6, {"shirt": 3})
+    assert teach(few, poses[:39], targets[:39], lambda *_: None)[1] == [] and len(few.models) == 1
+
+
 @pytest.fixture(scope="module")
 def driven(sample_avatar):
     folder = sample_avatar.parent / "driven"
@@ -134,6 +160,19 @@ def test_training_learns_the_codes_of_its_frames_and_saves_them(driven):
     assert measured["held_out"] > 0
     driver, stride, known = load_driver(folder)
     assert known == driven[1] and stride == 1 and driver.settings.window == 3 and set(driver.sizes) == {"tshirt"}
+
+
+def test_a_model_of_before_several_drove_together_drives_as_it_did(driven, tmp_path):
+    folder, motion = (
+        shutil.copytree(driven[0], tmp_path / "avatar"),
+        track(range(9), features=load_driver(driven[0])[0].projection.mean.numel()),
+    )
+    tensors, facts = read_tensors(folder / "temporal.safetensors")
+    now = load_driver(folder)[0].latents(motion)["tshirt"]
+    older = {name.replace("model.models.0.", "model.model."): value for name, value in tensors.items()}
+    del facts["models"]
+    write_tensors(folder / "temporal.safetensors", older, facts)
+    assert older.keys() != tensors.keys() and torch.equal(load_driver(folder)[0].latents(motion)["tshirt"], now)
 
 
 def test_a_window_that_nobody_chose_holds_half_a_second_of_poses(sample_avatar, tmp_path):

@@ -36,8 +36,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     it measured. The baseline's reads the same features as the garments' of the avatar that it lies in.
 
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
-    counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as left the least error
-    on these stretches, and drive together (Breiman, "Bagging Predictors", 1996); of FEWEST frames and less one is taught on all.
+    counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as
+    left the least error on these, and drive together (Breiman, "Bagging Predictors", 1996); of fewer than FEWEST frames one is taught.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     The same bits for any number of threads.
     UserError: the avatar has no garment, or its run is gone or another.
@@ -57,12 +57,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     driver = Driver(settings, track.features.shape[1], sizes)
     driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))
     poses, scaled = driver.windows_of(track, rows), driver.scaled(targets)
-    steps, copies = stop_at(driver, poses, scaled, progress)
+    steps, copies = teach(driver, poses, scaled, progress)
     unseen = codes_unseen(copies, track, rows)
-    if copies:
-        driver.models = nn.ModuleList(copy.models[0] for _, copy in copies)
-    else:
-        list(fit(driver, poses, scaled, steps))
     if unseen:
         driver.believe(torch.cat([unseen[name] for name in sizes], 1), targets)
         unseen = codes_unseen(copies, track, rows, driver.code_trust)
@@ -106,6 +102,17 @@ def code_reach(avatar, sizes, mean, spread):
         shapes = torch.cat([avatar.unposed_by(name, part) for part in codes.split(DECODED)])
         found.append((shapes[1:] - shapes[0]).square().sum(2).mean(1).sqrt())
     return torch.cat(found)
+
+
+def teach(driver, poses, targets, progress):
+    """Teaches an untaught driver windows (F,L,COMPONENTS) in their order and scaled codes (F,Z). Returns the number of steps and what it
+    is the mean of, as `stop_at` does."""
+    steps, copies = stop_at(driver, poses, targets, progress)
+    if copies:
+        driver.models = nn.ModuleList(copy.models[0] for _, copy in copies)
+    else:
+        list(fit(driver, poses, targets, steps))
+    return steps, copies
 
 
 def stop_at(driver, poses, targets, progress):
