@@ -30,6 +30,16 @@ def holder(kind, folder):
     return process
 
 
+def record_holder(folder):
+    """The same by a POSIX record lock."""
+    code = "import fcntl, sys\nfile = open(sys.argv[1], 'w')\nfcntl.lockf(file, fcntl.LOCK_EX)\nprint('held', flush=True)\nsys.stdin.read()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, folder / ".lock"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
 def missing(*_):
     raise OSError(errno.ENOLCK, "No locks available")
 
@@ -46,6 +56,24 @@ def test_who_wants_something_else_is_refused_while_others_work_and_who_wants_the
         other.kill()
     with at_work(tmp_path, True, "refused"):  # a killed process lets go
         pass
+
+
+@pytest.mark.parametrize("flock", [True, False])
+def test_who_waits_for_another_process_is_told_so_and_goes_on_when_that_ends(tmp_path, monkeypatch, flock):
+    with locked(tmp_path, lambda: pytest.fail("nobody holds it")):
+        pass
+    other = holder("locked", tmp_path) if flock else record_holder(tmp_path)
+    if not flock:
+        monkeypatch.setattr(fcntl, "flock", missing)
+    told = []
+
+    def waits():
+        told.append(other.poll())
+        other.kill()
+
+    with locked(tmp_path, waits):
+        assert told == [None]
+    other.communicate()
 
 
 def test_without_flock_record_locks_hold_and_without_either_it_is_said(tmp_path, monkeypatch):

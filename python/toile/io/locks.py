@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -14,12 +14,12 @@ MISSING = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL}  # what f
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Holds FOLDER/.lock, made when it is not there; waits while another process holds it. Where the file system has no
-    flock, by POSIX record locks, which most cluster file systems have. UserError: it has neither."""
+def locked(folder: Path, waits: Callable[[], object] = lambda: None) -> Iterator[None]:
+    """Holds FOLDER/.lock, made when it is not there; waits while another process holds it, after calling `waits`. Where the
+    file system has no flock, by POSIX record locks, which most cluster file systems have. UserError: it has neither."""
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / ".lock", "w") as file:
-        _hold(file)
+        _hold(file, waits)
         yield
 
 
@@ -41,11 +41,15 @@ def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
         yield
 
 
-def _hold(file: IO[Any]) -> None:
+def _hold(file: IO[Any], waits: Callable[[], object]) -> None:
     import fcntl
 
     for hold in (fcntl.flock, fcntl.lockf):
         try:
+            hold(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except (BlockingIOError, PermissionError):  # as POSIX leaves it to lockf
+            waits()
             hold(file, fcntl.LOCK_EX)
             return
         except OSError as error:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,8 @@ def make_avatar(request, folder, baseline=False):
     if settings.fit_crop:
         data = settings.data.model_copy(update={"pixel_scale": fitting_scale(run, settings.data, frames)})
         settings = settings.model_copy(update={"data": data})
-    with locked(folder) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
+    waits = partial(request.say, f"{folder}: another process trains it: this one goes on when that ends")
+    with locked(folder, waits) if fabric.is_global_zero else nullcontext(), deterministic(fabric):
         job = TrainingJob(run, request, fabric, frames, left_out)
         job.train(folder, settings, begun=begun, seconds=seconds)
         if baseline:
