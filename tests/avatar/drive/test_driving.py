@@ -134,15 +134,24 @@ def test_several_models_say_the_mean_of_what_each_says():
     assert torch.allclose(together, torch.stack(alone).mean(0), atol=1e-6) and not torch.equal(alone[0], alone[1])
 
 
-def test_models_each_taught_without_a_stretch_err_less_together_on_new_poses_than_one_by_one():
+def test_models_taught_by_other_frames_and_draws_err_less_together_on_new_poses_than_one_by_one():
     torch.manual_seed(0)
     poses = torch.randn(400, 1, COMPONENTS)
     targets = poses[:, 0, :3] + torch.randn(400, 3)
     driver = Driver(TemporalSettings(window=1, channels=64, steps=200, lr=5e-3), 6, {"shirt": 3})
     _, copies = teach(driver, poses[:80], targets[:80], lambda *_: None)
     error = lambda one: float(one.errors(poses[80:], targets[80:]).mean().detach())
-    assert len(driver.models) == len(copies) == FOLDS
-    assert error(driver) < 0.97 * np.mean([error(copy) for _, copy in copies])
+    together, models = error(driver), list(driver.models)
+    assert (
+        len(copies) == FOLDS
+        and len(models) == 2 * FOLDS
+        and all(copy.models[0] is models[k] for k, (_, copy) in enumerate(copies))
+    )
+    alone = []
+    for model in models:
+        driver.models = torch.nn.ModuleList([model])
+        alone.append(error(driver))
+    assert len(set(alone)) == len(models) and together < 0.97 * np.mean(alone)
     few = Driver(driver.settings, 6, {"shirt": 3})
     assert teach(few, poses[:39], targets[:39], lambda *_: None)[1] == [] and len(few.models) == 1
 

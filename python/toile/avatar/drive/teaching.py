@@ -20,7 +20,7 @@ from ...io.run import open_run
 from ...scene import stride_of
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..train.data import AvatarData
-from .driver import FILE, PREFIX, UNSEEN, Driver, one_thread, reader_of, run_track, without
+from .driver import FILE, PREFIX, UNSEEN, Driver, one_thread, reader_of, run_track, untaught, without
 
 SPAN = 0.5  # seconds of poses that the window model sees where nobody says how many
 FOLDS = 4  # stretches of the training frames, each left out once to find when to stop
@@ -37,7 +37,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
 
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
     counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as
-    left the least error on these, and drive together (Breiman, "Bagging Predictors", 1996); of fewer than FEWEST frames one is taught.
+    left the least error on these, and as many on all; they drive together (after Breiman, "Bagging Predictors", 1996). Of fewer
+    than FEWEST frames one is taught.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     The same bits for any number of threads.
     UserError: the avatar has no garment, or its run is gone or another.
@@ -105,13 +106,17 @@ def code_reach(avatar, sizes, mean, spread):
 
 
 def teach(driver, poses, targets, progress):
-    """Teaches an untaught driver windows (F,L,COMPONENTS) in their order and scaled codes (F,Z). Returns the number of steps and what it
-    is the mean of, as `stop_at` does."""
+    """Teaches an untaught driver windows (F,L,COMPONENTS) in their order and scaled codes (F,Z): it becomes the mean of the copies of
+    `stop_at` and of as many models taught on all frames, each by draws of its own; where no stretch was left out, one of these.
+    Returns the number of steps and the copies."""
     steps, copies = stop_at(driver, poses, targets, progress)
-    if copies:
-        driver.models = nn.ModuleList(copy.models[0] for _, copy in copies)
-    else:
-        list(fit(driver, poses, targets, steps))
+    models, total = [copy.models[0] for _, copy in copies], targets.shape[1]
+    for k in range(max(len(copies), 1)):
+        if k:
+            driver.models = nn.ModuleList([untaught(driver.settings, total)])
+        list(fit(driver, poses, targets, steps, k))
+        models.append(driver.models[0])
+    driver.models = nn.ModuleList(models)
     return steps, copies
 
 
@@ -156,10 +161,11 @@ def codes_unseen(copies, track, rows, trust=1.0):
     return {name: torch.cat([one[name] for one in found]) for name in found[0]} if found else {}
 
 
-def fit(driver, poses, targets, steps):
-    """Trains an untaught driver on windows (F,L,COMPONENTS) and scaled codes (F,Z); yields the number of steps done."""
+def fit(driver, poses, targets, steps, draws=0):
+    """Trains an untaught driver on windows (F,L,COMPONENTS) and scaled codes (F,Z), which are drawn otherwise for other `draws`; yields
+    the number of steps done."""
     settings = driver.settings
-    generator = torch.Generator().manual_seed(settings.seed)
+    generator = torch.Generator().manual_seed(settings.seed + draws)
     optimiser = torch.optim.AdamW(driver.models.parameters(), settings.lr, weight_decay=settings.weight_decay)
     for step in range(steps):
         pick = torch.randint(len(poses), (settings.batch,), generator=generator)
