@@ -141,8 +141,11 @@ def laid_still(run, folder, asked, progress):
         elsewhere = of.get("run") != str(run.path.resolve())
         if elsewhere and not same_poses(learnt, run):  # a run that was moved has them still
             raise UserError(f"{own}: was aligned from {of.get('run')}, asked is {run.path}: take another folder")
-        if of.get("registration", now := registration(run, run.ok, run.garments.values())) != now:
-            raise UserError(f"{own}: was aligned before {run.path} was registered anew: take another folder")
+        digest = lambda one: registration(one, one.ok, one.garments.values())
+        if of.get("registration", now := digest(run)) != now and digest(learnt) != now:  # nor is it a copy of that run
+            raise UserError(
+                f"{own}: was aligned from another registration than that of {run.path}: take another folder"
+            )
         return learnt
     if together:
         raise UserError(f"--align: not by torchrun: toile align {run.path} ALIGNED, then train on that")

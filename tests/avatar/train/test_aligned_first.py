@@ -114,9 +114,17 @@ def test_an_avatar_does_not_go_on_with_what_was_aligned_of_an_older_registration
     own = still(run, tmp_path / "avatar")
     asked(tmp_path / "avatar", own)
     assert still(run, tmp_path / "avatar") == own
-    shirt = next(zarr.open_group(str(run / "registered.zarr"), mode="r+")["garment"].groups())[1]["vertices"]
+    shirt_of = lambda one: next(zarr.open_group(str(one / "registered.zarr"), mode="r+")["garment"].groups())[1][
+        "vertices"
+    ]
+    slid = shirt_of(own)
+    slid[1] = slid[1] + 0.01
+    assert still(Path(shutil.copytree(own, tmp_path / "copy")), tmp_path / "avatar") == own
+    shirt = shirt_of(run)
     shirt[0] = shirt[0] + 0.05
-    with pytest.raises(UserError, match="aligned: was aligned before .*run was registered anew: take another folder"):
+    with pytest.raises(
+        UserError, match="aligned: was aligned from another registration than that of .*run: take another folder"
+    ):
         still(run, tmp_path / "avatar")
 
 
