@@ -168,9 +168,6 @@ class TemporalSettings(Settings):
     seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
 
 
-FRICTIONS = (0.4, 0.2, 0.6)  # of cloth on skin and on other cloth; the first where nothing can tell
-
-
 class ClothSettings(Settings):
     """Garments as cloth that hangs, and how they are measured on the training frames."""
 
@@ -179,12 +176,7 @@ class ClothSettings(Settings):
     )
     stretch: float = setting(500.0, "N/m", "resistance to stretch", gt=0)
     density: float = setting(0.2, "kg/m^2", "of the cloth", gt=0)
-    friction: float | None = setting(
-        None,
-        "1",
-        "Coulomb's coefficient between cloth and body; none: the one of 0.2, 0.4 and 0.6 that errs least in frames left out",
-        ge=0,
-    )
+    friction: float = setting(0.6, "1", "Coulomb's coefficient between cloth and body", ge=0)
     substep: float = setting(1 / 1500, "s", "longest time between two sweeps over the cloth's constraints", gt=0)
     lead: int = setting(15, "count", "frames in which cloth forgets how it began, at most half of those in a row", ge=0)
     clearance: float = setting(
@@ -194,14 +186,8 @@ class ClothSettings(Settings):
     measured: int = setting(10, "count", "frames whose distances from the body are measured, at most", ge=1)
     taught: int = setting(400, "count", "frames that teach the residual, at most", ge=1)
 
-    @property
-    def tried(self):
-        """These settings by every friction that they leave open."""
-        known = FRICTIONS if self.friction is None else (self.friction,)
-        return [self.model_copy(update={"friction": friction}) for friction in known]
-
     def solver(self):
-        """Options of kernels.DrapeSolver, of settings whose friction is known."""
+        """Options of kernels.DrapeSolver."""
         return self.model_dump(include={"bending", "stretch", "density", "friction", "substep"})
 
 

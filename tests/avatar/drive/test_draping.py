@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from toile.avatar.command import say_cloths
-from toile.avatar.drive import cloths
 from toile.avatar.drive.animate import DrivenAvatar, animate
 from toile.avatar.drive.cloths import ensure_cloths
 from toile.avatar.drive.draping import (
     RINGS,
-    Cloth,
     cloth_file,
     doubts,
     forget_cloths,
@@ -337,32 +335,6 @@ def test_other_settings_of_cloth_are_measured_anew_and_move_it(avatar_folder, dr
         ensure_cloths(stiff, run=tmp_path / "gone", settings=ClothSettings())
     shown = [d.draping.at(1, d.geometry(1), d.unseen(1)) and d.draping.fallen["tshirt"] for d in (driven, hung)]
     assert np.linalg.norm(shown[0] - shown[1], axis=1).mean() > 1e-4
-
-
-def test_of_the_frictions_that_are_left_open_the_one_that_errs_least_in_frames_left_out_is_kept(monkeypatch):
-    rng = np.random.default_rng(0)
-    worn, poses, wrong = rng.normal(size=(12, 5, 3)), rng.normal(size=(12, 4)), {0.2: 0.1, 0.4: 0.5, 0.6: 0.9, 0.7: 2.0}
-
-    def left_over(run, driven, under, name, cloth, *_):
-        return poses, worn + wrong[cloth.settings["friction"]] * np.random.default_rng(1).normal(size=worn.shape), worn
-
-    monkeypatch.setattr(cloths, "_left_over", left_over)
-    plain = Cloth(np.ones(3), 0.001, Residual.none(5), {})
-    found = lambda settings: cloths._best(
-        None,
-        None,
-        {},
-        "tshirt",
-        [replace(plain, settings=one.model_dump()) for one in settings.tried],
-        [],
-        [],
-        None,
-        None,
-    )
-    assert found(ClothSettings()).settings["friction"] == 0.2
-    assert found(ClothSettings(friction=0.7)).settings["friction"] == 0.7
-    worn, poses = worn[:3], poses[:3]  # too few to leave any out
-    assert found(ClothSettings()).settings["friction"] == 0.4
 
 
 def test_cloth_is_not_measured_on_a_run_that_was_registered_anew(avatar_folder, sample_run, tmp_path):

@@ -21,7 +21,7 @@ from ..train.data import check_registration
 from .animate import DrivenAvatar
 from .draping import Cloth, cloth_file, made_of
 from .driver import unseen_codes
-from .residual import JOINED, Residual, teach
+from .residual import Residual, teach
 from .teaching import DECODED
 
 
@@ -29,8 +29,7 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     """Makes AVATAR/cloth.NAME.npz of every garment, unless they are there and made of this avatar as it is trained, by these
     ClothSettings, or with None by any; `run`: where the run is now.
 
-    Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body. Friction, where the settings
-    name none: the one by which all joined err least in stretches of the training left out. Residual:
+    Lengths: means of the registered edges. Margin: a low percentile of the registered distances from the body. Residual:
     taught by registered and simulated vertices of the pictured frames, unposed; of a row of neighbours the first `lead` frames, at
     most half of them, are only simulated, and so are frames without pictures. A garment is simulated over those under it as they are
     shown unasked: as cloth where that helps, else by codes. Beside them lie the shapes of codes that the temporal model gives to frames that it was not
@@ -61,12 +60,12 @@ def ensure_cloths(folder, run=None, progress=lambda stage, done, total: None, se
     teachers = evenly(settled if len(settled) else shown, settings.taught)
     under = {}  # those that hang unasked
     for name in names:
-        tried = [replace(cloths[name], settings=one.model_dump()) for one in settings.tried]
-        decoded = _by_unseen_codes(folder, driven, name, frames[teachers])
-        cloth = _best(run, driven, under, name, tried, stretches, teachers, decoded, progress)
+        poses, hung, worn = _left_over(run, driven, under, name, cloths[name], stretches, teachers, progress)
+        residual = teach(poses, hung, worn, _by_unseen_codes(folder, driven, name, frames[teachers]))
+        cloth = replace(cloths[name], residual=residual)
         save_record(cloth_file(folder, name), cloth, made_of(folder, settings))
         if cloth.helps:
-            under[name] = replace(cloth, residual=cloths[name].residual)
+            under[name] = cloths[name]
 
 
 def ensure_worn(folder, garments, progress=lambda stage, done, total: None, settings=None):
@@ -110,16 +109,6 @@ def _by_unseen_codes(folder, driven, name, frames):
     return shapes
 
 
-def _best(run, driven, under, name, tried, stretches, teachers, decoded, progress):
-    """That of the Cloths `tried` which, with its residual, errs least in frames left out; the first where none are."""
-    found = []
-    for k, cloth in enumerate(tried):
-        shares = lambda done, total, k=k: progress("cloth", k * total + done, len(tried) * total)
-        poses, hung, worn = _left_over(run, driven, under, name, cloth, stretches, teachers, shares)
-        found.append(replace(cloth, residual=teach(poses, hung, worn, decoded)))
-    return min(found, key=lambda cloth: cloth.residual.missed.get(JOINED, 0.0))
-
-
 @torch.no_grad()
 def _left_over(run, driven, under, name, cloth, stretches, teachers, progress):
     """Poses (F,P) of the rows `teachers` of these, and (F,n,3) unposed vertices of garment `name`, simulated as `cloth` over the cloths
@@ -131,7 +120,7 @@ def _left_over(run, driven, under, name, cloth, stretches, teachers, progress):
         for k, row in enumerate(rows):
             batch = driven.unseen(row)
             draping.at(k, driven.geometry(row), batch)
-            progress(done := done + 1, sum(map(len, stretches)))
+            progress("cloth", done := done + 1, sum(map(len, stretches)))
             if row not in teachers:
                 continue
             transforms = driven.avatar.skeleton(batch["rotations"], batch["translation"])
