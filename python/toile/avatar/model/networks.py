@@ -74,7 +74,7 @@ class Conv(nn.Module):
 
 
 class Normed(Function):
-    """w = g v / |v| of v (4 axes) and g along the axis `kept`, with a third of the operations that autograd takes on the way back:
+    """w = g v / |v| of v (4 axes) and g along the axis `kept`; on the way back, in fewer operations than autograd's,
     dg = u, dv = g / |v| (dw - u v / |v|), where u = dw . v / |v|."""
 
     @staticmethod
