@@ -295,6 +295,33 @@ def test_names_tell_camera_and_frame(path, camera, number):
     assert place(Path(path), ["cam10", "cam1"]) == (camera, number)
 
 
+@pytest.mark.parametrize(
+    "layout", ["images/{camera}/{number}.jpg", "images/{number}/{camera}.jpg", "images/{camera}_{number:02d}.jpg"]
+)
+def test_cameras_called_by_numbers_are_told_from_frames(tmp_path, layout):
+    numbered = [replace(v, name=str(i), width=480, height=360) for i, v in enumerate(views(), 1)]
+    write_json(tmp_path, numbered)
+    for i, v in enumerate(numbered, 1):
+        for number in range(1, 6):
+            save(tmp_path / layout.format(camera=v.name, number=number), (480, 360), 10 * i + 40 * number)
+    imported(tmp_path, tmp_path / "ours")
+    capture = open_capture(tmp_path / "ours")
+    assert capture.frames == (1, 2, 3, 4, 5)
+    for number in capture.frames:
+        seen = {camera: round(int(image[0, 0, 0]) / 10) for camera, image in capture.frame(number).images.items()}
+        assert seen == {v.name: i + 4 * number for i, v in enumerate(numbered, 1)}
+
+
+def test_frames_and_cameras_of_the_same_numbers_are_refused_by_a_file_s_name(tmp_path):
+    numbered = [replace(v, name=str(i), width=480, height=360) for i, v in enumerate(views(), 1)]
+    write_json(tmp_path, numbered)
+    for v in numbered:
+        for number in range(1, 4):
+            save(tmp_path / "images" / v.name / f"{number}.jpg", (480, 360))
+    with pytest.raises(UserError, match=r"images/1/2\.jpg: 1 and 2 are both cameras: which of them is the frame\?"):
+        imported(tmp_path, tmp_path / "ours")
+
+
 def test_the_command_makes_a_capture_that_plan_opens(tmp_path):
     from typer.testing import CliRunner
 

@@ -8,6 +8,7 @@ Numbers may be unpadded.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -60,10 +61,12 @@ def files_of(folder: Path, kind: str) -> list[Path]:
 
 
 def placed(folder: Path, kind: str, cameras: Iterable[str]) -> Placed:
-    """Files of a kind below a folder by frame and camera. UserError: two of one frame and camera, a number of seven digits."""
-    found, names = Placed(), sorted(cameras, key=len, reverse=True)
-    for path in files_of(folder, kind):
-        camera, number = place(path.relative_to(folder), names)
+    """Files of a kind below a folder by frame and camera. UserError: two of one frame and camera, a number of seven digits,
+    numbers that may be cameras or frames."""
+    found, names, paths = Placed(), sorted(cameras, key=len, reverse=True), files_of(folder, kind)
+    level = _level(folder, [path.relative_to(folder) for path in paths], names)
+    for path in paths:
+        camera, number = place(path.relative_to(folder), names, level)
         if camera is None:
             found.strange.append(path)
             continue
@@ -75,17 +78,39 @@ def placed(folder: Path, kind: str, cameras: Iterable[str]) -> Placed:
     return found
 
 
-def place(path: Path, cameras: Iterable[str]) -> tuple[str | None, int]:
-    """Camera (None: of no camera) and frame number of a path; `cameras` the longest names first."""
-    parts = list(path.with_suffix("").parts)
-    camera = next((part for part in reversed(parts) if part in cameras), None)
-    if camera is None:
-        camera = next((c for part in reversed(parts) for c in cameras if _within(part, c)), None)
-    if camera is None:
+def place(path: Path, cameras: Iterable[str], level: int = 0) -> tuple[str | None, int]:
+    """Camera (None: of no camera) and frame number of a path; `cameras` the longest names first. `level` folders above the
+    file its part is the camera's, if it is called so; else the lowest that is."""
+    parts = _parts(path)
+    whole = [(i, part) for i, part in enumerate(parts) if part in cameras]
+    found = whole or [(i, c) for i, part in enumerate(parts) for c in cameras if _within(part, c)]
+    if not found:
         return None, 0
-    rest = [re.sub(rf"(?<![^\W_]){re.escape(camera)}(?![^\W_])", " ", part) for part in parts]
-    digits = [run for part in rest for run in re.findall(r"\d+", part)]
+    at, camera = next((pair for pair in whole if pair[0] == level), found[0])
+    number = camera.isdecimal()  # elsewhere in the path it is a frame's
+    name = re.compile(rf"(?<![^\W_]){re.escape(camera)}(?![^\W_])")
+    rest = [part if number and i != at else name.sub(" ", part, count=number) for i, part in enumerate(parts)]
+    digits = [run for part in reversed(rest) for run in re.findall(r"\d+", part)]
     return camera, int(digits[-1]) if digits else 0
+
+
+def _parts(path: Path) -> list[str]:
+    """The file's name without its ending, then the folders' from within."""
+    return list(reversed(path.with_suffix("").parts))
+
+
+def _level(folder: Path, paths: list[Path], cameras: list[str]) -> int:
+    """How many folders above the files the most parts are called as cameras are. UserError: as many in two places, of
+    different cameras, as where frames 1 to 4 lie in folders of cameras 1 to 4."""
+    counts = Counter(level for path in paths for level, part in enumerate(_parts(path)) if part in cameras)
+    most = [level for level in sorted(counts) if counts[level] == max(counts.values())]
+    for path in paths:
+        named = {part for level, part in enumerate(_parts(path)) if level in most and part in cameras}
+        if len(named) > 1:
+            raise UserError(
+                f"{folder / path}: {' and '.join(sorted(named))} are both cameras: which of them is the frame?"
+            )
+    return most[0] if most else 0
 
 
 def _within(part: str, camera: str) -> bool:
