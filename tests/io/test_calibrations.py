@@ -285,6 +285,45 @@ def test_a_mirrored_rotation_and_lenses_beyond_five_coefficients_are_refused(tmp
         read_calibration(kind, path)
 
 
+@pytest.mark.parametrize(
+    "field, value, message",
+    [
+        ("model", "OPENCV_FISHEYE", "model: fisheye lenses are not read: undistort"),
+        ("distortion_model", "equidistant", "distortion_model: fisheye lenses are not read"),
+        ("fisheye", True, "fisheye: fisheye lenses are not read"),
+        ("distortions", [0.1, 0, 0, 0], "distortions: coefficients are read from dist, D, .* alone"),
+        ("k1", -0.2, "k1: coefficients are read from dist"),
+    ],
+)
+def test_a_lens_that_is_not_taken_is_refused_and_not_left(tmp_path, field, value, message):
+    _, path, kind, _ = written_as(tmp_path, "json")
+    data = json.loads(path.read_text())
+    harmless = {"fisheye": False, "distortion_model": "plumb_bob", "distance": 3.0, "k1": 0.0, "name": "a"}
+    data["left"] |= harmless
+    path.write_text(json.dumps(data))
+    assert set(read_calibration(kind, path)) == {"a", "front", "cam 3"}
+    data["front"][field] = value
+    path.write_text(json.dumps(data))
+    with pytest.raises(UserError, match=f"calibration.json: camera 'front': {message}"):
+        read_calibration(kind, path)
+
+
+def test_opencv_s_own_file_of_a_fisheye_lens_is_refused(tmp_path):
+    path = write_opencv_files(tmp_path, views())
+    spoil(path, "image_width", "fisheye_model: 0\nimage_width")
+    assert read_calibration("opencv", path)
+    spoil(path, "fisheye_model: 0", "fisheye_model: 1")
+    with pytest.raises(UserError, match=r"left\.yml: fisheye_model: fisheye lenses are not read"):
+        read_calibration("opencv", path)
+
+
+def test_a_camera_that_stands_twice_in_a_json_is_refused(tmp_path):
+    _, path, kind, _ = written_as(tmp_path, "json")
+    spoil(path, '"front"', '"left"')
+    with pytest.raises(UserError, match=r"calibration\.json: not JSON: 'left' stands twice in one object"):
+        read_calibration(kind, path)
+
+
 @pytest.mark.parametrize("word", ["RT", "camera_to_world"])
 def test_a_pose_whose_translation_lies_in_its_last_row_is_refused(tmp_path, word):
     _, path, kind, _ = written_as(tmp_path, "json")

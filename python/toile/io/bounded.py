@@ -60,10 +60,10 @@ def read_text(path: Path | str, most: int = TEXT_BYTES) -> str:
 
 
 def read_json(path: Path | str, kind: Any = None) -> Any:
-    """What a JSON file holds; with `kind` (dict, list) that and nothing else."""
+    """What a JSON file holds; with `kind` (dict, list) that and nothing else. A name that stands twice in one object is refused."""
     text = read_text(path)
     try:
-        value = json.loads(text)
+        value = json.loads(text, object_pairs_hook=_once)
     except RecursionError:
         raise UserError(f"{path}: not JSON: nested too deeply") from None
     except ValueError as error:
@@ -71,6 +71,14 @@ def read_json(path: Path | str, kind: Any = None) -> Any:
     if kind is not None and not isinstance(value, kind):
         raise UserError(f"{path}: holds a {type(value).__name__}, expected a {kind.__name__}")
     return value
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{max(names, key=names.count)!r} stands twice in one object")
+    return table
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from ...scene import Camera
 from ..image import MAX_PIXELS
 
 ROUNDED = 2e-3  # how far a rotation may be from orthonormal: files round to four digits
+OTHER_LENS = re.compile("fish|equidist|kannala|omnidir|double.?sphere", re.IGNORECASE)
+COEFFICIENTS = re.compile(r"dist(?!ance)|radial|tangential|[kp]\d$", re.IGNORECASE)  # what a field of them is called
 HALF = 0.5  # from pixel centres at whole numbers (OpenCV) to centres at halves
 
 
@@ -94,6 +98,18 @@ def make_camera(
     if not all(np.isfinite(a).all() for a in (K, T_camera_world)):
         raise UserError(f"{where}: K or its pose is not finite")
     return Camera(name, width, height, np.asarray(K, float), bend, np.asarray(T_camera_world, float))
+
+
+def check_lens(path: Path, where: str, fields: Mapping[str, Any], read: Collection[str]) -> None:
+    """UserError for fields, numbers and words, that speak of a lens that bends otherwise than by OpenCV's polynomial, and for
+    coefficients that are not zero and not among the fields that are `read`."""
+    for key, value in fields.items():
+        word = value if isinstance(value, str) else ""
+        said = not word and bool(np.any(value))
+        if OTHER_LENS.search(word) or (said and OTHER_LENS.search(key)):
+            raise UserError(f"{path}: {where}{key}: fisheye lenses are not read: undistort the pictures first")
+        if COEFFICIENTS.match(key) and key not in read and said:
+            raise UserError(f"{path}: {where}{key}: coefficients are read from {', '.join(read)} alone")
 
 
 def add(path: Path, cameras: dict[str, Camera], camera: Camera) -> None:

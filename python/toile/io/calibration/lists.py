@@ -5,7 +5,8 @@
   are in SPELLINGS. The file may say `"pixel_centre": 0.5`; without it pixel centres are whole numbers, as OpenCV's.
 - Middlebury multi-view stereo `*_par.txt`: `name.png K (9) R (9) t (3)`, whole pixel centres.
 
-World to camera, unless it is called camera_to_world. Left: every other field.
+World to camera, unless it is called camera_to_world. Left: every other field; refused are those that tell of a fisheye lens
+and coefficients of other names.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_json, read_text
-from .checked import HALF, add, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
+from .checked import HALF, add, check_lens, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
 
 NAMES = ("*_par.txt", "*.json")
 SPELLINGS = {
@@ -28,7 +29,7 @@ SPELLINGS = {
     "t": ("t", "T", "translation", "tvec"),
     "RT": ("RT", "Rt", "extrinsics", "extrinsic", "world_to_camera", "w2c"),
     "camera_to_world": ("camera_to_world", "c2w", "cam2world"),
-    "dist": ("dist", "D", "distortion", "dist_coeffs", "distortion_coefficients"),
+    "dist": ("dist", "D", "distortion", "dist_coeffs", "distCoef", "distortion_coefficients"),
     "width": ("width", "w", "W", "image_width"),
     "height": ("height", "h", "H", "image_height"),
 }
@@ -63,6 +64,7 @@ def _camera(path: Path, name: str, fields: dict[str, Any], half: float) -> Camer
             raise UserError(f"{path}: camera '{name}': {word} is missing")
         return numbers(path, f"camera '{name}': {word}", given[word], *shapes)
 
+    check_lens(path, f"camera '{name}': ", fields, SPELLINGS["dist"])
     K = needed("K", (3, 3))
     K = intrinsics(K[0, 0], K[1, 1], K[0, 2] + half, K[1, 2] + half, K[0, 1])
     word = next((w for w in ("camera_to_world", "RT") if given[w] is not None), None)

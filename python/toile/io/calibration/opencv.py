@@ -5,7 +5,8 @@
 - A file a camera, in one folder: `camera_matrix`, `distortion_coefficients`, `image_width`, `image_height` as OpenCV's own
   calibration writes them, and `R` (3x3 or Rodrigues), `T`, world to camera.
 
-Left: everything else in the files. Refused: coefficients beyond k1 k2 p1 p2 k3 that are not zero, cameras without a pose.
+Left: everything else in the files. Refused: coefficients beyond k1 k2 p1 p2 k3 that are not zero, or of other names, fisheye
+lenses where the file tells of them, cameras without a pose.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_text, reason_of
-from .checked import HALF, add, intrinsics, make_camera, numbers, rigid, rotation
+from .checked import HALF, add, check_lens, intrinsics, make_camera, numbers, rigid, rotation
 
 NAMES = ("intri.yml", "*.yml", "*.yaml", "*.xml", "*.json")
 BYTES = 16 << 20
@@ -72,6 +73,7 @@ def _single(path: Path) -> Camera:
             raise UserError(f"{path}: {keys[0]} is missing")
         return key
 
+    check_lens(path, "", {key: _plain(file.getNode(key)) for key in file.root().keys()}, DISTORTION)
     matrix, bend, turn, place = named(MATRIX), named(DISTORTION, False), named(ROTATION), named(TRANSLATION)
     K = _intrinsics(path, matrix, file.getNode(matrix))
     coefficients = np.zeros(5) if bend is None else _matrix(path, bend, file.getNode(bend)).ravel()
@@ -84,6 +86,13 @@ def _single(path: Path) -> Camera:
 def _intrinsics(path: Path, field: str, node: Any) -> Floats:
     K = numbers(path, field, _matrix(path, field, node), (3, 3))
     return intrinsics(K[0, 0], K[1, 1], K[0, 2] + HALF, K[1, 2] + HALF, K[0, 1])
+
+
+def _plain(node: Any) -> Any:
+    """A node's word or number, else what its matrix holds, if it is one."""
+    if node.isString() or node.isInt() or node.isReal():
+        return node.string() if node.isString() else node.real()
+    return node.mat() if node.isMap() else None
 
 
 def _word(node: Any) -> str:
