@@ -221,6 +221,30 @@ def test_the_confidence_of_a_scan_is_kept_in_other_units(tmp_path):
     assert np.allclose(scan.confidence, confidence, atol=1e-6) and np.allclose(scan.vertices[1], [0, 0, 1.7])
 
 
+@pytest.mark.parametrize("ending", ["ply", "obj", "off", "stl"])
+def test_scans_of_every_ending_arrive_and_those_of_other_frames_are_said(tmp_path, ending):
+    import trimesh
+
+    rig(tmp_path, numbers=(1, 2, 3))
+    (tmp_path / "scans").mkdir()
+    for number in (0, 1, 2):
+        trimesh.creation.box((0.5, 0.4, 1.7)).export(tmp_path / "scans" / f"body{number:04d}.{ending}")
+    found = imported(tmp_path, tmp_path / "ours")
+    assert "left: 1 scans of other frames: 0" in found.notes
+    scan = open_capture(tmp_path / "ours").frame(2).scan
+    np.testing.assert_allclose(np.ptp(scan.vertices, axis=0), [0.5, 0.4, 1.7], atol=1e-6)
+
+
+def test_scans_of_no_frame_are_refused_with_the_numbers_of_both(tmp_path):
+    rig(tmp_path, numbers=(1, 2, 3))
+    (tmp_path / "scans").mkdir()
+    with pytest.raises(UserError, match=r"scans: no scan of the frames 1-3: no \.ply, .* with a number"):
+        read_rig("lists", tmp_path, Options())
+    (tmp_path / "scans" / "body101.ply").write_bytes(b"")
+    with pytest.raises(UserError, match=r"scans: no scan of the frames 1-3: its numbers are 101"):
+        read_rig("lists", tmp_path, Options())
+
+
 def huge_png(path, width=40_000, height=25_000):
     """A PNG whose header claims 10^9 pixels, of a few bytes."""
     chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

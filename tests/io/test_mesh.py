@@ -33,6 +33,23 @@ def test_a_ply_comes_back_in_its_order_as_float32(tmp_path):
     assert np.array_equal(mesh.vertices, V.astype(np.float32)) and np.array_equal(mesh.faces, F)
 
 
+def test_a_ply_far_from_the_origin_keeps_what_float32_would_round_away(tmp_path):
+    far = V + [4.5e5, 5.4e6, 0]
+    write_mesh(tmp_path / "m.ply", Mesh(far, F, confidence=np.ones(4)))
+    assert np.array_equal(read_mesh(tmp_path / "m.ply").vertices, far)
+
+
+@pytest.mark.parametrize("ending", ["ply", "obj"])
+def test_a_cloud_of_points_is_called_so(tmp_path, ending):
+    import trimesh
+
+    trimesh.PointCloud(V).export(tmp_path / f"cloud.{ending}")
+    with pytest.raises(
+        UserError, match=rf"cloud\.{ending}: the mesh has 4 vertices and 0 faces: a cloud of points, expected"
+    ):
+        read_mesh(tmp_path / f"cloud.{ending}")
+
+
 def test_another_ending_is_refused_and_nothing_is_left(tmp_path):
     with pytest.raises(UserError, match=r"m.stl: expected a file that ends in .obj or .ply"):
         write_mesh(tmp_path / "m.stl", Mesh(V, F))

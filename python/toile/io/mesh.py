@@ -17,6 +17,7 @@ MAX_FACES = 20_000_000
 OBJ_BYTES = 512 << 20
 KINDS = (".ply", ".obj", ".off", ".stl")
 NO_UV = -1  # a face's corner without one
+FAR = 200  # times its own extent that a mesh may lie from the origin before float32 rounds away more than 1e-5 of it
 
 
 def read_mesh(path: Path | str) -> Mesh:
@@ -37,7 +38,8 @@ def check_mesh(path: Path, mesh: Mesh) -> Mesh:
     """The mesh itself, or a UserError."""
     n = len(mesh.vertices)
     if n == 0 or len(mesh.faces) == 0:
-        raise UserError(f"{path}: the mesh has {n} vertices and {len(mesh.faces)} faces")
+        cloud = ": a cloud of points, expected a surface" if n else ""
+        raise UserError(f"{path}: the mesh has {n} vertices and {len(mesh.faces)} faces{cloud}")
     if len(mesh.faces) > MAX_FACES:
         raise UserError(f"{path}: {len(mesh.faces)} faces, at most {MAX_FACES} are read")
     bad = np.flatnonzero(~np.isfinite(mesh.vertices).all(1))
@@ -63,7 +65,9 @@ def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
     if path.suffix.lower() == ".ply":
         with open(path, "rb") as file:
             found = trimesh.exchange.ply.load_ply(file, fix_texture=False, skip_materials=True)
-        if "faces" in found and np.ndim(found["faces"]) == 2 and np.shape(found["faces"])[1] == 3:
+        if "faces" not in found:
+            return found["vertices"], np.zeros((0, 3)), {}
+        if np.ndim(found["faces"]) == 2 and np.shape(found["faces"])[1] == 3:
             return found["vertices"], found["faces"], found["metadata"]["_ply_raw"]
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
     return loaded.vertices, loaded.faces, (loaded.metadata or {}).get("_ply_raw", {})
@@ -187,7 +191,7 @@ def _refuse(path: Path, lines: Any, bad: Any, what: str) -> None:
 
 def write_mesh(path: Path | str, mesh: Mesh) -> None:
     """Writes a mesh as a whole file: `.obj` (7 decimals, with its UVs, 6 decimals) or `.ply` (binary, float32 positions, its
-    faces' labels, no UVs). UserError: another ending."""
+    faces' labels, no UVs; float64 positions for a mesh hundreds of times its extent from the origin). UserError: another ending."""
     path = Path(path)
     write = {".obj": _obj, ".ply": _ply}.get(path.suffix.lower())
     if write is None:
@@ -208,10 +212,12 @@ def _obj(mesh: Mesh) -> bytes:
 
 def _ply(mesh: Mesh) -> Any:
     V, F = mesh.vertices, mesh.faces
+    far = np.abs(V).max(initial=0) > FAR * np.abs(V - V[:1]).max(initial=0)
+    real, kind = ("double", "<f8") if far else ("float", "<f4")
     header = (
         "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(V)}\nproperty float x\nproperty float y\nproperty float z\n"
-        + ("" if mesh.confidence is None else "property float confidence\n")
+        f"element vertex {len(V)}\nproperty {real} x\nproperty {real} y\nproperty {real} z\n"
+        + ("" if mesh.confidence is None else f"property {real} confidence\n")
         + f"element face {len(F)}\nproperty list uchar int vertex_indices\n"
     )
     labelled = mesh.face_labels is not None
@@ -221,4 +227,4 @@ def _ply(mesh: Mesh) -> Any:
     if labelled:
         rows["label"] = mesh.face_labels
     columns = [V] if mesh.confidence is None else [V, np.asarray(mesh.confidence)[:, None]]
-    return header.encode() + np.hstack(columns).astype("<f4").tobytes() + rows.tobytes()
+    return header.encode() + np.hstack(columns).astype(kind).tobytes() + rows.tobytes()

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import UserError
+from .mesh import KINDS as MESHES
 
 FOLDERS = {
     "images": ("images", "image", "rgbs", "rgb", "color", "imgs", "pictures", "frames"),
@@ -28,7 +29,7 @@ ENDINGS = {
     "masks": (".png",),
     "labels": (".png",),
     "keypoints": (".json",),
-    "scans": (".ply", ".obj"),
+    "scans": MESHES,
     "videos": (".mp4", ".mov", ".avi", ".mkv", ".m4v"),
 }
 MOST = 1_000_000  # frame numbers have six digits

@@ -12,12 +12,12 @@ import numpy as np
 
 from ..errors import UserError
 from ..kernels.arrays import Floats
-from ..scene import Camera
+from ..scene import Camera, frame_ranges
 from .calibration import KINDS, find_calibration, read_calibration
 from .films import film_count, film_rate
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
-from .places import Placed, files_of, folder_of, numbered, place, placed
+from .places import ENDINGS, Placed, files_of, folder_of, numbered, place, placed
 from .scene_file import METRES
 from .skeletons import SKELETONS
 
@@ -194,10 +194,20 @@ def _add_scans(
     folder = _folder(root, "scans", options)
     if folder is None:
         return
-    scans = {number: path for number, path in numbered(folder, "scans").items() if number in frames}
+    found = numbered(folder, "scans")
+    scans = {number: path for number, path in found.items() if number in frames}
+    if not scans:
+        there = (
+            f"its numbers are {frame_ranges(sorted(found), SHOWN)}"
+            if found
+            else f"no {', '.join(ENDINGS['scans'])} with a number"
+        )
+        raise UserError(f"{folder}: no scan of the frames {frame_ranges(sorted(frames), SHOWN)}: {there}")
     for number, path in scans.items():
         frames[number]["scan.ply"] = moved_scan(path, metres, turn)
     notes.append(f"scans: {len(scans)} in {folder.name}/")
+    if left := sorted(set(found) - set(scans)):
+        notes.append(f"left: {len(left)} scans of other frames: {frame_ranges(left, SHOWN)}")
 
 
 def chosen(found: Found, numbers: Any) -> Found:
