@@ -48,6 +48,45 @@ def test_a_template_that_cannot_be_mended_is_refused_by_line(tmp_path, old, new,
         read_template(written(tmp_path, SQUARE.replace(old, new)), "shirt")
 
 
+def tube(rings=6, around=12):
+    """An open tube of two triangles a cell, its faces all outwards, as OBJ."""
+    angle = 2 * np.pi * np.arange(around) / around
+    V = [(np.cos(t), np.sin(t), z) for z in range(rings) for t in angle]
+    i, j = np.arange(rings - 1)[:, None] * around, np.arange(around)
+    a, b, c, d = (x.ravel() for x in (i + j, i + (j + 1) % around, i + around + (j + 1) % around, i + around + j))
+    return np.array(V), np.concatenate([np.c_[a, b, c], np.c_[a, c, d]])
+
+
+def obj(V, F):
+    return "\n".join([*("v {} {} {}".format(*v) for v in V), *("f {} {} {}".format(*f) for f in F + 1)])
+
+
+def test_faces_that_look_against_their_neighbours_are_turned_back_with_a_warning(tmp_path):
+    V, F = tube()
+    few = np.array([3, 17, 18, 40])
+    spoilt = F.copy()
+    spoilt[few] = spoilt[few][:, ::-1]
+    found = read_template(written(tmp_path, obj(V, spoilt)), "shirt")
+    assert {tuple(np.roll(f, -f.argmin())) for f in found.mesh.faces} == {tuple(np.roll(f, -f.argmin())) for f in F}
+    assert len(found.warnings) == 1
+    assert "4 faces of garment 'shirt' are turned against their neighbours (3, 17, 18 and 1 more)" in found.warnings[0]
+
+
+def test_faces_that_all_look_one_way_or_stand_twice_are_left_as_they_are(tmp_path):
+    V, F = tube()
+    for faces in (F, F[:, ::-1], np.vstack([F, F[:1]])):
+        found = read_template(written(tmp_path, obj(V, faces)), "shirt")
+        assert np.array_equal(found.mesh.faces, faces) and found.warnings == ()
+
+
+def test_a_surface_with_one_side_alone_is_refused(tmp_path):
+    V, _ = tube(2, 6)
+    low, high = np.append(np.arange(6), 6), np.append(np.arange(6, 12), 0)  # the last cell joins the first upside down
+    strip = np.concatenate([np.c_[low[:-1], low[1:], high[1:]], np.c_[low[:-1], high[1:], high[:-1]]])
+    with pytest.raises(UserError, match=r"shirt\.obj: face \d+ belongs to a surface that has one side alone"):
+        read_template(written(tmp_path, obj(V, strip)), "shirt")
+
+
 def test_a_uv_that_an_exporter_rounded_out_of_the_square_lies_on_its_border(tmp_path):
     found = read_template(written(tmp_path, SQUARE.replace("vt 1 1\n", "vt 1.00001 1\n")), "shirt")
     assert found.mesh.uv.max() == 1

@@ -35,14 +35,20 @@ def read_template(path: Path, garment: str) -> Any:
     mesh = read_mesh(path)
     _check_faces(path, mesh)
     kept = np.unique(mesh.faces)
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if len(kept) < len(mesh.vertices):
         number = np.full(len(mesh.vertices), -1, np.int32)
         number[kept] = np.arange(len(kept), dtype=np.int32)
         lost = np.flatnonzero(number < 0)
         mesh = Mesh(mesh.vertices[kept], number[mesh.faces], mesh.uv, mesh.face_uv)
         some = f"vertex {lost[0]} belongs" if len(lost) == 1 else f"vertices {_some(lost)} belong"
-        warnings = (f"{path}: {some} to no face of garment '{garment}': left out",)
+        warnings += (f"{path}: {some} to no face of garment '{garment}': left out",)
+    against = _turned_faces(path, mesh.faces)
+    if against.any():
+        mesh, some = _with_faces_turned(mesh, against), _some(np.flatnonzero(against))
+        warnings += (
+            f"{path}: {int(against.sum())} faces of garment '{garment}' are turned against their neighbours ({some}): turned back",
+        )
     loops = boundary_loops(mesh.faces)
     if not loops:
         raise UserError(f"{path}: the template of garment '{garment}' has no open loops")
@@ -83,6 +89,44 @@ def _check_faces(path: Path, mesh: Mesh) -> None:
     twice = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(twice):
         raise UserError(f"{path}: face {twice[0]} names a vertex twice")
+
+
+def _turned_faces(path: Path, faces: Anything) -> Anything:
+    """Which faces (m,) look the other way than most of those they hang together with. UserError: a surface with one side alone,
+    such as a Moebius strip."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    m = len(faces)
+    a, b, same = _neighbours(faces)
+    # every face twice, as it is (f) and turned (f + m), joined to those that look its way
+    rows, columns = np.concatenate([a, a + m]), np.concatenate([b + m * same, b + m * ~same])
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
+    side = connected_components(graph, directed=False)[1].reshape(2, m)
+    both = np.flatnonzero(side[0] == side[1])
+    if len(both):
+        raise UserError(f"{path}: face {both[0]} belongs to a surface that has one side alone")
+    part, turned = side.min(0), side[0] > side[1]
+    share = np.bincount(part, turned) / np.maximum(np.bincount(part), 1)
+    return turned ^ (share[part] > 0.5)
+
+
+def _neighbours(faces: Anything) -> tuple[Any, Any, Any]:
+    """Pairs of faces that alone share an edge, and whether they run along it the same way, as faces do that look opposite ways."""
+    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, edge, count = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    pairs = order[count[edge.ravel()[order]] == 2].reshape(-1, 2)
+    corners = np.sort(faces, axis=1)[pairs // 3]
+    pairs = pairs[(corners[:, 0] != corners[:, 1]).any(1)]  # no face that stands twice
+    a, b = pairs.T
+    return a // 3, b // 3, half[a, 0] == half[b, 0]
+
+
+def _with_faces_turned(mesh: Mesh, turned: Anything) -> Mesh:
+    """The mesh with those faces' corners in the opposite order."""
+    face_uv = None if mesh.face_uv is None else np.where(turned[:, None], mesh.face_uv[:, ::-1], mesh.face_uv)
+    return Mesh(mesh.vertices, np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces), mesh.uv, face_uv)
 
 
 def _check_seams(path: Path, mesh: Mesh, border: Anything, kept: Anything) -> None:
