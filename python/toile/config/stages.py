@@ -108,6 +108,16 @@ class VerdictSettings(Settings):
     observed: Falling = setting(
         (0.4, 0.1), "1", "share of the body's surface found on the scan, at least, where nothing else shows the body"
     )
+    limb_observed: Falling = setting(
+        (0.15, 0.0),
+        "1",
+        "the same of a forearm with its hand, a shank with its foot and the head, the least: alone it makes no frame wrong",
+    )
+    limb_inside: Rising = setting(
+        (0.05, 0.5),
+        "1",
+        "share of a forearm or a shank that lies 2 cm and more in the rest of the body, where nothing else shows it",
+    )
     garment_observed: Falling = setting(
         (0.3, 0.1), "1", "share of a garment's vertices found on the labelled scan, at least"
     )

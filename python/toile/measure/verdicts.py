@@ -18,6 +18,14 @@ OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
+LIMBS = (
+    "lowerarm01.L",
+    "lowerarm01.R",
+    "lowerleg01.L",
+    "lowerleg01.R",
+)  # roles at which begins what only a whole limb shows
+DEEP = 0.02  # m: so far in the rest of the body is no limb that touches it
+POINTS = 150  # of a limb, that are looked for in the rest of the body
 STEP = 4  # every so many faces are asked for their stretch
 
 
@@ -43,6 +51,8 @@ def judge(
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
     layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     measures = agreement(seen, cameras, model, joints, body, layers)
+    if len(seen.points):
+        measures |= limbs_shown(model, body)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics) | _excess(template, V, made.diagnostics)
@@ -101,6 +111,32 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     return out
 
 
+def limbs_shown(model, body) -> dict[str, float]:
+    """limb_observed: share of a forearm with its hand, a shank with its foot, or the head that was found on the scan, the least of
+    the five. limb_inside: share of the former four that lies DEEP and more in the rest of the body, the largest. {} of a model
+    that does not name them."""
+    parts = [_below(model, role) for role in (*LIMBS, "head") if model.joint(role) is not None]
+    own = [body.looks[part[body.looks]] for part in parts]
+    if len(parts) <= len(LIMBS) or not all(map(len, own)):
+        return {}
+    inside = []
+    for part, looks in zip(parts[: len(LIMBS)], own):
+        points = body.vertices[looks[:: max(len(looks) // POINTS, 1)]]
+        rest = body.faces[~part[body.faces].any(1)]
+        inside.append((kernels.signed_distance(points, body.vertices, rest) < -DEEP).mean())
+    least = min((body.confidence[looks] == OBSERVED).mean() for looks in own)
+    return {"limb_observed": float(least), "limb_inside": float(max(inside))}
+
+
+def _below(model, role):
+    """bool (n,): vertices that the joint of that role and those beyond it skin most."""
+    beyond = np.arange(len(model.parents)) == model.joint(role)
+    for k, parent in enumerate(model.parents):  # which stand before their children
+        beyond[k] |= parent >= 0 and beyond[parent]
+    most = np.argmax(model.weights_val, axis=1)
+    return beyond[np.asarray(model.weights_idx)[np.arange(len(most)), most]]
+
+
 def verdict(measures, settings) -> tuple[int, list[str]]:
     """GOOD, DOUBTFUL or WRONG by the settings' limits, and the reasons in words, the gravest first."""
     found = []
@@ -141,7 +177,9 @@ def _said_by_others(key, measures, settings):
     ]
     if key in ("two_sided_mm", "apart", "astray"):
         return all(agree)
-    return key == "observed" and ("keypoint_mm" in measures or "silhouette_iou" in measures)
+    return key in ("observed", "limb_observed", "limb_inside") and (
+        "keypoint_mm" in measures or "silhouette_iou" in measures
+    )
 
 
 def _limits(s):
@@ -160,6 +198,11 @@ def _limits(s):
         "overhang_mm": (*s.overhang_mm, "the silhouette reaches {} mm beyond the masks of two cameras"),
         "cloth_overhang_mm": (*s.cloth_overhang_mm, "cloth reaches {} mm beyond the masks of two cameras"),
         "observed": (*s.observed, "{} of the surface was found on the scan, and nothing else shows it"),
+        "limb_observed": (
+            *s.limb_observed,
+            "{} of an arm, a leg or the head was found on the scan, and nothing else shows it",
+        ),
+        "limb_inside": (*s.limb_inside, "{} of an arm or a leg lies within the body, and nothing else shows it"),
         "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
         "opening_observed": (*s.opening_observed, "{} of the openings that other frames show were seen"),
@@ -187,6 +230,7 @@ def _limits(s):
 AT_LEAST = (
     "silhouette_iou",
     "observed",
+    "limb_observed",
     "garment_observed",
     "opening_observed",
     "loop_share",

@@ -74,6 +74,8 @@ KINDS = (  # in the order of the page
     _Kind(r"evidence:surface_to_scan_mm", "body to scan, mean", "mm", SCAN, 4, "the body's surface, hidden parts too, to the scan"),
     _Kind(r"evidence:surface_to_scan_p95_mm", "body to scan, 95 %", "mm", SCAN, 15, f"the body's surface, hidden parts too, to the scan: {P95}"),
     _Kind(r"evidence:observed", "body found on the scan", "share", SCAN, 10, "share of the body's surface", LOW, "observed"),
+    _Kind(r"evidence:limb_observed", "limb found on the scan", "share", SCAN, 10, "share of a forearm, a shank or the head, the least", LOW, "limb_observed"),
+    _Kind(r"evidence:limb_inside", "limb in the body", "share", SCAN, 3, "share of a forearm or a shank that lies 2 cm and more in the rest of the body", HIGH, "limb_inside"),
     _Kind(r"evidence:apart", "2 cm apart", "share", SCAN, 1, "share of scan and body that lie 2 cm from one another, the smaller", HIGH, "apart"),
     _Kind(rf"evidence:{G}\.cloth_to_garment_p50_mm", "scan to {g}, median", "mm", SCAN, 1.5, f"the garment's part of the scan to it: {P50}"),
     _Kind(rf"evidence:{G}\.cloth_to_garment_mm", "scan to {g}, mean", "mm", SCAN, 4, "the garment's part of the scan to it"),
