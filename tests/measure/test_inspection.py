@@ -19,6 +19,7 @@ from toile.measure.inspection import inspect
 from toile.measure.inspection.body import check_units
 from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
+from toile.measure.inspection.scans import astray, inside_out
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
@@ -423,3 +424,52 @@ def test_real_detections_name_the_cameras_that_lie_aside(shared_data, tmp_path):
     said = inspect(tmp_path / "walk")
     assert not said.wasted and 1.6 < said.facts["stature m"] < 2.0
     assert any(f.text.startswith("cam03: its keypoints lie (+") for f in said.findings)
+
+
+@pytest.fixture(scope="module")
+def scanned():
+    """A capture and one of its frames, with a scan."""
+    capture = open_capture(SAMPLE)
+    return capture, capture.frame(0)
+
+
+def rescanned(frame, vertices=None, faces=None):
+    scan = frame.scan
+    vertices, faces = scan.vertices if vertices is None else vertices, scan.faces if faces is None else faces
+    return replace(frame, scan=replace(scan, vertices=vertices, faces=np.ascontiguousarray(faces), face_labels=None))
+
+
+def test_a_scan_that_looks_inwards_is_named(scanned):
+    frame = scanned[1]
+    F, odd = frame.scan.faces, np.arange(len(frame.scan.faces)) % 2 == 0
+    assert inside_out([frame]) == []
+    (all_of_it,) = inside_out([frame, rescanned(frame, faces=F[:, ::-1])])
+    assert "of its faces look inwards: turn them" in all_of_it.text and all_of_it.serious
+    (half,) = inside_out([rescanned(frame, faces=np.where(odd[:, None], F, F[:, ::-1]))])
+    assert "of its faces look inwards: make them look one way" in half.text and not half.serious
+
+
+ELSEWHERE = {
+    "aside": lambda V: V + [0.05, 0, 0],
+    "larger": lambda V: 1.05 * V,
+    "turned": lambda V: V @ Rotation.from_euler("z", 20, degrees=True).as_matrix().T,
+    "mirrored": lambda V: V * [-1, 1, 1],
+}
+
+
+@pytest.mark.parametrize("way", ELSEWHERE)
+def test_a_scan_that_lies_elsewhere_than_the_masks_is_named(scanned, way):
+    capture, frame = scanned
+    (found,) = astray(capture.cameras, [frame, rescanned(frame, ELSEWHERE[way](frame.scan.vertices))])
+    assert "scan.ply of frame 0: it covers" in found.text and "in the same units and axes" in found.text
+
+
+def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(scanned):
+    capture, frame = scanned
+    V, F = frame.scan.vertices, frame.scan.faces
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 80), np.linspace(-1, 1, 80)))
+    floor = rescanned(frame, np.vstack([V, np.c_[x, y, 0 * x]]))
+    hole = rescanned(frame, faces=F[(V[F][:, :, 2] > 0.9).all(1)])
+    second = rescanned(frame, np.vstack([V, V + [0.9, 0, 0]]), np.vstack([F, F + len(V)]))
+    for one in (frame, floor, hole, second):
+        assert astray(capture.cameras, [one]) == []

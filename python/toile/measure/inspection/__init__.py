@@ -27,6 +27,7 @@ from .fractions import fractions
 from .masks import COVERED, centroids, coverage, silhouettes
 from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
+from .scans import astray, inside_out
 
 SAMPLED = 5  # frames whose pictures are read
 LABELLED = 2  # frames besides, where few have label images and none of those has one
@@ -73,7 +74,8 @@ def inspect(path: Path) -> Inspection:
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)
     _detections(found, capture)
-    if not found.wasted:  # by cameras that are wrong nothing is told of labels
+    if not found.wasted:  # by cameras that are wrong nothing is told of scans and labels
+        found.findings += astray(capture.cameras, found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
     return found
@@ -99,7 +101,7 @@ def _look(found: Inspection, capture: Capture) -> None:
                 found.frames[-1] = replace(found.frames[-1], scan=scan)
             except UserError as error:
                 found.findings.append(Finding(str(error)))
-    found.findings += exchanged(found.frames)
+    found.findings += exchanged(found.frames) + inside_out(found.frames)
     try:
         found.frames = asked(capture, found.frames)
     except UserError as error:

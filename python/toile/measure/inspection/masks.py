@@ -47,14 +47,14 @@ def coverage(cameras: Mapping[str, Camera], masks: Mapping[str, Anything]) -> di
     axis = np.linspace(-radius, radius, GRID)
     points = middle + np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
     seen = {name: cameras[name].project(points) for name in names}
-    inside = {name: _within(masks[name], *seen[name]) for name in names}
+    inside = {name: within(masks[name], *seen[name]) for name in names}
     missing = np.sum([~flags for flags in inside.values()], axis=0)
     step = 2 * radius / (GRID - 1)
     found = {}
     for name in names:
-        whole = _share(cameras[name], masks[name], *seen[name], missing == 0, step)
+        whole = covered(cameras[name], masks[name], *seen[name], missing == 0, step)
         without = missing == ~inside[name]  # no other camera carves it
-        rest = [_share(cameras[n], masks[n], *seen[n], without, step) for n in names if n != name]
+        rest = [covered(cameras[n], masks[n], *seen[n], without, step) for n in names if n != name]
         found[name] = whole, float(np.mean(rest))
     return found
 
@@ -67,7 +67,7 @@ def _reach(camera: Camera, mask: Anything, middle: Floats) -> float:
     return float(MARGIN * 0.5 * size * abs(depth) / np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
 
 
-def _within(mask: Anything, uv: Floats, depth: Floats) -> Anything:
+def within(mask: Anything, uv: Floats, depth: Floats) -> Anything:
     """Whether points lie within a mask; those outside the picture are not known not to."""
     h, w = mask.shape
     x, y = np.floor(np.nan_to_num(uv, nan=-1, posinf=-1, neginf=-1)).clip(-1, 1e6).astype(int).T
@@ -75,7 +75,7 @@ def _within(mask: Anything, uv: Floats, depth: Floats) -> Anything:
     return np.where(there, mask[y.clip(0, h - 1), x.clip(0, w - 1)], True)
 
 
-def _share(camera: Camera, mask: Anything, uv: Floats, depth: Floats, kept: Anything, step: float) -> float:
+def covered(camera: Camera, mask: Anything, uv: Floats, depth: Floats, kept: Anything, step: float) -> float:
     """Share of a mask's cells in which kept points are seen; a cell is as large as a point's cell looks."""
     import cv2
 

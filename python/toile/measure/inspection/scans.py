@@ -1,0 +1,79 @@
+"""Scans against themselves and against what the cameras see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...kernels import SurfaceIndex
+from ...kernels.arrays import Anything
+from ...kernels.geometry import face_normals
+from ...scene import Camera, Frame, Mesh
+from ...surface.sampling import evenly
+from .cameras import Finding
+from .masks import covered, silhouettes, within
+
+PROBED = 2000  # faces of a scan
+NEAR = 1e-3  # m, from a face, where a ray begins
+INWARDS = 0.3  # share of faces that look inwards; noise and webs leave less
+COVERED, ON = (
+    0.99,
+    0.9,
+)  # share of the masks that a scan covers, and of the scan that lies on them; floors and clutter lie off
+APART = 0.8  # of the masks: a scan that covers less is elsewhere
+
+
+def inside_out(frames: Sequence[Frame]) -> list[Finding]:
+    """Scans whose faces look inwards, as the worst of some frames shows it."""
+    shares = {frame.number: inward_share(frame.scan) for frame in frames if frame.scan is not None}
+    worst = max(shares, key=lambda number: shares[number], default=None)
+    if worst is None or shares[worst] <= INWARDS:
+        return []
+    whole = shares[worst] > 1 - INWARDS
+    text = f"scan.ply of frame {worst}: {100 * shares[worst]:.0f} % of its faces look inwards"
+    return [Finding(f"{text}: {'turn them' if whole else 'make them look one way'}", serious=whole)]
+
+
+def inward_share(scan: Mesh) -> float:
+    """Of the faces that have the scan in front of them on one side alone, those that have it before them; 0 without such."""
+    pick = evenly(range(len(scan.faces)), PROBED)
+    normals = face_normals(scan.vertices, scan.faces[pick])
+    middles = scan.vertices[scan.faces[pick]].mean(1)
+    real = np.linalg.norm(normals, axis=1) > 0.5
+    index, middles, normals = SurfaceIndex(scan.vertices, scan.faces), middles[real], normals[real]
+    ahead, behind = (index.occluded(middles, way, near=NEAR) for way in (normals, -normals))
+    told = ahead != behind
+    return float(ahead[told].mean()) if told.any() else 0.0
+
+
+def astray(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
+    """Scans that lie elsewhere than the masks say, as the worst frame shows it: both leave something of the other unexplained, which a
+    scan with a hole or with a floor does not."""
+    told = {}
+    for frame in frames:
+        shares = [
+            share for name, mask in silhouettes(frame).items() if (share := _shares(cameras[name], mask, frame.scan))
+        ]
+        if shares:
+            told[frame.number] = np.median(shares, axis=0)
+    odd = {number: shares for number, shares in told.items() if shares[0] < COVERED and shares[1] < ON}
+    if not odd:
+        return []
+    worst = min(odd, key=lambda number: odd[number][0])
+    over, on = odd[worst]
+    text = (
+        f"scan.ply of frame {worst}: it covers {100 * over:.0f} % of the masks, and {100 * on:.0f} % of it lies on them"
+    )
+    ask = "are scans and cameras in the same units and axes, and of the same moment?"
+    return [Finding(f"{text}: {ask}", serious=bool(over < APART))]
+
+
+def _shares(camera: Camera, mask: Anything, scan: Mesh | None) -> tuple[float, float] | None:
+    """Share of a mask that a scan covers, and of the scan's vertices in the picture that lie on the mask; None without either."""
+    if scan is None or not mask.any():
+        return None
+    step = float(np.median(np.linalg.norm(scan.vertices[scan.faces[:, 0]] - scan.vertices[scan.faces[:, 1]], axis=1)))
+    uv, depth = camera.project(scan.vertices)
+    everything = np.ones(len(uv), bool)
+    return covered(camera, mask, uv, depth, everything, step), float(within(mask, uv, depth).mean())
