@@ -333,6 +333,50 @@ def test_masks_name_the_camera_that_cuts_the_hull(capture):
     assert any("without cam2: its mask or its calibration is off" in text for text in texts(capture))
 
 
+OFF = {
+    "shares of the picture": (
+        lambda rows: rows * [1 / 512, 1 / 512, 1],
+        "are they shares of the picture? expected pixels",
+    ),
+    "another size": (
+        lambda rows: rows * [2, 2, 1],
+        "% lie off their pictures: were they found in pictures of another size?",
+    ),
+}
+
+
+@pytest.mark.parametrize("way", OFF)
+def test_keypoints_that_are_not_pixels_of_their_pictures_are_one_line(walk, way):
+    change, words = OFF[way]
+    edited(walk, lambda name, t, rows: change(rows[t][name]))
+    (said,) = texts(walk)
+    assert said.startswith("keypoints: ") and words in said
+
+
+def test_a_camera_whose_k_is_of_another_size_is_named(walk):
+    recalibrated(walk, lambda c: replace(c, K=np.diag([2.0, 2, 1]) @ c.K), only="cam1")
+    assert any(
+        text.startswith("cam1: its principal point (") and "512 x 512 pixels: is K of" in text for text in texts(walk)
+    )
+
+
+def exchanged_sides(names):
+    other = {"L": "R", "R": "L"}
+    swapped = [f"{n[:-1]}{other[n[-1]]}" if n.endswith((".L", ".R")) else n for n in names]
+    swapped = [n.replace("left", "*").replace("right", "left").replace("*", "right") for n in swapped]
+    return [list(names).index(n) for n in swapped]
+
+
+def test_left_and_right_that_are_exchanged_are_named_in_one_camera_and_in_all(walk):
+    at = exchanged_sides(person(0)[0])
+    edited(walk, lambda name, t, rows: rows[t][name][at] if name == "cam2" else rows[t][name])
+    (said,) = texts(walk)
+    assert said.startswith("cam2: ") and "they would not if it is one whose left and right are exchanged" in said
+    edited(walk, lambda name, t, rows: rows[t][name][at] if name != "cam2" else rows[t][name])
+    (said,) = texts(walk, serious=True)
+    assert said == "keypoints: left and right are exchanged: face and toes point backwards in nearly all frames"
+
+
 def test_pictures_exchanged_between_two_cameras_stop_by_both_names(tmp_path):
     shutil.copytree(SAMPLE, tmp_path / "talk", ignore=shutil.ignore_patterns("truth", "00000[345]"))
     for folder in (tmp_path / "talk").glob("frames/*/images"):

@@ -19,8 +19,20 @@ from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
-from .body import check_units, check_up, stature, upward
-from .cameras import AGREES, Finding, convention_of, diagonal, in_one_place, offsets, read_as, steps, strangers
+from .body import FACING, check_sides, check_units, check_up, stature, upward
+from .cameras import (
+    AGREES,
+    Finding,
+    convention_of,
+    diagonal,
+    in_one_place,
+    off_centre,
+    off_pictures,
+    offsets,
+    read_as,
+    steps,
+    strangers,
+)
 from .doubts import asked, doubted
 from .files import gaps, labels_seen, looks, uneven, unpadded, unread, upended
 from .fractions import fractions
@@ -71,6 +83,7 @@ def inspect(path: Path) -> Inspection:
         return found
     found.findings += [Finding(warning, serious=False) for warning in capture.warnings]
     found.findings += gaps(capture.frames) + uneven(capture) + upended(capture) + unread(capture)
+    found.findings += off_centre(capture.cameras.values())
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)
     _detections(found, capture)
@@ -78,6 +91,10 @@ def inspect(path: Path) -> Inspection:
         found.findings += astray(capture.cameras, found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
+    once: dict[str, Finding] = {}
+    for finding in found.findings:
+        once.setdefault(finding.text, finding)
+    found.findings = list(once.values())
     return found
 
 
@@ -128,6 +145,9 @@ def _detections(found: Inspection, capture: Capture) -> None:
         text = f"cameras.json: {what} {_apart_by(errors[''])}; they miss by {errors[convention]:.1f} px if it is {convention}"
         found.findings.append(Finding(text))
         sighting = read_as(sighting, convention)
+    elif errors[""] > AGREES * diagonal(sighting) and (elsewhere := off_pictures(sighting)):
+        found.findings += elsewhere
+        return
     elif errors[""] > AGREES * diagonal(sighting):
         text = f"cameras.json: {what} {_apart_by(errors[''])}, and no usual convention mends it"
         found.findings.append(Finding(f"{text}: is it the calibration of these cameras?"))
@@ -184,7 +204,7 @@ def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int
     if not read:
         return None, 0
     names = list(dict.fromkeys(name for keypoints in read.values() for name in keypoints.names))
-    body = [name for name in names if name.startswith("body.")]
+    body = [name for name in names if name.startswith("body.") or name in FACING]
     names = body if len(body) >= ENOUGH else names
     cameras = [name for name in capture.cameras if any(name in keypoints.points for keypoints in read.values())]
     first = min(read)
@@ -237,6 +257,7 @@ def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
     found.facts["stature m"] = tall if np.isfinite(tall) else None
     checks = [check_units(tall, capture.scene.units)]
     checks.append(check_up(upward(found.sighting.names, meeting.points), capture.scene.up))
+    checks.append(check_sides(found.sighting.names, meeting.points))
     found.findings += [finding for finding in checks if finding is not None]
 
 

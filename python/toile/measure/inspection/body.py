@@ -13,6 +13,9 @@ LEG = 0.491  # of the stature from hip over knee to ankle (Winter 2009, table 4.
 UNITS = {"mm": 1000.0, "cm": 100.0, "dm": 10.0, "m": 1.0, "inches": 39.37, "feet": 3.281}
 LEANS = np.cos(np.radians(50))
 STANDS = np.cos(np.radians(30))
+FACING = ("face.nose_tip", "face.ear.L", "face.ear.R")
+PAIRS = ("body.upperarm01", "body.upperleg01")  # whose sides are asked which way the person faces
+TOLD, MOST = 4, 0.9  # answers of frames, and the share of them that must agree
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -59,6 +62,35 @@ def upward(names: tuple[str, ...], points: Floats) -> Floats | None:
         return None
     middle = np.median(along / np.linalg.norm(along, axis=1, keepdims=True), axis=0)
     return middle / max(float(np.linalg.norm(middle)), 1e-12)
+
+
+def check_sides(names: tuple[str, ...], points: Floats) -> Finding | None:
+    """Against the way that the person's (T,K,3) face and toes point: her left is on the left of it."""
+    up = _middle(names, points, ("body.upperarm01",)) - _middle(names, points, ("body.upperleg01",))
+    left = [points[:, names.index(f"{j}.L")] - points[:, names.index(f"{j}.R")] for j in PAIRS if _sided(names, j)]
+    ways = [_toes(names, points), _nose(names, points)]
+    turns = [np.einsum("ti,ti->t", np.cross(up, way), side) for side in left for way in ways]
+    told = np.concatenate(turns) if turns else np.zeros(0)
+    told = told[np.isfinite(told)]
+    if len(told) < TOLD or (told < 0).mean() < MOST:
+        return None
+    return Finding("keypoints: left and right are exchanged: face and toes point backwards in nearly all frames")
+
+
+def _toes(names: tuple[str, ...], points: Floats) -> Floats:
+    """From the heels (T,3), or else the ankles, to the big toes."""
+    return _middle(names, points, ("body.big_toe",)) - _middle(names, points, ("body.heel", "body.foot"))
+
+
+def _nose(names: tuple[str, ...], points: Floats) -> Floats:
+    """From between the ears (T,3) to the nose's tip."""
+    if "face.nose_tip" not in names:
+        return np.full((len(points), 3), np.nan)
+    return points[:, names.index("face.nose_tip")] - _middle(names, points, ("face.ear",))
+
+
+def _sided(names: tuple[str, ...], joint: str) -> bool:
+    return f"{joint}.L" in names and f"{joint}.R" in names
 
 
 def _middle(names: tuple[str, ...], points: Floats, joints: tuple[str, ...]) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,9 @@ SHIFT_BETTER = 0.75
 SURELY = 2.0  # standard deviations, by which more detections than half come nearer
 FEW = 8  # cameras
 MOVED = 1.0  # px a frame: below, nothing tells a step in time
+CENTRE = 0.2  # of a picture's side: a principal point farther from the middle belongs to another picture
+OUTSIDE = 0.3  # share of the detections that lie off their pictures
+CORNER = 2.0  # px: detections that all lie nearer to the first pixel are shares of the picture
 APART = 1e-9  # of their distance from the origin, which is rounding: cameras that are nearer to one another stand in one place
 
 
@@ -55,6 +59,9 @@ CONVENTIONS: dict[
     ),
     "pictures that are mirrored, left for right": (_same, True),
 }
+
+
+EXCHANGED = "one whose left and right are exchanged"
 
 
 @dataclass(frozen=True)
@@ -96,6 +103,37 @@ def in_one_place(cameras: Iterable[Camera]) -> list[Finding]:
         return []
     text = "cameras.json: all cameras stand in one place"
     return [Finding(f"{text}: are their translations left out, or T_camera_world transposed?")]
+
+
+def off_centre(cameras: Iterable[Camera]) -> list[Finding]:
+    """Cameras whose principal points lie far from the middles of their pictures."""
+    found = []
+    for camera in cameras:
+        at, size = camera.K[:2, 2], np.array([camera.width, camera.height])
+        if (np.abs(at - size / 2) > CENTRE * size).any():
+            text = f"{camera.name}: its principal point ({at[0]:.0f}, {at[1]:.0f}) is far from the middle of {size[0]} x {size[1]} pixels"
+            found.append(Finding(f"{text}: is K of pictures of another size, or were these cut?", serious=False))
+    return found
+
+
+def off_pictures(sighting: Sighting) -> list[Finding]:
+    """Of detections that do not meet, that many lie off their pictures, or all within their first pixels."""
+    sure = sighting.weight > SURE
+    size = np.array([[camera.width, camera.height] for camera in sighting.cameras])[:, None, None]
+    if not sure.any():
+        return []
+    if (np.abs(sighting.uv[sure]) < CORNER).all():
+        return [
+            Finding("keypoints: all lie within two pixels of a corner: are they shares of the picture? expected pixels")
+        ]
+    outside = float(((sighting.uv < 0) | (sighting.uv > size)).any(-1)[sure].mean())
+    if outside <= OUTSIDE:
+        return []
+    return [
+        Finding(
+            f"keypoints: {100 * outside:.0f} % lie off their pictures: were they found in pictures of another size?"
+        )
+    ]
 
 
 def steps(sighting: Sighting) -> tuple[dict[int, int], Sighting]:
@@ -183,6 +221,17 @@ def strangers(sighting: Sighting, meeting: Meeting) -> dict[int, str]:
         readings = {
             name: meet(read_as(sighting, name, int(i)).only([*keep, int(i)])).typical(len(keep)) for name in CONVENTIONS
         }
+        readings[EXCHANGED] = meet(_sides_exchanged(sighting, int(i)).only([*keep, int(i)])).typical(len(keep))
         best = min(readings, key=lambda name: readings[name])
         found[int(i)] = best if readings[best] < BETTER * readings[""] else ""
     return found
+
+
+def _sides_exchanged(sighting: Sighting, camera: int) -> Sighting:
+    """With what one camera calls left called right, and the other way round."""
+    other = {"L": "R", "R": "L", "left": "right", "right": "left"}
+    names = [re.sub(r"left|right|(?<=\.)[LR]$", lambda found: other[found[0]], name) for name in sighting.names]
+    at = [sighting.names.index(name) if name in sighting.names else k for k, name in enumerate(names)]
+    uv, weight = sighting.uv.copy(), sighting.weight.copy()
+    uv[camera], weight[camera] = uv[camera][:, at], weight[camera][:, at]
+    return replace(sighting, uv=uv, weight=weight)
