@@ -5,6 +5,7 @@ import struct
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -221,6 +222,16 @@ def test_the_confidence_of_a_scan_is_kept_in_other_units(tmp_path):
     assert np.allclose(scan.confidence, confidence, atol=1e-6) and np.allclose(scan.vertices[1], [0, 0, 1.7])
 
 
+@pytest.mark.parametrize("forms", [("NFC", "NFD"), ("NFD", "NFC")])
+def test_a_camera_s_name_is_the_same_in_either_form_of_its_accents(tmp_path, forms):
+    of_calibration, of_folder = (normalize(form, "Kamera Süd") for form in forms)
+    write_json(tmp_path, [replace(views()[0], name=of_calibration), *views()[1:]])
+    for v, name in zip(views(), (of_folder, *(v.name for v in views()[1:]))):
+        save(tmp_path / "images" / name / "3.jpg", (v.width, v.height))
+    imported(tmp_path, tmp_path / "ours")
+    assert set(open_capture(tmp_path / "ours").frame(3).images) == {"Kamera Süd", "front", "cam 3"}
+
+
 @pytest.mark.parametrize("ending", ["ply", "obj", "off", "stl"])
 def test_scans_of_every_ending_arrive_and_those_of_other_frames_are_said(tmp_path, ending):
     import trimesh
@@ -266,7 +277,7 @@ SPOILT = {
         lambda f: Image.fromarray(np.full((360, 480), 40_000, np.uint16)).save(f / "images/front/000011.png"),
         r"front/000011\.png: 16 bits a channel, expected 8",
     ),
-    "another set": (other_cameras, r"images: pictures of no camera of the calibration: 0\.jpg; its cameras: left"),
+    "another set": (other_cameras, r"images: pictures of no camera of the calibration: kitchen/0\.jpg; its cameras: left"),
     "seven digits": (lambda f: save(f / "images/left/1234567.jpg", (480, 360)), "at most six digits"),
     "keypoints": (
         lambda f: [(f / "pose/left").mkdir(parents=True), (f / "pose/left/1.json").write_text('{"people": 3}')],

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from unicodedata import normalize
 
 from ..errors import UserError
 from .mesh import KINDS as MESHES
@@ -96,8 +97,9 @@ def place(path: Path, cameras: Iterable[str], level: int = 0) -> tuple[str | Non
 
 
 def _parts(path: Path) -> list[str]:
-    """The file's name without its ending, then the folders' from within."""
-    return list(reversed(path.with_suffix("").parts))
+    """The file's name without its ending, then the folders' from within; accents as one character (NFC), which some systems
+    write as two."""
+    return [normalize("NFC", part) for part in reversed(path.with_suffix("").parts)]
 
 
 def _level(folder: Path, paths: list[Path], cameras: list[str]) -> int:

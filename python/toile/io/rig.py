@@ -111,13 +111,13 @@ def _placed(root: Path, what: str, cameras: dict[str, Camera], options: Options,
     if folder is None:
         return Placed()
     found = placed(folder, what, cameras)
+    strange = [path.relative_to(folder).as_posix() for path in found.strange]
     if found.strange and not found.files and what == "images" and folder != root:
         raise UserError(
-            f"{folder}: pictures of no camera of the calibration: {_few(p.name for p in found.strange)}; "
-            f"its cameras: {_few(cameras)}"
+            f"{folder}: pictures of no camera of the calibration: {_few(strange)}; its cameras: {_few(cameras)}"
         )
     if found.strange and folder != root:
-        notes.append(f"left: {len(found.strange)} {what} of no camera: {_few(p.name for p in found.strange)}")
+        notes.append(f"left: {len(found.strange)} {what} of no camera: {_few(strange)}")
     if found.files:
         seen = {camera for files in found.files.values() for camera in files}
         ask = ", whose ids [labels] of scene.toml has to name" if what == "labels" else ""

@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 
@@ -78,8 +79,9 @@ def intrinsics(fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) ->
 def make_camera(
     path: Path, name: str, size: tuple[int, int], K: Anything, distortion: Any, T_camera_world: Anything
 ) -> Camera:
-    """A Camera whose K has pixel centres at halves; `size` (height, width), zeros where unknown. Coefficients beyond OpenCV's
-    first five must be zero."""
+    """A Camera whose K has pixel centres at halves, its name in NFC; `size` (height, width), zeros where unknown. Coefficients beyond
+    OpenCV's first five must be zero."""
+    name = normalize("NFC", name)
     if name != Path(name).name or name.startswith(".") or not name.isprintable():
         raise UserError(f"{path}: camera {name!r}: its name cannot be a file's")
     where = f"{path}: camera '{name}'"
