@@ -16,7 +16,7 @@ from toile.io.body import load_body_model
 from toile.io.capture import open_capture
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
-from toile.measure.inspection.body import check_units
+from toile.measure.inspection.body import BONES, check_bones, check_units
 from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
 from toile.measure.inspection.scans import astray, inside_out
@@ -517,3 +517,27 @@ def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(sc
     second = rescanned(frame, np.vstack([V, V + [0.9, 0, 0]]), np.vstack([F, F + len(V)]))
     for one in (frame, floor, hole, second):
         assert astray(capture.cameras, [one]) == []
+
+
+def test_keypoints_that_were_named_by_another_list_are_named(shared_data, tmp_path):
+    from toile.io.importing import write_capture
+    from toile.io.rig import Options, chosen, read_rig
+
+    source = shared_data / "pose2sim_calibrated_video"
+    words = "are their names those of another list (toile import --skeleton)?"
+    for skeleton, wrong in (("openpose25b", False), ("openpose25", True)):
+        found = read_rig("qualisys", source, Options(skeleton=skeleton, cropped=True))
+        write_capture(replace(chosen(found, range(0, 100, 5)), films={}), tmp_path / skeleton, "test")
+        assert any(words in text for text in texts(tmp_path / skeleton, serious=True)) == wrong
+
+
+def test_one_bone_that_is_badly_seen_names_no_other_list():
+    names = tuple(f"{joint}.{side}" for bone in BONES.values() for joint in bone for side in "LR")
+    names = tuple(dict.fromkeys(names))
+    points = np.array([[[0.3 if n.endswith("L") else -0.3, 0, 0.4 * (i // 2)] for i, n in enumerate(names)]])
+    assert check_bones(names, points) is None
+    points[0, names.index("body.wrist.L")] += [0, 1.0, 0]
+    assert check_bones(names, points) is None
+    points[0, names.index("body.foot.L")] += [0, 2.0, 0]
+    found = check_bones(names, points)
+    assert found is not None and "shanks of" in found.text and "forearms of" in found.text

@@ -19,7 +19,7 @@ from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
-from .body import FACING, check_sides, check_units, check_up, stature, upward
+from .body import FACING, check_bones, check_sides, check_units, check_up, stature, upward
 from .cameras import (
     AGREES,
     Finding,
@@ -257,7 +257,7 @@ def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
     found.facts["stature m"] = tall if np.isfinite(tall) else None
     checks = [check_units(tall, capture.scene.units)]
     checks.append(check_up(upward(found.sighting.names, meeting.points), capture.scene.up))
-    checks.append(check_sides(found.sighting.names, meeting.points))
+    checks += [check(found.sighting.names, meeting.points) for check in (check_sides, check_bones)]
     found.findings += [finding for finding in checks if finding is not None]
 
 

@@ -16,6 +16,13 @@ STANDS = np.cos(np.radians(30))
 FACING = ("face.nose_tip", "face.ear.L", "face.ear.R")
 PAIRS = ("body.upperarm01", "body.upperleg01")  # whose sides are asked which way the person faces
 TOLD, MOST = 4, 0.9  # answers of frames, and the share of them that must agree
+BONES = {
+    "thighs": ("body.upperleg01", "body.lowerleg01"),
+    "shanks": ("body.lowerleg01", "body.foot"),
+    "upper arms": ("body.upperarm01", "body.lowerarm01"),
+    "forearms": ("body.lowerarm01", "body.wrist"),
+}
+UNLIKE, SEVERAL = 1.6, 2  # times as long as the other side's, and bones that are: one may be badly seen
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -75,6 +82,23 @@ def check_sides(names: tuple[str, ...], points: Floats) -> Finding | None:
     if len(told) < TOLD or (told < 0).mean() < MOST:
         return None
     return Finding("keypoints: left and right are exchanged: face and toes point backwards in nearly all frames")
+
+
+def check_bones(names: tuple[str, ...], points: Floats) -> Finding | None:
+    """Bones of the left (T,K,3) against those of the right, whose lengths are the same unless the points' names are others'."""
+    unlike = []
+    for bones, ends in BONES.items():
+        if all(_sided(names, end) for end in ends):
+            at = [[names.index(f"{end}.{side}") for end in ends] for side in "LR"]
+            lengths = [np.linalg.norm(points[:, a] - points[:, b], axis=1) for a, b in at]
+            short, long = sorted(
+                float(np.median(of[np.isfinite(of)])) if np.isfinite(of).any() else np.nan for of in lengths
+            )
+            if long > UNLIKE * short:
+                unlike.append(f"{bones} of {100 * short:.0f} and {100 * long:.0f} cm")
+    if len(unlike) < SEVERAL:
+        return None
+    return Finding(f"keypoints: {', '.join(unlike)}: are their names those of another list (toile import --skeleton)?")
 
 
 def _toes(names: tuple[str, ...], points: Floats) -> Floats:
