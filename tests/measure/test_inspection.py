@@ -491,6 +491,8 @@ def test_a_scan_that_looks_inwards_is_named(scanned):
     assert "of its faces look inwards: turn them" in all_of_it.text and all_of_it.serious
     (half,) = inside_out([rescanned(frame, faces=np.where(odd[:, None], F, F[:, ::-1]))])
     assert "of its faces look inwards: make them look one way" in half.text and not half.serious
+    front = F[(frame.scan.vertices[F][:, :, 1] < np.median(frame.scan.vertices[:, 1])).all(1)]
+    assert inside_out([rescanned(frame, faces=front)]) == []
 
 
 ELSEWHERE = {

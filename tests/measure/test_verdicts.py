@@ -148,7 +148,7 @@ def test_little_of_a_body_that_only_the_scan_shows_is_doubtful():
 
 
 def test_a_limb_that_nothing_shows_or_that_lies_in_the_body_is_doubtful():
-    for limb in ({"limb_observed": 0.1}, {"limb_inside": 0.1}):
+    for limb in ({"limb_observed": 0.02}, {"limb_inside": 0.1}):
         assert verdict(FINE | limb, SETTINGS)[0] == DOUBTFUL
         assert verdict(FINE | limb | {"keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
 
@@ -162,7 +162,7 @@ def test_a_limb_is_told_by_its_own_share_of_the_scan_and_by_its_place_in_the_bod
     elbow, wrist = (model.J[model.joint(f"{role}.L")] for role in ("lowerarm01", "wrist"))
     forearm = np.linalg.norm(model.v_template - wrist, axis=1) < 0.9 * np.linalg.norm(elbow - wrist)
     unseen = dataclasses.replace(whole, confidence=np.where(forearm, 0, seen))
-    assert limbs_shown(model, unseen)["limb_observed"] < 0.15 and unseen.confidence[looks].mean() > 1.5
+    assert limbs_shown(model, unseen)["limb_observed"] < 0.05 and unseen.confidence[looks].mean() > 1.5
     trunk = model.J[model.joint("spine03")]
     moved = model.v_template + np.outer(forearm, trunk - wrist)
     assert limbs_shown(model, dataclasses.replace(whole, vertices=moved))["limb_inside"] > 0.3

@@ -109,7 +109,7 @@ class VerdictSettings(Settings):
         (0.4, 0.1), "1", "share of the body's surface found on the scan, at least, where nothing else shows the body"
     )
     limb_observed: Falling = setting(
-        (0.15, 0.0),
+        (0.05, 0.0),
         "1",
         "the same of a forearm with its hand, a shank with its foot and the head, the least: alone it makes no frame wrong",
     )

@@ -16,6 +16,7 @@ from .masks import covered, silhouettes, within
 
 PROBED = 2000  # faces of a scan
 NEAR = 1e-3  # m, from a face, where a ray begins
+TOLD = 0.5  # share of its faces that must have the scan on one side alone: of a scan from the front nothing is told
 INWARDS = 0.3  # share of faces that look inwards; noise and webs leave less
 COVERED, ON = (
     0.99,
@@ -36,7 +37,8 @@ def inside_out(frames: Sequence[Frame]) -> list[Finding]:
 
 
 def inward_share(scan: Mesh) -> float:
-    """Of the faces that have the scan in front of them on one side alone, those that have it before them; 0 without such."""
+    """Of the faces that have the scan in front of them on one side alone, those that have it before them; 0 where they are
+    few."""
     pick = evenly(range(len(scan.faces)), PROBED)
     normals = face_normals(scan.vertices, scan.faces[pick])
     middles = scan.vertices[scan.faces[pick]].mean(1)
@@ -44,7 +46,7 @@ def inward_share(scan: Mesh) -> float:
     index, middles, normals = SurfaceIndex(scan.vertices, scan.faces), middles[real], normals[real]
     ahead, behind = (index.occluded(middles, way, near=NEAR) for way in (normals, -normals))
     told = ahead != behind
-    return float(ahead[told].mean()) if told.any() else 0.0
+    return float(ahead[told].mean()) if told.mean() > TOLD else 0.0
 
 
 def astray(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
