@@ -122,6 +122,20 @@ def test_every_array_comes_back_as_it_was_written(run):
     assert np.isnan(opened.track.at(4)).all() and np.isnan(opened.pose.at(4)[0]).all()
 
 
+def test_a_mask_of_frames_gives_the_rows_where_it_is_true(run):
+    opened = open_run(run)
+    good = opened.done == 1
+    for mask in (good, good.tolist()):
+        assert np.array_equal(opened.track.vertices[mask], opened.track.vertices[[0, 2]])
+    assert opened.track.vertices[opened.frames == 5].shape == (0, *opened.track.vertices.shape[1:])
+
+
+@pytest.mark.parametrize("rows", [(0, 2), True, [True], np.ones(4, bool), [0.7], 1.0, [[0, 1]], "0", [3], -4])
+def test_what_are_no_rows_of_frames_is_an_index_error(run, rows):
+    with pytest.raises(IndexError):
+        open_run(run).track.vertices[rows]
+
+
 def test_an_older_store_has_no_verdict(run):
     del zarr.open_group(str(run / "registered.zarr"), mode="r+")["verdict"]
     assert open_run(run).verdict is None

@@ -54,8 +54,7 @@ class FrameArray:
         return self.shape[0]
 
     def __getitem__(self, rows: int | np.integer | slice | Iterable[int]) -> np.ndarray:
-        if isinstance(rows, (int, np.integer)):
-            return self._row(int(rows))
+        """One row, or those of a slice, of a list of rows or of a mask (T,) such as `run.done == 1`. IndexError: neither, or out of range."""
         if isinstance(rows, slice):
             rows = range(*rows.indices(len(self)))
             if len(rows) == len(self):
@@ -63,8 +62,20 @@ class FrameArray:
                     return self._run.checked(self._key, self._run.read(self._key))
                 except UserError:
                     pass  # row by row, the error names the frame
-        found = [self._row(int(row)) for row in rows]
+        asked = self._asked(rows)
+        if asked.ndim == 0:
+            return self._row(int(asked))
+        found = [self._row(row) for row in asked.tolist()]
         return np.stack(found) if found else np.zeros((0, *self.shape[1:]), self._run.array(self._key).dtype)
+
+    def _asked(self, rows: Any) -> np.ndarray:
+        """Rows as whole numbers, () or (k,)."""
+        asked = np.asarray(rows if np.isscalar(rows) or isinstance(rows, np.ndarray) else list(rows))
+        if asked.dtype == bool and asked.shape == (len(self),):
+            return np.flatnonzero(asked)
+        if isinstance(rows, tuple) or asked.ndim > 1 or not (asked.dtype.kind in "iu" or asked.size == 0):
+            raise IndexError(f"{self._key}: expected rows of frames or a mask of {len(self)} of them")
+        return asked
 
     def at(self, frame: int) -> np.ndarray:
         """The values of the frame of this number."""
