@@ -4,6 +4,7 @@ import json
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import toile
@@ -72,9 +73,30 @@ def test_register_takes_settings_as_keywords(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"frames": 3}, "frames: expected whole numbers of frames, came int"),
+        ({"frames": "0-1"}, "frames: expected whole numbers of frames, came str"),
+        ({"frames": [0.0]}, "frames: expected whole numbers of frames, came list"),
+        ({"workers": "2"}, "workers '2': expected a whole number from 1 on"),
+        ({"workers": 0}, "workers 0: expected a whole number from 1 on"),
+        ({"shard": "1/2"}, "shard 1/2: expected (i, n) with 1 <= i <= n"),
+        ({"shard": (0, 1)}, "shard (0, 1): expected (i, n) with 1 <= i <= n"),
+        ({"frame_limit": -1.0}, "frame_limit -1: expected a positive number"),
+        ({"frame_limit": float("nan")}, "frame_limit nan: expected a positive number"),
+        ({"config": "run/config.toml"}, "config: expected a Config as toile.config.preset gives, came str"),
+    ],
+)
+def test_register_refuses_by_name_an_argument_that_is_none(tmp_path, keywords, message):
+    with pytest.raises(UserError) as caught:
+        toile.register(SAMPLE, tmp_path / "run", **keywords)
+    assert str(caught.value) == message and not (tmp_path / "run").exists()
+
+
 def test_what_was_asked_for_stands_in_the_run_and_gives_the_same_run_again(monkeypatch, tmp_path):
     asked = {"quality": "draft", "preparation_frames": 1, "dress": {"contact": 0.5}, "segment.views": 3}
-    toile.register(SAMPLE, tmp_path / "run", frames=[0], **asked)
+    toile.register(SAMPLE, tmp_path / "run", frames=np.zeros(1, np.uint8), **asked)
     saved = tomllib.loads((tmp_path / "run" / "config.toml").read_text())["settings"]
     assert saved["quality"] == "draft" and saved["preparation_frames"] == 1
     assert saved["dress"]["contact"] == 0.5 and saved["segment"]["views"] == 3

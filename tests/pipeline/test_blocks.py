@@ -3,17 +3,19 @@
 import json
 import multiprocessing
 import os
+import re
 import signal
 import time
 from functools import partial
 
+import numpy as np
 import pytest
 
 from toile import kernels
 from toile.errors import UserError
 from toile.io.files import write_text
 from toile.io.status import Status
-from toile.pipeline.blocks import BlockJob, FrameFolders, blocks, check_shares, run_job
+from toile.pipeline.blocks import BlockJob, FrameFolders, blocks, check_shares, frame_numbers_of, run_job
 from toile.pipeline.workers import Workers
 
 FRAMES = (47, 48, 49, 50, 51, 53, 99, 100)
@@ -163,5 +165,11 @@ def test_frames_that_are_not_left_only_cut_the_blocks(tmp_path):
 
 @pytest.mark.parametrize("workers, shard", [(0, (1, 1)), (1, (0, 2)), (1, (3, 2))])
 def test_shares_that_are_none_are_refused(workers, shard):
-    with pytest.raises(UserError, match=f"workers {workers}" if not workers else f"shard {shard[0]}/{shard[1]}"):
+    with pytest.raises(UserError, match=f"workers {workers}" if not workers else re.escape(f"shard {shard}")):
         check_shares(workers, shard)
+
+
+@pytest.mark.parametrize("frames", [[7, 1, 7], (1, 7), {1: "a", 7: "b"}, np.array([7, 1], np.uint8), iter([1, 7])])
+def test_frame_numbers_rise_and_are_pythons_own_whatever_gives_them(frames):
+    found = frame_numbers_of("frames", frames)
+    assert found == (1, 7) and all(type(number) is int for number in found)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import errno
 import json
+import operator
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -192,8 +194,18 @@ def run_job(
 def check_shares(workers: int, shard: tuple[int, int], scheduler: str | None = None) -> None:
     """UserError: not at least one worker, no i-th of n shards, or workers and a scheduler."""
     check_workers(workers, scheduler)
-    if not 1 <= shard[0] <= shard[1]:
-        raise UserError(f"shard {shard[0]}/{shard[1]}: expected 1 <= i <= n")
+    match shard:
+        case Integral() as i, Integral() as n if 1 <= i <= n:
+            return
+    raise UserError(f"shard {shard}: expected (i, n) with 1 <= i <= n")
+
+
+def frame_numbers_of(name: str, values: Iterable[int]) -> tuple[int, ...]:
+    """The frame numbers that the argument `name` gives, rising and each once. UserError: they are no whole numbers."""
+    try:
+        return tuple(sorted({operator.index(value) for value in values}))
+    except TypeError:
+        raise UserError(f"{name}: expected whole numbers of frames, came {type(values).__name__}") from None
 
 
 def _make_block(make, reach, results, limit, prepared, block):

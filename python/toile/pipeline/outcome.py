@@ -16,7 +16,7 @@ from ..io.run_folder import read_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.verdicts import severity
-from .blocks import FrameFolders
+from .blocks import FrameFolders, frame_numbers_of
 from .identity import LAST, Identities, digest
 
 
@@ -112,7 +112,7 @@ def again(
 ) -> list[int]:
     """The frames among `own` that are to be given again; see `register`. UserError: `retry` is none of these."""
     if not isinstance(retry, (bool, str)):
-        asked = {int(number) for number in retry}
+        asked = set(frame_numbers_of("retry", retry))
         if not asked & set(stored.frames):
             raise UserError("retry: the run has none of these frames")
         return [number for number in own if number in asked]

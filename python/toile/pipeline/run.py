@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ..config import Config, changed, configured
+from ..console import positive
 from ..errors import UserError
 from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import identity_of, load_record, naming, save_record
@@ -40,7 +41,7 @@ from ..scene import InnerShape, Segmented, Tracked
 from ..stages.motion import scan_beside
 from ..vision.segmenters.asked import scene_segmenter
 from . import scanning
-from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
+from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, frame_numbers_of, run_job
 from .fusing import fuse
 from .identity import note_of
 from .manifest import check_folder, config_of, note_frame, request_of, try_again, write_request
@@ -94,6 +95,7 @@ def register(
     """
     run, progress = everywhere(Path(run), scheduler), progress or (lambda *_: None)
     check_shares(workers, shard, scheduler)
+    positive("frame_limit", frame_limit)
     check_folder(run)
     config = _config(run, config, settings)
     capture = capture if isinstance(capture, Capture) else open_capture(everywhere(Path(capture), scheduler))
@@ -124,6 +126,8 @@ def register(
 
 def _config(run, config, settings):
     """What is given, above what the run was asked for before."""
+    if not isinstance(config, Config | None):
+        raise UserError(f"config: expected a Config as toile.config.preset gives, came {type(config).__name__}")
     if config is not None and "quality" in settings:
         raise UserError(f"quality {settings['quality']}: a config is given too")
     config = config or (None if "quality" in settings else config_of(run))
@@ -133,7 +137,7 @@ def _config(run, config, settings):
 def _frames(run, capture, frames):
     """Numbers of frames, rising and each once: those asked for and those of the run."""
     known = tuple(read_config(run).get("frames", ())) if config_file(run).exists() else ()
-    asked = tuple(capture.frames if not known else ()) if frames is None else tuple(sorted(set(frames)))
+    asked = tuple(capture.frames if not known else ()) if frames is None else frame_numbers_of("frames", frames)
     unknown = sorted(set(asked) - set(capture.frames) - set(known))
     if unknown or not (asked or known):
         raise UserError(f"{capture.root}/frames: no frame {unknown[0] if unknown else 'asked for'}")

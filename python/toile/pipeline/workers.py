@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from numbers import Integral
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
@@ -20,8 +21,8 @@ LIVES = 3  # workers that an item may cost
 
 def check_workers(workers: int, scheduler: str | None) -> None:
     """UserError: not at least one worker, or workers of this machine and a scheduler's too."""
-    if workers < 1:
-        raise UserError(f"workers {workers}: expected at least one")
+    if not isinstance(workers, Integral) or workers < 1:
+        raise UserError(f"workers {workers!r}: expected a whole number from 1 on")
     if scheduler is not None and workers > 1:
         raise UserError(f"workers {workers}: scheduler {scheduler} is given too, which has workers of its own")
 
