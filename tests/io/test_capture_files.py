@@ -85,9 +85,15 @@ def test_matrices_of_other_layouts_are_refused(tmp_path, field, spoilt, said):
         ("ab", [[1, 2, 0.5], [3, 4, 87]], r"points\.c\[1\]: its confidence is 87, expected 0 to 1"),
         ("ab", [[1, 2, 0.5], [3, 4, -1]], r"points\.c\[1\]: its confidence is -1, expected 0 to 1"),
         ("aa", [[1, 2, 0.5], [3, 4, 0.5]], "names: a stands there twice"),
+        ("ab", [1, 2, 0.5, 3, 4, 0.5], r"points\.c has 6 rows, names 2"),
+        ("abc", [[1, 2, 3, 4, 5, 6, 0.1, 0.1, 0.1], [], []], r"points\.c\[0\]: expected \[u, v, confidence\]"),
+        ("ab", [[1, 2, 0.5], None], r"points\.c\[1\]: expected \[u, v, confidence\]"),
+        ("ab", [[1, 2, 0.5], ["3", 4, 0.5]], r"points\.c\[1\]: expected \[u, v, confidence\]"),
+        ("ab", [[1, 2, 0.5], [3, 4, float("nan")]], r"points\.c\[1\] is not finite"),
+        ("ab", {"a": [1, 2, 0.5]}, r"points\.c: expected \[\[u, v, confidence\], \.\.\.\]"),
     ],
 )
-def test_keypoints_that_say_no_share_or_a_name_twice_are_refused(tmp_path, names, rows, said):
+def test_keypoints_that_are_no_rows_of_numbers_say_no_share_or_a_name_twice_are_refused(tmp_path, names, rows, said):
     path = tmp_path / "keypoints.json"
     path.write_text(json.dumps({"names": list(names), "points": {"c": rows}}))
     with pytest.raises(UserError, match=f"keypoints.json: {said}"):

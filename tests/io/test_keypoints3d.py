@@ -30,12 +30,16 @@ def test_what_is_written_is_read_again(tmp_path):
     "text, said",
     [
         ("[]", "holds a list"),
-        ('{"names": ["a"]}', "expected {names, points"),
+        ('{"names": ["a"]}', "points: expected"),
+        ('{"names": "a", "points": [null]}', "names: expected a list"),
+        ('{"names": ["a", "a"], "points": [null, null]}', "names: a stands there twice"),
         ('{"names": ["a"], "points": []}', "points has 0 rows, names 1"),
-        ('{"names": ["a"], "points": [[1, 2, 3]]}', "expected {names, points"),
+        ('{"names": ["a"], "points": [[1, 2, 3]]}', r"points\[0\]: expected \[x, y, z, sigma\]"),
         ('{"names": ["a"], "points": [[1, 2, 3, 0]]}', r"points\[0\]: expected three finite numbers"),
-        ('{"names": ["a", "b"], "points": [null, [1, 2, NaN, 1]]}', r"points\[1\]"),
-        ('{"names": ["a"], "points": [["x", 2, 3, 1]]}', "expected {names, points"),
+        ('{"names": ["a", "b"], "points": [null, [1, 2, NaN, 1]]}', r"points\[1\]: expected three finite numbers"),
+        ('{"names": ["a", "b"], "points": [null, [null, null, null, 1]]}', r"points\[1\]: expected \[x"),
+        ('{"names": ["a"], "points": [["1", 2, 3, 1]]}', r"points\[0\]: expected \[x"),
+        ('{"names": ["a"], "points": [[1, 2, 3, 1%s]]}' % ("0" * 400), "points: holds a number beyond 64 bits"),
     ],
 )
 def test_what_is_none_is_refused_by_file_and_field(tmp_path, text, said):

@@ -46,6 +46,9 @@ def test_votes_are_read_and_count_as_a_file_of_the_scene(capture):
         ({"vertices": []}, "votes.json: 0.vertices"),
         ({"vertices": [1.5]}, "votes.json: 0.vertices.0"),
         ({"vertices": [-1]}, "0.vertices: -1 is no vertex"),
+        ({"vertices": [3, 2**64]}, "0.vertices: 18446744073709551616 is no vertex"),
+        ({"frames": [0, -1]}, "0.frames: -1 is no frame number"),
+        ({"frames": []}, "votes.json: 0.frames"),
         ({"weight": 3}, "votes.json: 0.weight"),
     ],
 )

@@ -12,6 +12,9 @@ from ..errors import UserError
 from ..scene import Vote
 from .bounded import read_json
 
+MOST = 2**31  # vertices
+FRAMES = 1_000_000  # frame numbers have six digits
+
 
 class _Vote(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -19,7 +22,7 @@ class _Vote(BaseModel):
     vertices: list[int] = Field(min_length=1)
     prefer: bool = False
     forbid: bool = False
-    frames: list[int] | None = None
+    frames: list[int] | None = Field(None, min_length=1)
 
 
 def read_votes(path: Path, labels: dict[str, int]) -> tuple[Vote, ...]:
@@ -38,7 +41,11 @@ def _vote(path: Path, i: int, vote: Any, labels: dict[str, int]) -> Vote:
         raise UserError(f"{path}: {i}.label: '{vote.label}' is not in scene.toml's [labels]")
     if vote.prefer == vote.forbid:
         raise UserError(f'{path}: {i}: expected one of "prefer": true and "forbid": true')
-    if min(vote.vertices) < 0:
-        raise UserError(f"{path}: {i}.vertices: {min(vote.vertices)} is no vertex")
+    for vertex in vote.vertices:
+        if not 0 <= vertex < MOST:
+            raise UserError(f"{path}: {i}.vertices: {vertex} is no vertex")
+    for frame in vote.frames or ():
+        if not 0 <= frame < FRAMES:
+            raise UserError(f"{path}: {i}.frames: {frame} is no frame number")
     frames = None if vote.frames is None else tuple(vote.frames)
     return Vote(labels[vote.label], np.unique(np.array(vote.vertices, np.int64)), vote.prefer, frames)
