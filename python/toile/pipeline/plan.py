@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
-from ..io.capture import Capture
+from ..errors import UserError
+from ..io.capture import CHECKED, Capture
+from ..scene import Frame
 from .scanning import lacks_scan
 
 
@@ -16,26 +18,58 @@ class Step:
 
 
 def plan(capture: Capture) -> list[Step]:
-    """The stages that this capture asks for, in order, and those left out, each with why."""
+    """The stages that this capture asks for, in order, and those left out, each with why. UserError: no frame of the first few
+    can be read."""
     scene, names = capture.scene, [g.name for g in capture.scene.garments]
-    printed = [g.name for g in capture.scene.garments if g.prints]
-    first = capture.frame(capture.frames[0])
+    printed = [g.name for g in scene.garments if g.prints]
+    first = _first_readable(capture)
     cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
-    given = [("labels/*.png", bool(first.labels)), ("label of scan.ply", first.scan_labels is not None)]
-    given += [(f'[scene] segmenter = "{scene.segmenter}"', bool(scene.segmenter))]
-    labels = " and ".join(name for name, there in given if there) or "labels"
     points = "keypoints.json" if first.keypoints else "no keypoints.json"
     points = points if first.points3d is None else "keypoints3d.json is given"
-    lacking = lacks_scan(capture, first.number)
-    scans = "scan.ply is given" if first.scan else "no scan.ply; pictures with masks or labels"
-    scans = scans if first.scan or lacking else "no pictures with masks or labels to make one"
     return [
-        Step("stereo", lacking, scans),
+        _stereo(capture, first),
         Step("reconstruct", first.points3d is None and first.keypoints is not None, points),
         Step("track", True, f'[body] model = "{scene.body_model}"'),
-        Step("segment", bool(names), f"{cloth}; {labels}" if names else cloth),
+        Step("segment", bool(names), f"{cloth}; {_labels(capture, first)}" if names else cloth),
         Step("dress", bool(names), cloth),
         Step("prints", bool(printed), f"prints = true: {', '.join(printed)}" if printed else "no prints = true"),
         Step("inner", bool(names), cloth),
-        Step("face", scene.face_keypoints, "[face] keypoints" if scene.face_keypoints else "no [face] keypoints"),
+        _face(capture, first),
     ]
+
+
+def _first_readable(capture: Capture) -> Frame:
+    """The first frame, or the first of the next few where that is bad: a run records it and goes on."""
+    errors = []
+    for number in capture.frames[:CHECKED]:
+        try:
+            return capture.frame(number)
+        except UserError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def _stereo(capture: Capture, first: Frame) -> Step:
+    lacking = next((number for number in capture.frames if lacks_scan(capture, number)), None)
+    if lacking is not None:
+        where = "" if lacking == capture.frames[0] else f"frame {lacking}: "
+        return Step("stereo", True, f"{where}no scan.ply; pictures with masks or labels")
+    return Step("stereo", False, "scan.ply is given" if first.scan else "no pictures with masks or labels to make one")
+
+
+def _labels(capture: Capture, first: Frame) -> str:
+    """What gives the garments' labels."""
+    scene = capture.scene
+    given = [("labels/*.png", any(capture.labelled(number) for number in capture.frames))]
+    given += [("label of scan.ply", first.scan_labels is not None)]
+    given += [(f'[scene] segmenter = "{scene.segmenter}"', bool(scene.segmenter))]
+    there = " and ".join(name for name, there in given if there)
+    return there or "no labels/*.png, no label of scan.ply, no [scene] segmenter"
+
+
+def _face(capture: Capture, first: Frame) -> Step:
+    if not capture.scene.face_keypoints:
+        return Step("face", False, "no [face] keypoints")
+    found = [points.names for points in (first.keypoints, first.points3d) if points is not None]
+    facial = any(name.startswith("face.") for names in found for name in names)
+    return Step("face", facial, "[face] keypoints" if facial else "[face] keypoints, but no face.* among the keypoints")

@@ -1,0 +1,56 @@
+"""`toile plan`: the stages that a capture asks for, whichever parts it lacks."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from toile.errors import UserError
+from toile.io.capture import open_capture
+from toile.pipeline.plan import plan
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+
+
+@pytest.fixture
+def capture(tmp_path):
+    return shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth", "00000[2-9]"))
+
+
+def steps(capture):
+    return {step.stage: step for step in plan(open_capture(capture))}
+
+
+def spoil(frame):
+    (frame / "scan.ply").write_text("no mesh")
+
+
+def test_a_later_frame_without_a_scan_asks_for_one(capture):
+    assert not steps(capture)["stereo"].runs
+    (capture / "frames" / "000001" / "scan.ply").unlink()
+    stereo = steps(capture)["stereo"]
+    assert stereo.runs and stereo.why == "frame 1: no scan.ply; pictures with masks or labels"
+
+
+def test_labels_of_a_later_frame_are_labels_and_their_lack_is_said(capture):
+    shutil.rmtree(capture / "frames" / "000000" / "labels")
+    assert steps(capture)["segment"].why.endswith("; labels/*.png")
+    shutil.rmtree(capture / "frames" / "000001" / "labels")
+    assert "no labels/*.png, no label of scan.ply, no [scene] segmenter" in steps(capture)["segment"].why
+
+
+def test_a_face_is_no_stage_where_no_keypoint_is_facial(capture):
+    assert steps(capture)["face"].runs
+    for frame in (capture / "frames").iterdir():
+        (frame / "keypoints.json").unlink()
+    face = steps(capture)["face"]
+    assert not face.runs and "no face.*" in face.why
+
+
+def test_a_bad_first_frame_hides_no_plan_and_bad_frames_alone_are_refused(capture):
+    whole = steps(capture)
+    spoil(capture / "frames" / "000000")
+    assert steps(capture) == whole
+    spoil(capture / "frames" / "000001")
+    with pytest.raises(UserError, match="000000/scan.ply"):
+        plan(open_capture(capture))
