@@ -81,6 +81,10 @@ def test_numbers_of_arrays_are_numbers_and_what_is_none_is_null(capsys):
     speech.event("result", frame=np.int64(3), error=float("nan"), share=np.float64(0.5), path=Path("run"))
     said = json.loads(capsys.readouterr().out)
     assert said == {"event": "result", "frame": 3, "error": None, "share": 0.5, "path": "run"}
+    deep = {"draft": {"p95": np.float32("inf"), "runs": [Path("a"), (float("nan"), True)]}, np.int64(7): np.arange(2)}
+    speech.event("result", qualities=deep)
+    said = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["qualities"]
+    assert said == {"draft": {"p95": None, "runs": ["a", [None, True]]}, "7": [0, 1]}
 
 
 class Terminal(io.StringIO):
@@ -135,6 +139,25 @@ def test_an_error_is_told_to_machines_too_and_verbose_says_where_it_stems_from(m
     assert toile(monkeypatch, "plan", missing, "--verbose") == 1
     verbose = capsys.readouterr().err
     assert "open_capture" in verbose and verbose.endswith(said.err)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("plan", SAMPLE, "--nosuch"),
+        ("register", SAMPLE),
+        ("evaluate", "none"),
+        ("evaluate", "none", "--nosuch"),
+        ("status", "none"),
+        ("settings", "none"),
+        ("nosuch",),
+    ],
+    ids=lambda arguments: " ".join(map(str, arguments[::2])),
+)
+def test_with_json_stdout_says_the_error_of_every_command_whichever_part_of_it_raised(monkeypatch, capsys, arguments):
+    assert toile(monkeypatch, *arguments, "--json") == 1
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"event": "error", "text": said.err[len("toile: ") : -1], "exit": 1}
 
 
 def test_every_next_step_is_a_command():

@@ -109,5 +109,5 @@ def told(message, code):
     """The exit code, once the message stands on one line of stderr."""
     if speech.manner.verbose and code == 1:
         traceback.print_exc()
-    speech.error(" ".join(message.split())[:LINE], code)
+    speech.error(" ".join(message.split())[:LINE], code, "--json" in sys.argv)  # also where the parser never came to it
     return code

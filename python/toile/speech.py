@@ -70,17 +70,16 @@ def next_step(*command: str | Path) -> None:
         _tell("next", words, coloured(f"next: {words}", DIM, sys.stderr), sys.stderr)
 
 
-def error(words: str, code: int) -> None:
-    """Why a command ends, in one line of stderr, and as its last JSON line."""
+def error(words: str, code: int, json: bool = False) -> None:
+    """Why a command ends, in one line of stderr, and where `json` is asked for as its last JSON line."""
     print(f"{coloured('toile', RED, sys.stderr)}: {words}", file=sys.stderr)
-    if manner.json:
+    if json:
         event("error", text=words, exit=code)
 
 
 def event(kind: str, **facts: Any) -> None:
     """A JSON line on stdout, at once; numbers that are none become null."""
-    known = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in facts.items()}
-    print(json.dumps({"event": kind, **known}, default=_plain), flush=True)
+    print(json.dumps({"event": kind, **_plain(facts)}), flush=True)
 
 
 def coloured(words: str, colour: int, stream: TextIO) -> str:
@@ -90,7 +89,16 @@ def coloured(words: str, colour: int, stream: TextIO) -> str:
 
 
 def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else str(value)
+    """What JSON can say of a value, at any depth."""
+    if isinstance(value, dict):
+        return {str(name): _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
 def _tell(kind: str, words: str, line: str, stream: TextIO, **facts: Any) -> None:
