@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from .kernels import SurfaceIndex
-from .kernels.arrays import Anything, Array, Bools, Floats, Ints
+from .kernels import InputError, SurfaceIndex
+from .kernels.arrays import Anything, Array, Bools, Floats, Ints, as_floats
 from .lens import distort, lens_limit
 
 
@@ -244,25 +244,34 @@ class BodyModel(_Record):
         return self.joint_roles.index(role) if role in self.joint_roles else None
 
     def rest(self, shape: Array) -> tuple[Floats, Floats]:
-        """Rest vertices (n,3) and joints (K,3) for shape coefficients (S,)."""
-        shape = np.asarray(shape, dtype=np.float64)
-        s = len(shape)
+        """Rest vertices (n,3) and joints (K,3) for the first shape coefficients (s,), the others 0. InputError: more than S."""
+        shape = as_floats("rest", "shape", shape, (None,))
+        s, S = len(shape), self.shapedirs.shape[2]
+        if s > S:
+            raise InputError(f"rest: shape has {s} coefficients, the model has {S}")
         return self.v_template + self.shapedirs[..., :s] @ shape, self.J + self.J_shapedirs[..., :s] @ shape
 
-    def joint_transforms(self, J: Anything, rotations: Array, translation: Anything) -> tuple[Floats, Floats]:
-        """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
+    def joint_transforms(self, J: Array, rotations: Array, translation: Array) -> tuple[Floats, Floats]:
+        """Forward kinematics: world rotations (K,3,3) and joint positions (K,3) [m], of rest joints J (K,3) [m], rotation
+        vectors (K,3) [rad] about world axes relative to the parent, and translation (3,) [m]. InputError names what has another shape."""
+        K = len(self.parents)
+        J = as_floats("joint_transforms", "J", J, (K, 3))
+        rotations = as_floats("joint_transforms", "rotations", rotations, (K, 3))
+        translation = as_floats("joint_transforms", "translation", translation, (3,))
         return joint_transforms(self.parents, J, rotations, translation)
 
-    def skin(self, rest: Anything, J: Anything, rotations: Array, translation: Anything) -> Floats:
-        """Linear blend skinning of rest vertices (n,3)."""
+    def skin(self, rest: Array, J: Array, rotations: Array, translation: Array) -> Floats:
+        """Linear blend skinning of rest vertices (n,3) [m]; the pose as for `joint_transforms`."""
+        V = as_floats("skin", "rest", rest, (len(self.v_template), 3))
         R, x = self.joint_transforms(J, rotations, translation)
-        return blend_skinning(rest, J, R, x, self.weights_idx, self.weights_val)
+        return blend_skinning(V, np.asarray(J), R, x, self.weights_idx, self.weights_val)
 
-    def unskin(self, posed: Anything, J: Anything, rotations: Array, translation: Anything) -> Floats:
+    def unskin(self, posed: Array, J: Array, rotations: Array, translation: Array) -> Floats:
         """The inverse of `skin`, per vertex."""
+        V = as_floats("unskin", "posed", posed, (len(self.v_template), 3))
         R, x = self.joint_transforms(J, rotations, translation)
-        A, b = blended_transforms(J, R, x, self.weights_idx, self.weights_val)
-        rest: Floats = np.linalg.solve(A, (posed - b)[..., None])[..., 0].astype(np.float64, copy=False)
+        A, b = blended_transforms(np.asarray(J), R, x, self.weights_idx, self.weights_val)
+        rest: Floats = np.linalg.solve(A, (V - b)[..., None])[..., 0].astype(np.float64, copy=False)
         return rest
 
     def keypoints(self, V: Anything, joints: Anything) -> Floats:
