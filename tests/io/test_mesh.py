@@ -6,6 +6,7 @@ import pytest
 import toile
 from toile.errors import UserError
 from toile.io.mesh import read_mesh, write_mesh
+from toile.kernels import InputError
 from toile.scene import Mesh
 
 V = np.array([[0, 0, 0], [1.25, 0, 0], [0, 1, -3.0000001], [1, 1, 0.5]])
@@ -54,3 +55,43 @@ def test_another_ending_is_refused_and_nothing_is_left(tmp_path):
     with pytest.raises(UserError, match=r"m.stl: expected a file that ends in .obj or .ply"):
         write_mesh(tmp_path / "m.stl", Mesh(V, F))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ending", [".ply", ".obj"])
+@pytest.mark.parametrize("given", [np.ndarray.tolist, np.asfortranarray, lambda a: a.astype(f">{a.dtype.kind}8")])
+def test_a_mesh_of_any_numbers_is_the_same_file(tmp_path, ending, given):
+    write_mesh(tmp_path / f"a{ending}", Mesh(V, F))
+    write_mesh(tmp_path / f"b{ending}", Mesh(given(V), given(F)))
+    assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "said"),
+    [
+        (Mesh(np.where(V == 1.25, np.nan, V), F), "m.ply: vertex 1 is not finite"),
+        (Mesh(V, F + 1), r"m.ply: face 1 names a vertex that is not there \(4 vertices\)"),
+        (Mesh(V, F - 1), "m.ply: face 0 names a vertex"),
+        (Mesh(V, F[:0]), "m.ply: the mesh has 4 vertices and 0 faces"),
+        (Mesh(V, F, face_labels=[1, 300]), "m.ply: label: expected whole numbers from 0 to 255"),
+        (Mesh(V, F, face_labels=[1]), "m.ply: label: 1 values for 2 triangles"),
+        (Mesh(V, F, confidence=[0.5]), "m.ply: confidence: expected numbers from 0 to 1, one a vertex"),
+        (Mesh(V, F.astype(float)), "write_mesh: faces has dtype float64, expected integers"),
+        (Mesh(V[:, :2], F), r"write_mesh: vertices has shape \(4, 2\)"),
+    ],
+)
+def test_a_mesh_that_could_not_be_read_again_is_not_written(tmp_path, mesh, said):
+    with pytest.raises((UserError, InputError), match=said):
+        write_mesh(tmp_path / "m.ply", mesh)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("lines", "element"), [(-1, "face"), (-3, "vertex")])
+def test_a_ply_of_text_that_ends_early_is_refused(tmp_path, lines, element):
+    header = ["ply", "format ascii 1.0", "element vertex 4", *(f"property float {axis}" for axis in "xyz")]
+    header += ["element face 2", "property list uchar int vertex_indices", "end_header"]
+    text = header + [" ".join(map(str, v)) for v in V.tolist()] + [f"3 {a} {b} {c}" for a, b, c in F]
+    (tmp_path / "m.ply").write_text("\n".join(text))
+    assert np.array_equal(read_mesh(tmp_path / "m.ply").faces, F)
+    (tmp_path / "m.ply").write_text("\n".join(text[:lines]))
+    with pytest.raises(UserError, match=f"m.ply: its header says . of element {element}, it holds"):
+        read_mesh(tmp_path / "m.ply")

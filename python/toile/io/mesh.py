@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import UserError
-from ..kernels.arrays import Anything
+from ..kernels.arrays import Anything, as_faces, as_vertices
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
@@ -54,6 +55,10 @@ def check_mesh(path: Path, mesh: Mesh) -> Mesh:
 def _read_by_trimesh(path: Path) -> Mesh:
     vertices, faces, elements = _arrays_of(path)
     vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32).reshape(-1, 3)
+    for element, found in (("vertex", len(vertices)), ("face", len(faces))):
+        said = elements.get(element, {}).get("length", 0)
+        if found < said:  # text that was cut off reads as a smaller mesh
+            raise UserError(f"{path}: its header says {said} of element {element}, it holds {found}")
     labels = _ply_labels(path, elements, len(vertices), faces)
     return Mesh(vertices, faces, face_labels=labels, confidence=_ply_confidence(path, elements, len(vertices)))
 
@@ -80,14 +85,19 @@ def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:
         labels = _ply_property(elements.get(element, {}).get("data"), "label")
         if labels is None:
             continue
-        labels = np.asarray(labels).ravel()
-        if len(labels) != count:
-            raise UserError(f"{path}: label: {len(labels)} values for {count} triangles; only triangles carry labels")
-        if labels.dtype.kind not in "iu" or labels.min(initial=0) < 0 or labels.max(initial=0) > 255:
-            raise UserError(f"{path}: label: expected whole numbers from 0 to 255 (uchar), one a {element}")
-        labels = labels.astype(np.uint8)
+        labels = _ids(path, labels, count, element)
         return face_labels_of(labels, faces) if element == "vertex" and (faces < n).all() else labels
     return None
+
+
+def _ids(path: Path, labels: Any, count: int, element: str) -> Any:
+    """Labels (count,) uint8, one an element."""
+    labels = np.asarray(labels).ravel()
+    if len(labels) != count:
+        raise UserError(f"{path}: label: {len(labels)} values for {count} triangles; only triangles carry labels")
+    if labels.dtype.kind not in "iu" or labels.min(initial=0) < 0 or labels.max(initial=0) > 255:
+        raise UserError(f"{path}: label: expected whole numbers from 0 to 255 (uchar), one a {element}")
+    return labels.astype(np.uint8)
 
 
 def face_labels_of(labels: Anything, faces: Anything) -> Any:
@@ -99,8 +109,11 @@ def face_labels_of(labels: Anything, faces: Anything) -> Any:
 def _ply_confidence(path: Path, elements: Any, n: int) -> Any:
     """The property `confidence` (n,) of a PLY's vertices; None without."""
     values = _ply_property(elements.get("vertex", {}).get("data"), "confidence")
-    if values is None:
-        return None
+    return None if values is None else _shares(path, values, n)
+
+
+def _shares(path: Path, values: Any, n: int) -> Any:
+    """A confidence (n,) float64, one a vertex."""
     values = np.asarray(values, dtype=np.float64).ravel()
     if len(values) != n or not ((values >= 0) & (values <= 1)).all():
         raise UserError(f"{path}: confidence: expected numbers from 0 to 1, one a vertex")
@@ -191,12 +204,17 @@ def _refuse(path: Path, lines: Any, bad: Any, what: str) -> None:
 
 def write_mesh(path: Path | str, mesh: Mesh) -> None:
     """Writes a mesh as a whole file: `.obj` (7 decimals, with its UVs, 6 decimals) or `.ply` (binary, float32 positions, its
-    faces' labels, no UVs; float64 positions for a mesh hundreds of times its extent from the origin). UserError: another ending."""
+    faces' labels and its vertices' confidence, no UVs; float64 positions for a mesh hundreds of times its extent from the origin).
+    UserError: another ending, or what `read_mesh` would refuse. InputError: vertices or faces of another shape or type."""
     path = Path(path)
     write = {".obj": _obj, ".ply": _ply}.get(path.suffix.lower())
     if write is None:
         raise UserError(f"{path}: expected a file that ends in .obj or .ply")
-    replace_file(path, lambda p: p.write_bytes(write(mesh)))
+    V, F = as_vertices("write_mesh", "vertices", mesh.vertices), as_faces("write_mesh", "faces", mesh.faces)
+    labels = None if mesh.face_labels is None else _ids(path, mesh.face_labels, len(F), "face")
+    confidence = None if mesh.confidence is None else _shares(path, mesh.confidence, len(V))
+    sound = check_mesh(path, replace(mesh, vertices=V, faces=F, face_labels=labels, confidence=confidence))
+    replace_file(path, lambda p: p.write_bytes(write(sound)))
 
 
 def _obj(mesh: Mesh) -> bytes:
@@ -226,5 +244,5 @@ def _ply(mesh: Mesh) -> Any:
     rows["count"], rows["corners"] = 3, F
     if labelled:
         rows["label"] = mesh.face_labels
-    columns = [V] if mesh.confidence is None else [V, np.asarray(mesh.confidence)[:, None]]
+    columns = [V] if mesh.confidence is None else [V, mesh.confidence[:, None]]
     return header.encode() + np.hstack(columns).astype(kind).tobytes() + rows.tobytes()
