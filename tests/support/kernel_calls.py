@@ -137,7 +137,7 @@ def stereo(_):
     cameras = textured_plane.cameras(2, size=(40, 48))
     pictures, ranges = [textured_plane.picture(c) for c in cameras], textured_plane.ranges(cameras)
     maps = kernels.StereoSolver(cameras).solve(pictures, None, ranges)
-    return maps, kernels.fuse_depths(cameras, *maps[:3])
+    return maps, kernels.fuse_depths(cameras, *maps)
 
 
 SOLVERS = {  # what prepares once, and a call of it

@@ -1,6 +1,7 @@
 """Depth and normals from calibrated pictures, and the points that they agree on."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,13 +17,17 @@ HOLES = ("none", "masked", "saturated", "untextured", "unmatched", "inconsistent
 GREY = np.full(3, 1 / 3, np.float32)
 
 
-class StereoResult(NamedTuple):
-    """Maps of all cameras, of the largest picture's size; NaN in holes."""
+@dataclass(frozen=True)
+class StereoResult:
+    """Maps of all cameras, of the largest picture's size; NaN in holes. As a tuple `depth, normal, confidence = result`."""
 
     depth: npt.NDArray[np.float32]  # (C,H,W) z in the camera's frame [m]
     normal: npt.NDArray[np.float32]  # (C,H,W,3) unit, in the world, towards the camera
     confidence: npt.NDArray[np.float32]  # (C,H,W) 0 to 1, 0 in holes
     hole: npt.NDArray[np.uint8]  # (C,H,W) index of HOLES: why there is no depth
+
+    def __iter__(self) -> Iterator[npt.NDArray[np.float32]]:
+        return iter((self.depth, self.normal, self.confidence))
 
 
 class Points(NamedTuple):

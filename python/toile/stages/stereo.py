@@ -45,7 +45,7 @@ def scan(images, masks, cameras, settings, room=None):
     _check_room(seen, cut, settings.reduction, room)
     maps = kernels.StereoSolver(seen, **settings.match.model_dump()).solve(pictures, cut)
     fuse = settings.fuse.model_dump() | {"min_views": min(settings.fuse.min_views, len(views))}
-    points = _sure(kernels.fuse_depths(seen, *maps[:3], **fuse), settings.surface.least_confidence)
+    points = _sure(kernels.fuse_depths(seen, *maps, **fuse), settings.surface.least_confidence)
     if len(points.points) < 100:
         raise UserError(f"the pictures agree on {len(points.points)} points: no surface is found")
     pixel = np.nanmedian([np.nanmedian(z) / c.K[0, 0] for z, c in zip(maps.depth, seen) if np.isfinite(z).any()])
