@@ -110,6 +110,8 @@ def test_the_json_has_the_shape_of_the_reconstruction_s(folder):
     assert change["low"] <= change["change"] <= change["high"]
     mean = rows["mean code"]
     assert mean["change"]["mse"]["change"] == pytest.approx(rows["layered"]["mse"] / mean["mse"] - 1)
+    assert list(driven["rivals"]) == ["draw", "mean_code", "zero", "own_gaussian", "driven"]
+    assert driven["rivals"]["mean_code"] == {name: mean[name] for name in ("mse", "band_mse", "ssim")}
     drawn = rows["own Gaussian"]
     ends = [rows["layered"]["mse"] / drawn[end] - 1 for end in ("largest_mse", "least_mse")]
     assert ends[0] <= drawn["change"]["mse"]["change"] <= ends[1] and "change" not in rows["layered"]

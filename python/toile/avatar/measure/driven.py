@@ -17,7 +17,7 @@ from ...scene import stride_of
 from ..drive.draping import Draping, doubts, outdated, relieved, worn_cloths
 from ..drive.driver import hardly_foretold, load_driver, run_track
 from ..model.checkpoint import load_avatar
-from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of
+from .driving_codes import MEAN, OWN, TEMPORAL, UNIT, ZERO, driving_codes, kind_of, rivals
 from .heldout import VIEW, HeldOut
 
 LED = (TEMPORAL, MEAN, ZERO)  # rows of every picture; those drawn at random are of some
@@ -138,13 +138,15 @@ class Driven(HeldOut):
 
     def summary(self, errors):
         """What evaluation says of what drives the avatars, beside its usual measures."""
+        rows = self._rows(errors) if "baseline" in self.avatars else None
         return {
             "temporal": self.driver
             and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
             "physics": self.draping and self._physics(),
             "baseline_by": self.sources(errors).get("baseline"),
-            "baseline_rows": self._rows(errors) if "baseline" in self.avatars else None,
+            "baseline_rows": rows,
+            "rivals": rows and rivals(rows),
         }
 
     def _rows(self, errors):

@@ -18,6 +18,13 @@ from ..model.checkpoint import read_facts
 
 TEMPORAL, MEAN, ZERO = "temporal model", "mean code", "code zero"
 UNIT, OWN = "unit Gaussian", "own Gaussian"
+RIVALS = {
+    "draw": UNIT,
+    "mean_code": MEAN,
+    "zero": ZERO,
+    "own_gaussian": OWN,
+    "driven": TEMPORAL,
+}  # as programs read them
 DRAWS = 16  # codes of each Gaussian
 
 
@@ -49,6 +56,15 @@ def like(codes, seed):
     """A sample (Z,) of the Gaussian with the mean and the covariance of codes (F,Z)."""
     mean = codes.mean(0)
     return mean + drawn(len(codes), seed) @ (codes - mean) / max(len(codes) - 1, 1) ** 0.5
+
+
+def rivals(rows):
+    """{rival: {"mse", "band_mse", "ssim"}} of the rows that are there."""
+    return {
+        name: {measure: rows[row][measure] for measure in ("mse", "band_mse", "ssim")}
+        for name, row in RIVALS.items()
+        if row in rows
+    }
 
 
 def kind_of(row):

@@ -125,7 +125,7 @@ def evaluate_avatar(
     of a frame, shown to this one, for layers and for the tracked surface. change: of the layered avatar's squared
     errors against the baseline's, with 95 % intervals over the frames. intersections: pairs of triangles before and after
     `untangle`, of every figure. driven: None, or the temporal model's errors of codes, motion (second differences of garments'
-    vertices, decoded and true), `baseline_rows`, the baseline's errors by each of `driving_codes`, and `baseline_by`, the
+    vertices, decoded and true), `baseline_rows`, the baseline's errors by each of `driving_codes`, `rivals`, the main ones of them by short names, and `baseline_by`, the
     strongest of those shown in every picture, which `baseline` is.
     """
     from ..drive.cloths import ensure_cloths
