@@ -33,6 +33,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "avatar/edit": BASE
     | {"avatar", "avatar/drive", "avatar/measure", "avatar/model", "avatar/render", "io", "surface"},
     "studio": BASE | {"config", "io", "pipeline", "surface"},
+    "studio/segmenter": BASE | {"studio", "surface"},
     "view": BASE | {"io", "measure"},
     "console": {"errors", "speech"},
     "speech": set(),
@@ -66,10 +67,10 @@ LAYERS = {
 
 
 def room_of(parts):
-    """The room of a module's path: avatar's inner folders are rooms of their own."""
+    """The room of a module's path: inner folders of avatar and studio are rooms of their own."""
     parts = [p.removesuffix(".py") for p in parts]
-    inner = parts[0] == "avatar" and len(parts) > 1 and f"avatar/{parts[1]}" in ROOMS
-    return f"avatar/{parts[1]}" if inner else parts[0]
+    inner = "/".join(parts[:2])
+    return inner if inner in ROOMS else parts[0]
 
 
 def imports(path):
@@ -133,6 +134,15 @@ def test_no_files_import_one_another_in_a_circle(folder):
         ground = {name for name, imported in left.items() if not imported & set(left)}
         assert ground, f"a circle among {sorted(left)}"
         left = {name: imported for name, imported in left.items() if name not in ground}
+
+
+def test_bench_asks_nothing_of_its_inner_room():
+    """`bench/paper` builds on the benches, none of them on it."""
+    files = {".".join(p.relative_to(BENCH).with_suffix("").parts): p for p in BENCH.rglob("*.py")}
+    asked = {name: modules_of(name, path, files, "bench") for name, path in files.items()}
+    inner = {name for name in files if name.startswith("paper")}
+    assert any(asked[name] - inner for name in inner)
+    assert not {name for name in asked.keys() - inner if asked[name] & inner}
 
 
 def modules_of(name, path, files, top):
