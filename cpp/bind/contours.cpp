@@ -21,9 +21,12 @@ auto each(Member ContourPoint::*member) {
 void bind_contours(py::module_& m) {
     const py::call_guard<py::gil_scoped_release> free;
     py::class_<Contours>(m, "Contours")
-        .def(py::init([](const FaceIds& face, const Matrix& depth, const Vertices& V, const Faces& F,
-                         const Faces& neighbours, const Mat3& K,
-                         double near_plane) { return Contours({face, depth, V, F, neighbours, K}, near_plane); }),
+        .def(py::init([](FaceIds face, Matrix depth, Vertices V, Faces F, Faces neighbours, const Mat3& K,
+                         double near_plane, PixelMask of) {
+        return Contours(
+            {std::move(face), std::move(depth), std::move(V), std::move(F), std::move(neighbours), K, std::move(of)},
+            near_plane);
+    }),
              free)
         .def("gradient", &Contours::gradient, free)
         .def_property_readonly("a", each(&ContourPoint::a))

@@ -24,6 +24,8 @@ void check(const ContourView& v, double near_plane) {
             "contours: near_plane is " + std::to_string(near_plane) + ", expected a positive distance");
     require(v.depth.rows() == v.face.rows() && v.depth.cols() == v.face.cols(),
             "contours: depth and face differ in shape");
+    require(v.of.size() == 0 || (v.of.rows() == v.face.rows() && v.of.cols() == v.face.cols()),
+            "contours: of and face differ in shape");
     require(v.neighbours.rows() == v.faces.rows(), "contours: neighbours has " + std::to_string(v.neighbours.rows()) +
                                                        " rows, F " + std::to_string(v.faces.rows()));
     const auto within = [&](const auto& faces, const char* name) {
@@ -60,18 +62,13 @@ struct Followed {
 
 class Follower {
 public:
-    Follower(const ContourView& view, double near_plane)
-        : view_(view), near_(near_plane), screen_(static_cast<std::size_t>(view.vertices_camera.rows())) {
-        parallel_for(view.vertices_camera.rows(), [&](std::int64_t v) {
-            const Vec3 p = view.vertices_camera.row(v);
-            screen_[v] = {view.K.row(0).dot(p) / depth(v), view.K.row(1).dot(p) / depth(v)};
-        }, 4096);
-    }
+    Follower(const ContourView& view, double near_plane) : view_(view), near_(near_plane) {}
 
     /// From the centre (x, y) in `face` by one pixel along (dx, dy).
     Followed follow(std::int32_t face, double x, double y, double dx, double dy) const {
         const auto place = [&](std::int32_t v) {
-            const double u = screen_[v][0] - x, w = screen_[v][1] - y;
+            const Vec3 p = view_.vertices_camera.row(v);
+            const double u = view_.K.row(0).dot(p) / depth(v) - x, w = view_.K.row(1).dot(p) / depth(v) - y;
             return Place{u * dx + w * dy, w * dx - u * dy};
         };
         const Faces& F = view_.faces;
@@ -130,13 +127,13 @@ private:
 
     const ContourView& view_;
     double near_;
-    std::vector<std::array<double, 2>> screen_;  // [px]
 };
 
 /// The contour between pixel (row, column) and the one to its right, or below.
 std::optional<ContourPoint> between(const ContourView& view, const Follower& follower, Eigen::Index row,
                                     Eigen::Index column, bool below) {
     const Eigen::Index row_b = row + below, column_b = column + !below;
+    if (view.of.size() > 0 && !view.of(row, column) && !view.of(row_b, column_b)) return {};
     const std::int32_t p = view.face(row, column), q = view.face(row_b, column_b);
     if (p == q) return {};
     if (p >= 0 && q >= 0)

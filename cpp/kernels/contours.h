@@ -21,6 +21,7 @@ struct ContourView {
     Faces faces;               ///< (m,3)
     Faces neighbours;          ///< (m,3) by `face_neighbours`
     Mat3 K;                    ///< last row 0 0 1, no distortion
+    PixelMask of = {};         ///< (H,W): only contours beside these pixels are asked for; empty: all
 };
 
 /// The contours between pixels that are neighbours in a row or a column.

@@ -34,6 +34,14 @@ int main() {
         CHECK(p.share >= 0 && p.share <= 1);
     }
 
+    LAW("of a square's border only what touches the pixels asked for");
+    view.of = PixelMask::Constant(6, 6, false);
+    view.of(1, 2) = view.of(5, 5) = true;
+    CHECK(Contours(view, 0.01).points().size() == 1);
+    view.of = PixelMask::Constant(5, 6, true);
+    CHECK_THROWS(InputError, Contours(view, 0.01));
+    view.of.resize(0, 0);
+
     LAW("a covered area grows with each side by three pixels a pixel");
     Planes picture(1, 36), one = Planes::Ones(1, 36);
     for (int k = 0; k < 36; ++k) picture(0, k) = view.face(k / 6, k % 6) >= 0 ? 1.0f : 0.0f;

@@ -150,6 +150,19 @@ def test_each_contour_sends_half_the_slopes_times_the_jump_to_its_point():
     np.testing.assert_allclose(contours.gradient(picture, g), expected, rtol=1e-5, atol=1e-5)
 
 
+def test_contours_beside_some_pixels_are_those_of_all_that_touch_one():
+    V, F = two_sheets()
+    view, everywhere = seen(V, F)
+    of = np.random.default_rng(3).random(SIZE) < 0.02
+    some = Contours(view.face, view.depth, V, F, face_neighbours(F), K, NEAR, of)
+    touching = of.ravel()[everywhere.a] | of.ravel()[everywhere.b]
+    assert 0 < touching.sum() < len(touching)
+    for part in ("a", "b", "below", "edge", "share"):
+        assert np.array_equal(getattr(some, part), getattr(everywhere, part)[touching])
+    picture, g = np.random.default_rng(4).normal(size=(2, 3, *SIZE)).astype(np.float32)
+    assert np.array_equal(some.gradient(picture, g * of), everywhere.gradient(picture, g * of))
+
+
 def test_a_jump_that_is_not_finite_counts_as_none():
     V, F = two_sheets()
     view, contours = seen(V, F)
@@ -229,6 +242,8 @@ def test_ugly_meshes_give_shares_within_their_edges_and_finite_gradients(mesh, s
         ({"neighbours": np.zeros((2, 3), int)}, "contours: neighbours has 2 rows, F 8"),
         ({"K": np.zeros((3, 3))}, "contours: K is not a camera matrix"),
         ({"near": 0.0}, "contours: near_plane is 0"),
+        ({"of": np.ones((3, 4), bool)}, "contours: of and face differ in shape"),
+        ({"of": np.ones(SIZE)}, r"contours: of has shape \(48, 64\) of float64"),
     ],
 )
 def test_bad_input_is_refused(change, words):
@@ -236,6 +251,7 @@ def test_bad_input_is_refused(change, words):
     view = raster(V, F, K, SIZE)
     given = {
         "face": view.face, "depth": view.depth, "V": V, "F": F, "neighbours": face_neighbours(F), "K": K, "near": NEAR,
+        "of": None,
     } | change  # fmt: skip
     with pytest.raises(InputError, match=words):
         Contours(*given.values())

@@ -67,6 +67,14 @@ def as_pixels(kernel: str, name: str, values: Array) -> Pixels:
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
+def as_mask(kernel: str, name: str, values: Array) -> Bools:
+    """(H,W) bool, C order."""
+    array = _as_array(kernel, name, values)
+    if array.ndim != 2 or array.dtype != bool:
+        raise InputError(f"{kernel}: {name} has shape {array.shape} of {array.dtype}, expected (H, W) of bool")
+    return np.ascontiguousarray(array)
+
+
 def as_sparse(kernel: str, name: str, values: Any, kind: Callable[..., Any] = sp.csr_matrix) -> Any:
     """Sparse float64 rows (scipy's csr, or another `kind`), finite, with every index in range: the core trusts its
     structure."""

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .arrays import Array, Bools, Floats, Ints, as_face_ids, as_faces, as_floats, as_pixels, as_vertices
+from .arrays import Array, Bools, Floats, Ints, as_face_ids, as_faces, as_floats, as_mask, as_pixels, as_vertices
 
 
 class Contours:
@@ -20,7 +20,7 @@ class Contours:
     centre has no contour there, however small its faces are (nor has one of more than 64 within the pixel). Of two surfaces
     that both end, the nearer one's end counts; where neither ends, as where they cross, there is none. Bits do not depend on
     the number of threads. InputError: empty mesh, NaN or infinity in places, index out of range, K not a camera matrix,
-    arrays that do not fit.
+    arrays that do not fit. of: (H,W) bool, only contours beside these pixels are asked for, None for all.
     """
 
     def __init__(
@@ -32,6 +32,7 @@ class Contours:
         neighbours: Array,
         K: Array,
         near_plane: float = 1e-9,
+        of: Array | None = None,
     ) -> None:
         self._contours = _core.Contours(
             as_face_ids("contours", "face", face),
@@ -41,6 +42,7 @@ class Contours:
             as_faces("contours", "neighbours", neighbours),
             as_floats("contours", "K", K, (3, 3)),
             near_plane,
+            as_mask("contours", "of", np.zeros((0, 0), bool) if of is None else of),
         )
         self.size = np.shape(face)
 

@@ -231,6 +231,15 @@ def test_gradients_of_enlarged_maps_are_those_of_their_values(times):
     assert torch.autograd.gradcheck(lambda x: resize(x, 4 * times), maps)
 
 
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+def test_gradients_of_a_matrix_over_channels_are_those_of_its_values(layout):
+    conv = Conv(5, 3, 4, "point").double()
+    maps = torch.randn(2, 5, 4, 4, dtype=torch.double).contiguous(memory_format=layout).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x, *_: conv(x), (maps, *conv.parameters()))
+    if layout == torch.channels_last:
+        assert torch.autograd.grad(conv(maps).sum(), maps)[0].is_contiguous(memory_format=layout)
+
+
 @pytest.mark.parametrize("mode", ["same", "up"])
 def test_gradients_of_a_normalised_weight_are_those_of_its_values(mode):
     conv = Conv(3, 5, 8, mode).double()

@@ -39,6 +39,25 @@ def test_geometry_is_a_mean_over_weighted_vertices_only():
     assert not p.grad[0, 2].any()
 
 
+@pytest.mark.parametrize("shape", [(2, 3, 4, 5), (2, 1, 4, 5), (1, 1, 1, 1)])
+def test_a_weighted_mean_square_and_its_slope_are_autograd_s(shape):
+    error, weight = torch.randn(2, 3, 4, 5, requires_grad=True), torch.rand(shape)
+    weight[..., 1:] *= torch.rand(shape)[..., 1:] > 0.5
+    plain = (weight * error.square()).sum() / weight.expand_as(error).sum()
+    (expected,) = torch.autograd.grad(1.7 * plain, error)
+    found = losses.MeanSquare.apply(error, weight)
+    (slope,) = torch.autograd.grad(1.7 * found, error)
+    torch.testing.assert_close(found, plain)
+    torch.testing.assert_close(slope, expected)
+
+
+def test_a_mean_square_of_nothing_is_zero_and_pulls_nowhere():
+    error = torch.full((1, 3, 2, 2), math.nan, requires_grad=True)
+    found = losses.MeanSquare.apply(error, torch.zeros(1, 1, 2, 2))
+    found.backward()
+    assert found == 0 and not error.grad.any()
+
+
 def test_laplacian_is_zero_for_translations_and_for_unused_vertices():
     v, f = octahedron()
     operator = uniform_laplacian(f, len(v))

@@ -246,9 +246,8 @@ class Avatar(nn.Module):
         """
         if shadow:
             decoded = self.shade(decoded)
-        pictures = []
-        for b in range(len(batch["K"])):
-            surfaces = [self.model(name).surface(one, b) for name, one in decoded.items()]
+        pictures, layers = [], [self.model(name).surfaces(one) for name, one in decoded.items()]
+        for b, surfaces in enumerate(zip(*layers, strict=True)):
             K = batch["K"][b] * batch["K"].new_tensor([[samples], [samples], [1]])
             fine = size[0] * samples, size[1] * samples
             seen = render(surfaces, K, batch["T_camera_world"][b], fine, layer_depth=layer_depth)
@@ -267,7 +266,7 @@ class Avatar(nn.Module):
         same = torch.zeros(1, 3, device=picture.device)
         gain = torch.cat([same, self.colour_gain, same])[camera][..., None, None]
         bias = torch.cat([same, self.colour_bias, same])[camera][..., None, None]
-        return picture * (1 + gain) + bias * coverage
+        return torch.addcmul(bias * coverage, picture, 1 + gain)
 
     def parameters_count(self):
         return count(self)

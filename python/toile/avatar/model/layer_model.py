@@ -135,7 +135,9 @@ class LayerModel(nn.Module):
         if light is None or self.mean_light is None:
             return None
         with torch.autocast(normals.device.type, enabled=False):
-            more = self.light_texels(irradiance(irradiance_basis(normals), light) - 1)
+            more = self.light_texels(
+                irradiance(irradiance_basis(normals), light) - 1
+            ).contiguous()  # as the mean: planes
             return (1 + more) / self.mean_light
 
     def decode(self, pose, face, z, transforms, centre, texture=True, light=None):
@@ -186,9 +188,12 @@ class LayerModel(nn.Module):
         maps = self.shadow_texels((occlusion - self.mean_ao)[..., None])
         return resize(self.networks.shadow(maps), self.texels)
 
-    def surface(self, decoded, b):
-        """Sample b of a batch, as the renderer takes it."""
-        return Surface(decoded.vertices[b], self.faces, self.uv, self.face_uv, decoded.shaded[b])
+    def surfaces(self, decoded):
+        """[Surface], the samples of a batch as the renderer takes them."""
+        return [
+            Surface(vertices, self.faces, self.uv, self.face_uv, texture)
+            for vertices, texture in zip(decoded.vertices.unbind(), decoded.shaded.unbind(), strict=True)
+        ]
 
 
 def joint_masks(layer, texels, parents, size):

@@ -23,19 +23,21 @@ def rasterise(vertices, faces, K, size):
     return torch.tensor(result.face).long(), torch.tensor(result.depth)
 
 
-def rasterise_apart(vertices, meshes, K, size):
-    """Meshes, each faces (m,3) of the vertices (n,3), by themselves: [(face, depth)] as `rasterise` gives them."""
-    if vertices.device.type == "cpu":
-        return [rasterise(vertices, faces, K, size) for faces in meshes]
-    return rasterise_apart_by_scatter(vertices, meshes, K, size)
+def rasterise_apart(meshes, K, size):
+    """Meshes (vertices (n,3), faces (m,3)) by themselves: [(face, depth)] as `rasterise` gives them."""
+    if meshes[0][0].device.type == "cpu":
+        return [rasterise(*mesh, K, size) for mesh in meshes]
+    return rasterise_apart_by_scatter(meshes, K, size)
 
 
-def rasterise_apart_by_scatter(vertices, meshes, K, size):
+def rasterise_apart_by_scatter(meshes, K, size):
     """The same on any device, all meshes at once."""
     height, width = size
-    starts = np.cumsum([0, *(len(faces) for faces in meshes)]).tolist()
-    picture = torch.cat([torch.full((len(faces),), k, device=faces.device) for k, faces in enumerate(meshes)])
-    face, depth = rasterise_by_scatter(vertices, torch.cat(meshes), K, size, picture, len(meshes))
+    vertices, faces = zip(*meshes)
+    first, starts = (np.cumsum([0, *map(len, parts)]).tolist() for parts in (vertices, faces))
+    picture = torch.cat([torch.full((len(part),), k, device=part.device) for k, part in enumerate(faces)])
+    together = torch.cat(vertices), torch.cat([part + n for part, n in zip(faces, first)])
+    face, depth = rasterise_by_scatter(*together, K, size, picture, len(meshes))
     faces = [torch.where(one < 0, -1, one - start) for one, start in zip(face.view(-1, height, width), starts)]
     return list(zip(faces, depth.view(-1, height, width)))
 

@@ -79,9 +79,10 @@ def _render(scene, background, layer_depth):
         colours.append(_look_up(surface.texture.float(), uv))
         depths.append(z[None])
     pixel, colour, z = torch.cat(pixels), torch.cat(colours, 1), torch.cat(depths, 1)
+    image, mask = front.pictured(pixel, colour, background)
     return Rendered(
-        image=front.paste(pixel, colour, background),
-        mask=front.paste(pixel, torch.ones_like(z), 0.0)[0],
+        image=image,
+        mask=mask,
         face=front.face,
         layer=sum((mask.long() * (k + 1) for k, mask in enumerate(shown)), torch.tensor(-1, device=pixel.device)),
         depth=torch.cat(own_depths) if layer_depth else front.paste(pixel, z, torch.inf),
@@ -154,9 +155,7 @@ class _Scene:
     def __init__(self, surfaces, K, T_camera_world, size):
         self.surfaces, self.K, self.size = surfaces, K, size
         world = torch.cat([s.vertices.float() for s in surfaces])
-        # no matrix product: on the way back autocast would round it
-        x, y, z, t = T_camera_world[:3].unbind(1)
-        self.vertices = world[:, :1] * x + world[:, 1:2] * y + world[:, 2:] * z + t
+        self.vertices = _InCamera.apply(world, T_camera_world[:3, :3], T_camera_world[:3, 3])
         self.first_vertex = _starts([s.vertices for s in surfaces])
         self.first_face = _starts([s.faces for s in surfaces])
 
@@ -190,8 +189,9 @@ class _Scene:
 
     def views(self):
         """Each surface by itself."""
-        meshes = [s.faces + n for s, n in zip(self.surfaces, self.first_vertex)]
-        buffers = rasterise_apart(self.vertices.detach(), meshes, self.K, self.size)
+        vertices = self.vertices.detach().split([len(s.vertices) for s in self.surfaces])
+        meshes = list(zip(vertices, (s.faces for s in self.surfaces)))
+        buffers = rasterise_apart(meshes, self.K, self.size)
         return [_View(self, face, depth, n) for (face, depth), n in zip(buffers, self.first_face)]
 
     def interpolate(self, k, face, pixel):
@@ -227,15 +227,43 @@ class _View:
 
     def paste(self, pixel, values, background):
         """values (C,P) of all points, in pixels (P,), over a background: a number, (C,) or (C,H,W) -> (C,H,W)."""
+        return _Paste.apply(values, self.scene.vertices, self._spread(background, values), pixel, self)
+
+    def pictured(self, pixel, colour, background):
+        """The same of colours (C,P), and the mask (H,W) of all points; contours move both, and are looked for once."""
+        background, seen = self._spread(background, colour), torch.ones_like(colour[:1])
+        under = torch.cat([background, torch.zeros_like(background[:1])])
+        both = _Paste.apply(torch.cat([colour, seen]), self.scene.vertices, under, pixel, self)
+        image, mask = both.split([len(colour), 1])
+        return image, mask[0]
+
+    def _spread(self, background, values):
         background = torch.as_tensor(background, dtype=values.dtype, device=values.device)
         background = background[:, None, None] if background.ndim == 1 else background
-        return _Paste.apply(values, self.scene.vertices, background.expand(len(values), *self.own.shape), pixel, self)
+        return background.expand(len(values), *self.own.shape)
 
-    @cached_property
-    def contours(self):
-        """By the core, on any device."""
-        scene, face, depth = self.scene, self.face.cpu().numpy(), self.depth.cpu().numpy()
-        return Contours(face, depth, scene.points, scene.faces, scene.neighbours, scene.K.cpu().numpy(), NEAR)
+    def slope(self, picture, g):
+        """Of a loss by the vertices (n,3), by the motion of contours, where it has the slope g (C,H,W) by a picture (C,H,W): by
+        the core, on any device."""
+        scene, face, depth, g = self.scene, self.face.cpu().numpy(), self.depth.cpu().numpy(), g.cpu().numpy()
+        of = (g != 0).any(0)
+        found = Contours(face, depth, scene.points, scene.faces, scene.neighbours, scene.K.cpu().numpy(), NEAR, of)
+        return found.gradient(picture.cpu().numpy(), g)
+
+
+class _InCamera(Function):
+    """R v + t of vertices (n,3); not rounded on the way back either, where autocast is on again."""
+
+    @staticmethod
+    def forward(ctx, vertices, R, t):
+        ctx.save_for_backward(R)
+        return torch.addmm(t, vertices, R.T)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, g):
+        with torch.autocast(g.device.type, enabled=False):
+            return g @ ctx.saved_tensors[0], None, None
 
 
 class _Interpolate(Function):
@@ -299,8 +327,8 @@ class _Paste(Function):
         (picture, vertices, pixel), g = ctx.saved_tensors, g_picture.flatten(1)
         g_vertices = g_background = None
         if ctx.needs_input_grad[1] and g.any():  # a layer's own depth rarely has a gradient
-            pair = (x.view(g_picture.shape).cpu().numpy() for x in (picture, g))
-            g_vertices = torch.from_numpy(ctx.view.contours.gradient(*pair)).to(vertices)
+            slope = ctx.view.slope(picture.view(g_picture.shape), g_picture)
+            g_vertices = torch.from_numpy(slope).to(vertices)
         if ctx.needs_input_grad[2]:
             g_background = g.index_fill(1, pixel, 0.0).view(g_picture.shape)
         return g.index_select(1, pixel), g_vertices, g_background, None, None
