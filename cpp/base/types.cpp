@@ -39,7 +39,9 @@ void check_faces(const std::string& kernel, const Faces& F, Eigen::Index n, cons
         for (int c = 0; c < 3; ++c)
             if (F(f, c) < 0 || F(f, c) >= n)
                 throw InputError(kernel + ": " + name_F + "[" + std::to_string(f) + "] holds vertex " +
-                                 std::to_string(F(f, c)) + ", " + name_V + " has " + std::to_string(n) + " rows");
+                                 std::to_string(F(f, c)) + ", " +
+                                 (name_V.empty() ? "expected 0 to " + std::to_string(n - 1)
+                                                 : name_V + " has " + std::to_string(n) + " rows"));
 }
 
 void check_indices(const std::string& kernel, const std::string& name, const Indices& indices, Eigen::Index n) {

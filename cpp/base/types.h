@@ -34,7 +34,7 @@ void check_solved(const std::string& kernel, const std::string& name, const Eige
 void check_mesh(const std::string& kernel, const Vertices& V, const Faces& F, const std::string& name_V = "V",
                 const std::string& name_F = "F");
 
-/// Throws InputError unless every index of F lies in [0, n).
+/// Throws InputError unless every index of F lies in [0, n); `name_V` is empty where no vertices are given.
 void check_faces(const std::string& kernel, const Faces& F, Eigen::Index n, const std::string& name_F = "F",
                  const std::string& name_V = "V");
 

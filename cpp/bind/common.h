@@ -31,7 +31,7 @@ namespace toile::bind {
 
 namespace py = pybind11;
 
-/// Fills an options struct from keywords by its bound attributes; an unknown name is a TypeError.
+/// Fills an options struct from keywords by its bound attributes; an unknown name or another type is a TypeError.
 template <class Options>
 Options options_from(const py::kwargs& keywords, const char* kernel, Options options = {}) {
     py::object view = py::cast(&options, py::return_value_policy::reference);
@@ -39,7 +39,14 @@ Options options_from(const py::kwargs& keywords, const char* kernel, Options opt
         const auto name = py::cast<std::string>(key);
         if (name.starts_with('_') || !py::hasattr(view, key))
             throw py::type_error(std::string(kernel) + ": no option named '" + name + "'");
-        view.attr(key) = value;
+        const py::object usual = view.attr(key);
+        try {
+            view.attr(key) = value;
+        } catch (const py::error_already_set&) {
+            throw py::type_error(std::string(kernel) + ": " + name + " is " + std::string(py::repr(value)) +
+                                 ", expected " + std::string(py::str(usual.get_type().attr("__name__"))) + " like " +
+                                 std::string(py::repr(usual)));
+        }
     }
     return options;
 }

@@ -84,11 +84,11 @@ void bind_geometry(py::module_& m) {
         return voronoi_mass(V, F);
     }, free);
     m.def("boundary_loops", [](const Faces& F) {
-        check_faces("boundary_loops", F, most_vertices);
+        check_faces("boundary_loops", F, most_vertices, "F", "");
         return boundary_loops(F);
     });
     m.def("face_neighbours", [](const Faces& F) {
-        check_faces("face_neighbours", F, most_vertices);
+        check_faces("face_neighbours", F, most_vertices, "F", "");
         return face_neighbours(F);
     }, free);
     m.def("border_vertices", [](const Faces& F, Eigen::Index n) {
@@ -99,7 +99,7 @@ void bind_geometry(py::module_& m) {
             Eigen::Map<const Eigen::Array<char, Eigen::Dynamic, 1>>(mark.data(), n).cast<bool>());
     }, free);
     m.def("unique_edges", [](const Faces& F) {
-        check_faces("unique_edges", F, most_vertices);
+        check_faces("unique_edges", F, most_vertices, "F", "");
         return unique_edges(F);
     }, free);
     m.def("vertex_components", [](const Faces& F, Eigen::Index n) {

@@ -46,6 +46,16 @@ def test_an_unknown_option_is_a_type_error_that_names_it(kernel):
 
 
 @pytest.mark.parametrize("kernel", CALLS)
+def test_a_number_of_another_type_is_a_type_error_that_names_the_option_and_what_is_usual(kernel):
+    call, arguments = CALLS[kernel]
+    usual = {name: getattr(getattr(_core, f"{kernel}Options")(), name) for name in options_of(kernel)}
+    for name, value in usual.items():
+        if isinstance(value, int | float):
+            with pytest.raises(TypeError, match=rf": {name} is '7', expected {type(value).__name__} like "):
+                call(*arguments, **{name: "7"})
+
+
+@pytest.mark.parametrize("kernel", CALLS)
 def test_every_option_is_told_in_the_docstring_of_its_face(kernel):
     call, _ = CALLS[kernel]
     assert not [name for name in options_of(kernel) if name not in call.__doc__]

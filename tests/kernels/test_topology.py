@@ -59,6 +59,12 @@ def test_border_refuses_an_index_beyond_n_and_a_negative_n():
         kernels.border_vertices(SHEET, -1)
 
 
+@pytest.mark.parametrize("of_faces_alone", ["boundary_loops", "face_neighbours", "unique_edges"])
+def test_faces_alone_are_refused_without_a_word_of_vertices(of_faces_alone):
+    with pytest.raises(kernels.InputError, match=rf"{of_faces_alone}: F\[0\] holds vertex -1, expected 0 to \d+$"):
+        getattr(kernels, of_faces_alone)([[0, -1, 2]])
+
+
 def sides_of(loop):
     return list(zip(loop.tolist(), np.roll(loop, -1).tolist()))
 
