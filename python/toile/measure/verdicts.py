@@ -18,12 +18,8 @@ OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
-LIMBS = (
-    "lowerarm01.L",
-    "lowerarm01.R",
-    "lowerleg01.L",
-    "lowerleg01.R",
-)  # roles at which begins what only a whole limb shows
+# roles at which begins what only a whole limb shows
+LIMBS = ("lowerarm01.L", "lowerarm01.R", "lowerleg01.L", "lowerleg01.R")
 DEEP = 0.02  # m: so far in the rest of the body is no limb that touches it
 POINTS = 150  # of a limb, that are looked for in the rest of the body
 STEP = 4  # every so many faces are asked for their stretch
@@ -51,7 +47,7 @@ def judge(
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
     layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     measures = agreement(seen, cameras, model, joints, body, layers)
-    if len(seen.points):
+    if len(seen.points) and not _pictured(measures):
         measures |= limbs_shown(model, body)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
@@ -177,9 +173,12 @@ def _said_by_others(key, measures, settings):
     ]
     if key in ("two_sided_mm", "apart", "astray"):
         return all(agree)
-    return key in ("observed", "limb_observed", "limb_inside") and (
-        "keypoint_mm" in measures or "silhouette_iou" in measures
-    )
+    return key in ("observed", "limb_observed", "limb_inside") and _pictured(measures)
+
+
+def _pictured(measures):
+    """Does anything but the scan show where the body is?"""
+    return "keypoint_mm" in measures or "silhouette_iou" in measures
 
 
 def _limits(s):

@@ -18,10 +18,8 @@ PROBED = 2000  # faces of a scan
 NEAR = 1e-3  # m, from a face, where a ray begins
 TOLD = 0.5  # share of its faces that must have the scan on one side alone: of a scan from the front nothing is told
 INWARDS = 0.3  # share of faces that look inwards; noise and webs leave less
-COVERED, ON = (
-    0.99,
-    0.9,
-)  # share of the masks that a scan covers, and of the scan that lies on them; floors and clutter lie off
+# share of the masks that a scan covers, and of the scan that lies on them; floors and clutter lie off
+COVERED, ON = 0.99, 0.9
 APART = 0.8  # of the masks: a scan that covers less is elsewhere
 
 
