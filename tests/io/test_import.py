@@ -157,6 +157,8 @@ def test_keypoints_of_openpose_are_named_and_the_surest_person_is_taken(tmp_path
         UserError, match=r"25 body points: say which list they are by --skeleton: openpose25, openpose25b"
     ):
         imported(tmp_path / "their", tmp_path / "ours")
+    with pytest.raises(UserError, match="--skeleton openpose99: expected one of coco17, openpose25, "):
+        imported(tmp_path / "their", tmp_path / "ours", skeleton="openpose99")
     imported(tmp_path / "their", tmp_path / "ours", skeleton="openpose25b")
     keypoints = open_capture(tmp_path / "ours").frame(0).keypoints
     assert keypoints.names == ("body.upperarm01.L", "body.wrist.L")

@@ -1,10 +1,15 @@
 """The property `confidence` of scan.ply: written and read, refused where it is none."""
 
+import dataclasses
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
 
 from toile.errors import UserError
+from toile.io.capture import open_capture
 from toile.io.mesh import read_mesh, write_mesh
 from toile.scene import Mesh
 
@@ -32,3 +37,12 @@ def test_confidence_that_is_none_is_refused(tmp_path, bad):
     mesh.export(tmp_path / "scan.ply")
     with pytest.raises(UserError, match="scan.ply: confidence: expected numbers from 0 to 1"):
         read_mesh(tmp_path / "scan.ply")
+
+
+def test_a_scan_of_which_nothing_counts_is_refused(tmp_path):
+    capture = shutil.copytree(Path(__file__).parents[2] / "data_samples" / "tshirt-talk", tmp_path / "capture")
+    path = capture / "frames" / "000000" / "scan.ply"
+    scan = read_mesh(path)
+    write_mesh(path, dataclasses.replace(scan, confidence=np.zeros(len(scan.vertices))))
+    with pytest.raises(UserError, match=r"000000/scan.ply: confidence: 0 at every vertex"):
+        open_capture(capture).scan(0)

@@ -63,6 +63,12 @@ def test_a_vertex_that_the_surface_lacks_is_refused_before_the_run(capture):
         check_capture(found, found.frames)
 
 
+def test_a_frame_that_the_capture_lacks_is_refused_before_the_run(capture):
+    found = opened(capture, [GOOD | {"frames": [0, 999]}])
+    with pytest.raises(UserError, match="votes.json: 0.frames: 999: the capture has no such frame"):
+        check_capture(found, found.frames)
+
+
 def test_what_is_no_list_is_refused(capture):
     with pytest.raises(UserError, match="votes.json"):
         opened(capture, {"label": "tshirt"})

@@ -63,6 +63,8 @@ class Capture:
         self._check_height(path, scan)
         if scan.face_labels is not None:
             self._check_ids(path, scan.face_labels)
+        if scan.confidence is not None and not scan.confidence.any():
+            raise UserError(f"{path}: confidence: 0 at every vertex, so that nothing of the scan counts")
         return scan
 
     def keypoints(self, number: int) -> Any:
@@ -235,6 +237,8 @@ def check_capture(capture: Capture, frames: Sequence[int]) -> None:
         if vote.vertices[-1] >= len(model.v_template):
             n = len(model.v_template)
             raise UserError(f"{capture.root / VOTES}: {i}.vertices: {vote.vertices[-1]}: the surface has {n} vertices")
+        if absent := sorted(set(vote.frames or ()) - set(capture.frames)):
+            raise UserError(f"{capture.root / VOTES}: {i}.frames: {absent[0]}: the capture has no such frame")
     errors, seen, labelled = [], set(), False
     checked = list(frames[:CHECKED])
     segmented = bool(capture.scene.segmenter) and any(capture.pictured(number) for number in frames)

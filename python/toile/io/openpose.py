@@ -23,6 +23,8 @@ SIDES = {"L": "hand_left_keypoints_2d", "R": "hand_right_keypoints_2d"}
 def read_person(path: Path, skeleton: str = "") -> tuple[dict[str, Floats], int]:
     """{name: (3,) u, v, confidence} of the surest person, {} without one, and the count of people. `skeleton` names the
     body's list, needed where several have its length. UserError names the file and the field."""
+    if skeleton and skeleton not in SKELETONS:
+        raise UserError(f"--skeleton {skeleton}: expected one of {', '.join(SKELETONS)}")
     people = read_json(path, dict).get("people")
     if not isinstance(people, list) or not all(isinstance(person, dict) for person in people):
         raise UserError(f"{path}: people: expected a list of people, as OpenPose writes")

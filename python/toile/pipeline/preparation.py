@@ -16,7 +16,9 @@ from ..io.capture import Capture
 from ..io.files import identity_of, load_record, save_record
 from ..io.image import read_rgba
 from ..io.status import Status
+from ..measure.inspection.body import STANDING, check_up, upward
 from ..measure.inspection.doubts import doubted_on
+from ..measure.inspection.scans import inside_out
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
 from ..stages import dress, inner, motion, prints, segment, track
@@ -88,7 +90,13 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
     sampled = cache(partial(samples_of, capture, run, config, identities))
     fitted = cache(lambda: track.prepare(model, sampled(), config.track))
-    person = kept(folder / "person.npz", Person, lambda: fitted()[0], identities.stages["person"])
+
+    def found():
+        person, tracked = fitted()
+        _say(Status.of(run), "prepare", _said_of_scans(model, person, capture.scene.up, sampled(), tracked))
+        return person
+
+    person = kept(folder / "person.npz", Person, found, identities.stages["person"])
     prepared = PreparedRun(
         capture, config, model, person, folder, track.Tracker(model, person, config.track), identities
     )
@@ -116,13 +124,12 @@ def _prepare_garments(prepared, tracked, status):
     if identity_of(colours, True) != ids["colours"] or any(
         identity_of(path, True) != ids["template"] for path in paths
     ):
-        status.forget("dress")
         samples = tracked()
         cameras = thin_cameras(prepared.capture.cameras, config.picture_side)
         learn = partial(segment.prepare, scene, cameras, samples, model.f, config.segment, parts_of(model))
         made = kept(colours, segment.SegmentModel, learn, ids["colours"], **COLOURS)
-        for warning in (*prepared.capture.warnings, *_said(scene, model, cameras, samples, made.cloth, config)):
-            status.add(stage="dress", ok=False, warning=warning)
+        said = _said(scene, model, cameras, samples, made.cloth, config)
+        _say(status, "dress", (*prepared.capture.warnings, *said))
         wanted = samples if config.template_from_scan else dress.fit_samples(samples, config.dress)
         evidenced = parallel_map(partial(_evidenced, prepared, made), wanted)
         for garment, path in zip(scene.garments, paths):
@@ -133,6 +140,22 @@ def _prepare_garments(prepared, tracked, status):
         dress.Dresser(model, person, template, config.dress, _over(scene, template.name))
         for template in prepared.templates
     )
+
+
+def _say(status, stage, texts):
+    """What a stage warns of, in place of what it warned of before."""
+    status.forget(stage)
+    for text in texts:
+        status.add(stage=stage, ok=False, warning=text)
+
+
+def _said_of_scans(model, person, up, samples, tracked):
+    """What to warn of sampled frames [(Frame, ...)] that were tracked: scans that look inwards, a body that does not stand up."""
+    roles = [f"{joint}.{side}" for joint in STANDING for side in "LR" if model.joint(f"{joint}.{side}") is not None]
+    places = [model.joint_transforms(person.J, t.rotations, t.translation)[1] for t in tracked]
+    along = upward(tuple(f"body.{role}" for role in roles), np.array(places)[:, [model.joint(role) for role in roles]])
+    lies = check_up(along, up)
+    return [finding.text for finding in (*inside_out([frame for frame, *_ in samples]), *([lies] if lies else []))]
 
 
 def _said(scene, model, cameras, samples, cloth, config):

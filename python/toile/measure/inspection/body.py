@@ -11,6 +11,7 @@ STATURE = (1.2, 2.2)  # m, of a person who may be measured
 RARE = (0.8, 2.6)  # m, of a child or a giant; no unit is taken for another within it
 LEG = 0.491  # of the stature from hip over knee to ankle (Winter 2009, table 4.1)
 UNITS = {"mm": 1000.0, "cm": 100.0, "dm": 10.0, "m": 1.0, "inches": 39.37, "feet": 3.281}
+STANDING = ("foot", "lowerleg01", "upperleg01", "upperarm01")  # the lowest that is known, and the shoulders
 LEANS = np.cos(np.radians(50))
 STANDS = np.cos(np.radians(30))
 FACING = ("face.nose_tip", "face.ear.L", "face.ear.R")
@@ -61,8 +62,8 @@ def check_units(tall: float, units: str) -> Finding | None:
 
 def upward(names: tuple[str, ...], points: Floats) -> Floats | None:
     """Direction (3,) from the feet over the hips to the shoulders, the median of the frames; None without them."""
-    low = _middle(names, points, ("body.foot", "body.lowerleg01", "body.upperleg01"))
-    high = _middle(names, points, ("body.upperarm01",))
+    *legs, shoulders = (f"body.{joint}" for joint in STANDING)
+    low, high = _middle(names, points, tuple(legs)), _middle(names, points, (shoulders,))
     along = high - low
     along = along[np.isfinite(along).all(1)]
     if not len(along):
