@@ -60,6 +60,18 @@ def test_unseen_cloth_follows_its_neighbours(matcher):
     assert np.abs(around[hidden & ~matcher.surface.on_loop] - 0.01).max() < 2e-3
 
 
+def test_a_slide_that_leaves_what_is_seen_fits_nothing(matcher):
+    points, rest = matcher.surface.lattice.positions, matcher.surface.rest
+    patch = (np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.25).astype(float)
+    frame = matcher.pyramid(dots(points, 0.01) + 0.1 * dots(points, seed=1), patch)
+    target = matcher.target(dots(points), patch)
+    one, other = (np.stack(around_and_up(matcher, np.tile(d, (len(rest), 1))), 1) for d in ([1.0, 0], [0, 1.0]))
+    away = np.linalg.solve(np.stack([one, other], 2), np.tile([1.6 * RADIUS, 0], (len(rest), 1))[..., None])[..., 0]
+    near, far = matcher.match(frame, target, rest), matcher.match(frame, target, rest, away)
+    assert far.kept < 0.5 * far.seen and far.after < near.after
+    assert np.array_equal(matcher.best(frame, target, rest, [away, None]).d, near.d)
+
+
 def test_a_slide_is_the_same_in_any_pose_and_numbering(matcher):
     turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     turned *= np.sign(np.linalg.det(turned))

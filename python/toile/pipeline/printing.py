@@ -95,7 +95,7 @@ def _slides(prepared, found, number) -> dict[str, Matched]:
     for name in prepared.aligner.matchers:
         slides = [matched[name].d for matched in found.values()]
         fps, settings = prepared.capture.scene.fps, prepared.config.prints
-        made[name] = Matched(over_time(list(found), slides, [number], fps, settings)[0], 0.0, 0.0, 0.0)
+        made[name] = Matched(over_time(list(found), slides, [number], fps, settings)[0], 0.0, 0.0, 0.0, 0.0)
     return made
 
 

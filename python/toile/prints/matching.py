@@ -15,16 +15,18 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric 3 x 3
 WHICH = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 HOLD = 1e4  # against the rest of the matrix
 SEEN = 0.25  # share of a blurred point's neighbourhood that must have been seen
+KEPT = 0.5  # of what is compared: a slide that keeps less in sight is believed last
 
 
 @dataclass(frozen=True)
 class Matched:
-    """A slide d (g,2) [m], and how well it fits: rms of what is left, over the parts seen in both."""
+    """A slide d (g,2) [m], and how well it fits: rms of what is left, over the parts seen in both, unslid and slid."""
 
     d: np.ndarray
     before: float
     after: float
     seen: float  # share of the garment's area that was compared
+    kept: float  # the same once it has slid: of what slides out of sight nothing is left
 
 
 class Matcher:
@@ -93,12 +95,14 @@ class Matcher:
             for _ in range(math.ceil(share * count)):
                 data = self._print_equations(k, *self._residual(frame, target, d, k), target[k][2])
                 d = self._step(d, [posed], data)
-        (before, seen), (after, _) = self._misfit(frame, target, nothing), self._misfit(frame, target, d)
-        return Matched(d, before, after, seen)
+        (before, seen), (after, kept) = self._misfit(frame, target, nothing), self._misfit(frame, target, d)
+        return Matched(d, before, after, seen, kept)
 
     def best(self, frame, target, posed, starts):
-        """Of the Matched slides from several `starts`, see `match`, the one that fits best, of equals the first."""
-        return min((self.match(frame, target, posed, start) for start in starts), key=lambda found: found.after)
+        """Of the Matched slides from several `starts`, see `match`, the one that fits best, of equals the first; before all that
+        slide most of what is compared out of sight."""
+        found = (self.match(frame, target, posed, start) for start in starts)
+        return min(found, key=lambda one: (one.kept < KEPT * one.seen, one.after))
 
     def unstretched(self, posed, slid=0.0):
         """The slide, the same for all frames, that leaves the edges' lengths on their `posed` surfaces (f,g,3) least changed;
