@@ -18,13 +18,8 @@ from ..model.checkpoint import read_facts
 
 TEMPORAL, MEAN, ZERO = "temporal model", "mean code", "code zero"
 UNIT, OWN = "unit Gaussian", "own Gaussian"
-RIVALS = {
-    "draw": UNIT,
-    "mean_code": MEAN,
-    "zero": ZERO,
-    "own_gaussian": OWN,
-    "driven": TEMPORAL,
-}  # as programs read them
+# as programs read them
+RIVALS = {"draw": UNIT, "mean_code": MEAN, "zero": ZERO, "own_gaussian": OWN, "driven": TEMPORAL}
 DRAWS = 16  # codes of each Gaussian
 
 
