@@ -46,8 +46,10 @@ def test_a_clothed_man_keeps_his_correspondences_over_four_frames(shared_data, t
         "segment": False,
         "dress": False,
         "prints": False,
+        "motion": True,
         "inner": False,
         "face": False,
+        "view": False,
     }
     outcome = register(tmp_path / "capture", tmp_path / "run", preset("draft"))
     assert outcome.ok == (1, 2, 3, 4) and not outcome.failed

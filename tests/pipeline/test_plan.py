@@ -1,5 +1,6 @@
 """`toile plan`: the stages that a capture asks for, whichever parts it lacks."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -54,3 +55,26 @@ def test_a_bad_first_frame_hides_no_plan_and_bad_frames_alone_are_refused(captur
     spoil(capture / "frames" / "000001")
     with pytest.raises(UserError, match="000000/scan.ply"):
         plan(open_capture(capture))
+
+
+def test_one_camera_triangulates_nothing_and_gives_no_look_by_view(capture):
+    assert steps(capture)["reconstruct"].runs and steps(capture)["view"].runs
+    file = capture / "cameras.json"
+    cameras = json.loads(file.read_text())["cameras"]
+    file.write_text(json.dumps({"cameras": cameras[:1]}))
+    for frame in (capture / "frames").iterdir():
+        keypoints = json.loads((frame / "keypoints.json").read_text())
+        first = {name: rows for name, rows in keypoints["points"].items() if name == cameras[0]["name"]}
+        (frame / "keypoints.json").write_text(json.dumps(keypoints | {"points": first}))
+        for path in [path for kind in ("images", "masks", "labels") for path in (frame / kind).glob("*")]:
+            if path.stem != cameras[0]["name"]:
+                path.unlink()
+    found = steps(capture)
+    assert not found["reconstruct"].runs and found["reconstruct"].why == "keypoints.json of one camera alone"
+    assert not found["view"].runs and found["view"].why == "one camera in cameras.json"
+
+
+def test_smoothing_is_a_stage_where_frames_follow_one_another(capture):
+    assert steps(capture)["motion"].runs
+    shutil.rmtree(capture / "frames" / "000001")
+    assert not steps(capture)["motion"].runs

@@ -24,17 +24,17 @@ def plan(capture: Capture) -> list[Step]:
     printed = [g.name for g in scene.garments if g.prints]
     first = _first_readable(capture)
     cloth = f"[[garment]] {', '.join(names)}" if names else "no [[garment]] in scene.toml"
-    points = "keypoints.json" if first.keypoints else "no keypoints.json"
-    points = points if first.points3d is None else "keypoints3d.json is given"
     return [
         _stereo(capture, first),
-        Step("reconstruct", first.points3d is None and first.keypoints is not None, points),
+        _reconstruct(first),
         Step("track", True, f'[body] model = "{scene.body_model}"'),
         Step("segment", bool(names), f"{cloth}; {_labels(capture, first)}" if names else cloth),
         Step("dress", bool(names), cloth),
         Step("prints", bool(printed), f"prints = true: {', '.join(printed)}" if printed else "no prints = true"),
+        Step("motion", len(capture.frames) > 1, f"{len(capture.frames)} frames"),
         Step("inner", bool(names), cloth),
         _face(capture, first),
+        _view(capture),
     ]
 
 
@@ -57,6 +57,16 @@ def _stereo(capture: Capture, first: Frame) -> Step:
     return Step("stereo", False, "scan.ply is given" if first.scan else "no pictures with masks or labels to make one")
 
 
+def _reconstruct(first: Frame) -> Step:
+    if first.points3d is not None:
+        return Step("reconstruct", False, "keypoints3d.json is given")
+    if first.keypoints is None:
+        return Step("reconstruct", False, "no keypoints.json")
+    if len(first.keypoints.points) < 2:
+        return Step("reconstruct", False, "keypoints.json of one camera alone")
+    return Step("reconstruct", True, "keypoints.json")
+
+
 def _labels(capture: Capture, first: Frame) -> str:
     """What gives the garments' labels."""
     scene = capture.scene
@@ -73,3 +83,11 @@ def _face(capture: Capture, first: Frame) -> Step:
     found = [points.names for points in (first.keypoints, first.points3d) if points is not None]
     facial = any(name.startswith("face.") for names in found for name in names)
     return Step("face", facial, "[face] keypoints" if facial else "[face] keypoints, but no face.* among the keypoints")
+
+
+def _view(capture: Capture) -> Step:
+    """What depends on the view, which an avatar learns."""
+    if len(capture.cameras) < 2:
+        return Step("view", False, "one camera in cameras.json")
+    told = capture.scene.view_dependent
+    return Step("view", told, f"[cameras] view_dependent = {str(told).lower()}")
