@@ -1,6 +1,7 @@
 """Motions from runs, BVH and npz: what was written is what drives."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -232,3 +233,43 @@ def test_a_real_bvh_keeps_the_feet_near_the_ground(model, shared_data):
     for k in (0, len(motion) // 2):
         V = model.skin(model.v_template, model.J, motion.rotations[k], motion.translation[k] + [0, 0, ground - 0.9])
         assert -0.3 < V[:, 2].min() < 0.5  # jumps and steps, scaled from the capture
+
+
+@pytest.mark.parametrize(
+    "old, new, said",
+    [
+        ("OFFSET 0 10 0\nCHANNELS", "CHANNELS", "broken BVH: joint Spine: its OFFSET is missing or not finite"),
+        ("OFFSET 0 10 0\nCHANNELS", "OFFSET 0 nan 0\nCHANNELS", "broken BVH: joint Spine: its OFFSET"),
+        ("OFFSET 0 10 0\nCHANNELS", "OFFSET 0 0 10\nCHANNELS", "at rest Hips to Spine leads along z: .* y up"),
+        ("OFFSET 0 10 0\nCHANNELS", "OFFSET 0 -10 0\nCHANNELS", "at rest Hips to Spine leads along -y"),
+    ],
+)
+def test_a_skeleton_that_does_not_stand_along_y_is_refused(model, tmp_path, old, new, said):
+    (tmp_path / "a.bvh").write_text(BVH.replace(old, new, 1))
+    with pytest.raises(UserError, match=f"a.bvh: {said}"):
+        read(tmp_path / "a.bvh", model)
+
+
+def test_a_limb_without_length_is_refused(model, tmp_path):
+    arm = "JOINT LeftArm\n{\nOFFSET 2 0 0\nCHANNELS 0\nJOINT LeftForeArm\n{\nOFFSET 0 0 0\nCHANNELS 0\n}\n}\n"
+    (tmp_path / "a.bvh").write_text(BVH.replace("End Site", arm + "End Site", 1))
+    with pytest.raises(UserError, match="a.bvh: the bone from LeftArm to LeftForeArm has no length"):
+        read(tmp_path / "a.bvh", model)
+
+
+def test_a_motion_about_axes_of_another_up_is_refused(model, tmp_path, monkeypatch):
+    with pytest.raises(UserError, match="m.npz: up is y there, z in the avatar's scene"):
+        read(saved(tmp_path / "m.npz", **still(model, up="y")), model)
+    assert len(read(saved(tmp_path / "n.npz", **still(model, up="z")), model)) == 4
+    run = SimpleNamespace(scene=SimpleNamespace(up="y"))
+    monkeypatch.setattr("toile.io.motion.is_run", lambda path: True)
+    monkeypatch.setattr("toile.io.motion.open_run", lambda path: run)
+    with pytest.raises(UserError, match="run: up is y there, z in the avatar's scene"):
+        read(tmp_path / "run", model)
+
+
+def test_an_npz_that_numbers_its_frames_is_played_as_they_lie_apart(model, tmp_path):
+    apart = still(model, 3, translation=np.arange(9.0).reshape(3, 3), frames=np.array([10, 12, 16]))
+    assert read(saved(tmp_path / "m.npz", **apart), model).translation[:, 0].tolist() == [0, 0, 3, 3, 3, 6, 6]
+    with pytest.raises(UserError, match="bad.npz: frames is .* rising whole numbers"):
+        read(saved(tmp_path / "bad.npz", **(apart | {"frames": np.array([0, 2, 1])})), model)

@@ -72,6 +72,7 @@ def hierarchy(words):
             names.append(words[i + 1])
             parents.append(stack[-1] if stack else -1)
             channels.append([])
+            offsets.append([np.nan] * 3)
             i += 2
         elif word == "End":
             ending = True
@@ -85,7 +86,7 @@ def hierarchy(words):
             i += 1
         elif word == "OFFSET":
             if not ending:
-                offsets.append([float(w) for w in words[i + 1 : i + 4]])
+                offsets[stack[-1]] = [float(w) for w in words[i + 1 : i + 4]]
             i += 4
         elif word == "CHANNELS":
             n = int(words[i + 1])
@@ -95,6 +96,9 @@ def hierarchy(words):
             i += 2 + n
         else:
             i += 1
+    for name, offset in zip(names, offsets):
+        if not np.isfinite(offset).all():
+            raise ValueError(f"joint {name}: its OFFSET is missing or not finite")
     return tuple(names), tuple(parents), np.array(offsets), channels
 
 
@@ -122,6 +126,23 @@ def matches(bvh):
     at = {role: i for i, role in reversed(list(enumerate(joint_roles(bvh.names))))}
     wanted = [*MIDDLE, *(f"{role}.{side}" for role in SIDED for side in "LR")]
     return {role: at[role] for role in wanted if role in at}, [role for role in wanted if role not in at]
+
+
+def check_rest(path, bvh, found):
+    """UserError: the trunk does not rise along y from the hips at rest, or a limb's bone has no length and so no direction."""
+    places = rest_places(bvh)
+    top = next((role for role in reversed(MIDDLE) if role in found), "root")
+    rise = places[found[top]] - places[found["root"]]
+    axis = np.abs(rise).argmax()
+    if rise.any() and (axis != 1 or rise[1] < 0):
+        along = ("-" if rise[axis] < 0 else "") + "xyz"[axis]
+        names = " to ".join(bvh.names[found[role]] for role in ("root", top))
+        raise UserError(f"{path}: at rest {names} leads along {along}: a BVH file is taken to be y up: write it so")
+    for role in found:
+        joint, dot, side = role.partition(".")
+        end = f"{BONES.get(joint)}{dot}{side}"
+        if end in found and np.array_equal(places[found[role]], places[found[end]]):
+            raise UserError(f"{path}: the bone from {bvh.names[found[role]]} to {bvh.names[found[end]]} has no length")
 
 
 def starts_at(bvh):

@@ -12,7 +12,7 @@ from ..errors import UserError
 from ..kernels.arrays import Anything
 from ..scene import BodyModel
 from .bounded import read_npz
-from .bvh import facing, floor_path, matches, read_bvh, retarget, stance_of_model, starts_at
+from .bvh import check_rest, facing, floor_path, matches, read_bvh, retarget, stance_of_model, starts_at
 from .run import is_run, open_run
 
 MAX_FRAMES = 1_000_000
@@ -56,18 +56,19 @@ def read_motion(
 
     `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,
     started facing as the model does at rest with the root's translation `translation` (3,) [m]), or a .npz
-    `{rotations (T,K,3), translation (T,3), face (T,q,3)?, fps}` (in the model's axes; frames counted from 0, taken at the
-    nearest instants of `fps`). UserError names the file and the field.
+    `{rotations (T,K,3), translation (T,3), face (T,q,3)?, fps, frames (T,)?, up?}` (in the model's axes; frames counted
+    from 0, as far apart as `frames` numbers them, taken at the nearest instants of `fps`). UserError names the file and the
+    field.
     """
     path = Path(path)
     if is_run(path):
-        return _of_run(path, len(J))
+        return _of_run(path, len(J), up)
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
     if not path.is_file():
         raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
     bvh = path.suffix.lower() == ".bvh"
-    return _sane(path, _of_bvh(path, model, J, fps, translation, up) if bvh else _of_npz(path, len(J), fps))
+    return _sane(path, _of_bvh(path, model, J, fps, translation, up) if bvh else _of_npz(path, len(J), fps, up))
 
 
 def _sane(path, motion):
@@ -85,8 +86,9 @@ def _sane(path, motion):
     return motion
 
 
-def _of_run(path, joints):
+def _of_run(path, joints, up):
     run = open_run(path)
+    check_up(path, run.scene.up, up)
     rows, rotations = run.rows(), run.pose.rotations
     if rotations.shape[1:] != (joints, 3):
         raise UserError(f"{path}: the run's poses have {rotations.shape[1]} joints, the avatar has {joints}")
@@ -103,6 +105,7 @@ def _of_bvh(path, model, J, fps, translation, up):
     found, missing = matches(bvh)
     if "root" not in found:
         raise UserError(f"{path}: no joint named like Hips")
+    check_rest(path, bvh, found)
     start = starts_at(bvh)
     pick = start + _instants(path, len(bvh.root) - start, 1 / bvh.frame_time, fps)
     S = stance_of_model(model, J, up)
@@ -112,8 +115,14 @@ def _of_bvh(path, model, J, fps, translation, up):
     return Motion(np.arange(len(pick)), local, path_of_root, None, fps, tuple(missing))
 
 
-def _of_npz(path, joints, fps):
-    fields = read_npz(path, names=("rotations", "translation", "face", "fps"))
+def check_up(path, found, up):
+    """UserError: the motion at `path` is about axes of which another is up."""
+    if found != up:
+        raise UserError(f"{path}: up is {found} there, {up} in the avatar's scene: its turns are about other axes")
+
+
+def _of_npz(path, joints, fps, up):
+    fields = read_npz(path, names=("rotations", "translation", "face", "fps", "frames", "up"))
     for name in ("rotations", "translation", "fps"):
         if name not in fields:
             raise UserError(f"{path}: {name} is missing")
@@ -130,10 +139,21 @@ def _of_npz(path, joints, fps):
     own = float(fields["fps"])
     if not 0 < own <= 10_000 or not 0 < T <= MAX_FRAMES:
         raise UserError(f"{path}: {T} frames at fps {own:g}")
-    pick = _instants(path, T, own, fps)
+    if "up" in fields:
+        check_up(path, str(fields["up"]), up)
+    numbers = _numbers(path, fields.get("frames", np.arange(T)), T)
+    instants = _instants(path, numbers[-1] + 1, own, fps)
+    pick = np.searchsorted((numbers[1:] + numbers[:-1]) / 2, instants)  # the nearest, of two the earlier
     face = fields["face"][pick].astype(np.float64) if "face" in fields else None
     rotations, translation = (fields[name][pick].astype(np.float64) for name in ("rotations", "translation"))
     return Motion(np.arange(len(pick)), rotations, translation, face, fps)
+
+
+def _numbers(path, frames, T):
+    """(T,) numbers of a .npz's frames, from 0 on."""
+    if frames.shape != (T,) or frames.dtype.kind not in "iu" or (np.diff(frames.astype(np.int64)) < 1).any():
+        raise UserError(f"{path}: frames is {frames.dtype} {frames.shape}, expected ({T},) rising whole numbers")
+    return frames.astype(np.int64) - frames[0].astype(np.int64)
 
 
 def _instants(path, count, own, fps):
