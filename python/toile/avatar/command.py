@@ -69,6 +69,9 @@ def train(
     from .model.checkpoint import asked_before
     from .settings import TemporalSettings, TrainSettings, train_preset
 
+    if not (temporal or temporal_model) and (window is not None or not physics):
+        given = "--no-physics" if window is None else f"--window {window}"
+        raise UserError(f"{given}: it is of what drives garments: give --temporal too")
     own = own_options(minutes, steps, lr, seed) | {"temporal": temporal_options(temporal_model, window, seed)}
     trained = asked_before(avatar).get("settings")
     named = quality or config or any(word.startswith("quality") for word in changes or ())

@@ -108,6 +108,17 @@ def test_limbs_are_kept_apart_once_for_all_workers_and_with_frames_only_as_far_a
     assert ("limbs apart", 2, 2) in said and ("collisions of limbs", 2, 2) in said
 
 
+def test_a_window_is_as_long_in_time_whatever_the_rate_of_the_motion(avatar_folder, sample_run):
+    motion = DrivenAvatar(avatar_folder, sample_run).motion
+    taught, rows = load_avatar(avatar_folder).scene.fps, np.repeat(np.arange(len(motion)), 2)
+    twice = replace(motion, frames=np.arange(len(rows)), rotations=motion.rotations[rows], face=None, fps=2.0 * taught)
+    driver, stride, _ = load_driver(avatar_folder)
+    with torch.no_grad():
+        track = make_track(load_avatar(avatar_folder), twice.frames, twice.rotations, None, 2 * stride, twice.fps)
+        wanted = driver.latents(track)["tshirt"]
+    assert torch.equal(DrivenAvatar(avatar_folder, twice).latents["tshirt"], wanted)
+
+
 def test_codes_of_a_frame_are_read_from_the_window_before_it_and_what_smoothing_sees(avatar_folder, sample_run):
     motion = DrivenAvatar(avatar_folder, sample_run).motion
     long = replace(motion, frames=np.arange(40), rotations=np.repeat(motion.rotations[:1], 40, 0), face=None, fps=30.0)
@@ -120,6 +131,8 @@ def test_codes_of_a_frame_are_read_from_the_window_before_it_and_what_smoothing_
     faster = np.flatnonzero(apart.rows_read(avatar_folder, replace(long, fps=60.0), {"a": avatar_folder}, False, shown))
     taught = load_avatar(avatar_folder).scene.fps  # the lent garment's window is as long in time
     assert faster[0] == max(20 - int(REACH * 60) - round(window * 60 / taught), 0)
+    own = np.flatnonzero(apart.rows_read(avatar_folder, replace(long, fps=60.0), {}, False, shown))
+    assert own[0] == faster[0]
     with_track = lambda rotations: driver.latents(
         make_track(load_avatar(avatar_folder), long.frames, rotations, None, stride, 30.0)
     )["tshirt"][20]

@@ -327,6 +327,15 @@ def test_the_command_line_names_the_temporal_model():
         temporal_options("window", 0, 0)
 
 
+@pytest.mark.parametrize("given", [["--window", "3"], ["--no-physics"]])
+def test_what_is_of_driving_alone_is_refused_without_it(tmp_path, monkeypatch, capsys, given):
+    monkeypatch.setattr(sys, "argv", ["toile", "train", str(tmp_path / "run"), str(tmp_path / "avatar"), *given])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 1
+    assert f"{' '.join(given)}: it is of what drives garments: give --temporal too" in capsys.readouterr().err
+
+
 def test_the_same_seed_gives_the_same_bits_for_any_number_of_threads(driven, tmp_path):
     folder, _ = driven
     again = tmp_path / "again"

@@ -35,7 +35,7 @@ from ..model.recorded import decoder, repeatable
 from .apart import check_face, motion_of, take
 from .cameras import asked_cameras, camera_path
 from .draping import Draping, doubts, outdated, relieved, worn_cloths
-from .driver import FILE, hardly_foretold, load_driver, make_track, one_thread, reader_of
+from .driver import FILE, hardly_foretold, load_driver, make_track, one_thread, reader_of, stride_at
 from .layering import GarmentLayering
 from .lending import lend
 
@@ -120,6 +120,7 @@ class DrivenAvatar:
             return {}
         driver, stride, self.measured = load_driver(self.folder)
         motion = self.motion
+        stride = stride_at(motion.fps, stride, self.avatar.scene.fps)
         with torch.no_grad():
             track = make_track(
                 reader_of(self.folder, self.avatar), motion.frames, motion.rotations, motion.face, stride, motion.fps

@@ -79,19 +79,19 @@ def rows_read(folder, motion, garments, physics, shown):
     """(T,) bool: rows of a Motion that the codes of those `shown` (T,) are read from. A window looks back, smoothing over time both
     ways; a damped model and cloth by physics have seen all that was before. `garments` {name: folder of another avatar}."""
     ahead = int(REACH * rate_of(motion.frames, motion.fps))
-    back = max(_rows_back(folder, motion), *(_rows_back(place, motion, lent=True) for place in garments.values()), 0)
+    back = max(_rows_back(place, motion) for place in (folder, *garments.values()))
     back, needed = len(shown) if physics else back + ahead, np.zeros(len(shown), bool)
     for row in np.flatnonzero(shown):
         needed[max(row - back, 0) : row + ahead + 1] = True
     return needed
 
 
-def _rows_back(folder, motion, lent=False):
+def _rows_back(folder, motion):
     """How many rows before its own the temporal model of an avatar's folder reads for a code."""
     if not (Path(folder) / FILE).exists():
         return 0
     driver, stride, _ = load_driver(folder)
     if driver.settings.model != "window":
         return len(motion)
-    stride = stride_at(motion.fps, stride, load_avatar(folder).scene.fps) if lent else stride
+    stride = stride_at(motion.fps, stride, load_avatar(folder).scene.fps)
     return (driver.settings.window - 1) * stride // (stride_of(motion.frames) or 1)
