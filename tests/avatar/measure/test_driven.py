@@ -57,6 +57,26 @@ def test_it_shows_what_an_animation_of_the_run_shows(held, folder, sample_run):
             assert np.abs(one.vertices[0].cpu().numpy() - placed[layer]).max() < 1e-5
 
 
+def test_an_opening_that_slipped_for_all_frames_is_measured_and_named(held, monkeypatch):
+    run, avatar = held.registered.run, held.avatars["layered"]
+    shirt, skin = run.garments["tshirt"], avatar.model("tshirt").skin
+    moved = {3: np.array([0.02, 0, 0.03]), 1: np.array([0.04, 0, -0.01])}  # [m] about their mean (0.03, 0, 0.01)
+
+    def placed(_, n):
+        transforms = avatar.transforms(held._steered(n))
+        V = skin.unpose(torch.as_tensor(shirt.at(n)).float()[None], *transforms)
+        V[:, shirt.loops["hem"]] += torch.as_tensor(moved[n]).float()
+        return {"tshirt": skin.pose(V, *transforms)[0].numpy()}
+
+    monkeypatch.setattr(held, "_placed", placed)
+    monkeypatch.setattr(held, "warnings", [])
+    aside = held._aside()["tshirt"]
+    assert set(aside) == set(shirt.loops) and aside.pop("hem") == pytest.approx(31.6, abs=0.1)
+    assert max(aside.values()) < 0.1
+    (said,) = held.warnings
+    assert said.startswith("tshirt: opening hem is driven 32 mm beside the registered one in the mean of all frames")
+
+
 def test_every_code_but_the_temporal_model_s_holds_over_the_sequence(held):
     rows = [name for name, of in held.shown.items() if of == "baseline"]
     codes = {name: [held.latents[name][n]["surface"] for n in (1, 3)] for name in rows}

@@ -22,6 +22,7 @@ from .heldout import VIEW, HeldOut
 
 LED = (TEMPORAL, MEAN, ZERO)  # rows of every picture; those drawn at random are of some
 COMPARED = 7  # every which picture shows all rows; prime, so that few numbers of cameras see some of them only
+ASIDE = 15.0  # mm, of an opening from where it is registered, in the mean of the frames: no error of single poses
 STATED = (
     "mse", "ssim", "band_mse", "garment_mse", "body_mse", "silhouette_mse", "ms_ssim", "gradient_similarity", "legibility",
 )  # fmt: skip
@@ -143,6 +144,7 @@ class Driven(HeldOut):
             "temporal": self.driver
             and {"model": self.driver.settings.model, "window": self.driver.settings.window} | self.measured,
             "motion": self._motion(),
+            "aside_mm": self._aside(),
             "physics": self.draping and self._physics(),
             "baseline_by": self.sources(errors).get("baseline"),
             "baseline_rows": rows,
@@ -186,6 +188,26 @@ class Driven(HeldOut):
             }
         return found
 
+    @torch.no_grad()
+    def _aside(self):
+        """{garment: {opening: distance from the registered one [mm], in the mean of its vertices and of the frames, unposed}}: what
+        slipped and stayed, which no pose tells."""
+        if "layered" not in self.avatars:
+            return {}
+        avatar, run, found = self.avatars["layered"], self.registered.run, {}
+        for name in self.registered.garment_labels:
+            off = []
+            for n in self.frames:
+                R, t = avatar.transforms(self._steered(n))
+                both = np.stack([self._placed("layered", n)[name], run.garments[name].at(n)])
+                both = self._tensor(both)[0]
+                shown, registered = avatar.model(name).skin.unpose(both, R.expand(2, -1, -1, -1), t.expand(2, -1, -1))
+                off.append((shown - registered).cpu().numpy())
+            mean, loops = 1e3 * np.mean(off, axis=0), run.garments[name].loops
+            found[name] = {opening: float(np.linalg.norm(mean[loop].mean(0))) for opening, loop in loops.items()}
+        self.warnings += slipped(found)
+        return found
+
     def _physics(self):
         """strain of the most stretched edge, {frame: the share of cloth, where codes had to help}, the cloth's own pairs, and {garment: what
         was missed where its frames were left out [mm]}."""
@@ -202,6 +224,17 @@ class Driven(HeldOut):
         return {
             name: float(np.mean([len(self_intersections(V[name], F)) for V in placed])) for name, F in faces.items()
         }
+
+
+def slipped(aside):
+    """What to warn of openings that lie aside, {garment: {opening: [mm]}}, see `Driven`."""
+    return [
+        f"{garment}: opening {opening} is driven {mm:.0f} mm beside the registered one in the mean of all frames: cloth lies otherwise "
+        "there than in most frames that taught, as when it slips and stays, and no pose tells it"
+        for garment, openings in aside.items()
+        for opening, mm in openings.items()
+        if mm > ASIDE
+    ]
 
 
 def _median(values):
