@@ -268,6 +268,16 @@ def test_a_motion_about_axes_of_another_up_is_refused(model, tmp_path, monkeypat
         read(tmp_path / "run", model)
 
 
+def test_a_run_of_another_body_model_is_refused_by_its_joints_names(model, tmp_path, monkeypatch):
+    names = [*model.joint_names[:7], "tail", *model.joint_names[8:]]
+    pose = SimpleNamespace(rotations=np.zeros((2, len(names), 3)))
+    run = SimpleNamespace(scene=SimpleNamespace(up="z"), rows=lambda: [0, 1], pose=pose, joint_names=tuple(names))
+    monkeypatch.setattr("toile.io.motion.is_run", lambda path: True)
+    monkeypatch.setattr("toile.io.motion.open_run", lambda path: run)
+    with pytest.raises(UserError, match=f"run: joint 7 of the run is tail, of the avatar {model.joint_names[7]}"):
+        read(tmp_path / "run", model)
+
+
 def test_an_npz_that_numbers_its_frames_is_played_as_they_lie_apart(model, tmp_path):
     apart = still(model, 3, translation=np.arange(9.0).reshape(3, 3), frames=np.array([10, 12, 16]))
     assert read(saved(tmp_path / "m.npz", **apart), model).translation[:, 0].tolist() == [0, 0, 3, 3, 3, 6, 6]

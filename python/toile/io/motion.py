@@ -62,7 +62,7 @@ def read_motion(
     """
     path = Path(path)
     if is_run(path):
-        return _of_run(path, len(J), up)
+        return _of_run(path, model.joint_names, up)
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
     if not path.is_file():
@@ -86,12 +86,17 @@ def _sane(path, motion):
     return motion
 
 
-def _of_run(path, joints, up):
+def _of_run(path, joint_names, up):
     run = open_run(path)
     check_up(path, run.scene.up, up)
     rows, rotations = run.rows(), run.pose.rotations
-    if rotations.shape[1:] != (joints, 3):
-        raise UserError(f"{path}: the run's poses have {rotations.shape[1]} joints, the avatar has {joints}")
+    if rotations.shape[1:] != (len(joint_names), 3):
+        raise UserError(f"{path}: the run's poses have {rotations.shape[1]} joints, the avatar has {len(joint_names)}")
+    for k, (theirs, ours) in enumerate(zip(run.joint_names, joint_names)):
+        if theirs != ours:
+            raise UserError(
+                f"{path}: joint {k} of the run is {theirs}, of the avatar {ours}: they are of different body models"
+            )
     if not len(rows):
         raise UserError(f"{path}: no frame is registered")
     face = None if run.face is None else run.face[rows]

@@ -201,7 +201,7 @@ def of_poses(driven):
 def test_training_poses_are_near_and_others_are_warned_of(avatar_folder, sample_run, tmp_path):
     assert of_poses(DrivenAvatar(avatar_folder, sample_run)) == []
     rotations = np.zeros((2, 104, 3))
-    rotations[:, :, 0] = 0.8
+    rotations[:, 1:, 0] = 0.8
     np.savez(tmp_path / "far.npz", rotations=rotations, translation=np.zeros((2, 3)), fps=30.0)
     whole, joint = of_poses(DrivenAvatar(avatar_folder, tmp_path / "far.npz"))
     assert "2 of 2 poses are far from the training's poses: frame 0 is" in whole

@@ -15,7 +15,7 @@ from toile.avatar.measure.metrics import (
     ssim_map,
 )
 from toile.avatar.model import poses
-from toile.avatar.model.poses import joints_apart, nearest_poses, usual_distance
+from toile.avatar.model.poses import joints_apart, leaning, leans, nearest_poses, usual_distance
 from toile.measure.truth import second_difference
 
 SHIRT, SKIN = 3, 1
@@ -145,6 +145,18 @@ def test_a_joint_is_as_far_as_from_the_nearest_of_all_poses_whichever_is_nearest
     assert whole == pytest.approx(np.degrees(0.5) / 4) and alone[0] == pytest.approx([0, 0, 0, 0])
     whole, alone = nearest_poses([pose], np.zeros((0, 5, 3)))
     assert np.isnan(whole) and np.isnan(alone).all() and joints_apart([0], alone, "abcd", "none") == []
+
+
+def test_a_body_leans_as_far_as_up_turns_for_its_root_however_it_faces():
+    from scipy.spatial.transform import Rotation
+
+    up, tilt, turn = np.array([0, 0, 1.0]), Rotation.from_rotvec([0.9, 0, 0]), Rotation.from_rotvec([0, 0, 2.5])
+    poses = np.zeros((3, 5, 3))
+    poses[:, 0] = [(turn * tilt).as_rotvec(), turn.as_rotvec(), [np.pi, 0, 0]]
+    assert leans(poses, np.zeros((1, 5, 3)), up) == pytest.approx([np.degrees(0.9), 0, 180])
+    (said,) = leaning([4, 5, 6], leans(poses, np.zeros((1, 5, 3)), up), "mine")
+    assert said.startswith("2 of 3 poses lean more than 45 degrees farther than any of mine: frame 6 by 180 degrees")
+    assert leaning([4, 5, 6], leans(poses, np.zeros((0, 5, 3)), up), "mine") == []
 
 
 def test_pose_distance_is_the_geodesic_and_not_the_difference_of_vectors():

@@ -30,7 +30,7 @@ from ...pipeline.workers import Workers, check_workers, everywhere
 from ...scene import Mesh, frame_ranges, rate_of
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
-from ..model.poses import joints_apart, nearest_poses
+from ..model.poses import joints_apart, leaning, leans, nearest_poses
 from ..model.recorded import decoder, repeatable
 from .apart import check_face, motion_of, take
 from .cameras import asked_cameras, camera_path
@@ -133,6 +133,8 @@ class DrivenAvatar:
         if self.motion.missing:
             found.append(f"the motion lacks {', '.join(self.motion.missing)}: they rest")
         found += self._far_from(poses, "the training's poses")
+        lean = leans(self.motion.rotations[self.rows], poses["rotations"], self.avatar.up.cpu().numpy())
+        found += leaning(self.motion.frames[self.rows], lean, "the training's poses")
         for one in self.lent:
             taught = f"the poses that {one.name} of {one.folder} was taught with"
             found += [*one.warnings, *self._far_from(one.poses, taught)]

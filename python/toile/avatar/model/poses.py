@@ -7,6 +7,7 @@ import numpy as np
 from ...surface.sampling import evenly
 
 ASKED = 256  # poses that tell how far they usually lie from one another
+LEAN_FAR = 45.0  # degrees: a body that leans so much farther than every other pose is warned of
 JOINT_FAR = 20.0  # degrees: a joint that is farther from where every other pose had it is warned of
 
 
@@ -22,6 +23,16 @@ def nearest_poses(rotations, others):
         apart = joint_angles(q, other)
         whole[i], alone[i] = apart.mean(1).min(), apart.min(0)
     return whole, alone
+
+
+def leans(rotations, others, up):
+    """How far up (3,) lies, as the roots of poses (F,K,3) see it, from where any of (T,K,3) sees it (F,) [degrees]; nan without others."""
+    from scipy.spatial.transform import Rotation
+
+    if not len(others):
+        return np.full(len(rotations), np.nan)
+    seen, known = (Rotation.from_rotvec(np.asarray(r)[:, 0]).inv().apply(up) for r in (rotations, others))
+    return np.degrees(np.arccos(np.clip((seen @ known.T).max(1), -1, 1)))
 
 
 def usual_distance(rotations, frames, apart):
@@ -51,6 +62,18 @@ def joint_angles(q, others):
     away = others - q
     square = np.einsum("tki,tki->tk", away, away)
     return np.degrees(4 * np.arcsin(np.sqrt(np.minimum(square, np.maximum(4 - square, 0))) / 2))
+
+
+def leaning(frames, lean, whose):
+    """[] or a warning: a body leans as in no pose `whose`, by `leans` (F,) [degrees]."""
+    far = lean > LEAN_FAR
+    if not far.any():
+        return []
+    worst = int(np.nanargmax(lean))
+    return [
+        f"{far.sum()} of {len(far)} poses lean more than {LEAN_FAR:.0f} degrees farther than any of {whose}: frame {frames[worst]} by "
+        f"{lean[worst]:.0f} degrees; is the motion's up axis the scene's?"
+    ]
 
 
 def joints_apart(frames, alone, names, whose):
