@@ -5,13 +5,13 @@ import copy
 import pytest
 import torch
 
+from toile.avatar.model.gradients import Normed
 from toile.avatar.model.networks import (
     LOGVAR,
     Conv,
     Decoder,
     FaceMap,
     LayerNetworks,
-    Normed,
     PoseMap,
     Shadow,
     Sizes,
