@@ -17,8 +17,10 @@ from toile.io.capture import open_capture
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
 from toile.measure.inspection.body import BONES, check_bones, check_units
+from toile.measure.inspection.cameras import agrees
 from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
+from toile.measure.inspection.rays import Sighting
 from toile.measure.inspection.scans import astray, inside_out
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -481,6 +483,12 @@ def rescanned(frame, vertices=None, faces=None):
     scan = frame.scan
     vertices, faces = scan.vertices if vertices is None else vertices, scan.faces if faces is None else faces
     return replace(frame, scan=replace(scan, vertices=vertices, faces=np.ascontiguousarray(faces), face_labels=None))
+
+
+@pytest.mark.parametrize("side, px", [(2000, 56.6), (192, 8.0)])
+def test_cameras_agree_to_a_share_of_the_picture_and_no_finer_than_detectors_do(side, px):
+    cameras = tuple(replace(camera, width=side, height=side) for camera in ring_of_cameras(3).values())
+    assert agrees(Sighting(cameras, (), np.zeros((3, 1, 0, 2)), np.zeros((3, 1, 0)))) == pytest.approx(px, abs=0.05)
 
 
 def test_a_scan_that_looks_inwards_is_named(scanned):

@@ -21,10 +21,9 @@ from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
 from .body import FACING, check_bones, check_sides, check_units, check_up, stature, upward
 from .cameras import (
-    AGREES,
     Finding,
+    agrees,
     convention_of,
-    diagonal,
     in_one_place,
     off_centre,
     off_pictures,
@@ -145,10 +144,10 @@ def _detections(found: Inspection, capture: Capture) -> None:
         text = f"cameras.json: {what} {_apart_by(errors[''])}; they miss by {errors[convention]:.1f} px if it is {convention}"
         found.findings.append(Finding(text))
         sighting = read_as(sighting, convention)
-    elif errors[""] > AGREES * diagonal(sighting) and (elsewhere := off_pictures(sighting)):
+    elif errors[""] > agrees(sighting) and (elsewhere := off_pictures(sighting)):
         found.findings += elsewhere
         return
-    elif errors[""] > AGREES * diagonal(sighting):
+    elif errors[""] > agrees(sighting):
         text = f"cameras.json: {what} {_apart_by(errors[''])}, and no usual convention mends it"
         found.findings.append(Finding(f"{text}: is it the calibration of these cameras?"))
     if not of_masks:
@@ -244,7 +243,7 @@ def _apart(found: Inspection, sighting: Sighting) -> None:
         off = meeting.typical(i)
         text = f"{sighting.cameras[i].name}: its keypoints miss those of the others by {off:.0f} px"
         text = f"{text}; they would not if it is {reading}" if reading else text
-        found.findings.append(Finding(text, serious=off > AGREES * diagonal(sighting)))
+        found.findings.append(Finding(text, serious=off > agrees(sighting)))
         aside.pop(i, None)
     for i, (u, v) in aside.items():
         text = f"{sighting.cameras[i].name}: its keypoints lie ({u:+.0f}, {v:+.0f}) px off as a whole"

@@ -14,7 +14,10 @@ from .rays import SURE, Meeting, Sighting, meet
 
 OPENGL = np.diag([1.0, -1, -1, 1])
 BETTER = 0.4  # share of the error that is left, below which another reading is right
-AGREES = 0.02  # of a picture's diagonal: a convention that fits leaves less
+AGREES, FINEST = (
+    0.02,
+    8.0,
+)  # of a picture's diagonal, and px: a convention that fits leaves less, and no detector is finer
 OFF = 3.0  # times the others' error, and
 LEAST = 0.004  # of a picture's diagonal, from which a camera is said to disagree
 EXPLAINS = 1.0  # times the spread that is left: an offset that explains a camera's error
@@ -88,8 +91,13 @@ def convention_of(sighting: Sighting) -> tuple[str, dict[str, float]]:
     median errors [px] of each."""
     errors = {name: meet(read_as(sighting, name)).typical() for name in CONVENTIONS}
     best = min(errors, key=lambda name: errors[name])
-    clear = errors[best] < min(BETTER * errors[""], AGREES * diagonal(sighting))
+    clear = errors[best] < min(BETTER * errors[""], agrees(sighting))
     return (best if clear else ""), errors
+
+
+def agrees(sighting: Sighting) -> float:
+    """Error [px] that cameras, keypoints and conventions leave which fit one another."""
+    return max(AGREES * diagonal(sighting), FINEST)
 
 
 def diagonal(sighting: Sighting) -> float:
