@@ -242,7 +242,8 @@ def test_ugly_meshes_give_shares_within_their_edges_and_finite_gradients(mesh, s
         ({"neighbours": np.zeros((2, 3), int)}, "contours: neighbours has 2 rows, F 8"),
         ({"K": np.zeros((3, 3))}, "contours: K is not a camera matrix"),
         ({"near": 0.0}, "contours: near_plane is 0"),
-        ({"of": np.ones((3, 4), bool)}, "contours: of and face differ in shape"),
+        ({"of": np.ones((3, 4), bool)}, r"contours: of has shape \(3, 4\) of bool, expected \(48, 64\)"),
+        ({"of": np.zeros((0, 0), bool)}, r"contours: of has shape \(0, 0\)"),
         ({"of": np.ones(SIZE)}, r"contours: of has shape \(48, 64\) of float64"),
     ],
 )

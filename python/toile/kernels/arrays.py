@@ -67,11 +67,11 @@ def as_pixels(kernel: str, name: str, values: Array) -> Pixels:
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
-def as_mask(kernel: str, name: str, values: Array) -> Bools:
-    """(H,W) bool, C order."""
+def as_mask(kernel: str, name: str, values: Array, size: tuple[int, ...]) -> Bools:
+    """bool of this size, C order."""
     array = _as_array(kernel, name, values)
-    if array.ndim != 2 or array.dtype != bool:
-        raise InputError(f"{kernel}: {name} has shape {array.shape} of {array.dtype}, expected (H, W) of bool")
+    if array.shape != size or array.dtype != bool:
+        raise InputError(f"{kernel}: {name} has shape {array.shape} of {array.dtype}, expected {size} of bool")
     return np.ascontiguousarray(array)
 
 

@@ -13,14 +13,15 @@ class Contours:
 
     face: (H,W) int, -1 where empty, and depth: (H,W) [m], as `raster` found them; vertices_camera: (n,3) float64 [m] in the
     OpenCV camera's frame; F: (m,3) int; neighbours: (m,3) int by `face_neighbours`; K: (3,3) intrinsics, no distortion. What
-    lies nearer than near_plane [m] counts as if it lay there.
+    lies nearer than near_plane [m] counts as if it lay there. of: (H,W) bool, only contours beside these pixels are asked for;
+    None for all.
 
     From one pixel's centre the surface that it sees is followed, face by face, towards the other centre. On the way it may
     end at a border or turn back at a fold: there the picture jumps to what lies behind. A surface that goes on to the other
     centre has no contour there, however small its faces are (nor has one of more than 64 within the pixel). Of two surfaces
     that both end, the nearer one's end counts; where neither ends, as where they cross, there is none. Bits do not depend on
     the number of threads. InputError: empty mesh, NaN or infinity in places, index out of range, K not a camera matrix,
-    arrays that do not fit. of: (H,W) bool, only contours beside these pixels are asked for, None for all.
+    arrays that do not fit.
     """
 
     def __init__(
@@ -34,17 +35,18 @@ class Contours:
         near_plane: float = 1e-9,
         of: Array | None = None,
     ) -> None:
+        ids = as_face_ids("contours", "face", face)
         self._contours = _core.Contours(
-            as_face_ids("contours", "face", face),
+            ids,
             as_floats("contours", "depth", depth, (None, None)),
             as_vertices("contours", "vertices_camera", vertices_camera),
             as_faces("contours", "F", F),
             as_faces("contours", "neighbours", neighbours),
             as_floats("contours", "K", K, (3, 3)),
             near_plane,
-            as_mask("contours", "of", np.zeros((0, 0), bool) if of is None else of),
+            np.zeros((0, 0), bool) if of is None else as_mask("contours", "of", of, ids.shape),
         )
-        self.size = np.shape(face)
+        self.size = ids.shape
 
     def gradient(self, picture: Array, g: Array) -> Floats:
         """The slope (n,3) of a loss by the vertices, through the motion of the contours on the image: of a picture (C,H,W)

@@ -190,8 +190,8 @@ class Driven(HeldOut):
 
     @torch.no_grad()
     def _aside(self):
-        """{garment: {opening: distance from the registered one [mm], in the mean of its vertices and of the frames, unposed}}: what
-        slipped and stayed, which no pose tells."""
+        """{garment: {opening: distance from the registered one [mm], in the mean of its vertices and of the frames, unposed}}: large
+        where cloth slipped and stayed, which no pose tells."""
         if "layered" not in self.avatars:
             return {}
         avatar, run, found = self.avatars["layered"], self.registered.run, {}
@@ -205,7 +205,7 @@ class Driven(HeldOut):
                 off.append((shown - registered).cpu().numpy())
             mean, loops = 1e3 * np.mean(off, axis=0), run.garments[name].loops
             found[name] = {opening: float(np.linalg.norm(mean[loop].mean(0))) for opening, loop in loops.items()}
-        self.warnings += slipped(found)
+        self.warnings += aside(found)
         return found
 
     def _physics(self):
@@ -226,12 +226,12 @@ class Driven(HeldOut):
         }
 
 
-def slipped(aside):
-    """What to warn of openings that lie aside, {garment: {opening: [mm]}}, see `Driven`."""
+def aside(found):
+    """What to warn of openings that lie aside, {garment: {opening: [mm]}}."""
     return [
-        f"{garment}: opening {opening} is driven {mm:.0f} mm beside the registered one in the mean of all frames: cloth lies otherwise "
-        "there than in most frames that taught, as when it slips and stays, and no pose tells it"
-        for garment, openings in aside.items()
+        f"{garment}: opening {opening} is driven {mm:.0f} mm beside the registered one in the mean of all frames: it slipped and "
+        "stayed, which no pose tells, or these poses are not those that taught it"
+        for garment, openings in found.items()
         for opening, mm in openings.items()
         if mm > ASIDE
     ]

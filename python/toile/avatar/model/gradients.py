@@ -9,7 +9,7 @@ from torch.autograd.function import once_differentiable
 
 class Mixed(Function):
     """Planes (B,O,P) of maps (B,C,P), channels last, by a matrix (O,C), whose gradient is channels last again: left to
-    autograd it would be planes, and the LeakyReLU before it takes five times as long on two layouts."""
+    autograd it would be planes, and the LeakyReLU before it takes several times as long on two layouts."""
 
     @staticmethod
     def forward(ctx, x, w):

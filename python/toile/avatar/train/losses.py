@@ -29,7 +29,7 @@ def weighted_mean(values, weight=None):
 
 class MeanSquare(Function):
     """sum w e^2 / sum w over all elements, w broadcast; what w masks may be anything. On the way back 2 w e / sum w in one
-    pass, where autograd takes six: of textures these are a thirtieth of a step."""
+    pass over the elements, where autograd takes several."""
 
     @staticmethod
     def forward(ctx, error, weight):
