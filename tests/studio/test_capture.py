@@ -165,7 +165,7 @@ def test_every_third_frame_is_captured_under_its_simulated_number(stepped):
 
     capture = open_capture(stepped)
     assert capture.frames == (0, 3) and capture.scene.fps == 30
-    assert [s.stage for s in plan(capture) if s.runs][-2:] == ["inner", "face"]
+    assert [s.stage for s in plan(capture) if s.runs][-3:] == ["inner", "face", "view"]
     truth = zarr.open_group(str(stepped / "truth" / "truth.zarr"), mode="r")
     assert list(truth["frames"][:]) == [0, 1, 2, 3]
     assert truth["garment/tshirt/vertices"].shape[0] == len(truth.attrs["per_frame"]) == 4
