@@ -91,7 +91,7 @@ def test_presets_grow():
 
 def test_a_folder_of_something_else_is_left_alone_and_one_that_was_begun_is_not(tmp_path):
     refuse_other(tmp_path / "new")
-    for name in ("aligned", "cache", ".lock"):
+    for name in ("aligned", "cache", "evaluation", "baseline", ".lock"):
         (tmp_path / name).mkdir()
     refuse_other(tmp_path)
     (tmp_path / "registered.zarr").mkdir()

@@ -31,7 +31,7 @@ from .data import AvatarData, registration_of, shown
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
-BEGUN = (".", ALIGNED, "cache")  # what a training that was stopped at once leaves in AVATAR
+BEGUN = (".", ALIGNED, "cache", "evaluation", "baseline")  # what may lie in AVATAR before it: begun, or shared
 ASSETS = (
     "layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses", "light", "mean_light",
 )  # fmt: skip
