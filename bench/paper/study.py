@@ -209,7 +209,7 @@ class Subject:
             folder.mkdir(parents=True, exist_ok=True)
             for name in LINKED:
                 link(folder / name, full / name)
-            settings = changed(paper.temporal, seed=facts_seed(full), **change)
+            settings = changed(paper.temporal, seed=facts_seed(full), kriged=False, **change)
             once(folder / "temporal.json", lambda: train_temporal(folder, settings), paper.say)
             self._driven(folder)
             yield row

@@ -159,6 +159,9 @@ class TemporalSettings(Settings):
         ge=1,
         le=10_000,
     )
+    kriged: bool = setting(
+        True, "flag", "Gaussian processes of the same windows have as much of a say as the window models together"
+    )
     channels: int = setting(256, "count", "of its hidden layers", ge=1)
     steps: int = setting(1000, "count", "at most: frames left out say when to stop", ge=1)
     batch: int = setting(64, "count", "windows, or stretches of the damped model, a step", ge=1)

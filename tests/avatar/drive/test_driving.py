@@ -22,7 +22,16 @@ from toile.avatar.drive.driver import (  # fmt: skip
     taught_before,
     without,
 )
-from toile.avatar.drive.teaching import FOLDS, code_reach, codes_unseen, relative_error, stop_at, teach, train_temporal
+from toile.avatar.drive.teaching import (
+    FOLDS,
+    code_reach,
+    codes_unseen,
+    relative_error,
+    stop_at,
+    teach,
+    teach_kriged,
+    train_temporal,
+)
 from toile.avatar.model.carried import COMPONENTS
 from toile.avatar.model.checkpoint import load_avatar, read_tensors, write_tensors
 from toile.avatar.model.temporal import DampedModel
@@ -43,7 +52,7 @@ def wake(driver, motion):
     """A driver that was never trained, but answers more than the mean code, far within the range of any."""
     driver.projection.fit(motion.features)
     driver.code_range.mul_(1e3)
-    for p in driver.models.parameters():
+    for p in [*driver.models.parameters(), *driver.models.buffers()]:
         torch.nn.init.normal_(p, std=0.3)
 
 
@@ -59,10 +68,10 @@ def test_held_out_frames_part_those_on_either_side():
     assert without(track([0, 1, 2, 5, 6]), [1]).first.tolist() == [0, 1, 2, 2]
 
 
-@pytest.mark.parametrize("model", ["window", "damped"])
-def test_a_finer_motion_drives_as_its_every_nth_frame_does(model):
+@pytest.mark.parametrize("model, kriged", [("window", 0), ("window", 6), ("damped", 0)])
+def test_a_finer_motion_drives_as_its_every_nth_frame_does(model, kriged):
     torch.manual_seed(0)
-    driver = Driver(TemporalSettings(model=model, window=4, channels=8), 3, {"shirt": 5}).eval()
+    driver = Driver(TemporalSettings(model=model, window=4, channels=8), 3, {"shirt": 5}, kriged=kriged).eval()
     fine = track(range(24), stride=6)
     wake(driver, fine)
     coarse = Track(fine.frames[::6], fine.features[::6], fine.first[::6] * 0, 1, 1.0)
@@ -156,6 +165,34 @@ def test_models_taught_by_other_frames_and_draws_err_less_together_on_new_poses_
     assert teach(few, poses[:39], targets[:39], lambda *_: None)[1] == [] and len(few.models) == 1
 
 
+def test_half_of_what_is_said_is_the_kriged_model_s_where_there_is_one(driven):
+    motion = track(range(9), features=load_driver(driven[0])[0].projection.mean.numel())
+    driver = load_driver(driven[0])[0]
+    driver.code_trust.fill_(1), driver.code_range.mul_(1e3)
+    together, kriged = driver.read(motion), driver.kriged
+    windows = driver.windows_of(motion, torch.arange(9))
+    driver.kriged = None
+    assert torch.allclose(together, (driver.read(motion) + kriged(windows)) / 2, atol=1e-6)
+    assert not torch.allclose(driver.read(motion), kriged(windows), atol=1e-3)
+
+
+def test_a_kriged_model_says_of_a_frame_left_out_what_the_others_taught_it():
+    torch.manual_seed(0)
+    motion, rows, times = track(range(80), features=6), torch.arange(80), 0.2 * torch.arange(80)
+    codes = motion.features @ torch.randn(6, 3)
+    driver = Driver(TemporalSettings(window=1, channels=8, steps=20), 6, {"shirt": 3})
+    driver.scale(motion.features, codes)
+    right, other = driver.scaled(codes), driver.scaled(codes)
+    other[20:40] = right[:20]  # the second of four stretches
+    poses, unseen = driver.windows_of(motion, rows), []
+    copies = stop_at(driver, poses, right, lambda *_: None)[1]
+    for targets in (right, other):
+        teach_kriged(driver, copies, poses, targets, times)
+        unseen.append(codes_unseen(copies, motion, rows)["shirt"])
+    assert torch.equal(unseen[0][20:40], unseen[1][20:40]) and not torch.equal(unseen[0][40:60], unseen[1][40:60])
+    assert [len(copy.kriged.inputs) for _, copy in copies] == [60] * 4 and len(driver.kriged.inputs) == 80
+
+
 @pytest.fixture(scope="module")
 def driven(sample_avatar):
     folder = sample_avatar.parent / "driven"
@@ -177,16 +214,19 @@ def test_a_model_of_before_several_drove_together_drives_as_it_did(driven, tmp_p
         track(range(9), features=load_driver(driven[0])[0].projection.mean.numel()),
     )
     tensors, facts = read_tensors(folder / "temporal.safetensors")
-    now = load_driver(folder)[0].latents(motion)["tshirt"]
-    older = {name.replace("model.models.0.", "model.model."): value for name, value in tensors.items()}
-    del facts["models"]
+    driver = load_driver(folder)[0]
+    driver.kriged = None
+    now = driver.latents(motion)["tshirt"]
+    kept = {name: value for name, value in tensors.items() if not name.startswith("model.kriged.")}
+    older = {name.replace("model.models.0.", "model.model."): value for name, value in kept.items()}
+    del facts["models"], facts["kriged"], facts["settings"]["kriged"]
     write_tensors(folder / "temporal.safetensors", older, facts)
     assert older.keys() != tensors.keys() and torch.equal(load_driver(folder)[0].latents(motion)["tshirt"], now)
 
 
 def test_a_window_that_nobody_chose_holds_half_a_second_of_poses(sample_avatar, tmp_path):
     folder = shutil.copytree(sample_avatar, tmp_path / "avatar")
-    train_temporal(folder, TemporalSettings(channels=8, steps=1))
+    train_temporal(folder, TemporalSettings())
     driver, stride, _ = load_driver(folder)
     assert stride == 1 and driver.settings.window == round(load_avatar(folder).scene.fps / 2) > 1
 
@@ -319,7 +359,7 @@ def test_a_damaged_temporal_model_is_taught_anew_and_that_is_said(
 
 def test_the_command_line_names_the_temporal_model():
     assert temporal_options(None, None, None) == {}
-    assert TemporalSettings(**temporal_options(None, 7, 3)) == TemporalSettings(model="window", window=7, seed=3)
+    assert TemporalSettings(**temporal_options(None, 7, 3)) == TemporalSettings(window=7, seed=3)
     assert TemporalSettings(**temporal_options("damped", 15, 0)) == TemporalSettings(model="damped", window=15)
     with pytest.raises(UserError, match="--temporal-model springs: expected window or damped"):
         temporal_options("springs", 15, 0)

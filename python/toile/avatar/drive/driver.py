@@ -19,6 +19,7 @@ from ...io.camera import first_error
 from ...scene import stride_of
 from ..model.carried import COMPONENTS, Projection
 from ..model.checkpoint import load_avatar, load_model, read_tensors
+from ..model.kriging import KrigedModel
 from ..model.temporal import DampedModel, TemporalModel, windows
 from ..settings import TemporalSettings
 
@@ -109,14 +110,16 @@ def without(track, frames):
 
 
 class Driver(nn.Module):
-    """Poses to the codes of every garment: temporal models over projected features and scaled codes, the mean of what they say."""
+    """Poses to the codes of every garment: temporal models over projected features and scaled codes, the mean of what they say, and of that
+    and what a kriged model says, where there is one."""
 
-    def __init__(self, settings, features, sizes, models=1):
-        """`features`: P of a pose; `sizes` {garment: Z}; `models`: how many."""
+    def __init__(self, settings, features, sizes, models=1, kriged=0):
+        """`features`: P of a pose; `sizes` {garment: Z}; `models`: how many; `kriged`: frames that taught a kriged model, 0 for none."""
         super().__init__()
         self.settings, self.sizes = settings, dict(sizes)
         total = sum(self.sizes.values())
         self.models = nn.ModuleList(untaught(settings, total) for _ in range(models))
+        self.kriged = KrigedModel(COMPONENTS, total, kriged) if kriged else None
         self.projection = Projection(features)
         self.register_buffer("code_mean", torch.zeros(total))
         self.register_buffer("code_spread", torch.ones(total))
@@ -162,8 +165,9 @@ class Driver(nn.Module):
         self.code_trust.copy_(torch.stack(shares).clamp(0, 1).repeat_interleave(sizes))
 
     def told(self, poses):
-        """The mean of what the models say of windows or stretches (...,COMPONENTS)."""
-        return torch.stack([model(poses) for model in self.models]).mean(0)
+        """What the models say together of windows or stretches (...,COMPONENTS)."""
+        told = torch.stack([model(poses) for model in self.models]).mean(0)
+        return told if self.kriged is None else (told + self.kriged(poses)) / 2
 
     def _read(self, track):
         features = self.projection(track.features)
@@ -222,8 +226,8 @@ def load_driver(folder):
     if "models" not in facts:  # of an older toile, which had one
         tensors = {name.replace(f"{PREFIX}model.", f"{PREFIX}models.0.", 1): value for name, value in tensors.items()}
     try:
-        models = int(facts.get("models", 1))
-        driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"], models)
+        models, kriged = int(facts.get("models", 1)), int(facts.get("kriged", 0))
+        driver = Driver(TemporalSettings(**facts["settings"]), facts["features"], facts["sizes"], models, kriged)
     except ValidationError as error:
         raise UserError(
             f"{first_error(path, error)}; `toile train RUN {folder} --temporal` makes the model anew"

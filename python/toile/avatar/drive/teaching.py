@@ -18,7 +18,9 @@ from ...errors import UserError
 from ...io.holdout import kept_apart
 from ...io.run import open_run
 from ...scene import stride_of
+from ..model.carried import COMPONENTS
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
+from ..model.kriging import KrigedModel
 from ..train.data import AvatarData
 from .driver import FILE, PREFIX, UNSEEN, Driver, one_thread, reader_of, run_track, untaught, without
 
@@ -38,7 +40,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
     counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as
     left the least error on these, and as many on all; they drive together (after Breiman, "Bagging Predictors", 1996). Of fewer
-    than FEWEST frames one is taught.
+    than FEWEST frames one is taught. Beside models of windows a kriged one is taught, where the settings ask for it.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     The same bits for any number of threads.
     UserError: the avatar has no garment, or its run is gone or another.
@@ -59,6 +61,9 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     driver.scale(track.features, targets, lambda mean, spread: code_reach(avatar, sizes, mean, spread))
     poses, scaled = driver.windows_of(track, rows), driver.scaled(targets)
     steps, copies = teach(driver, poses, scaled, progress)
+    if settings.kriged and settings.model == "window":
+        times = torch.tensor(data.frames, dtype=torch.float64) / run.scene.fps
+        teach_kriged(driver, copies, poses, scaled, times)
     unseen = codes_unseen(copies, track, rows)
     if unseen:
         driver.believe(torch.cat([unseen[name] for name in sizes], 1), targets)
@@ -71,7 +76,8 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
         folder / FILE,
         {PREFIX + name: value for name, value in driver.state_dict().items()}
         | {UNSEEN + name: codes.contiguous() for name, codes in unseen.items()},
-        {"unseen": track.frames[rows].tolist() if unseen else [], "models": len(driver.models), "settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
+        {"unseen": track.frames[rows].tolist() if unseen else [], "models": len(driver.models),
+         "kriged": len(rows) if driver.kriged else 0, "settings": settings.model_dump(mode="json"), "sizes": sizes, "features": track.features.shape[1],
          "stride": stride_of(whole.frames) or 1, "measured": measured},
     )  # fmt: skip
     return measured
@@ -118,6 +124,15 @@ def teach(driver, poses, targets, progress):
         models.append(driver.models[0])
     driver.models = nn.ModuleList(models)
     return steps, copies
+
+
+def teach_kriged(driver, copies, poses, targets, times):
+    """Gives the driver a kriged model of windows (F,L,COMPONENTS), scaled codes (F,Z) and `times` (F,) [s], and each of the `copies` of
+    `stop_at` one of the frames that it was taught."""
+    for left_out, one in [*copies, (torch.empty(0, dtype=torch.long), driver)]:
+        kept = torch.ones(len(poses), dtype=torch.bool).index_fill(0, left_out, False)
+        one.kriged = KrigedModel(COMPONENTS, targets.shape[1], int(kept.sum()))
+        one.kriged.teach(poses[kept], targets[kept], times[kept])
 
 
 def stop_at(driver, poses, targets, progress):
