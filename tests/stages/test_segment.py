@@ -116,6 +116,12 @@ def test_segment_gives_the_same_bits_for_any_number_of_threads(ball, threads):
     assert np.array_equal(results[0].vertices, results[1].vertices)
 
 
+def test_labels_of_pictures_that_show_nothing_of_the_surface_give_no_colours(ball):
+    scene, cameras, frame, tracked, faces = ball
+    away = replace(tracked, vertices=tracked.vertices + [0, 0, 1000.0])
+    assert prepare(scene, cameras, [(frame, away)], faces, SegmentSettings()).colours is None
+
+
 def test_label_that_no_picture_carries_is_refused_by_name(ball):
     scene, cameras, frame, tracked, faces = ball
     wrong = Scene("ball", 30, "m", "z", "anny", {"skin": 1, "shirt": 2, "coat": 7}, (Garment("coat", "t.obj", "coat"),))

@@ -231,8 +231,8 @@ def _known_pixels(frame, views, ids, settings):
 
 
 def _fit_colours(pixels, ids, settings):
-    """Colour models from `_known_pixels` of the sampled frames; None where the capture has no pictures."""
-    if not pixels:
+    """Colour models from `_known_pixels` of the sampled frames; None where no picture shows a label on the person."""
+    if not any(len(given) for _, given in pixels):
         return None
     rgb, given = (np.concatenate(of) for of in zip(*pixels))
     if len(rgb) > settings.colour_pixels:
