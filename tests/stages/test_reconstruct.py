@@ -1,5 +1,7 @@
 """Triangulation on synthetic cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -173,4 +175,7 @@ def test_a_scan_beside_the_keypoints_is_refused_and_one_of_a_part_is_not():
     check_with_scans([standing(), standing(scan_above=1.4)], settings)
     with pytest.raises(UserError, match="half of the keypoints lie 0.* m and more from the scan"):
         check_with_scans([standing([0.5, 0, 0]), standing([0, 0.6, 0])], settings)
+    frame, points = standing()
+    with pytest.raises(UserError, match="same units"):  # cameras in centimetres: the scan is no part of that person
+        check_with_scans([(frame, replace(points, points=100 * points.points))], settings)
     check_with_scans([standing([0.5, 0, 0]), standing()], settings)  # one frame alone is judged by itself

@@ -8,6 +8,7 @@ from ..scene import Points3D
 from ..surface.keypoints import mirrored
 
 _UNDISTORT_STEPS = 20
+LONGEST = 3.0  # m: keypoints that span more are no person's in metres
 FEW = 20  # detections whose median says nothing of a frame's noise
 LIMBS = (  # whose sides a detector confuses together
     ("body.clavicle", "body.upperarm", "body.lowerarm", "body.wrist"),
@@ -52,12 +53,13 @@ def triangulate(keypoints, cameras, settings):
 
 def check_with_scans(samples, settings):
     """UserError where in every sampled frame [(Frame, Points3D | None)] that has both the points lie beside the scan: half
-    of them farther than `settings.apart`, though the scan is as long as they are."""
+    of them farther than `settings.apart`, though the scan is as long as they are, or they longer than anybody is."""
     found = {}
     for frame, points in samples:
         known = [] if points is None else points.points[np.isfinite(points.points).all(1)]
         if len(known) and frame.scan is not None:
             whole = _length(frame.scan.vertices) >= settings.whole * _length(known)
+            whole = whole or _length(np.percentile(known, (10, 90), axis=0)) > LONGEST
             found[frame.number] = np.median(frame.scan.index.closest(known)[3]) if whole else 0.0
     if found and min(found.values()) > settings.apart:
         number, off = min(found.items(), key=lambda item: item[1])
