@@ -18,10 +18,11 @@ from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
 from toile.measure.inspection.body import BONES, check_bones, check_units
 from toile.measure.inspection.cameras import agrees
+from toile.measure.inspection.files import unpadded
 from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
 from toile.measure.inspection.rays import Sighting
-from toile.measure.inspection.scans import astray, inside_out
+from toile.measure.inspection.scans import astray, inside_out, short
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
@@ -290,6 +291,12 @@ def test_pictures_that_other_programs_turn_are_named(capture):
     assert told.startswith("cam1, cam3: their pictures ask to be turned (EXIF), and are read as they are stored")
 
 
+def test_a_frame_of_seven_digits_is_offered_no_number_of_another(tmp_path):
+    (tmp_path / "frames" / "1000009").mkdir(parents=True)
+    (found,) = unpadded(tmp_path)
+    assert "frames/1000009 are not read" in found.text and "000009;" not in found.text and found.serious
+
+
 def test_files_of_a_frame_that_nothing_reads_are_named_with_what_is_expected(capture):
     for number in PICTURED:
         folder = capture / "frames" / f"{number:06d}"
@@ -527,6 +534,14 @@ def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(sc
     second = rescanned(frame, np.vstack([V, V + [0.9, 0, 0]]), np.vstack([F, F + len(V)]))
     for one in (frame, floor, hole, second):
         assert astray(capture.cameras, [one]) == []
+
+
+def test_scans_that_are_all_shorter_than_a_person_are_said(scanned):
+    frame = scanned[1]
+    small, smaller = (rescanned(frame, k * frame.scan.vertices) for k in (0.45, 0.4))
+    assert short([frame, small]) == short([]) == []
+    (found,) = short([small, smaller])
+    assert "longer than 0." in found.text and "in metres" in found.text and not found.serious
 
 
 def test_keypoints_that_were_named_by_another_list_are_named(shared_data, tmp_path):

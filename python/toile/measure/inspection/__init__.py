@@ -38,7 +38,7 @@ from .fractions import fractions
 from .masks import COVERED, centroids, coverage, silhouettes
 from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
-from .scans import astray, inside_out
+from .scans import astray, inside_out, short
 
 SAMPLED = 5  # frames whose pictures are read
 LABELLED = 2  # frames besides, where few have label images and none of those has one
@@ -88,6 +88,7 @@ def inspect(path: Path) -> Inspection:
     _detections(found, capture)
     if not found.wasted:  # by cameras that are wrong nothing is told of scans and labels
         found.findings += astray(capture.cameras, found.frames)
+        found.findings += [] if found.facts.get("stature m") else short(found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
     once: dict[str, Finding] = {}

@@ -32,9 +32,8 @@ def unpadded(root: Path) -> list[Finding]:
         return []
     last = odd[-1]
     digits = re.findall(r"\d+", last)[-1]
-    text = (
-        f"frames: {len(odd)} folders such as frames/{last} are not read; six digits: frames/{int(digits) % 1000000:06d}"
-    )
+    text = f"frames: {len(odd)} folders such as frames/{last} are not read"
+    text += f"; six digits: frames/{int(digits):06d}" if len(digits) <= 6 else "; numbers have six digits, no more"
     return [Finding(text, serious=len(odd) * 2 > len(names))]
 
 

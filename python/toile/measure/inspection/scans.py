@@ -20,6 +20,7 @@ TOLD = 0.5  # share of its faces that must have the scan on one side alone: of a
 INWARDS = 0.3  # share of faces that look inwards; noise and webs leave less
 # share of the masks that a scan covers, and of the scan that lies on them; floors and clutter lie off
 COVERED, ON = 0.99, 0.9
+SHORT = 1.0  # m: scans of a whole person are longer, even of one who sits
 APART = 0.8  # of the masks: a scan that covers less is elsewhere
 
 
@@ -32,6 +33,16 @@ def inside_out(frames: Sequence[Frame]) -> list[Finding]:
     whole = shares[worst] > 1 - INWARDS
     text = f"scan.ply of frame {worst}: {100 * shares[worst]:.0f} % of its faces look inwards"
     return [Finding(f"{text}: {'turn them' if whole else 'make them look one way'}", serious=whole)]
+
+
+def short(frames: Sequence[Frame]) -> list[Finding]:
+    """Scans that are all so short that they show a part of the person, or a person in other units."""
+    found = [frame.scan.vertices for frame in frames if frame.scan is not None]
+    long = max((float(np.ptp(vertices, axis=0).max()) for vertices in found), default=np.inf)
+    if long >= SHORT:
+        return []
+    text = f"scans: none of those looked at is longer than {long:.2g} m: is it in metres, and of the whole person?"
+    return [Finding(text, serious=False)]
 
 
 def inward_share(scan: Mesh) -> float:
@@ -62,9 +73,8 @@ def astray(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Findi
         return []
     worst = min(odd, key=lambda number: odd[number][0])
     over, on = odd[worst]
-    text = (
-        f"scan.ply of frame {worst}: it covers {100 * over:.0f} % of the masks, and {100 * on:.0f} % of it lies on them"
-    )
+    shown = "masks" if any(frame.masks for frame in frames) else "label images"
+    text = f"scan.ply of frame {worst}: it covers {100 * over:.0f} % of the {shown}, and {100 * on:.0f} % of it lies on them"
     ask = "are scans and cameras in the same units and axes, and of the same moment?"
     return [Finding(f"{text}: {ask}", serious=bool(over < APART))]
 
