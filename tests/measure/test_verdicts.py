@@ -15,9 +15,18 @@ from toile.io.layout import DOUBTFUL, GOOD, WRONG
 from toile.io.run import open_run
 from toile.measure.evaluate import evaluate
 from toile.measure.evidence import parted
-from toile.measure.glimpse import Glimpse, glimpse
+from toile.measure.glimpse import Glimpse, glimpse, outlines
 from toile.measure.triage.advice import trouble_of
-from toile.measure.verdicts import JudgedLayer, _excess, _openings, agreement, limbs_shown, severity, verdict
+from toile.measure.verdicts import (
+    JudgedLayer,
+    _excess,
+    _openings,
+    agreement,
+    beyond_people,
+    limbs_shown,
+    severity,
+    verdict,
+)
 from toile.scene import Frame, GarmentTemplate, Keypoints, Mesh
 from toile.vision.visibility import DepthView
 
@@ -142,6 +151,14 @@ def test_a_scan_of_holes_and_clutter_is_answered_by_keypoints_and_silhouettes_to
     assert verdict(scan | both | {"silhouette_iou": 0.9}, SETTINGS)[0] == WRONG
 
 
+def test_a_person_of_no_person_s_stature_is_doubtful():
+    tall = lambda metres: verdict(FINE | {"stature_off_m": beyond_people(metres * np.eye(3))}, SETTINGS)
+    assert tall(1.0) == tall(1.65) == tall(2.3) == (GOOD, [])
+    for metres, level in ((0.95, DOUBTFUL), (2.4, DOUBTFUL), (0.4, WRONG), (16.0, WRONG)):
+        judged, reasons = tall(metres)
+        assert judged == level and "stature" in reasons[0] and trouble_of(reasons[0])
+
+
 def test_little_of_a_body_that_only_the_scan_shows_is_doubtful():
     assert verdict(FINE | {"observed": 0.2}, SETTINGS)[0] == DOUBTFUL
     assert verdict(FINE | {"observed": 0.2, "keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
@@ -258,6 +275,23 @@ def outlined(clothed=True, **radii):
 
 
 LOOKED = {"scan_to_surface_mm": 1.0}
+
+
+@pytest.mark.parametrize("part", (1.0, 0.4))
+def test_without_masks_label_images_tell_a_surface_that_lies_beside_them_though_they_show_a_part_of_it(part):
+    """A ball of radius 0.5 m beside its labels, which show it from below up to a share of its height."""
+    V, F = ball()
+    cameras = ring_of_cameras(4)
+    low = F[(V[F][:, :, 2] < part - 0.5).all(1)]
+    labels = {name: 3 * (DepthView(camera, V, low).face >= 0).astype(np.uint8) for name, camera in cameras.items()}
+    judged = lambda seen, x: verdict(agreement(seen, cameras, None, None, layer(V + [x, 0, 0], F)), SETTINGS)
+    scanned = lambda x, **pictures: glimpse(Frame(0, Mesh(V + [x, 0, 0], F), **pictures))
+    assert judged(scanned(0, labels=labels), 0) == (GOOD, [])
+    level, reasons = judged(scanned(0.2, labels=labels), 0.2)
+    assert level != GOOD and "label images" in reasons[0] and trouble_of(reasons[0])
+    assert judged(scanned(0.2, labels=labels, certainty=labels), 0.2) == (GOOD, [])  # a network's guess is no evidence
+    thin = glimpse(Frame(0, Mesh(V, F)), None, outlines(Frame(0, None, labels=labels)))
+    assert agreement(thin, cameras, None, None, layer(V, F))["labels_off"] < 0.02
 
 
 def test_cloth_in_the_air_and_what_nothing_covers_are_said_where_two_cameras_show_it():

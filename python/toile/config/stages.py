@@ -97,11 +97,17 @@ class VerdictSettings(Settings):
     moved_mm: Rising = setting(
         (20.0, 50.0), "mm", "by how much the posed body was bent to the scan, mean over its outside"
     )
+    stature_off_m: Rising = setting(
+        (0.0, 0.5), "m", "by how much the run's person is shorter than 1 m or taller than 2.3: is it another unit?"
+    )
     keypoint_mm: Rising = setting((50.0, 80.0), "mm", "keypoints to those detected, median")
     face_off: Rising = setting(
         (0.5, 1.0), "1", "share of the facial keypoints given that lie off the face: alone they make no frame wrong"
     )
     silhouette_iou: Falling = setting((0.93, 0.85), "1", "overlap of silhouette and masks, at least")
+    labels_off: Rising = setting(
+        (0.07, 0.15), "1", "share of the label images that lies beyond the silhouette, where there are no masks"
+    )
     uncovered_mm: Rising = setting((30.0, 300.0), "mm", "how far the masks of two cameras reach beyond the silhouette")
     overhang_mm: Rising = setting((45.0, 90.0), "mm", "how far the silhouette reaches beyond the masks of two cameras")
     cloth_overhang_mm: Rising = setting((25.0, 60.0), "mm", "the same of what a garment shows of the silhouette")

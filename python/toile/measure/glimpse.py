@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,8 @@ MASK_SIDE = 256  # longer side of a kept mask, about [px]
 @dataclass(frozen=True)
 class Glimpse:
     """Points of the scan and their unit normals, evenly by area, with their labels (0: none); the 2D keypoints; masks by
-    every `step`-th pixel of few cameras. Empty where the frame has none."""
+    every `step`-th pixel of few cameras, or where the frame has none what its label images show. Empty where the frame has
+    none."""
 
     points: Anything  # (p,3) [m]
     normals: Anything  # (p,3)
@@ -31,6 +33,7 @@ class Glimpse:
     mask_steps: Anything  # (M,)
     mask_sizes: Anything  # (M,2) height, width [px] of a kept mask
     masks: Anything  # their pixels one after the other, 8 in a byte, uint8
+    of_labels: bool = False  # whether these are of label images, which may show the person in part
 
     def views(self):
         """(camera's name, step, mask (H,W)) of each kept mask."""
@@ -42,19 +45,34 @@ class Glimpse:
             yield name, step, mask.reshape(size)
 
 
-def glimpse(frame, scan_labels=None) -> Glimpse:
-    """The Glimpse of a frame; `scan_labels` (m,) label ids of its scan's faces."""
+class Outlines(NamedTuple):
+    """Masks (H,W) by every `step`-th pixel of few cameras; `of_labels`: they are what label images show."""
+
+    views: tuple[str, ...]
+    steps: list[int]
+    masks: list[Anything]
+    of_labels: bool
+
+
+def outlines(frame) -> Outlines:
+    """Those of a frame's whole pictures: of its masks, or where it has none of its label images."""
+    masks = frame.masks or _labelled(frame)
+    chosen = evenly(sorted(masks), MASK_VIEWS) if masks else []
+    steps = [-(-max(masks[name].shape) // MASK_SIDE) for name in chosen]
+    thin = [masks[name][step // 2 :: step, step // 2 :: step].copy() for name, step in zip(chosen, steps)]
+    return Outlines(tuple(chosen), steps, thin, not frame.masks and len(chosen) > 0)
+
+
+def glimpse(frame, scan_labels=None, outlined=None) -> Glimpse:
+    """The Glimpse of a frame; `scan_labels` (m,) label ids of its scan's faces, `outlined` its Outlines where its pictures are
+    thinned."""
     points, normals, labels, spacing = _scan_points(frame.scan, scan_labels)
     side = 0.0 if frame.scan is None else _median_edge(frame.scan)
     found = frame.keypoints
     views = () if found is None else tuple(name for name, at in found.points.items() if len(at))
     keypoints = np.stack([found.points[name] for name in views]) if views else np.zeros((0, 0, 3))
-    chosen = evenly(sorted(frame.masks), MASK_VIEWS) if frame.masks else []
-    steps = [-(-max(frame.masks[name].shape) // MASK_SIDE) for name in chosen]
-    thin = [frame.masks[name][step // 2 :: step, step // 2 :: step] for name, step in zip(chosen, steps)]
-    pixels = np.concatenate([mask.ravel() for mask in thin]) if thin else np.zeros(0, bool)
-    sizes = np.array([mask.shape for mask in thin], np.int64).reshape(-1, 2)
     names = () if found is None else tuple(found.names)
+    mask_views, steps, masks, of_labels = outlined or outlines(frame)
     return Glimpse(
         points,
         normals,
@@ -64,11 +82,17 @@ def glimpse(frame, scan_labels=None) -> Glimpse:
         names,
         views,
         keypoints,
-        tuple(chosen),
+        mask_views,
         np.array(steps, np.int64),
-        sizes,
-        np.packbits(pixels),
+        np.array([mask.shape for mask in masks], np.int64).reshape(-1, 2),
+        np.packbits(np.concatenate([mask.ravel() for mask in masks]) if masks else np.zeros(0, bool)),
+        of_labels,
     )
+
+
+def _labelled(frame):
+    """{camera: what its label image shows (H,W)}, of those that no network guessed."""
+    return {name: labels > 0 for name, labels in frame.labels.items() if name not in frame.certainty and labels.any()}
 
 
 def _median_edge(scan):

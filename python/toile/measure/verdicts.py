@@ -16,6 +16,7 @@ VERTICES = 2000  # of a surface, that look for the scan
 # how the posed body lies before it is bent to the scan, and facial keypoints
 OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
+PEOPLE = (1.0, 2.3)  # m, statures from a small child's to a giant's
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
 # roles at which begins what only a whole limb shows
@@ -49,6 +50,7 @@ def judge(
     measures = agreement(seen, cameras, model, joints, body, layers)
     if len(seen.points) and not _pictured(measures):
         measures |= limbs_shown(model, body)
+    measures["stature_off_m"] = beyond_people(person.rest)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics) | _excess(template, V, made.diagnostics)
@@ -66,7 +68,8 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     scan's points with their normals. keypoint_px: of the model's keypoints and those detected, all cameras, median and
     p95; keypoint_mm: the same at the keypoints' depth. silhouette_iou: mean over few cameras. uncovered_mm, overhang_mm: how
     far a mask reaches beyond the silhouette (where there are garments), by PATCH or more, and the silhouette beyond the mask,
-    the second largest over the cameras; NAME.cloth_overhang_mm: how far of the silhouette what a garment shows. Of a garment NAME:
+    the second largest over the cameras; labels_off: of a frame without masks the share of its label images that lies beyond the
+    silhouette, mean over few cameras; NAME.cloth_overhang_mm: how far of the silhouette what a garment shows. Of a garment NAME:
     NAME.garment_observed, NAME.cloth_to_garment_mm (its part of the scan) and NAME.garment_to_cloth_mm, with their p95. What only
     one of two lacks, the scan by a hole or the body by clutter, is no fault: two_sided_mm and NAME.garment_mm are the
     smaller of the two means. apart: for the same reason the smaller of the shares of scan and surface that lie more than
@@ -86,14 +89,7 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
         pixels, millimetres = keypoint_errors(seen.keypoint_names, views, cameras, model, body.vertices, joints)
         if len(pixels):
             out |= _spread("keypoint", "px", pixels, np.median) | _spread("keypoint", "mm", millimetres, np.median)
-    if len(seen.mask_views):
-        shown = list(_silhouettes(seen, cameras, (body, *garments)))
-        out["silhouette_iou"] = float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))
-        if garments:  # a surface tracked alone lacks sleeves' ends and hems that hang free
-            out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
-        out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in shown)
-        for i, garment in enumerate(garments, 1):
-            out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in shown)
+    out |= _outlined(seen, cameras, body, garments)
     for layer in garments:
         if len(seen.points):  # without a scan it is said that none shows the surface
             out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
@@ -105,6 +101,28 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
             sides = out[f"{layer.name}.cloth_to_garment_mm"], out[f"{layer.name}.garment_to_cloth_mm"]
             out[f"{layer.name}.garment_mm"] = min(sides)
     return out
+
+
+def _outlined(seen, cameras, body, garments):
+    """What `agreement` says of masks, or where there are none of label images."""
+    shown = list(_silhouettes(seen, cameras, (body, *garments)))
+    if not shown:
+        return {}
+    if seen.of_labels:
+        return {"labels_off": float(np.mean([_beyond_all(layer, mask) for layer, mask, _ in shown]))}
+    out = {"silhouette_iou": float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))}
+    if garments:  # a surface tracked alone lacks sleeves' ends and hems that hang free
+        out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
+    out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in shown)
+    for i, garment in enumerate(garments, 1):
+        out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in shown)
+    return out
+
+
+def beyond_people(rest) -> float:
+    """By how much [m] a body at rest (n,3) is shorter or taller than PEOPLE; 0 within."""
+    tall = float(np.ptp(rest, axis=0).max())
+    return max(PEOPLE[0] - tall, tall - PEOPLE[1], 0.0)
 
 
 def limbs_shown(model, body) -> dict[str, float]:
@@ -190,9 +208,11 @@ def _limits(s):
         "astray": (*s.astray, "{} of the scan is not where the posed body is, and the other way round"),
         "pose_mm": (*s.pose_mm, "the posed body lies {} mm from the scan on average"),
         "moved_mm": (*s.moved_mm, "the posed body was bent by {} mm to meet the scan"),
+        "stature_off_m": (*s.stature_off_m, "the person's stature lies {} m outside of what people's is, 1 to 2.3 m"),
         "keypoint_mm": (*s.keypoint_mm, "half of the keypoints are more than {} mm off"),
         "face_off": (*s.face_off, "{} of the facial keypoints lie off the face"),
         "silhouette_iou": (*s.silhouette_iou, "silhouette and masks overlap by {}"),
+        "labels_off": (*s.labels_off, "{} of what the label images show lies beyond the silhouette"),
         "uncovered_mm": (*s.uncovered_mm, "the masks of two cameras reach {} mm beyond the silhouette"),
         "overhang_mm": (*s.overhang_mm, "the silhouette reaches {} mm beyond the masks of two cameras"),
         "cloth_overhang_mm": (*s.cloth_overhang_mm, "cloth reaches {} mm beyond the masks of two cameras"),
@@ -323,6 +343,11 @@ def _silhouettes(seen, cameras, layers):
             mask,
             float(np.median(np.maximum(moved[:, 2], 1e-3))) / K[0, 0],
         )
+
+
+def _beyond_all(layer, labelled):
+    """Share of what a label image shows (H,W) that no layer covers; `layer` (H,W): -1 where there is none."""
+    return (labelled & (layer < 0)).sum() / max(labelled.sum(), 1)
 
 
 def _reach(pictures):

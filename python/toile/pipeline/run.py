@@ -35,7 +35,7 @@ from ..io.run import is_run
 from ..io.run_folder import config_file, read_config, write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
-from ..measure.glimpse import Glimpse, glimpse
+from ..measure.glimpse import Glimpse, glimpse, outlines
 from ..measure.verdicts import judge
 from ..scene import InnerShape, Segmented, Tracked
 from ..stages.motion import scan_beside
@@ -191,7 +191,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
         tracked = clock.timed("track", lambda: prepared.tracker.track(frame, points, last))
         save_record(folder / "track.npz", tracked, asked("track"))
     yield
-    shown, labels, masks = frame, None, frame.masks
+    shown, labels, outlined = frame, None, outlines(frame)
     frame = None  # its pictures are large
     if prepared.templates:
         shown = as_labels_see(shown, prepared.config)
@@ -206,7 +206,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
             dressed = clock.timed("dress", lambda: dresser.dress(shown, tracked, *found))
             save_record(folder / f"dress.{template.name}.npz", dressed)
         labels = found[0].scan_faces
-    save_record(folder / "seen.npz", glimpse(replace(shown, masks=masks), labels))
+    save_record(folder / "seen.npz", glimpse(shown, labels, outlined))
     for stage, value in clock.seconds.items():
         results.status.add(frame=number, stage=stage, seconds=value, ok=True)
 
