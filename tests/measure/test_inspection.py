@@ -16,7 +16,7 @@ from toile.io.body import load_body_model
 from toile.io.capture import open_capture
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
-from toile.measure.inspection.body import BONES, check_bones, check_units
+from toile.measure.inspection.body import BONES, check_bones, check_names, check_units
 from toile.measure.inspection.cameras import agrees
 from toile.measure.inspection.files import unpadded
 from toile.measure.inspection.outlines import exchanged
@@ -434,6 +434,24 @@ def test_masks_that_are_all_empty_stop_in_one_line(capture):
         Image.fromarray(np.asarray(Image.open(path)) // 255).save(path)
     assert texts(capture, serious=True) == ["masks: all that were looked at are empty: above 127 is the person"]
     assert not any("empty mask" in text for text in texts(capture))
+
+
+@pytest.mark.parametrize("way", ("inverted", "full"))
+def test_masks_that_show_the_corners_of_their_pictures_stop(capture, way):
+    for path in capture.glob("frames/*/masks/*.png"):
+        mask = 255 - np.asarray(Image.open(path))
+        Image.fromarray(mask if way == "inverted" else np.full_like(mask, 255)).save(path)
+    assert any("25 of 25 that were looked at show all corners" in text for text in texts(capture, serious=True))
+
+
+def test_keypoints_that_the_model_does_not_know_or_that_are_all_unseen_are_said(walk):
+    edited(walk, lambda name, t, before: before[t][name] * [1, 1, 0])
+    assert [text for text in texts(walk) if "confidence" in text] == texts(walk) != []
+    known = ("body.head", "body.wrist.L")
+    assert check_names(known, known) is None
+    some, none = check_names((*known, "body.wrist.l"), known), check_names(("nose", "neck"), known)
+    assert "does not know 1 of 3 names" in some.text and "'body.wrist.l'" in some.text and not some.serious
+    assert "knows none of their names: 'nose', 'neck'" in none.text and none.serious
 
 
 def test_what_cannot_be_opened_or_read_is_a_finding(capture, tmp_path):

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
+from ...io.body import model_in_capture
 from ...io.capture import KINDS, Capture, open_capture
 from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
-from .body import FACING, check_bones, check_sides, check_units, check_up, stature, upward
+from ..evidence import UNSEEN
+from .body import FACING, check_bones, check_names, check_sides, check_units, check_up, stature, upward
 from .cameras import (
     Finding,
     agrees,
@@ -204,6 +206,12 @@ def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int
     if not read:
         return None, 0
     names = list(dict.fromkeys(name for keypoints in read.values() for name in keypoints.names))
+    model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
+    strange = check_names(names, model.keypoint_names)
+    found.findings += [strange] if strange else []
+    if not any((rows[:, 2] > UNSEEN).any() for keypoints in read.values() for rows in keypoints.points.values()):
+        found.findings.append(Finding("keypoints: none is seen: all have a confidence of 0, or nearly", serious=False))
+        return None, 0
     body = [name for name in names if name.startswith("body.") or name in FACING]
     names = body if len(body) >= ENOUGH else names
     cameras = [name for name in capture.cameras if any(name in keypoints.points for keypoints in read.values())]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from ...kernels.arrays import Floats
@@ -23,6 +25,7 @@ BONES = {
     "upper arms": ("body.upperarm01", "body.lowerarm01"),
     "forearms": ("body.lowerarm01", "body.wrist"),
 }
+SHOWN = 3  # names in a message
 UNLIKE, SEVERAL = 1.6, 2  # times as long as the other side's, and bones that are: one may be badly seen
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -38,6 +41,18 @@ def stature(names: tuple[str, ...], points: Floats) -> float:
     known = np.concatenate(lengths) if lengths else np.zeros(0)
     known = known[np.isfinite(known)]
     return float(np.median(known)) / LEG if len(known) else float("nan")
+
+
+def check_names(names: Sequence[str], known: Collection[str]) -> Finding | None:
+    """Names of keypoints against those that the body model has."""
+    strange = [name for name in names if name not in known]
+    if not strange:
+        return None
+    shown = ", ".join(map(repr, strange[:SHOWN])) + (", ..." if len(strange) > SHOWN else "")
+    if len(strange) == len(names):
+        return Finding(f"keypoints: the body model knows none of their names: {shown}")
+    text = f"keypoints: the body model does not know {len(strange)} of {len(names)} names, which are left out: {shown}"
+    return Finding(text, serious=False)
 
 
 def check_units(tall: float, units: str) -> Finding | None:

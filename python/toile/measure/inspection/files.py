@@ -147,7 +147,7 @@ def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str
 
 
 def looks(frames: list[Any]) -> list[Finding]:
-    """Black pictures, cameras much brighter or darker than the others, empty masks, blurred frames."""
+    """Black pictures, cameras much brighter or darker than the others, masks that are empty or show the corners, blurred frames."""
     import cv2
 
     bright: dict[str, list[float]] = {}
@@ -157,6 +157,11 @@ def looks(frames: list[Any]) -> list[Finding]:
     anyone = any(mask.any() for mask in masks)
     if masks and not anyone:
         found.append(Finding("masks: all that were looked at are empty: above 127 is the person"))
+    shown = [mask for mask in masks if mask.any()]
+    cornered = sum(bool(mask[[0, 0, -1, -1], [0, -1, 0, -1]].all()) for mask in shown)
+    if 2 * cornered > len(shown):
+        text = f"masks: {cornered} of {len(masks)} that were looked at show all corners of the picture"
+        found.append(Finding(f"{text}: are they inverted, or full? Above 127 is the person"))
     for frame in frames:
         for name, image in frame.images.items():
             grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
