@@ -19,6 +19,7 @@ from toile.measure.inspection import inspect
 from toile.measure.inspection.body import BONES, check_bones, check_names, check_units
 from toile.measure.inspection.cameras import agrees
 from toile.measure.inspection.files import unpadded
+from toile.measure.inspection.late import out_of_step
 from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
 from toile.measure.inspection.rays import Sighting
@@ -541,6 +542,19 @@ def test_a_scan_that_lies_elsewhere_than_the_masks_is_named(scanned, way):
     capture, frame = scanned
     (found,) = astray(capture.cameras, [frame, rescanned(frame, ELSEWHERE[way](frame.scan.vertices))])
     assert "scan.ply of frame 0: it covers" in found.text and "in the same units and axes" in found.text
+
+
+@pytest.mark.parametrize("step", (-2, -1, 0, 1, 2))
+def test_scans_of_another_moment_than_the_pictures_are_said_with_how_far(step):
+    capture = open_capture(SAMPLE)
+    frames = [
+        replace(capture.pictures(n), scan=capture.scan(n + step)) for n in capture.frames if n + step in capture.frames
+    ]
+    said = [finding.text for finding in out_of_step(capture, frames)]
+    many = f"{abs(step)} frame{'s' if abs(step) > 1 else ''}"
+    assert len(said) == (step != 0)
+    assert all(f"masks of {many} {'later' if step > 0 else 'earlier'} better" in text for text in said)
+    assert out_of_step(capture, [replace(frame, scan=None) for frame in frames]) == []
 
 
 def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(scanned):

@@ -18,6 +18,7 @@ from ..io.image import read_rgba
 from ..io.status import Status
 from ..measure.inspection.body import STANDING, check_up, upward
 from ..measure.inspection.doubts import doubted_on
+from ..measure.inspection.late import out_of_step
 from ..measure.inspection.scans import inside_out
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
@@ -93,7 +94,8 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
 
     def found():
         person, tracked = fitted()
-        _say(Status.of(run), "prepare", _said_of_scans(model, person, capture.scene.up, sampled(), tracked))
+        late = [finding.text for finding in out_of_step(capture, [frame for frame, _ in sampled()])]
+        _say(Status.of(run), "prepare", [*_said_of_scans(model, person, capture.scene.up, sampled(), tracked), *late])
         return person
 
     person = kept(folder / "person.npz", Person, found, identities.stages["person"])

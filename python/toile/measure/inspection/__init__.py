@@ -37,6 +37,7 @@ from .cameras import (
 from .doubts import asked, doubted
 from .files import gaps, labels_seen, looks, uneven, unpadded, unread, upended
 from .fractions import fractions
+from .late import out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes
 from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
@@ -89,7 +90,7 @@ def inspect(path: Path) -> Inspection:
     _look(found, capture)
     _detections(found, capture)
     if not found.wasted:  # by cameras that are wrong nothing is told of scans and labels
-        found.findings += astray(capture.cameras, found.frames)
+        found.findings += astray(capture.cameras, found.frames) + out_of_step(capture, found.frames)
         found.findings += [] if found.facts.get("stature m") else short(found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
