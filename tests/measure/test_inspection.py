@@ -58,7 +58,7 @@ def sound(tmp_path_factory):
                 cv2.fillConvexPoly(
                     mask, cv2.convexHull(camera.project(skin)[0].astype(np.float32)).astype(np.int32), 255
                 )
-                for kind, picture in (("images", texture), ("masks", mask), ("labels", mask // 255)):
+                for kind, picture in (("images", np.roll(texture, t, 0)), ("masks", mask), ("labels", mask // 255)):
                     (folder / kind).mkdir(exist_ok=True)
                     Image.fromarray(picture).save(folder / kind / f"{name}.{'jpg' if kind == 'images' else 'png'}")
         (folder / "keypoints.json").write_text(json.dumps({"names": names, "points": rows}))
@@ -280,6 +280,14 @@ def test_files_that_lack_or_are_not_read_are_named(capture):
     ):  # fmt: skip
         assert any(words in text for text in said), words
     assert not texts(capture, serious=True)
+
+
+def test_a_camera_that_stood_still_is_named_with_its_first_frame(capture):
+    before, after = (capture / "frames" / f"{number:06d}" / "images" / "cam2.jpg" for number in (7, 14))
+    shutil.copy(before, after)
+    assert texts(capture) == [
+        "cam2: in 1 of 30 frames the same to the bit as in the frame before, first in 14: did it stand still?"
+    ]
 
 
 def test_pictures_that_other_programs_turn_are_named(capture):

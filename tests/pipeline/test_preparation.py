@@ -1,11 +1,16 @@
 """What preparing says of the sampled frames."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from toile.config import preset
 from toile.io.body import load_body_model
+from toile.io.capture import open_capture
 from toile.io.status import Status
-from toile.pipeline.preparation import _said_of_scans, _say
+from toile.pipeline.preparation import _said, _said_of_scans, _say
 from toile.scene import Frame, Mesh, Person, Tracked
 
 MODEL = load_body_model()
@@ -40,6 +45,22 @@ def test_a_body_that_stands_along_another_axis_than_the_scene_s_is_named():
 def test_scans_that_look_inwards_are_named():
     (found,) = said(sample(), sample(faces=MODEL.skin_faces[:, ::-1]))
     assert found.startswith("scan.ply of frame 3: 100 % of its faces look inwards")
+
+
+def test_pictures_exchanged_between_two_cameras_are_said():
+    capture = open_capture(Path(__file__).parents[2] / "data_samples" / "tshirt-talk")
+    shown = [capture.pictures(number) for number in (0, 5)]
+    other = {"cam00": "cam03", "cam03": "cam00"}
+    images = [{name: frame.images[other.get(name, name)] for name in frame.images} for frame in shown]
+    told = lambda frames: [
+        text
+        for text in _said(
+            capture.scene, MODEL, capture.cameras, [(f, sample()[1]) for f in frames], None, preset("draft")
+        )
+        if "were they exchanged" in text
+    ]
+    assert told(shown) == []
+    assert len(told([replace(frame, images=of) for frame, of in zip(shown, images)])) == 2
 
 
 def test_what_a_stage_warned_of_gives_way_to_what_it_warns_of_now(tmp_path):

@@ -19,6 +19,7 @@ from ..io.status import Status
 from ..measure.inspection.body import STANDING, check_up, upward
 from ..measure.inspection.doubts import doubted_on
 from ..measure.inspection.late import out_of_step
+from ..measure.inspection.outlines import exchanged
 from ..measure.inspection.scans import inside_out
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
@@ -166,6 +167,7 @@ def _said(scene, model, cameras, samples, cloth, config):
     doubts = doubted_on(scene, model, cameras, [(told(frame, tracked), tracked.vertices) for frame, tracked in samples])
     coarse = segment.coarse_pictures(cameras, samples, config.segment)
     taken = cloth and cloth.words(scene)
+    doubts = [*exchanged([frame for frame, _ in samples]), *doubts]
     doubted = [*([taken] if taken else []), *(doubt.text for doubt in doubts)]
     return *coarse, *segment.unlabelled_pictures(samples), *doubted
 

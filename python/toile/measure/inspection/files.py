@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import re
 from collections import Counter
 from difflib import get_close_matches
@@ -18,6 +19,7 @@ from ...scene import frame_ranges
 from .cameras import Finding
 
 MANY = 4  # numbers in a message
+COMPARED = 200  # frames whose files are held against those of the frame before
 DARK = 4.0  # mean of a picture that is black
 STOPS = 1.0  # of brightness that a camera may differ
 BLURRED = 0.15  # of the other frames' sharpness, of one camera
@@ -117,6 +119,29 @@ def _expected(path: Path) -> str:
         return "scan.ply"
     alike = [name for name in ALONE if Path(name).suffix == path.suffix.lower()]
     return ", ".join(alike or (*KINDS, *ALONE))
+
+
+def repeated(capture: Capture) -> list[Finding]:
+    """Cameras and scans of which a frame has the same bits as the one before it, as where a recorder stood still."""
+    before: dict[str, Path] = {}
+    same: dict[str, list[int]] = {}
+    numbers = capture.frames[:COMPARED]
+    for number in numbers:
+        try:
+            files = dict(capture.picture_files(number, "images"))
+        except UserError:
+            continue  # which reading it tells
+        scan = capture.folder(number) / "scan.ply"
+        files |= {"scans": scan} if scan.is_file() else {}
+        for name, path in files.items():
+            if name in before and filecmp.cmp(before[name], path, shallow=False):
+                same.setdefault(name, []).append(number)
+            before[name] = path
+    found = []
+    for name, at in same.items():
+        text = f"{name}: in {len(at)} of {len(numbers)} frames the same to the bit as in the frame before, first in {at[0]}"
+        found.append(Finding(f"{text}: did it stand still?", serious=False))
+    return found
 
 
 def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str, int]], list[Finding]]:
