@@ -79,6 +79,15 @@ def test_faces_that_all_look_one_way_or_stand_twice_are_left_as_they_are(tmp_pat
         assert np.array_equal(found.mesh.faces, faces) and found.warnings == ()
 
 
+def test_edges_of_three_faces_and_loose_parts_are_said_by_the_vertices_of_the_file(tmp_path):
+    V, F = tube()
+    fin = read_template(written(tmp_path, obj([*V, (3, 0, 2)], np.vstack([F, [[14, 26, 72]]]))), "shirt")
+    assert len(fin.warnings) == 1 and "the edge from vertex 14 to 26 belongs to 3 faces:" in fin.warnings[0]
+    label = [*V, (9, 9, 9), (3, 0, 2), (3, 1, 2), (3, 0, 3)]  # one vertex of no face before it
+    loose = read_template(written(tmp_path, obj(label, np.vstack([F, [[73, 74, 75]]]))), "shirt")
+    assert "2 parts that do not hang together, the least of 1 faces at vertex 73: is each" in loose.warnings[-1]
+
+
 def test_a_surface_with_one_side_alone_is_refused(tmp_path):
     V, _ = tube(2, 6)
     low, high = np.append(np.arange(6), 6), np.append(np.arange(6, 12), 0)  # the last cell joins the first upside down

@@ -49,6 +49,7 @@ def read_template(path: Path, garment: str) -> Any:
         warnings += (
             f"{path}: {int(against.sum())} faces of garment '{garment}' are turned against their neighbours ({some}): turned back",
         )
+    warnings += tuple(f"{path}: garment '{garment}': {text}?" for text in _odd_shape(mesh.faces, kept))
     loops = boundary_loops(mesh.faces)
     if not loops:
         raise UserError(f"{path}: the template of garment '{garment}' has no open loops")
@@ -121,6 +122,31 @@ def _neighbours(faces: Anything) -> tuple[Any, Any, Any]:
     pairs = pairs[(corners[:, 0] != corners[:, 1]).any(1)]  # no face that stands twice
     a, b = pairs.T
     return a // 3, b // 3, half[a, 0] == half[b, 0]
+
+
+def _odd_shape(faces: Anything, kept: Anything) -> list[str]:
+    """What is said of a surface that hangs together otherwise than cloth: fins, loose parts. `kept` (g,): its vertices' numbers in
+    the file."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    said = []
+    once = np.unique(np.sort(faces, axis=1), axis=0)
+    edges, count = np.unique(once[:, [0, 1, 1, 2, 0, 2]].reshape(-1, 2), axis=0, return_counts=True)
+    fins = np.flatnonzero(count > 2)
+    if len(fins):
+        (a, b), more = kept[edges[fins[0]]], f" and {len(fins) - 1} edges more" if len(fins) > 1 else ""
+        said.append(
+            f"the edge from vertex {a} to {b} belongs to {count[fins[0]]} faces{more}: is it a pocket or a seam allowance"
+        )
+    n = len(kept)
+    part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(n, n)), directed=False)[1]
+    sizes = np.bincount(part[faces[:, 0]])
+    if len(sizes) > 1:
+        least = sizes.argmin()
+        loose = f"the least of {sizes[least]} faces at vertex {kept[(part == least).argmax()]}"
+        said.append(f"{len(sizes)} parts that do not hang together, {loose}: is each of them cloth")
+    return said
 
 
 def _with_faces_turned(mesh: Mesh, turned: Anything) -> Mesh:
