@@ -222,6 +222,15 @@ def test_models_that_colmap_itself_writes_are_read(tmp_path, binary):
     check(read_calibration("colmap", find_calibration("colmap", tmp_path)), made, within=1e-3)
 
 
+def test_settings_of_pose2sim_beside_its_calibration_are_not_taken_for_it(tmp_path):
+    (tmp_path / "calibration").mkdir()
+    (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")
+    with pytest.raises(UserError, match="no calibration of kind 'pose2sim'"):
+        find_calibration("pose2sim", tmp_path)
+    written = write_toml(tmp_path / "calibration", views())
+    assert find_calibration("pose2sim", tmp_path) == written
+
+
 def test_the_half_pixel_between_opencv_and_here_is_kept_apart(tmp_path):
     made, path, kind, _ = written_as(tmp_path, "json")
     data = json.loads(path.read_text()) | {"pixel_centre": 0.5}

@@ -282,6 +282,14 @@ def test_files_that_lack_or_are_not_read_are_named(capture):
     assert not texts(capture, serious=True)
 
 
+def test_a_capture_of_pictures_alone_is_said_to_lack_who_it_shows(capture):
+    for path in (*capture.glob("frames/*/masks"), *capture.glob("frames/*/labels")):
+        shutil.rmtree(path)
+    for path in capture.glob("frames/*/keypoints.json"):
+        path.unlink()
+    assert any("no scans, keypoints or masks" in text and "toile detect" in text for text in texts(capture))
+
+
 def test_a_camera_that_stood_still_is_named_with_its_first_frame(capture):
     before, after = (capture / "frames" / f"{number:06d}" / "images" / "cam2.jpg" for number in (7, 14))
     shutil.copy(before, after)

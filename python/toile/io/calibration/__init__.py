@@ -23,6 +23,7 @@ class Kind:
     read: Callable[[Path], dict[str, Camera]]
     units: str = ""
     many: bool = False  # a file a camera: any of them stands for all
+    but: tuple[str, ...] = ()  # files of such names that hold something else
 
 
 KINDS = {
@@ -30,7 +31,7 @@ KINDS = {
     "colmap": Kind(colmap.NAMES, colmap.read),
     "metashape": Kind(metashape.NAMES, metashape.read),
     "qualisys": Kind(qualisys.NAMES, qualisys.read, "mm"),
-    "pose2sim": Kind(pose2sim.NAMES, pose2sim.read, "m"),
+    "pose2sim": Kind(pose2sim.NAMES, pose2sim.read, "m", but=pose2sim.OTHERS),
     "lists": Kind(lists.NAMES, lists.read),
 }
 PLACES = ("", "calibration", "calib", "cameras", "sparse/0", "sparse")  # below a folder that holds a capture
@@ -44,7 +45,7 @@ def find_calibration(kind: str, source: Path) -> Path:
         raise UserError(f"{source}: no such file or folder")
     for place in PLACES:
         for pattern in KINDS[kind].names:
-            found = sorted(p for p in (source / place).glob(pattern) if p.is_file())
+            found = sorted(p for p in (source / place).glob(pattern) if p.is_file() and p.name not in KINDS[kind].but)
             if len(found) > 1 and not KINDS[kind].many:
                 raise UserError(f"{source}: {found[0].name} and {found[1].name} may both be the calibration: name one")
             if found:

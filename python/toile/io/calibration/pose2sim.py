@@ -14,6 +14,7 @@ from ..bounded import read_toml
 from .checked import HALF, add, intrinsics, make_camera, numbers, rigid, rotation
 
 NAMES = ("*.toml",)
+OTHERS = ("Config.toml",)  # Pose2Sim's settings, at the root of its projects
 
 
 def read(path: Path) -> dict[str, Camera]:

@@ -121,6 +121,18 @@ def _expected(path: Path) -> str:
     return ", ".join(alike or (*KINDS, *ALONE))
 
 
+def bare(capture: Capture) -> list[Finding]:
+    """Captures of pictures alone, of which nothing shows where the person is."""
+    shown = ("scan.ply", "keypoints.json", "keypoints3d.json", "masks")
+    if any((capture.folder(number) / name).exists() for number in capture.frames for name in shown):
+        return []
+    return [
+        Finding(
+            "frames: no scans, keypoints or masks in any: toile detect finds the last two in pictures", serious=False
+        )
+    ]
+
+
 def repeated(capture: Capture) -> list[Finding]:
     """Cameras and scans of which a frame has the same bits as the one before it, as where a recorder stood still."""
     before: dict[str, Path] = {}
