@@ -2,13 +2,14 @@
 
 import errno
 import fcntl
+import os
 import subprocess
 import sys
 
 import pytest
 
 from toile.errors import UserError
-from toile.io.locks import at_work, locked
+from toile.io.locks import abandoned, at_work, locked
 
 HOLDS = """
 import sys
@@ -85,3 +86,30 @@ def test_without_flock_record_locks_hold_and_without_either_it_is_said(tmp_path,
     monkeypatch.setattr(fcntl, "lockf", missing)
     with pytest.raises(UserError, match=r"\.lock: this file system has no locks"), locked(tmp_path):
         pytest.fail("nothing was held")
+
+
+def test_locks_are_held_on_nfs_which_shares_what_may_be_read_and_gives_alone_what_may_be_written(tmp_path, monkeypatch):
+    flock = fcntl.flock
+
+    def as_nfs(file, kind):
+        mode = fcntl.fcntl(file, fcntl.F_GETFL) & os.O_ACCMODE
+        if mode == (os.O_WRONLY if kind & fcntl.LOCK_SH else os.O_RDONLY):
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        flock(file, kind)
+
+    monkeypatch.setattr(fcntl, "flock", as_nfs)
+    with locked(tmp_path), at_work(tmp_path, False, "refused"):
+        assert not abandoned(tmp_path)
+    with at_work(tmp_path, True, "refused"):
+        pass
+    assert abandoned(tmp_path)
+
+
+def test_a_folder_is_abandoned_when_those_who_worked_there_are_gone(tmp_path, monkeypatch):
+    assert not abandoned(tmp_path)  # nobody was
+    with holder("at_work", tmp_path) as other:
+        assert not abandoned(tmp_path)
+        other.kill()
+    assert abandoned(tmp_path)
+    monkeypatch.setattr(fcntl, "flock", missing)
+    assert not abandoned(tmp_path)  # nobody knows

@@ -10,6 +10,7 @@ from typing import IO, Any
 
 from ..errors import UserError
 
+BUSY = ".busy"  # in a folder: held by those who work there
 MISSING = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL}  # what file systems without locks answer
 
 
@@ -29,7 +30,9 @@ def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
     `refusal`: `alone`, and another one is at work. Without flock nothing is refused."""
     import fcntl
 
-    with open(folder / ".busy", "w") as file:
+    with open(
+        folder / BUSY, "a+"
+    ) as file:  # NFS shares a lock of what may be read, and gives one alone of what may be written
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH)
             fcntl.flock(file, fcntl.LOCK_SH)
@@ -39,6 +42,18 @@ def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
             if error.errno not in MISSING:
                 raise
         yield
+
+
+def abandoned(folder: Path) -> bool:
+    """Whether those who were `at_work` there are gone: FOLDER/.busy is there, and nobody holds it. Without flock nobody knows: False."""
+    import fcntl
+
+    try:
+        with open(folder / BUSY, "r+") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _hold(file: IO[Any], waits: Callable[[], object]) -> None:
