@@ -1,9 +1,15 @@
 """A folder of results is there whole or not at all."""
 
+import os
+import signal
+import subprocess
+import sys
+
 import pytest
 
 from tests.support.small_disk import largest_file
 from toile.errors import UserError, first_line
+from toile.io.export.writing import whole_file
 from toile.io.files import copy_folder, whole_folder
 from toile.io.inputs import files_under
 
@@ -52,3 +58,31 @@ def test_of_two_writers_of_one_place_the_first_to_end_wins_and_the_other_is_refu
             (first / "a").write_text("first")
         assert (late / "a").read_text() == "late"
     assert [p.name for p in tmp_path.iterdir()] == ["out"] and (tmp_path / "out" / "a").read_text() == "first"
+
+
+@pytest.mark.parametrize("kind", ["whole_folder", "whole_file"])
+def test_what_a_killed_writer_leaves_goes_when_the_place_is_written_again_and_what_a_living_one_writes_stays(
+    tmp_path, kind
+):
+    """Also a folder of somebody else's that is only called alike."""
+    code = "import os, sys, time; from toile.io.files import whole_folder; from toile.io.export.writing import whole_file\n"
+    code += (
+        f"from pathlib import Path\nwith {kind}(Path('out')) as part:\n    print('begun', flush=True); time.sleep(60)"
+    )
+    start = lambda: subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    (tmp_path / ".out.mine.part").mkdir()
+    killed, living = start(), start()
+    for process in (killed, living):
+        assert process.stdout.readline() == "begun\n"
+    killed.send_signal(signal.SIGKILL)
+    killed.communicate()
+    assert len(os.listdir(tmp_path)) == 3
+    writer = whole_folder if kind == "whole_folder" else whole_file
+    with writer(tmp_path / "out") as part:
+        (part / "a" if kind == "whole_folder" else part).write_text("whole")
+    try:
+        assert len(os.listdir(tmp_path)) == 3 and {".out.mine.part", "out"} < set(os.listdir(tmp_path))
+        assert kind == "whole_file" or os.listdir(tmp_path / "out") == ["a"]
+    finally:
+        living.kill()
+        living.communicate()

@@ -5,8 +5,10 @@ Every file is written under another name first and renamed, so a process that is
 
 from __future__ import annotations
 
+import glob
 import json
 import os
+import re
 import shutil
 import tempfile
 import uuid
@@ -19,6 +21,7 @@ import numpy as np
 from ..errors import UserError, first_line
 from .bounded import read_npz, reason_of
 from .inputs import files_under
+from .locks import BUSY, abandoned, at_work
 
 IDENTITY = "made.of"  # the name of a record's identity among its arrays
 
@@ -69,23 +72,40 @@ def called(part, path):
 
 
 @contextmanager
-def whole_folder(path):
-    """A new folder to write into, renamed to `path` at the end, gone after an exception. It is made at once, so that a place that cannot
-    be written to is known before any work; two writers of one place do not meet. UserError: `path` holds something, or cannot be made."""
-    path = Path(path).resolve()
-    _refuse_full(path)
+def part_folder(path):
+    """A new folder beside `path` to write into, gone at the end unless it was renamed; those that killed processes left for the same
+    `path` go too. UserError: it cannot be made."""
+    _remove_abandoned(path)
     folder = _part_of(path)
     try:
         folder.mkdir(parents=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be made: {error.strerror or first_line(error)}") from None
     try:
-        with called(folder, path):
+        with at_work(folder, False, ""), called(folder, path):
             yield folder
-        _refuse_full(path)  # another writer was first
-        os.replace(folder, path)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_abandoned(path):
+    name = re.compile(re.escape(f".{path.name}.") + r"[0-9a-f]{12}\.part")
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        if name.fullmatch(left.name) and abandoned(left):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+@contextmanager
+def whole_folder(path):
+    """A new folder to write into, renamed to `path` at the end, gone after an exception. It is made at once, so that a place that cannot
+    be written to is known before any work; two writers of one place do not meet. UserError: `path` holds something, or cannot be made."""
+    path = Path(path).resolve()
+    _refuse_full(path)
+    with part_folder(path) as folder:
+        yield folder
+        _refuse_full(path)  # another writer was first
+        (folder / BUSY).unlink(missing_ok=True)
+        os.replace(folder, path)
 
 
 def _refuse_full(path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UserError
-from ..files import called, output_file, whole_folder
+from ..files import output_file, part_folder, whole_folder
 from .alembic import write_alembic
 from .arrays import write_arrays
 from .bvh import write_bvh
@@ -106,15 +105,10 @@ def rounding(clip: Clip) -> list[str]:
 def whole_file(path: Path) -> Iterator[Path]:
     """A path of the same name to write to, in a folder beside; renamed to `path` at the end, gone after an exception."""
     path = output_file(path)
-    folder = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        folder.mkdir()
-        with called(folder / path.name, path):
-            yield folder / path.name
+    with part_folder(path) as folder:
+        yield folder / path.name
         for picture in folder.glob("*/*"):  # what the file names comes first
             place = path.parent / picture.relative_to(folder)
             place.parent.mkdir(exist_ok=True)
             os.replace(picture, place)
         os.replace(folder / path.name, path)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
