@@ -16,7 +16,7 @@ from ..model.assets import training_poses
 from ..model.avatar import Avatar
 from ..model.checkpoint import load_avatar
 from .draping import worn_cloths
-from .driver import load_driver, make_track, stride_at
+from .driver import hardly_foretold, load_driver, make_track, stride_at
 
 TIGHT = 0.1  # 95th percentile of strain, of either sign, beyond which a garment is said to hardly fit
 
@@ -38,12 +38,12 @@ class Lent:
 
     @property
     def warnings(self):
+        _, _, measured = load_driver(self.folder)
+        found = [f"{self.name} of {self.folder}: {words}" for words in hardly_foretold(measured)]
         if self.strain <= TIGHT:
-            return []
-        share = f"{100 * self.strain:.0f} %"
-        return [
-            f"{self.name} of {self.folder} hardly fits: one edge in twenty is longer or shorter by more than {share}"
-        ]
+            return found
+        words = f"one edge in twenty is longer or shorter by more than {100 * self.strain:.0f} %"
+        return [f"{self.name} of {self.folder} hardly fits: {words}", *found]
 
     def cloth(self, physics):
         """{name: Cloth} as it lies on the wearer, or {}, see `worn_cloths`."""
