@@ -242,13 +242,24 @@ def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
     [
         ({"frames": [77]}, "--frames: the motion has frames 0 to 3"),
         ({"camera": "nobody"}, "--camera nobody: expected orbit"),
+        ({"camera": []}, "cameras.json: cameras: there is none"),
+        ({"camera": [(1, 1)]}, "--camera, --height: pictures of 1 x 1 pixels, expected at least 2 a side"),
+        ({"camera": [(1, 400)], "height": 16}, "pictures of 0 x 16 pixels"),
+        ({"camera": [(9000, 100)], "height": 8192}, "737280 x 8192 pixels, .* at most 100000000 pixels in all"),
     ],
 )
-def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, options, said):
+def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, tmp_path_factory, options, said):
+    if isinstance(options.get("camera"), list):
+        K, T = np.diag([50.0, 50, 1]).tolist(), np.eye(4).tolist()
+        same = {"K": K, "distortion": [0] * 5, "T_camera_world": T}
+        cameras = [{"name": "a", "width": width, "height": height} | same for width, height in options["camera"]]
+        file = tmp_path_factory.mktemp("asked") / "cameras.json"
+        file.write_text(json.dumps({"cameras": cameras}))
+        options = options | {"camera": str(file)}
     with pytest.raises(UserError, match=said):
         animate(avatar_folder, sample_run, tmp_path / "out", **options)
     with pytest.raises(UserError, match=said):  # before any long work
-        check_asked(avatar_folder, sample_run, options.get("frames"), options.get("camera"))
+        check_asked(avatar_folder, sample_run, *(options.get(name) for name in ("frames", "camera", "height")))
     assert not list(tmp_path.iterdir())
 
 

@@ -274,7 +274,7 @@ def animate(
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
     with whole_folder(out) as out:
-        check_asked(folder, motion, frames, camera)
+        check_asked(folder, motion, frames, camera, height)
         hangs = physics
         if hangs is None:
             hangs = any(worn_cloths(one, load_avatar(one).layers, None) for one in (folder, *dict(garments).values()))
@@ -302,10 +302,10 @@ def animate(
     return done
 
 
-def check_asked(folder, motion, frames, camera):
+def check_asked(folder, motion, frames, camera, height=None):
     """What can be refused before any long work. UserError: the motion is none for this avatar, has none of these frames, or a camera is
-    asked for that is not there."""
-    asked_cameras(load_avatar(folder).cameras, camera)
+    asked for that is not there, or whose pictures `height` pixels high cannot be drawn."""
+    asked_cameras(load_avatar(folder).cameras, camera, height)
     motion_of(folder, motion).rows_of(frames)
 
 

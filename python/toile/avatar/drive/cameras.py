@@ -9,16 +9,28 @@ import numpy as np
 
 from ...errors import UserError
 from ...io.camera import read_cameras
+from ...io.image import MAX_PIXELS
 from ...scene import Camera
 from ..model.assets import training_poses
 
 ORBIT = "orbit"
+SMALLEST = 2  # side of a picture [px]: films have even ones
 ROUND = 10.0  # seconds of that camera's way about the person, whom it follows
 
 
-def asked_cameras(own, camera):
-    """[(Camera, its index among an avatar's `own`, -1 for a new one)] that are taken in turn, for `camera` as `animate` takes it; of
-    ORBIT the one that it begins with. UserError: it is none, or one that pictures cannot be drawn by."""
+def asked_cameras(own, camera, height=None):
+    """[(Camera, its index among an avatar's `own`, -1 for a new one)] that are taken in turn, for `camera` as `animate` takes it, of
+    pictures `height` pixels high, as its own by default; of ORBIT the one that it begins with. UserError: it is none, or one that pictures
+    cannot be drawn by."""
+    asked = [(resized(one, height), i) for one, i in _named_cameras(own, camera)]
+    for one, _ in asked:
+        if min(one.size) < SMALLEST or one.width * one.height > MAX_PIXELS:
+            bounds = f"expected at least {SMALLEST} a side, and at most {MAX_PIXELS} pixels in all"
+            raise UserError(f"--camera, --height: pictures of {one.width} x {one.height} pixels, {bounds}")
+    return asked
+
+
+def _named_cameras(own, camera):
     known = {one.name: [(one, i)] for i, one in enumerate(own)}
     if camera is None:
         return [(own[0], 0)]
@@ -29,6 +41,8 @@ def asked_cameras(own, camera):
     if not Path(camera).is_file():
         raise UserError(f"--camera {camera}: expected {ORBIT}, a cameras.json, or one of {', '.join(known)}")
     cameras = list(read_cameras(Path(camera)).values())
+    if not cameras:
+        raise UserError(f"{camera}: cameras: there is none")
     if any(np.any(one.distortion) for one in cameras):
         raise UserError(f"{camera}: distortion: pictures are drawn by pinhole cameras")
     if len({one.size for one in cameras}) > 1:
@@ -38,7 +52,7 @@ def asked_cameras(own, camera):
 
 def camera_path(driven, camera, height):
     """A function from the motion's row of a DrivenAvatar to (Camera, its index among the avatar's, -1 for a new one)."""
-    asked = [(resized(one, height), i) for one, i in asked_cameras(driven.avatar.cameras, camera)]
+    asked = asked_cameras(driven.avatar.cameras, camera, height)
     if camera != ORBIT:
         return lambda i: asked[i % len(asked)]
     (first, index), to = asked[0], driven.motion.translation
