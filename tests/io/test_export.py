@@ -142,6 +142,24 @@ def test_usd_finds_its_textures_beside_it_wherever_it_is_moved(textured, tmp_pat
     assert file.resolvedPath and Image.open(file.resolvedPath).size == (8, 8)
 
 
+def test_layers_and_joints_whose_names_usd_spells_alike_stay_apart(clip, tmp_path):
+    names = ("t-shirt", "t_shirt", "skeleton", "t_shirt_material", "2nd", "3nd")
+    shift = lambda k: lambda frame: clip.layers[0].at(frame) + [0, 0, k]
+    layers = tuple(replace(clip.layers[0], name=name, at=shift(k)) for k, name in enumerate(names))
+    count = len(clip.skeleton.names)
+    skeleton = replace(
+        clip.skeleton, names=("hip", *("arm.L", "arm-L") * count)[:count], parents=(-1, *[0] * (count - 1))
+    )
+    write(replace(clip, layers=layers, skeleton=skeleton), tmp_path / "clip.usda")
+    pxr, stage = open_usd(tmp_path / "clip.usda")
+    meshes = [pxr.UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(pxr.UsdGeom.Mesh)]
+    assert len(meshes) == len(names)
+    for mesh, layer in zip(meshes, layers):
+        assert np.abs(np.array(mesh.GetPointsAttr().Get(4)) - layer.at(4)).max() < NEAR
+    joints = stage.GetPrimAtPath("/clip/skeleton").GetAttribute("joints").Get()
+    assert len(set(joints)) == count > 2
+
+
 def test_an_x_axis_that_points_upwards_is_turned_in_usd(tmp_path):
     clip = bending_clip(up="x")
     write(clip, tmp_path / "clip.usda")

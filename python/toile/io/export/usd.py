@@ -89,10 +89,10 @@ def start_stage(stage: Any, clip: Clip) -> Any:
 
 def define_mesh(stage: Any, clip: Clip, i: int, path: Path) -> Any:
     """The prim of layer i with all that does not move."""
-    from pxr import Sdf, Tf, UsdGeom, Vt
+    from pxr import Sdf, UsdGeom, Vt
 
     layer = clip.layers[i]
-    mesh = UsdGeom.Mesh.Define(stage, f"{ROOT}/{Tf.MakeValidIdentifier(layer.name)}")
+    mesh = UsdGeom.Mesh.Define(stage, f"{ROOT}/{prim_names(clip)[i]}")
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(layer.faces), 3))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(layer.faces, np.int32).ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
@@ -106,6 +106,21 @@ def define_mesh(stage: Any, clip: Clip, i: int, path: Path) -> Any:
     if layer.texture is not None:
         define_material(stage, mesh, layer, path)
     return mesh
+
+
+def prim_names(clip: Clip) -> list[str]:
+    """Of each layer its name as USD can spell it, underscores after what is another prim's."""
+    from pxr import Tf
+
+    found: list[str] = []
+    taken = {"skeleton"}
+    for layer in clip.layers:
+        own = Tf.MakeValidIdentifier(layer.name)
+        while {own, f"{own}_material"} & taken:
+            own += "_"
+        found.append(own)
+        taken |= {own, f"{own}_material"}
+    return found
 
 
 def define_material(stage: Any, mesh: Any, layer: ClipLayer, path: Path) -> None:
@@ -173,7 +188,10 @@ def joint_paths(skeleton: ClipSkeleton) -> list[str]:
     paths: list[str] = []
     for name, parent in zip(skeleton.names, skeleton.parents):
         own = Tf.MakeValidIdentifier(name)
-        paths.append(own if parent < 0 else f"{paths[parent]}/{own}")
+        path = own if parent < 0 else f"{paths[parent]}/{own}"
+        while path in paths:  # names that USD spells alike
+            path += "_"
+        paths.append(path)
     return paths
 
 
