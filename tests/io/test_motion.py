@@ -216,6 +216,19 @@ def test_an_exported_bvh_comes_back_as_the_motion_that_it_was(model, walk, stand
     np.testing.assert_allclose(motion.translation, walk[1] @ turn.T, atol=1e-6)
 
 
+def test_a_joints_name_may_be_of_several_words_and_is_written_as_one(model, tmp_path):
+    (tmp_path / "a.bvh").write_text(BVH)
+    (tmp_path / "b.bvh").write_text(BVH.replace("Spine", "Lower Back"))
+    one, other = (read_bvh(tmp_path / name) for name in ("a.bvh", "b.bvh"))
+    assert other.names == tuple(name.replace("Spine", "Lower Back") for name in one.names) != one.names
+    first, second = (read(tmp_path / name, model) for name in ("a.bvh", "b.bvh"))
+    assert np.array_equal(first.rotations, second.rotations) and first.missing == second.missing
+    pose = lambda frame: (np.zeros((2, 3)), np.zeros(3))
+    clip = Clip("a", 30.0, "y", (0,), (), ClipSkeleton(("hips", "Lower Back"), (-1, 0), np.eye(3)[:2], pose))
+    write_bvh(clip, tmp_path / "c.bvh")
+    assert read_bvh(tmp_path / "c.bvh").names == ("hips", "Lower_Back")
+
+
 @pytest.mark.parametrize(
     "turns, start", [([170, 0, 1, 2], 1), ([0, 30, 55, 80], 0), ([0, 1, 2, 30], 0), ([0, 40], 0), ([0], 0)]
 )

@@ -69,11 +69,12 @@ def hierarchy(words):
     while i < len(words):
         word = words[i]
         if word in ("ROOT", "JOINT"):
-            names.append(words[i + 1])
+            opened = words.index("{", i)
+            names.append(" ".join(words[i + 1 : opened]))
             parents.append(stack[-1] if stack else -1)
             channels.append([])
             offsets.append([np.nan] * 3)
-            i += 2
+            i = opened
         elif word == "End":
             ending = True
             i += 2

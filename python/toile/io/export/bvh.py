@@ -56,7 +56,7 @@ def hierarchy(skeleton: ClipSkeleton, k: int, depth: int) -> list[str]:
     offset = skeleton.offsets[k] if depth else np.zeros(3)
     places = "6 Xposition Yposition Zposition" if depth == 0 else "3"
     lines = [
-        f"{pad}{'JOINT' if depth else 'ROOT'} {skeleton.names[k]}",
+        f"{pad}{'JOINT' if depth else 'ROOT'} {'_'.join(skeleton.names[k].split())}",  # a name there is one word
         f"{pad}{{",
         f"{pad}\tOFFSET {words(offset)}",
         f"{pad}\tCHANNELS {places} " + " ".join(f"{axis}rotation" for axis in ORDER),
