@@ -189,6 +189,16 @@ def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch):
             list(Workers(1, prepare, True, scheduler=there).each(steps, ITEMS))
 
 
+def test_a_scheduler_s_address_that_is_none_is_refused_at_once(tmp_path):
+    (tmp_path / "other.json").write_text('{"address": 5}')
+    (tmp_path / "text.json").write_text("tcp://127.0.0.1:9")
+    for there in ("", "nonsense", "tcp://host", "http://host:80", f"{tmp_path}/other.json"):
+        with pytest.raises(UserError, match=f"^scheduler {there}: expected tcp://HOST:PORT, or the .json file"):
+            list(Workers(1, prepare, True, scheduler=there).each(steps, ITEMS))
+    with pytest.raises(UserError, match="text.json: not JSON"):
+        list(Workers(1, prepare, True, scheduler=f"{tmp_path}/text.json").each(steps, ITEMS))
+
+
 def test_workers_and_a_scheduler_are_not_both_given():
     with pytest.raises(UserError, match="scheduler tcp://a:1 is given too"):
         check_workers(2, "tcp://a:1")

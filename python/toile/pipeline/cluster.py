@@ -21,12 +21,14 @@ import cloudpickle
 import dask
 from distributed import Client, LocalCluster, get_worker
 from distributed.client import FutureCancelledError
+from distributed.comm import get_address_host_port
 from distributed.deploy.cluster import Cluster as DaskCluster
 from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
 from .. import __version__, kernels
 from ..errors import UserError, first_line
+from ..io.bounded import read_json
 from .threads import one_blas_thread
 
 BEGUN, ENDED = -1, -2  # in place of a value's
@@ -52,8 +54,8 @@ class Cluster:
     """`count` processes of this machine, or the workers of `scheduler`; each has what `prepare(*arguments)` gives there."""
 
     def __init__(self, count: int, scheduler: str | None, prepare: Callable, arguments: Sequence):
-        self.own = None if scheduler else local_cluster(count)
-        self.client = connected(self.own or scheduler)
+        self.own = local_cluster(count) if scheduler is None else None
+        self.client = connected(self.own or scheduler or "")
         self.name, self.rounds = f"toile-{self.client.id}", 0
         threads = max(kernels.threads() // count, 1) if self.own else None
         job = Job(self.name, cloudpickle.dumps((prepare, arguments)), threads, __version__)
@@ -176,14 +178,28 @@ def local_cluster(count: int) -> Processes:
 
 def connected(to: LocalCluster | str) -> Client:
     """A client of the cluster, or of the scheduler at an address or of a scheduler file. UserError: there is none."""
-    file = isinstance(to, str) and to.endswith(".json")
-    if file and not os.path.exists(to):  # dask would wait for it
-        raise UserError(f"scheduler {to}: there is no such file")
+    address = address_of(to) if isinstance(to, str) else to
     try:
         with dask.config.set(PATIENT):
-            return Client(**{"scheduler_file" if file else "address": to}, set_as_default=False, timeout=WAIT)
+            return Client(address, set_as_default=False, timeout=WAIT)
     except (OSError, ValueError) as error:
         raise UserError(f"scheduler {to}: cannot be reached: {first_line(error)}") from None
+
+
+def address_of(scheduler: str) -> str:
+    """Where a scheduler listens: `scheduler` itself, or what the .json file of that name says. UserError: no address stands there, which
+    dask would find out after a minute."""
+    address = scheduler
+    if scheduler.endswith(".json"):
+        if not os.path.exists(scheduler):
+            raise UserError(f"scheduler {scheduler}: there is no such file")
+        address = str(read_json(scheduler, dict).get("address"))
+    try:
+        get_address_host_port(address)
+    except ValueError as error:
+        words = "expected tcp://HOST:PORT, or the .json file of a dask scheduler"
+        raise UserError(f"scheduler {scheduler}: {words}: {first_line(error)}") from None
+    return address
 
 
 @contextmanager
