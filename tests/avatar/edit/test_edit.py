@@ -377,7 +377,7 @@ def test_folders_that_do_not_fit_are_refused(source, edited, tmp_path):
         edit(source / "baseline", tmp_path / "out", change)
     with pytest.raises(UserError, match="no registered.zarr"):
         edit(source, tmp_path / "out", change, run=tmp_path)
-    with pytest.raises(UserError, match=f"^{tmp_path}/out: .*frames 77: none of them is registered and has pictures"):
+    with pytest.raises(UserError, match="^--frames 77: none of them is registered and has pictures"):
         edit(source, tmp_path / "out", change, frames=[77])
     assert not list(tmp_path.iterdir())
 

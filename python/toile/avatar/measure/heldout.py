@@ -310,7 +310,8 @@ def _chosen(folder, facts, asked, pictured):
         raise UserError(f"{folder}: nothing was held out of the training: name frames by --frames")
     left = [n for n in frames if n in set(pictured)]
     if not left:
-        raise UserError(f"{folder}: frames {frame_ranges(frames)}: none of them is registered and has pictures")
+        named = f"{folder}: frames" if asked is None else "--frames"
+        raise UserError(f"{named} {frame_ranges(frames)}: none of them is registered and has pictures")
     warnings, trained = [], sorted(set(left) & set(facts["frames"]))
     if len(left) < len(frames):
         warnings.append(
