@@ -252,3 +252,21 @@ def test_studio_refuses_by_name_whoever_asks():
     for words, message in (["frames=0"], "frames is 0"), (["subject=naked"], "subject is 'naked'"):
         with pytest.raises(UserError, match=f"studio: {message}"):
             from_options(lambda _: StudioOptions(), None, None, words)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"data.texture_size": 100}, "data.texture_size = 100: expected a power of two"),
+        ({"data.geometry_size": 24}, "data.geometry_size = 24: expected a power of two"),
+        ({"network.ao_size": 48}, "network.ao_size = 48: expected a power of two"),
+        ({"network.texture_step": 3}, "network.texture_step = 3: expected a power of two"),
+        ({"network.texture_step": 64}, "network.texture_step: 64 of 512 texels: fewer than 16 are left to decode"),
+        ({"data.image": [0, 32]}, "data.image.0 = 0: should be greater than or equal to 1"),
+        ({"visibility_widths": [0.02, 0.0]}, "visibility_widths.1 = 0.0: should be greater than 0"),
+    ],
+)
+def test_sizes_that_networks_cannot_have_are_refused_before_any_training(change, message):
+    with pytest.raises(UserError) as error:
+        changed(train_preset("standard"), change)
+    assert str(error.value) == message

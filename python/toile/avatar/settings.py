@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from ..config import Settings, changed, setting
+from ..config import PowerOfTwo, Settings, changed, setting
 from ..errors import UserError
+
+LEAST_TEXTURE = 16  # texels along a side of those that networks decode
+Side = Annotated[int, Field(ge=1, le=16384)]  # of a crop [px]
+Width = Annotated[float, Field(gt=0)]  # of a soft step [m]
 
 
 class DataSettings(Settings):
     """What is read and unwrapped of a run and its pictures."""
 
-    geometry_size: int = setting(128, "count", "texels along a side of the position maps", ge=8, le=8192)
-    texture_size: int = setting(512, "count", "texels along a side of the textures", ge=8, le=16384)
+    geometry_size: PowerOfTwo = setting(128, "count", "texels along a side of the position maps", ge=8, le=8192)
+    texture_size: PowerOfTwo = setting(512, "count", "texels along a side of the textures", ge=16, le=16384)
     modes: int = setting(
         64, "count", "principal modes of a garment's unposed shape, the first numbers of its code", ge=0, le=4096
     )
-    image: tuple[int, int] = setting((512, 512), "px", "height and width of the crop")
+    image: tuple[Side, Side] = setting((512, 512), "px", "height and width of the crop")
     pixel_scale: float = setting(1.0, "1", "pixels of the capture along one of the crop's, at least", gt=0)
     crop: Literal["person", "garment", "head"] = setting(
         "person", "name", "person, garment or head: what the crop is centred on"
@@ -51,11 +55,11 @@ class NetworkSettings(Settings):
     )
     least_width: int = setting(8, "count", "channels of the finest block", ge=1, le=4096)
     shadow_width: int = setting(4, "count", "channels of the shadow network", ge=1, le=4096)
-    texture_step: int = setting(
+    texture_step: PowerOfTwo = setting(
         1, "count", "texels of the mean texture along one of those that networks read and decode", ge=1
     )
     ao_rays: int = setting(64, "count", "rays of ambient occlusion, per vertex", ge=1, le=65536)
-    ao_size: int = setting(64, "count", "texels along a side of the shadow network's maps", ge=8, le=4096)
+    ao_size: PowerOfTwo = setting(64, "count", "texels along a side of the shadow network's maps", ge=8, le=4096)
     view: bool = setting(
         True, "switch", "textures depend on where they are seen from, if the scene has several cameras"
     )
@@ -117,7 +121,7 @@ class AvatarSettings(Settings):
     )
     warm_up_share: float = setting(0.1, "1", "of a phase with a rising learning rate", ge=0, le=1)
     gradient_limit: float = setting(1.0, "1", "largest norm of the gradient", gt=0)
-    visibility_widths: tuple[float, float] = setting((0.020, 0.005), "m", "of the soft visibility, first and last")
+    visibility_widths: tuple[Width, Width] = setting((0.020, 0.005), "m", "of the soft visibility, first and last")
     checkpoint_every: int = setting(250, "count", "steps between checkpoints", ge=1)
     picture_every: int = setting(250, "count", "steps between pictures for the eye", ge=1)
     divergence_ratio: float = setting(10.0, "1", "a loss beyond this multiple of its recent mean has diverged", gt=1)
@@ -132,6 +136,15 @@ class AvatarSettings(Settings):
     )
     baseline_search: float = setting(0.05, "1", "share of the steps that each of them gets", gt=0, le=1)
     seed: int = setting(0, "count", "of first weights and drawn batches", ge=0)
+
+    @model_validator(mode="after")
+    def _check_decoded(self):
+        step, size = self.network.texture_step, self.data.texture_size
+        if size // step < LEAST_TEXTURE:
+            raise ValueError(
+                f"network.texture_step: {step} of {size} texels: fewer than {LEAST_TEXTURE} are left to decode"
+            )
+        return self
 
     def phases(self, layered=True):
         """The order of docs/method/avatars.md. The baseline's one surface gets the steps of both layers apart, then the same together."""

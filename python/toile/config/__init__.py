@@ -6,7 +6,7 @@ from .kernels import NricpSettings
 from .presets import QUALITIES, configured, preset
 from .prints import PrintSettings
 from .segment import EvidenceSettings, OpeningSettings, SegmentSettings
-from .settings import Settings, listed, setting
+from .settings import PowerOfTwo, Settings, listed, setting
 from .stages import Config, InnerSettings, VerdictSettings
 from .track import TrackSettings
 from .triangulation import ReconstructSettings
@@ -21,6 +21,7 @@ __all__ = [
     "NricpSettings",
     "OpeningSettings",
     "PlacementSettings",
+    "PowerOfTwo",
     "PrintSettings",
     "ReconstructSettings",
     "SegmentSettings",

@@ -51,6 +51,13 @@ def _falling(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _power_of_two(value: int) -> int:
+    if value < 1 or value & (value - 1):
+        raise ValueError("expected a power of two")
+    return value
+
+
+PowerOfTwo = Annotated[int, AfterValidator(_power_of_two)]
 Rising = Annotated[tuple[float, float], AfterValidator(_rising)]
 Falling = Annotated[tuple[float, float], AfterValidator(_falling)]
 

@@ -39,7 +39,7 @@ class UndistortedCrop:
 def pinhole(camera, scale=1.0, crop=None):
     """The camera without distortion, `scale` of its pixels along one of the picture's; `crop` (row, column, height,
     width) of that picture."""
-    whole = round(camera.height / scale), round(camera.width / scale)
+    whole = tuple(max(round(side / scale), 1) for side in camera.size)
     K = np.array(camera.K, dtype=np.float64)
     K[0] *= whole[1] / camera.width
     K[1] *= whole[0] / camera.height
