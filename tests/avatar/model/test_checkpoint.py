@@ -158,6 +158,8 @@ def test_a_run_that_was_moved_is_known_by_its_registration_and_another_is_refuse
     assert begin(tmp_path, asked | {"run": "/new/run"}) and asked_before(tmp_path)["run"] == "/new/run"
     with pytest.raises(UserError, match='registration: holds "12", asked is "34"'):
         begin(tmp_path, asked | {"run": "/new/run", "registration": "34"})
+    with pytest.raises(UserError, match="f: registration: it was trained with another one than there is now: take"):
+        check_same("f", {"registration": 64 * "1"}, {"registration": 64 * "2"})  # digests tell a reader nothing
     older = {name: value for name, value in asked.items() if name != "registration"}
     (tmp_path / "avatar.json").write_text(json.dumps(older | {"steps": None}))
     assert begin(tmp_path, asked)

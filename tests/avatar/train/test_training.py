@@ -164,7 +164,7 @@ def test_a_run_elsewhere_is_taken_for_the_same_until_its_registration_is_another
     assert read_facts(folder)["run"] == str(other.resolve())
     store = zarr.open_group(str(other / "registered.zarr"), mode="r+")
     store["garment/tshirt/vertices"][:] = store["garment/tshirt/vertices"][:] + 1e-3
-    with pytest.raises(UserError, match="avatar.json: registration: holds"):
+    with pytest.raises(UserError, match="avatar.json: registration: it was trained with another one"):
         make_avatar(request(other, chosen(**STEPS)), folder)
 
 
