@@ -387,8 +387,10 @@ def test_what_is_not_there_is_refused_by_name(clip, tmp_path):
     with pytest.raises(UserError, match="expected a folder with some of inner.png, t-shirt.png"):
         with_textures(clip, tmp_path)
     bare = replace(clip, skeleton=None)
-    with pytest.raises(UserError, match="--motion skeleton: --format glb: bend has no skeleton"):
+    with pytest.raises(UserError, match="--motion skeleton: bend has no skeleton"):
         write(bare, tmp_path / "clip.glb", motion="skeleton")
+    with pytest.raises(UserError, match="--motion skeleton: --format obj holds none: usd and glb do"):
+        write(clip, tmp_path / "out", "obj", "skeleton")
     with pytest.raises(UserError, match="--format bvh: bend has no skeleton"):
         write(bare, tmp_path / "clip.bvh")
     assert list(tmp_path.iterdir()) == []

@@ -62,9 +62,10 @@ def write_clip(clip: Clip, out: Path, kind: str, motion: str | None, progress: P
     "skeleton": rest surfaces that the skeleton moves, an approximation; None: points, but for GLB of more than BAKED frames."""
     motion = motion or chosen_motion(clip, kind)
     if motion == SKELETON and not (kind in ("usd", "glb") and clip.skinned):
-        raise UserError(
-            f"--motion skeleton: --format {kind if clip.skinned else f'{kind}: {clip.name} has no skeleton'}"
+        lacks = (
+            f"{clip.name} has no skeleton" if kind in ("usd", "glb") else f"--format {kind} holds none: usd and glb do"
         )
+        raise UserError(f"--motion skeleton: {lacks}")
     if kind in ("obj", "ply"):
         with whole_folder(out) as part:
             write_sequence(clip, part, kind, progress)
