@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.smpl import smpl_fields
-from toile.errors import UserError
+from toile.errors import RoomError, UserError
 from toile.io.body import load_body_model
 from toile.io.bvh import MIDDLE, SIDED, read_bvh, starts_at
 from toile.io.export.bvh import write_bvh
@@ -214,6 +214,18 @@ def test_an_exported_bvh_comes_back_as_the_motion_that_it_was(model, walk, stand
     motion = read_motion(path, model, model.J @ turn.T, 30.0, turn @ walk[1][0], up)
     np.testing.assert_allclose(motion.rotations, walk[0] @ turn.T, atol=1e-6)
     np.testing.assert_allclose(motion.translation, walk[1] @ turn.T, atol=1e-6)
+
+
+def test_a_motion_that_memory_has_no_room_for_is_refused_before_it_is_taken(model, tmp_path, monkeypatch):
+    """As a BVH file whose frame time is in milliseconds, which lasts hours."""
+    (tmp_path / "a.bvh").write_text(BVH.replace("Frame Time: 0.0333333", "Frame Time: 333.333"))
+    monkeypatch.setattr("toile.io.motion.free_memory", lambda: 2**30)
+    with pytest.raises(
+        RoomError, match=r"a.bvh: 3 frames at 0.003 a second are 2e\+04 at 30: they take 2 GiB of memory, 1 are"
+    ):
+        read(tmp_path / "a.bvh", model)
+    monkeypatch.setattr("toile.io.motion.free_memory", lambda: None)
+    assert len(read(saved(tmp_path / "a.npz", **still(model)), model)) == 4
 
 
 def test_a_joints_name_may_be_of_several_words_and_is_written_as_one(model, tmp_path):

@@ -8,14 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import RoomError, UserError
 from ..kernels.arrays import Anything
 from ..scene import BodyModel
 from .bounded import read_npz
 from .bvh import check_rest, facing, floor_path, matches, read_bvh, retarget, stance_of_model, starts_at
+from .memory import free_memory
 from .run import is_run, open_run
 
 MAX_FRAMES = 1_000_000
+ROOM = 1024  # bytes of memory that driving an avatar takes a joint and frame
 FARTHEST = 1e4  # [m] from the origin: beyond, single precision places a person by millimetres
 LARGEST_TURN = 1e3  # [rad] of the root's rotation vector, which may count its turns
 LARGEST_BEND = 2 * np.pi  # [rad] of any other joint's
@@ -112,7 +114,7 @@ def _of_bvh(path, model, J, fps, translation, up):
         raise UserError(f"{path}: no joint named like Hips")
     check_rest(path, bvh, found)
     start = starts_at(bvh)
-    pick = start + _instants(path, len(bvh.root) - start, 1 / bvh.frame_time, fps)
+    pick = start + _instants(path, len(bvh.root) - start, 1 / bvh.frame_time, fps, len(J))
     S = stance_of_model(model, J, up)
     R = retarget(facing(bvh, pick, found), bvh, model, J @ S, found)
     local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(len(pick), -1, 3) @ S.T
@@ -147,7 +149,7 @@ def _of_npz(path, joints, fps, up):
     if "up" in fields:
         check_up(path, str(fields["up"]), up)
     numbers = _numbers(path, fields.get("frames", np.arange(T)), T)
-    instants = _instants(path, numbers[-1] + 1, own, fps)
+    instants = _instants(path, numbers[-1] + 1, own, fps, joints)
     pick = np.searchsorted((numbers[1:] + numbers[:-1]) / 2, instants)  # the nearest, of two the earlier
     face = fields["face"][pick].astype(np.float64) if "face" in fields else None
     rotations, translation = (fields[name][pick].astype(np.float64) for name in ("rotations", "translation"))
@@ -161,10 +163,14 @@ def _numbers(path, frames, T):
     return frames.astype(np.int64) - frames[0].astype(np.int64)
 
 
-def _instants(path, count, own, fps):
-    """Of `count` frames at `own` a second, those nearest to the instants 0, 1/fps, 2/fps, ... UserError: these are too many."""
+def _instants(path, count, own, fps, joints):
+    """Of `count` frames at `own` a second, those nearest to the instants 0, 1/fps, 2/fps, ... UserError: these are too many, in
+    themselves or for the memory that is free."""
     last = int((count - 1) * fps / own + 0.01)  # files round their frame time
+    words = f"{path}: {count} frames at {own:g} a second are {last + 1:.3g} at {fps:g}"
     if last >= MAX_FRAMES:
-        words = f"{count} frames at {own:g} a second are {last + 1:.3g} at {fps:g}, expected at most {MAX_FRAMES}"
-        raise UserError(f"{path}: {words}")
+        raise UserError(f"{words}, expected at most {MAX_FRAMES}")
+    free, needed = free_memory(), (last + 1) * joints * ROOM
+    if free is not None and needed > free:
+        raise RoomError(f"{words}: they take {needed / 2**30:.0f} GiB of memory, {free / 2**30:.0f} are free")
     return np.minimum(np.rint(np.arange(last + 1) * own / fps).astype(int), count - 1)
