@@ -13,17 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.rig import ring_of_cameras
 from toile.io.body import load_body_model
-from toile.io.capture import open_capture
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
 from toile.measure.inspection.body import BONES, check_bones, check_names, check_units
 from toile.measure.inspection.cameras import agrees
 from toile.measure.inspection.files import unpadded
-from toile.measure.inspection.late import out_of_step
-from toile.measure.inspection.outlines import exchanged
 from toile.measure.inspection.page import write_inspection
 from toile.measure.inspection.rays import Sighting
-from toile.measure.inspection.scans import astray, inside_out, short
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
@@ -414,38 +410,6 @@ def test_pictures_exchanged_between_two_cameras_stop_by_both_names(tmp_path):
     ]
 
 
-@pytest.fixture(scope="module")
-def talk():
-    """Two frames of the packaged capture."""
-    capture = open_capture(SAMPLE)
-    return [capture.pictures(number) for number in (0, 5)]
-
-
-@pytest.mark.parametrize("kind", ["masks", "labels"])
-def test_whatever_pictures_are_exchanged_all_of_them_are_named_and_no_others(talk, kind):
-    for order in ("0 1 2 3 4 5 6 7", "1 0 2 3 4 5 6 7", "0 1 5 2 4 3 6 7", "1 2 3 4 5 6 7 0", "0 1 2 3 4 5 6 0"):
-        of = {f"cam0{i}": f"cam0{k}" for i, k in enumerate(order.split())}
-        frames = [replace(frame, images={name: frame.images[of[name]] for name in of}) for frame in talk]
-        said = exchanged([replace(frame, masks={}) for frame in frames] if kind == "labels" else frames)
-        told = {text.split(":")[0]: text.split("outlines of ")[1][:5] for text in (finding.text for finding in said)}
-        assert told == {name: other for name, other in of.items() if name != other}
-
-
-WORSE = {
-    "moved": lambda mask: np.roll(mask, (17, -30), (0, 1)),
-    "fat": lambda mask: cv2.dilate(mask.astype(np.uint8), np.ones((21, 21))) > 0,
-    "mirrored": lambda mask: mask[:, ::-1].copy(),
-    "full": np.ones_like,
-    "empty": np.zeros_like,
-}
-
-
-@pytest.mark.parametrize("how", WORSE)
-def test_a_mask_that_fits_its_picture_badly_names_no_other_camera(talk, how):
-    for name in talk[0].images:
-        assert not exchanged([replace(f, masks=f.masks | {name: WORSE[how](f.masks[name])}) for f in talk])
-
-
 def test_masks_that_are_all_empty_stop_in_one_line(capture):
     for path in capture.glob("frames/*/masks/*.png"):
         Image.fromarray(np.asarray(Image.open(path)) // 255).save(path)
@@ -514,82 +478,10 @@ def test_real_detections_name_the_cameras_that_lie_aside(shared_data, tmp_path):
     assert any(f.text.startswith("cam03: its keypoints lie (+") for f in said.findings)
 
 
-@pytest.fixture(scope="module")
-def scanned():
-    """A capture and one of its frames, with a scan."""
-    capture = open_capture(SAMPLE)
-    return capture, capture.frame(0)
-
-
-def rescanned(frame, vertices=None, faces=None):
-    scan = frame.scan
-    vertices, faces = scan.vertices if vertices is None else vertices, scan.faces if faces is None else faces
-    return replace(frame, scan=replace(scan, vertices=vertices, faces=np.ascontiguousarray(faces), face_labels=None))
-
-
 @pytest.mark.parametrize("side, px", [(2000, 56.6), (192, 8.0)])
 def test_cameras_agree_to_a_share_of_the_picture_and_no_finer_than_detectors_do(side, px):
     cameras = tuple(replace(camera, width=side, height=side) for camera in ring_of_cameras(3).values())
     assert agrees(Sighting(cameras, (), np.zeros((3, 1, 0, 2)), np.zeros((3, 1, 0)))) == pytest.approx(px, abs=0.05)
-
-
-def test_a_scan_that_looks_inwards_is_named(scanned):
-    frame = scanned[1]
-    F, odd = frame.scan.faces, np.arange(len(frame.scan.faces)) % 2 == 0
-    assert inside_out([frame]) == []
-    (all_of_it,) = inside_out([frame, rescanned(frame, faces=F[:, ::-1])])
-    assert "of its faces look inwards: turn them" in all_of_it.text and all_of_it.serious
-    (half,) = inside_out([rescanned(frame, faces=np.where(odd[:, None], F, F[:, ::-1]))])
-    assert "of its faces look inwards: make them look one way" in half.text and not half.serious
-    front = F[(frame.scan.vertices[F][:, :, 1] < np.median(frame.scan.vertices[:, 1])).all(1)]
-    assert inside_out([rescanned(frame, faces=front)]) == []
-
-
-ELSEWHERE = {
-    "aside": lambda V: V + [0.05, 0, 0],
-    "larger": lambda V: 1.05 * V,
-    "turned": lambda V: V @ Rotation.from_euler("z", 20, degrees=True).as_matrix().T,
-    "mirrored": lambda V: V * [-1, 1, 1],
-}
-
-
-@pytest.mark.parametrize("way", ELSEWHERE)
-def test_a_scan_that_lies_elsewhere_than_the_masks_is_named(scanned, way):
-    capture, frame = scanned
-    (found,) = astray(capture.cameras, [frame, rescanned(frame, ELSEWHERE[way](frame.scan.vertices))])
-    assert "scan.ply of frame 0: it covers" in found.text and "in the same units and axes" in found.text
-
-
-@pytest.mark.parametrize("step", (-2, -1, 0, 1, 2))
-def test_scans_of_another_moment_than_the_pictures_are_said_with_how_far(step):
-    capture = open_capture(SAMPLE)
-    frames = [
-        replace(capture.pictures(n), scan=capture.scan(n + step)) for n in capture.frames if n + step in capture.frames
-    ]
-    said = [finding.text for finding in out_of_step(capture, frames)]
-    many = f"{abs(step)} frame{'s' if abs(step) > 1 else ''}"
-    assert len(said) == (step != 0)
-    assert all(f"masks of {many} {'later' if step > 0 else 'earlier'} better" in text for text in said)
-    assert out_of_step(capture, [replace(frame, scan=None) for frame in frames]) == []
-
-
-def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(scanned):
-    capture, frame = scanned
-    V, F = frame.scan.vertices, frame.scan.faces
-    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 80), np.linspace(-1, 1, 80)))
-    floor = rescanned(frame, np.vstack([V, np.c_[x, y, 0 * x]]))
-    hole = rescanned(frame, faces=F[(V[F][:, :, 2] > 0.9).all(1)])
-    second = rescanned(frame, np.vstack([V, V + [0.9, 0, 0]]), np.vstack([F, F + len(V)]))
-    for one in (frame, floor, hole, second):
-        assert astray(capture.cameras, [one]) == []
-
-
-def test_scans_that_are_all_shorter_than_a_person_are_said(scanned):
-    frame = scanned[1]
-    small, smaller = (rescanned(frame, k * frame.scan.vertices) for k in (0.45, 0.4))
-    assert short([frame, small]) == short([]) == []
-    (found,) = short([small, smaller])
-    assert "longer than 0." in found.text and "in metres" in found.text and not found.serious
 
 
 def test_keypoints_that_were_named_by_another_list_are_named(shared_data, tmp_path):

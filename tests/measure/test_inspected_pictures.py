@@ -1,0 +1,45 @@
+"""Pictures exchanged between cameras: what `inspect` tells by outlines of masks and labels."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from toile.io.capture import open_capture
+from toile.measure.inspection.outlines import exchanged
+
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
+
+
+@pytest.fixture(scope="module")
+def talk():
+    """Two frames of the packaged capture."""
+    capture = open_capture(SAMPLE)
+    return [capture.pictures(number) for number in (0, 5)]
+
+
+@pytest.mark.parametrize("kind", ["masks", "labels"])
+def test_whatever_pictures_are_exchanged_all_of_them_are_named_and_no_others(talk, kind):
+    for order in ("0 1 2 3 4 5 6 7", "1 0 2 3 4 5 6 7", "0 1 5 2 4 3 6 7", "1 2 3 4 5 6 7 0", "0 1 2 3 4 5 6 0"):
+        of = {f"cam0{i}": f"cam0{k}" for i, k in enumerate(order.split())}
+        frames = [replace(frame, images={name: frame.images[of[name]] for name in of}) for frame in talk]
+        said = exchanged([replace(frame, masks={}) for frame in frames] if kind == "labels" else frames)
+        told = {text.split(":")[0]: text.split("outlines of ")[1][:5] for text in (finding.text for finding in said)}
+        assert told == {name: other for name, other in of.items() if name != other}
+
+
+WORSE = {
+    "moved": lambda mask: np.roll(mask, (17, -30), (0, 1)),
+    "fat": lambda mask: cv2.dilate(mask.astype(np.uint8), np.ones((21, 21))) > 0,
+    "mirrored": lambda mask: mask[:, ::-1].copy(),
+    "full": np.ones_like,
+    "empty": np.zeros_like,
+}
+
+
+@pytest.mark.parametrize("how", WORSE)
+def test_a_mask_that_fits_its_picture_badly_names_no_other_camera(talk, how):
+    for name in talk[0].images:
+        assert not exchanged([replace(f, masks=f.masks | {name: WORSE[how](f.masks[name])}) for f in talk])
