@@ -110,8 +110,8 @@ def without(track, frames):
 
 
 class Driver(nn.Module):
-    """Poses to the codes of every garment: temporal models over projected features and scaled codes, the mean of what they say, and of that
-    and what a kriged model says, where there is one."""
+    """Poses to the codes of every garment: temporal models over projected features and scaled codes, the mean of what they say; where there
+    is a kriged model too, it has its share of that."""
 
     def __init__(self, settings, features, sizes, models=1, kriged=0):
         """`features`: P of a pose; `sizes` {garment: Z}; `models`: how many; `kriged`: frames that taught a kriged model, 0 for none."""
@@ -167,7 +167,7 @@ class Driver(nn.Module):
     def told(self, poses):
         """What the models say together of windows or stretches (...,COMPONENTS)."""
         told = torch.stack([model(poses) for model in self.models]).mean(0)
-        return told if self.kriged is None else (told + self.kriged(poses)) / 2
+        return told if self.kriged is None else told.lerp(self.kriged(poses), self.kriged.share)
 
     def _read(self, track):
         features = self.projection(track.features)

@@ -36,6 +36,7 @@ class KrigedModel(nn.Module):
         self.register_buffer("weights", torch.zeros(axes, frames))  # s_a w_ai
         self.register_buffer("slopes", torch.zeros(axes, features))  # b_a sum_i w_ai p_i
         self.register_buffer("axes", torch.zeros(axes, latent))
+        self.register_buffer("share", torch.ones(()))  # of what it says together with other models
 
     def forward(self, poses):
         """Pose features (B,L,P), the current frame last -> latents (B,Z)."""
