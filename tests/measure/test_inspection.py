@@ -294,6 +294,14 @@ def test_a_camera_that_stood_still_is_named_with_its_first_frame(capture):
     ]
 
 
+def test_pictures_that_cannot_be_read_are_findings_wherever_they_lie(capture):
+    for number in (0, 7):
+        path = capture / "frames" / f"{number:06d}" / "images" / "cam2.jpg"
+        path.unlink()
+        path.symlink_to(capture / "gone.jpg")
+    assert any("000000/images/cam2.jpg" in text for text in texts(capture, serious=True))
+
+
 def test_pictures_that_other_programs_turn_are_named(capture):
     assert not any("EXIF" in text for text in texts(capture, serious=False))
     for name, orientation in (("cam1", 6), ("cam2", 1), ("cam3", 3)):
