@@ -377,6 +377,16 @@ def test_a_damaged_temporal_model_is_taught_anew_and_that_is_said(
     assert said == [False, True]
 
 
+@pytest.mark.parametrize("sizes", [{"kriged": -1}, {"kriged": 10**13}, {"features": -1}])
+def test_a_temporal_model_of_sizes_that_no_tensor_has_is_refused_in_a_line(driven, tmp_path, sizes):
+    folder = shutil.copytree(driven[0], tmp_path / "avatar")
+    tensors, facts = read_tensors(folder / "temporal.safetensors")
+    write_tensors(folder / "temporal.safetensors", tensors, facts | sizes)
+    with pytest.raises(UserError, match="temporal.safetensors: not a temporal model's facts: .*") as refused:
+        load_driver(folder)
+    assert "\n" not in str(refused.value)
+
+
 def test_the_command_line_names_the_temporal_model():
     assert temporal_options(None, None, None) == {}
     assert TemporalSettings(**temporal_options(None, 7, 3)) == TemporalSettings(window=7, seed=3)

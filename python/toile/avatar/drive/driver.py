@@ -14,7 +14,7 @@ import torch
 from pydantic import ValidationError
 from torch import nn
 
-from ...errors import UserError
+from ...errors import UserError, first_line
 from ...io.camera import first_error
 from ...scene import stride_of
 from ..model.carried import COMPONENTS, Projection
@@ -165,7 +165,7 @@ class Driver(nn.Module):
         self.code_trust.copy_(torch.stack(shares).clamp(0, 1).repeat_interleave(sizes))
 
     def told(self, poses):
-        """What the models say together of windows or stretches (...,COMPONENTS)."""
+        """What the models say together, of windows (B,L,COMPONENTS) scaled codes (B,Z), of stretches (B,T,COMPONENTS) such (B,T,Z)."""
         told = torch.stack([model(poses) for model in self.models]).mean(0)
         return told if self.kriged is None else told.lerp(self.kriged(poses), self.kriged.share)
 
@@ -232,8 +232,8 @@ def load_driver(folder):
         raise UserError(
             f"{first_error(path, error)}; `toile train RUN {folder} --temporal` makes the model anew"
         ) from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{path}: not a temporal model's facts: {error}") from None
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:  # the last of sizes that no tensor has
+        raise UserError(f"{path}: not a temporal model's facts: {first_line(error)}") from None
     try:
         load_model(driver, tensors, path)
     except UserError as error:
