@@ -40,8 +40,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     Trained on the frames that the avatar was trained on; windows hold poses of no held-out frame. A number of the code
     counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as
     left the least error on these, and as many on all; they drive together (after Breiman, "Bagging Predictors", 1996). Of fewer
-    than FEWEST frames one is taught. Beside models of windows a kriged one is taught, where
-    the settings ask for it and that leaves less error.
+    than FEWEST frames one is taught. Else a kriged model has its share beside those of windows, where the settings ask for it.
     code_error, and held_out where frames were held out: squared error of the codes so weighted, over their variance in training.
     The same bits for any number of threads.
     UserError: the avatar has no garment, or its run is gone or another.
@@ -130,8 +129,9 @@ def teach(driver, poses, targets, progress):
 def teach_kriged(driver, copies, poses, targets, times):
     """Gives the driver a kriged model of windows (F,L,COMPONENTS), scaled codes (F,Z) and `times` (F,) [s], and each of the `copies` of
     `stop_at` one of the frames that it was taught. Their share of what is said is the one that leaves the least squared error on the
-    stretches left out (after Breiman, "Stacked Regressions", 1996); where nothing was left out, there is
-    none."""
+    stretches left out (after Breiman, "Stacked Regressions", 1996); where nothing was left out, there is none."""
+    if not copies:
+        return
     towards, missed = [], []
     for left_out, copy in copies:
         kept = torch.ones(len(poses), dtype=torch.bool).index_fill(0, left_out, False)
@@ -141,8 +141,6 @@ def teach_kriged(driver, copies, poses, targets, times):
             towards.append(kriged(poses[left_out]) - told)
         missed.append(targets[left_out] - told)
         copy.kriged = kriged
-    if not copies:
-        return
     towards, missed = torch.cat(towards), torch.cat(missed)
     share = ((towards * missed).sum() / towards.square().sum().clamp(min=1e-12)).clamp(0, 1)
     driver.kriged = kriged_of(poses, targets, times)
