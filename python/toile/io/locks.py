@@ -30,9 +30,8 @@ def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
     `refusal`: `alone`, and another one is at work. Without flock nothing is refused."""
     import fcntl
 
-    with open(
-        folder / BUSY, "a+"
-    ) as file:  # NFS shares a lock of what may be read, and gives one alone of what may be written
+    # NFS shares a lock of what may be read, and gives one alone of what may be written
+    with open(folder / BUSY, "a+") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH)
             fcntl.flock(file, fcntl.LOCK_SH)

@@ -59,7 +59,7 @@ def outlines(frame) -> Outlines:
     masks = frame.masks or _labelled(frame)
     chosen = evenly(sorted(masks), MASK_VIEWS) if masks else []
     steps = [-(-max(masks[name].shape) // MASK_SIDE) for name in chosen]
-    thin = [masks[name][step // 2 :: step, step // 2 :: step].copy() for name, step in zip(chosen, steps)]
+    thin = [masks[name][step // 2 :: step, step // 2 :: step] > 0 for name, step in zip(chosen, steps)]
     return Outlines(tuple(chosen), steps, thin, not frame.masks and len(chosen) > 0)
 
 
@@ -91,8 +91,8 @@ def glimpse(frame, scan_labels=None, outlined=None) -> Glimpse:
 
 
 def _labelled(frame):
-    """{camera: what its label image shows (H,W)}, of those that no network guessed."""
-    return {name: labels > 0 for name, labels in frame.labels.items() if name not in frame.certainty and labels.any()}
+    """{camera: label image (H,W)} of those that show something and that no network guessed."""
+    return {name: labels for name, labels in frame.labels.items() if name not in frame.certainty and labels.any()}
 
 
 def _median_edge(scan):
