@@ -173,7 +173,7 @@ class TemporalSettings(Settings):
         le=10_000,
     )
     kriged: bool = setting(
-        True, "flag", "Gaussian processes of the same windows have as much of a say as frames left out tell"
+        True, "switch", "Gaussian processes of the same windows have as much of a say as frames left out tell"
     )
     channels: int = setting(256, "count", "of its hidden layers", ge=1)
     steps: int = setting(1000, "count", "at most: frames left out say when to stop", ge=1)
