@@ -63,7 +63,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     steps, copies = teach(driver, poses, scaled, progress)
     if settings.kriged and settings.model == "window":
         times = torch.tensor(data.frames, dtype=torch.float64) / run.scene.fps
-        teach_kriged(driver, copies, poses, scaled, times)
+        teach_kriged(driver, copies, poses, scaled, times, progress)
     unseen = codes_unseen(copies, track, rows)
     if unseen:
         driver.believe(torch.cat([unseen[name] for name in sizes], 1), targets)
@@ -126,14 +126,15 @@ def teach(driver, poses, targets, progress):
     return steps, copies
 
 
-def teach_kriged(driver, copies, poses, targets, times):
+def teach_kriged(driver, copies, poses, targets, times, progress=lambda done, total: None):
     """Gives the driver a kriged model of windows (F,L,COMPONENTS), scaled codes (F,Z) and `times` (F,) [s], and each of the `copies` of
     `stop_at` one of the frames that it was taught. Their share of what is said is the one that leaves the least squared error on the
     stretches left out (after Breiman, "Stacked Regressions", 1996); where nothing was left out, there is none."""
     if not copies:
         return
     towards, missed = [], []
-    for left_out, copy in copies:
+    for done, (left_out, copy) in enumerate(copies):
+        progress(done, len(copies) + 1)
         kept = torch.ones(len(poses), dtype=torch.bool).index_fill(0, left_out, False)
         kriged = kriged_of(poses[kept], targets[kept], times[kept])
         with torch.no_grad():
@@ -143,7 +144,9 @@ def teach_kriged(driver, copies, poses, targets, times):
         copy.kriged = kriged
     towards, missed = torch.cat(towards), torch.cat(missed)
     share = ((towards * missed).sum() / towards.square().sum().clamp(min=1e-12)).clamp(0, 1)
+    progress(len(copies), len(copies) + 1)
     driver.kriged = kriged_of(poses, targets, times)
+    progress(len(copies) + 1, len(copies) + 1)
     for one in (driver, *(copy for _, copy in copies)):
         one.kriged.share.copy_(share)
 

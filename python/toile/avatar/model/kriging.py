@@ -12,7 +12,7 @@ AXES = 32  # principal axes of the codes that are foretold, each by a process of
 CHUNK = 256  # poses at a time
 STEPS = 100  # of Adam, after which the likelihood rises no more
 RATE = 0.1
-LEARNT = 256  # frames at most that processes are chosen on
+LEARNT = 128  # frames at most that processes are chosen on
 LEAST_NOISE = 1e-5  # of a number's variance
 # What a process begins with: of the variance what poses tell, and in a straight line, errors' share and noise; how long errors last [s]; reaches of
 # a pose and of its change

@@ -24,14 +24,19 @@ from ...scene import frame_ranges
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
 from ..model.avatar import Avatar
-from ..model.checkpoint import ALIGNED, asked_before, begin, save_assets, save_avatar, topology
+from ..model.checkpoint import ALIGNED, BASELINE, asked_before, begin, save_assets, save_avatar, topology
 from ..settings import AvatarSettings
 from .baseline import train_baseline
 from .data import AvatarData, registration_of, shown
 from .training import Training, draw
 
 HELD_OUT = 0.1  # of the pictured frames, the last ones
-BEGUN = (".", ALIGNED, "cache", "evaluation", "baseline")  # what may lie in AVATAR before it: begun, or shared
+BEGUN = (
+    ALIGNED,
+    "cache",
+    "evaluation",
+    BASELINE,
+)  # what may lie in AVATAR before it, begun or shared, beside hidden files
 ASSETS = (
     "layers", "J", "parents", "cameras", "scene", "mean_texture", "valid", "face_mean", "head", "poses", "light", "mean_light",
 )  # fmt: skip
@@ -84,7 +89,7 @@ def make_avatar(request, folder, baseline=False):
 def refuse_other(folder):
     """UserError where `folder` holds something that is no avatar, nor one that was begun."""
     names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-    other = [name for name in names if not name.startswith(BEGUN)]
+    other = [name for name in names if name not in BEGUN and not name.startswith(".")]
     if other and "avatar.json" not in names:
         raise UserError(f"{folder}: holds {min(other)} and no avatar: take another folder")
 

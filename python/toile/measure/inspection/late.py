@@ -39,14 +39,14 @@ def out_of_step(capture: Capture, frames: Sequence[Frame]) -> list[Finding]:
 
 
 def _fits(capture: Capture, frame: Frame) -> dict[int, float]:
-    """{step: mean overlap of a scan's silhouette with the masks of the frame so many numbers on}, where all of them are there."""
+    """{step: mean overlap of a scan's silhouette with the masks of the frame so many frames on}, where all of them are there."""
     assert frame.scan is not None
     names = evenly(sorted(capture.masked(frame.number)), VIEWS)
     cameras = [thin_camera(capture.cameras[name], SIDE) for name in names]
     shown = [DepthView(camera, frame.scan.vertices, frame.scan.faces).face >= 0 for camera in cameras]
-    found = {}
-    for step in range(-STEPS, STEPS + 1):
-        masks = [_mask(capture, frame.number + step, name) for name in names]
+    found, own = {}, capture.frames.index(frame.number)
+    for step in range(max(-STEPS, -own), min(STEPS, len(capture.frames) - 1 - own) + 1):
+        masks = [_mask(capture, capture.frames[own + step], name) for name in names]
         if all(mask is not None for mask in masks):
             found[step] = sum(overlap(one, mask) for one, mask in zip(shown, masks)) / len(names)
     return found
@@ -54,8 +54,6 @@ def _fits(capture: Capture, frame: Frame) -> dict[int, float]:
 
 def _mask(capture: Capture, number: int, name: str) -> Anything | None:
     """A camera's thinned mask of a frame; None where there is none that can be read."""
-    if number not in capture.frames:
-        return None
     try:
         path = capture.picture_files(number, "masks").get(name)
         mask = None if path is None else capture.picture("masks", name, path) > 127
