@@ -59,6 +59,8 @@ def test_layers_and_frames_are_those_asked_for(run, ask, tmp_path):
         (("out.npz", "--layers", "trousers"), "--layers trousers: there are track, inner, tshirt"),
         (("out.glb", "--format", "npz"), "--format npz: expected a file that ends in .npz"),
         (("out.glb", "--motion", "bones"), "--motion bones: expected points or skeleton"),
+        (("out.bvh", "--layers", "tshirt"), "--layers: --format bvh holds the skeleton alone"),
+        (("out.bvh", "--motion", "points"), "--motion points: --format bvh holds the skeleton alone"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_by_name(run, ask, tmp_path, words, said):

@@ -235,10 +235,11 @@ def test_a_joints_name_may_be_of_several_words_and_is_written_as_one(model, tmp_
     assert other.names == tuple(name.replace("Spine", "Lower Back") for name in one.names) != one.names
     first, second = (read(tmp_path / name, model) for name in ("a.bvh", "b.bvh"))
     assert np.array_equal(first.rotations, second.rotations) and first.missing == second.missing
-    pose = lambda frame: (np.zeros((2, 3)), np.zeros(3))
-    clip = Clip("a", 30.0, "y", (0,), (), ClipSkeleton(("hips", "Lower Back"), (-1, 0), np.eye(3)[:2], pose))
+    pose = lambda frame: (np.zeros((3, 3)), np.zeros(3))
+    skeleton = ClipSkeleton(("hips", "Lower Back", "Lower_Back"), (-1, 0, 0), np.eye(3), pose)
+    clip = Clip("a", 30.0, "y", (0,), (), skeleton)
     write_bvh(clip, tmp_path / "c.bvh")
-    assert read_bvh(tmp_path / "c.bvh").names == ("hips", "Lower_Back")
+    assert read_bvh(tmp_path / "c.bvh").names == ("hips", "Lower_Back", "Lower_Back_")  # two joints, two names
 
 
 @pytest.mark.parametrize(

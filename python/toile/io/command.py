@@ -103,6 +103,9 @@ def export(
     kind = format_of(out, kind)
     if motion not in (None, *MOTIONS):
         raise UserError(f"--motion {motion}: expected points or skeleton")
+    surfaces = {"--layers": layers, "--motion points": motion == "points", "--textures": textures}
+    if kind == "bvh" and (given := [name for name, value in surfaces.items() if value]):
+        raise UserError(f"{given[0]}: --format bvh holds the skeleton alone")
     clip = open_clip(path)
     clip = with_frames(clip, frame_numbers(frames, clip.frames, step))
     clip = with_layers(clip, None if layers is None else [name.strip() for name in layers.split(",")])

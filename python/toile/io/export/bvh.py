@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def write_bvh(clip: Clip, path: Path) -> list[str]:
         angles = Rotation.from_rotvec(rotations).as_euler(ORDER, degrees=True)
         order = depth_first(skeleton)
         rows.append(np.concatenate([skeleton.offsets[0] + translation, angles[order].ravel()]))
-    head = "\n".join(["HIERARCHY", *hierarchy(skeleton, 0, 0)])
+    head = "\n".join(["HIERARCHY", *hierarchy(skeleton, spelled(skeleton.names), 0, 0)])
     body = "\n".join(" ".join(f"{value:.8f}" for value in row) for row in rows)
     path.write_text(f"{head}\nMOTION\nFrames: {len(rows)}\nFrame Time: {step / clip.fps:.8f}\n{body}\n")
     held = len(numbers) - len(clip.frames)
@@ -50,19 +51,30 @@ def depth_first(skeleton: ClipSkeleton, k: int = 0) -> list[int]:
     return [k, *(j for child in children(skeleton, k) for j in depth_first(skeleton, child))]
 
 
-def hierarchy(skeleton: ClipSkeleton, k: int, depth: int) -> list[str]:
-    """Lines of joint k and those under it."""
+def spelled(names: Sequence[str]) -> list[str]:
+    """Joints' names as a BVH tells them apart: each is one word."""
+    found: list[str] = []
+    for name in names:
+        word = "_".join(name.split())
+        while word in found:
+            word += "_"
+        found.append(word)
+    return found
+
+
+def hierarchy(skeleton: ClipSkeleton, names: Sequence[str], k: int, depth: int) -> list[str]:
+    """Lines of joint k and those under it, all called by `names`."""
     pad, below = "\t" * depth, children(skeleton, k)
     offset = skeleton.offsets[k] if depth else np.zeros(3)
     places = "6 Xposition Yposition Zposition" if depth == 0 else "3"
     lines = [
-        f"{pad}{'JOINT' if depth else 'ROOT'} {'_'.join(skeleton.names[k].split())}",  # a name there is one word
+        f"{pad}{'JOINT' if depth else 'ROOT'} {names[k]}",
         f"{pad}{{",
         f"{pad}\tOFFSET {words(offset)}",
         f"{pad}\tCHANNELS {places} " + " ".join(f"{axis}rotation" for axis in ORDER),
     ]
     for child in below:
-        lines += hierarchy(skeleton, child, depth + 1)
+        lines += hierarchy(skeleton, names, child, depth + 1)
     if not below:
         lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET {words(np.zeros(3))}", f"{pad}\t}}"]
     return [*lines, f"{pad}}}"]
