@@ -107,16 +107,22 @@ def train(
                 forget_cloths(avatar)
     if first:
         if drive:
-            steps = measured.pop("steps")
-            errors = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in measured.items())
-            words = f"temporal model ({drive.model}): {steps} steps, {errors}, of the codes' variance"
-            speech.result(words, steps=steps, **measured)
+            speech.result(temporal_words(drive.model, measured), **measured)
             for words in hardly_foretold(measured):
                 speech.warn(words)
             if physics:
                 say_cloths(avatar)
         speech.result(f"{avatar}: trained", avatar=avatar)
         speech.next_step("evaluate", avatar)
+
+
+def temporal_words(model, measured):
+    """What is said of a temporal model of this kind, by what its training measured."""
+    errors = [
+        f"{name.replace('_', ' ')} {measured[name]:.3f}" for name in ("code_error", "held_out") if name in measured
+    ]
+    kriged = f", {measured['kriged_share']:.2f} kriged" if "kriged_share" in measured else ""
+    return f"temporal model ({model}{kriged}): {measured['steps']} steps, {', '.join(errors)}, of the codes' variance"
 
 
 def laid_still(run, folder, asked, progress):

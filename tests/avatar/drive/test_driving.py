@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from tests.support import small_avatar
-from toile.avatar.command import temporal_options
+from toile.avatar.command import temporal_options, temporal_words
 from toile.avatar.drive.animate import DrivenAvatar
 from toile.avatar.drive.driver import (  # fmt: skip
     Driver,
@@ -385,6 +385,17 @@ def test_a_temporal_model_of_sizes_that_no_tensor_has_is_refused_in_a_line(drive
     with pytest.raises(UserError, match="temporal.safetensors: not a temporal model's facts: .*") as refused:
         load_driver(folder)
     assert "\n" not in str(refused.value)
+
+
+def test_what_a_training_measured_is_said_with_kriging_s_share_where_it_has_one():
+    measured = {"steps": 5, "code_error": 0.1234, "held_out": 0.5}
+    assert (
+        told("window", measured)
+        == "temporal model (window): 5 steps, code error 0.123, held out 0.500, of the codes' variance"
+    )
+    assert temporal_words("window", measured | {"kriged_share": 0.48}).startswith(
+        "temporal model (window, 0.48 kriged): 5 steps"
+    )
 
 
 def test_the_command_line_names_the_temporal_model():
