@@ -390,7 +390,7 @@ def test_a_temporal_model_of_sizes_that_no_tensor_has_is_refused_in_a_line(drive
 def test_what_a_training_measured_is_said_with_kriging_s_share_where_it_has_one():
     measured = {"steps": 5, "code_error": 0.1234, "held_out": 0.5}
     assert (
-        told("window", measured)
+        temporal_words("window", measured)
         == "temporal model (window): 5 steps, code error 0.123, held out 0.500, of the codes' variance"
     )
     assert temporal_words("window", measured | {"kriged_share": 0.48}).startswith(
