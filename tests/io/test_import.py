@@ -212,6 +212,17 @@ def test_frames_follow_as_fast_as_those_of_the_films(tmp_path):
     assert silent.fps == 30 and "frames a second: 30 (assumed, give them by --fps)" in silent.notes
 
 
+def test_cameras_without_distortion_are_named(tmp_path):
+    made = rig(tmp_path)
+    words = lambda: [note for note in read_rig("lists", tmp_path, Options()).notes if note.startswith("distortion")]
+    assert words() == []
+    straight = views(distorted=False)
+    write_json(tmp_path, [*straight[:1], *made[1:]])
+    assert words() == [f"distortion: none of {made[0].name}: such pictures are taken as they are"]
+    write_json(tmp_path, straight)
+    assert words() == ["distortion: none of any camera: such pictures are taken as they are"]
+
+
 def test_the_confidence_of_a_scan_is_kept_in_other_units(tmp_path):
     from toile.io.mesh import write_mesh
     from toile.scene import Mesh

@@ -56,6 +56,10 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     notes.append(
         f"up: {options.up or 'told by the cameras'}{'' if np.trace(turn) == 3 else ', turned by half a turn to ' + up}"
     )
+    straight = [name for name, camera in cameras.items() if not np.any(camera.distortion)]
+    if straight:
+        which = "any camera" if len(straight) == len(cameras) else _few(straight)
+        notes.append(f"distortion: none of {which}: such pictures are taken as they are")
     cameras = moved(cameras, metres, turn)
     frames: dict[int, dict[str, Source]] = {}
     for what in ("images", "masks", "labels"):
