@@ -67,6 +67,14 @@ def test_scans_of_another_moment_than_the_pictures_are_said_with_how_far(step):
     assert out_of_step(capture, [replace(frame, scan=None) for frame in frames]) == []
 
 
+def test_whether_scans_are_late_is_told_without_masks_of_frames_that_may_not_be_read(monkeypatch):
+    capture, read = open_capture(SAMPLE), []
+    frames = [replace(capture.pictures(n), scan=capture.scan(n + 1)) for n in (0, 1, 2)]
+    files = type(capture).picture_files
+    monkeypatch.setattr(type(capture), "picture_files", lambda self, n, kind: read.append(n) or files(self, n, kind))
+    assert len(out_of_step(capture, frames, (0, 1, 2, 3))) == 1 and set(read) <= {0, 1, 2, 3}
+
+
 def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(scanned):
     capture, frame = scanned
     V, F = frame.scan.vertices, frame.scan.faces

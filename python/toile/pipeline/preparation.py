@@ -14,6 +14,7 @@ from ..config import Config
 from ..io.body import model_in_capture
 from ..io.capture import Capture
 from ..io.files import identity_of, load_record, save_record
+from ..io.holdout import apart
 from ..io.image import read_rgba
 from ..io.status import Status
 from ..measure.inspection.body import STANDING, check_up, upward
@@ -95,7 +96,8 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
 
     def found():
         person, tracked = fitted()
-        late = [finding.text for finding in out_of_step(capture, [frame for frame, _ in sampled()])]
+        among = apart(capture.frames, config.holdout)
+        late = [finding.text for finding in out_of_step(capture, [frame for frame, _ in sampled()], among)]
         _say(Status.of(run), "prepare", [*_said_of_scans(model, person, capture.scene.up, sampled(), tracked), *late])
         return person
 

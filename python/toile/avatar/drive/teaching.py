@@ -131,7 +131,7 @@ def teach(driver, poses, targets, progress):
 def teach_kriged(driver, copies, poses, targets, times, progress=lambda done, total: None):
     """Gives the driver a kriged model of windows (F,L,COMPONENTS), scaled codes (F,Z) and `times` (F,) [s], and each of the `copies` of
     `stop_at` one of the frames that it was taught. Their share of what is said is the one that leaves the least squared error on the
-    stretches left out (after Breiman, "Stacked Regressions", 1996); where nothing was left out, there is none."""
+    stretches left out (after Breiman, "Stacked Regressions", 1996); where that is 0, or nothing was left out, there is none."""
     if not copies:
         return
     towards, missed = [], []
@@ -146,6 +146,10 @@ def teach_kriged(driver, copies, poses, targets, times, progress=lambda done, to
         copy.kriged = kriged
     towards, missed = torch.cat(towards), torch.cat(missed)
     share = ((towards * missed).sum() / towards.square().sum().clamp(min=1e-12)).clamp(0, 1)
+    if not share:
+        for _, copy in copies:
+            copy.kriged = None
+        return
     progress(len(copies), len(copies) + 1)
     driver.kriged = kriged_of(poses, targets, times)
     progress(len(copies) + 1, len(copies) + 1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-AXES = 32  # principal axes of the codes that are foretold, each by a process of its own; the rest hardly vary
+AXES = 128  # principal axes of the codes at most, each foretold by a process of its own
 CHUNK = 256  # poses at a time
 STEPS = 100  # of Adam, after which the likelihood rises no more
 RATE = 0.1

@@ -21,10 +21,12 @@ SIDE = 256  # px, longer side, to which masks are thinned for this
 BETTER = 0.008  # of overlap, by which the masks of another frame must fit better
 
 
-def out_of_step(capture: Capture, frames: Sequence[Frame]) -> list[Finding]:
-    """Scans that the masks of other frames fit better than those of their own, all of them by the same number of frames."""
-    scanned = [frame for frame in frames if frame.scan is not None and len(capture.masked(frame.number)) > 1]
-    fits = [_fits(capture, frame) for frame in evenly(scanned, FRAMES)] if scanned else []
+def out_of_step(capture: Capture, frames: Sequence[Frame], among: Sequence[int] | None = None) -> list[Finding]:
+    """Scans that the masks of other frames fit better than those of their own, all of them by the same number of frames that have masks.
+    `among`: rising numbers of those whose masks may be read, by default all."""
+    masked = [number for number in among or capture.frames if len(capture.masked(number)) > 1]
+    scanned = [frame for frame in frames if frame.scan is not None and frame.number in masked]
+    fits = [_fits(capture, frame, masked) for frame in evenly(scanned, FRAMES)] if scanned else []
     best, gained = 0, BETTER
     for step in range(-STEPS, STEPS + 1):
         gains = [of[step] - of[0] for of in fits if step in of and 0 in of]
@@ -38,15 +40,15 @@ def out_of_step(capture: Capture, frames: Sequence[Frame]) -> list[Finding]:
     return [Finding(f"{text}: are they {many} {'late' if best < 0 else 'early'}?", serious=False)]
 
 
-def _fits(capture: Capture, frame: Frame) -> dict[int, float]:
-    """{step: mean overlap of a scan's silhouette with the masks of the frame so many frames on}, where all of them are there."""
+def _fits(capture: Capture, frame: Frame, masked: list[int]) -> dict[int, float]:
+    """{step: mean overlap of a scan's silhouette with the masks of the frame so many frames on in `masked`}, where all are there."""
     assert frame.scan is not None
     names = evenly(sorted(capture.masked(frame.number)), VIEWS)
     cameras = [thin_camera(capture.cameras[name], SIDE) for name in names]
     shown = [DepthView(camera, frame.scan.vertices, frame.scan.faces).face >= 0 for camera in cameras]
-    found, own = {}, capture.frames.index(frame.number)
-    for step in range(max(-STEPS, -own), min(STEPS, len(capture.frames) - 1 - own) + 1):
-        masks = [_mask(capture, capture.frames[own + step], name) for name in names]
+    found, own = {}, masked.index(frame.number)
+    for step in range(max(-STEPS, -own), min(STEPS, len(masked) - 1 - own) + 1):
+        masks = [_mask(capture, masked[own + step], name) for name in names]
         if all(mask is not None for mask in masks):
             found[step] = sum(overlap(one, mask) for one, mask in zip(shown, masks)) / len(names)
     return found
