@@ -23,11 +23,11 @@ void bind_contours(py::module_& m) {
     py::class_<Contours>(m, "Contours")
         .def(py::init([](FaceIds face, Matrix depth, Vertices V, Faces F, Faces neighbours, const Mat3& K,
                          double near_plane, PixelMask of) {
+        const py::gil_scoped_release release;
         return Contours(
             {std::move(face), std::move(depth), std::move(V), std::move(F), std::move(neighbours), K, std::move(of)},
             near_plane);
-    }),
-             free)
+    }))
         .def("gradient", &Contours::gradient, free)
         .def_property_readonly("a", each(&ContourPoint::a))
         .def_property_readonly("b", each(&ContourPoint::b))

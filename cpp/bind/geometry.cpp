@@ -115,10 +115,10 @@ void bind_geometry(py::module_& m) {
         .def_property_readonly("analyses", &CholeskyFactor::analyses);
     py::class_<SurfaceIndex, std::shared_ptr<SurfaceIndex>>(m, "SurfaceIndex")
         .def(py::init([](const Vertices& V, const Faces& F) {
+        const py::gil_scoped_release release;  // ended before pybind11 registers what is returned
         check_mesh("SurfaceIndex", V, F);
         return std::make_shared<SurfaceIndex>(V, F);
-    }),
-             free)
+    }))
         .def_property_readonly("V", &SurfaceIndex::vertices)
         .def_property_readonly("F", &SurfaceIndex::faces)
         .def("closest", &closest_arrays)
