@@ -222,6 +222,47 @@ def test_models_that_colmap_itself_writes_are_read(tmp_path, binary):
     check(read_calibration("colmap", find_calibration("colmap", tmp_path)), made, within=1e-3)
 
 
+def test_the_chunk_s_transform_places_a_component_that_has_none(tmp_path):
+    made, path, kind, _ = written_as(tmp_path, "metashape")
+    tree = ElementTree.parse(path)
+    component, chunk = tree.find("chunk/components/component"), tree.find("chunk")
+    chunk.append(component.find("transform"))
+    component.remove(component.find("transform"))
+    tree.write(path)
+    check(read_calibration(kind, path), made, within=1e-3)
+
+
+def test_components_of_which_one_is_not_placed_are_refused(tmp_path):
+    made, path, kind, _ = written_as(tmp_path, "metashape")
+    spoil(path, 'sensor_id="1" component_id="0"', 'sensor_id="1" component_id="1"')
+    spoil(path, "</components>", '<component id="1" /></components>')
+    with pytest.raises(UserError, match=r"cameras\.xml: camera 'front': component 1 has no transform, .* the other 1"):
+        read_calibration(kind, path)
+    spoil(path, '<component id="1" />', '<component id="1"><transform><scale>2</scale></transform></component>')
+    assert len(read_calibration(kind, path)) == len(made)
+
+
+def test_labels_of_metashape_lose_the_ending_of_a_picture_alone(tmp_path):
+    _, path, kind, _ = written_as(tmp_path, "metashape")
+    for old, new in (("left.jpg", "cam.1"), ("front.jpg", "cam.2.TIF")):
+        spoil(path, f'label="{old}"', f'label="{new}"')
+    assert list(read_calibration(kind, path)) == ["cam.1", "cam.2", "cam 3"]
+
+
+@pytest.mark.parametrize("word", ["pose", "lens"])
+def test_pictures_of_a_colmap_folder_that_are_not_one_camera_s_are_refused(tmp_path, word):
+    _, path, kind, _ = written_as(tmp_path, "colmap-text")
+    images = tmp_path / "images.txt"
+    line = next(row for row in images.read_text().splitlines() if row.endswith("left.png"))
+    other = line.replace(" 1 left", " 2 left") if word == "lens" else line.replace(line.split()[5], "9.5")
+    rows = "\n\n".join(row.replace("left.png", f"left/{i}.png") for i, row in enumerate((line, line, other)))
+    images.write_text(rows + "\n")
+    with pytest.raises(
+        UserError, match=rf"left/2\.png: camera 'left', called by its folder, has another {word} than before"
+    ):
+        read_calibration(kind, path)
+
+
 def test_settings_of_pose2sim_beside_its_calibration_are_not_taken_for_it(tmp_path):
     (tmp_path / "calibration").mkdir()
     (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")
@@ -255,6 +296,8 @@ def spoil(path, old, new):
         ("qualisys", "Calib.qca.txt", "<calibration>", "<!DOCTYPE a><calibration>", "declares a document type"),
         ("metashape", "cameras.xml", 'type="frame"', 'type="fisheye"', r"camera 'left': a sensor of type 'fisheye'"),
         ("metashape", "cameras.xml", "<k1>", "<k4>0.1</k4><k1>", r"camera 'left': k4 are not zero"),
+        ("metashape", "cameras.xml", "<scale>0", "<scale>-0", r"cameras\.xml: transform\.scale: -0\.37, expected a positive"),
+        ("metashape", "cameras.xml", "</chunk>", "</chunk><chunk />", r"cameras\.xml: 2 chunks: export one"),
         ("colmap-text", "cameras.txt", "OPENCV", "OPENCV_FISHEYE", r"camera model OPENCV_FISHEYE is not read"),
         ("colmap-text", "images.txt", " 1 left", " 7 left", r"images\.txt: left\.png: no camera 7 in cameras\.txt"),
         ("json", "calibration.json", '"intrinsics"', '"lens"', r"calibration\.json: camera 'left': K is missing"),

@@ -50,11 +50,19 @@ def read(path: Path) -> dict[str, Camera]:
         name = place.parent.name or place.stem
         camera = make_camera(images, name, size, K, bend, rigid(_rotation(q), t))
         before = cameras.setdefault(name, camera)
-        if np.abs(before.T_camera_world - camera.T_camera_world).max() > SAME:
-            raise UserError(
-                f"{images}: {file}: camera '{name}' has another pose than before: a moving camera is not read"
-            )
+        _check_same(
+            f"{images}: {file}: camera '{name}'{', called by its folder,' if place.parent.name else ''}", before, camera
+        )
     return cameras
+
+
+def _check_same(where: str, before: Camera, camera: Camera) -> None:
+    """UserError unless two pictures' cameras are one."""
+    if np.abs(before.T_camera_world - camera.T_camera_world).max() > SAME:
+        raise UserError(f"{where} has another pose than before: a moving camera is not read")
+    lenses = [np.r_[c.size, c.K.ravel(), c.distortion] for c in (before, camera)]
+    if np.abs(lenses[0] - lenses[1]).max() > SAME:
+        raise UserError(f"{where} has another lens than before: calibrate with one lens a folder")
 
 
 def _rotation(q: Any) -> Floats:

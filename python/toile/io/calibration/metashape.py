@@ -10,11 +10,13 @@ p2 stand the other way round than OpenCV's:
 component's or chunk's `transform` (scale, rotation, translation) that to the world's.
 
 Taken: sensors of type frame, cameras with a transform. Left: cameras without one, masters' layers, markers, references.
-Refused: k4, p3, p4 that are not zero, other lens types.
+Refused: k4, p3, p4 that are not zero, other lens types, several chunks, and several components unless each has its transform:
+nothing tells how they stand to one another.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -29,30 +31,48 @@ from .checked import add, intrinsics, inverse, make_camera, numbers, placed, rig
 
 NAMES = ("*.xml",)
 WORLD = ("scale", "rotation", "translation")
+ENDING = re.compile(r"(?i)\.(jpe?g|png|tiff?|bmp|exr|dng|raw|cr[23]|nef|arw)$")  # of pictures; "cam.1" has none
 
 
 def read(path: Path) -> dict[str, Camera]:
-    """{label without ending: Camera}, in units of the chunk's world (metres where it has a scale)."""
-    chunk = read_xml(path).find("chunk")
-    if chunk is None:
-        raise UserError(f"{path}: no <chunk>: not a camera export of Metashape")
+    """{label without a picture's ending: Camera}, in units of the chunk's world (metres where it has a scale)."""
+    chunks = read_xml(path).findall("chunk")
+    if len(chunks) != 1:
+        found = f"{len(chunks)} chunks: export one" if chunks else "no <chunk>: not a camera export of Metashape"
+        raise UserError(f"{path}: {found}")
+    chunk = chunks[0]
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
-    worlds = {c.get("id"): _world(path, c.find("transform")) for c in chunk.findall("components/component")}
-    whole = _world(path, chunk.find("transform"))
+    aligned = [camera for camera in chunk.iter("camera") if camera.find("transform") is not None]
+    worlds = _worlds(path, chunk, aligned)
     cameras: dict[str, Camera] = {}
-    for camera in chunk.iter("camera"):
-        given = camera.findtext("transform")
-        if given is None:
-            continue  # not aligned
-        name = Path(camera.get("label", "")).stem
-        sensor = sensors.get(camera.get("sensor_id"))
+    for camera in aligned:
+        name, sensor = _name(camera), sensors.get(camera.get("sensor_id"))
         if sensor is None:
             raise UserError(f"{path}: camera '{name}': no sensor {camera.get('sensor_id')}")
-        T = placed(path, f"camera '{name}': transform", given.split())
-        scale, R, t = worlds.get(camera.get("component_id")) or whole
+        T = placed(path, f"camera '{name}': transform", camera.findtext("transform", "").split())
+        scale, R, t = worlds[camera.get("component_id")]
         pose = rigid(R @ T[:3, :3], scale * R @ T[:3, 3] + t)
         add(path, cameras, make_camera(path, name, *_lens(path, name, sensor), inverse(pose)))
     return cameras
+
+
+def _name(camera: Element) -> str:
+    return ENDING.sub("", camera.get("label", ""))
+
+
+def _worlds(path: Path, chunk: Element, aligned: list[Element]) -> dict[str | None, tuple[float, Floats, Floats]]:
+    """{component: its frame in the world}, of those that have cameras; the chunk's where a component has none of its own."""
+    first: dict[str | None, str] = {}
+    for camera in aligned:
+        first.setdefault(camera.get("component_id"), _name(camera))
+    own = {c.get("id"): t for c in chunk.iter("component") if (t := c.find("transform")) is not None}
+    loose = [component for component in first if component not in own]
+    if loose and len(first) > 1:
+        raise UserError(
+            f"{path}: camera '{first[loose[0]]}': component {loose[0]} has no transform, so that nothing tells how it stands "
+            f"to the other {len(first) - 1}: align or merge them"
+        )
+    return {component: _world(path, own.get(component, chunk.find("transform"))) for component in first}
 
 
 def _lens(path: Path, name: str, sensor: Element) -> tuple[tuple[int, int], Floats, Floats]:
@@ -83,5 +103,7 @@ def _world(path: Path, element: Element | None) -> tuple[float, Floats, Floats]:
     """Scale, rotation, translation from the chunk's frame to the world's."""
     found = {name: None if element is None else element.findtext(name) for name in WORLD}
     scale = numbers(path, "transform.scale", found["scale"] or "1", (1,))[0]
+    if scale <= 0:
+        raise UserError(f"{path}: transform.scale: {scale:g}, expected a positive number")
     R = rotation(path, "transform.rotation", (found["rotation"] or "1 0 0 0 1 0 0 0 1").split())
     return scale, R, numbers(path, "transform.translation", (found["translation"] or "0 0 0").split(), (3,))
