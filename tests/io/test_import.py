@@ -187,6 +187,50 @@ def test_pictures_of_films_are_decoded_with_their_offset(tmp_path):
     assert "front" not in capture.frame(5).images
 
 
+def film(path, view, times, rate=30):
+    """A film of a picture at each of `times` [1/rate s]."""
+    import av
+
+    path.parent.mkdir(exist_ok=True)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = view.width, view.height, "yuv420p"
+        for time in times:
+            picture = av.VideoFrame.from_ndarray(np.full((view.height, view.width, 3), time, np.uint8), "rgb24")
+            picture.pts = time
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+
+
+def test_a_film_that_dropped_pictures_or_ends_early_says_so(tmp_path):
+    pytest.importorskip("av")
+    made = views()
+    write_json(tmp_path, made)
+    times = {"left": range(9), "front": [0, 1, 2, 5, 6, 7, 8, 10, 11], made[2].name: range(6)}
+    for v in made:
+        film(tmp_path / "videos" / f"{v.name}.mp4", v, times[v.name])
+    notes = imported(tmp_path, tmp_path / "ours", fps=30.0).notes
+    said = [note for note in notes if ".mp4" in note]
+    assert said == [
+        "front.mp4: lacks 3 pictures by its times: from picture 3 on it is out of step",
+        f"{made[2].name}.mp4: no pictures of 3 frames: 6-8",
+    ]
+    assert all(f"# {line}\n" in (tmp_path / "ours" / "scene.toml").read_text() for line in said)
+
+
+def test_a_film_without_a_picture_is_refused(tmp_path):
+    pytest.importorskip("av")
+    made = views()
+    write_json(tmp_path, made)
+    for v in made:
+        film(tmp_path / "videos" / f"{v.name}.mkv", v, range(3))
+    path = tmp_path / "videos" / "left.mkv"
+    path.write_bytes(path.read_bytes()[:700])
+    with pytest.raises(UserError, match=r"videos/left\.mkv: no picture in it"):
+        imported(tmp_path, tmp_path / "ours", fps=30.0)
+    assert not (tmp_path / "ours").exists()
+
+
 def test_frames_follow_as_fast_as_those_of_the_films(tmp_path):
     pytest.importorskip("av")
     from toile.io.video import VideoWriter

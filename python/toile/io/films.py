@@ -7,10 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import UserError
 from ..kernels.arrays import Anything
 from .bounded import check_file, reason_of
 from .image import MAX_PIXELS
+
+LATE = 1.5  # usual steps in time after which a picture shows that one before it is missing
 
 
 def film_size(path: Path) -> tuple[int, int]:
@@ -31,6 +35,17 @@ def film_rate(path: Path) -> float:
     """Pictures a second on average, to a thousandth, as its header says; 0 where it does not."""
     with _opened(path) as container:
         return round(float(container.streams.video[0].average_rate or 0), 3)
+
+
+def dropped(path: Path) -> tuple[int, int]:
+    """(how many pictures a film lacks by the times of the others, as where a recorder dropped some; the picture before which
+    the first is missing)."""
+    with _opened(path) as container:
+        times = np.array(sorted(packet.pts for packet in container.demux(video=0) if packet.pts is not None))
+    steps = np.diff(times)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    late = np.flatnonzero(steps > LATE * usual) if usual > 0 else steps[:0]
+    return (int(np.round(steps[late] / usual - 1).sum()), int(late[0]) + 1) if len(late) else (0, 0)
 
 
 def decoded(path: Path, wanted: Iterable[int]) -> Iterator[tuple[int, Anything]]:
@@ -75,7 +90,5 @@ def _pictures(path: Path, container: Any) -> Iterator[Any]:
 
 
 def _shown(frame: Any) -> Anything:
-    import numpy as np
-
     picture = frame.to_ndarray(format="rgb24")
     return np.ascontiguousarray(np.rot90(picture, round(getattr(frame, "rotation", 0) / 90) % 4))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..kernels.arrays import Anything, Floats
-from ..scene import Camera
+from ..scene import Camera, frame_ranges
 from .files import replace_file
 from .films import decoded, film_size
 from .image import image_header, one_channel, write_image
@@ -23,6 +23,7 @@ from .mesh import read_mesh, write_mesh
 Source = Path | Callable[[Path], Any]  # a file to be linked, or what writes it under a path
 CLEAR = 0.85  # cosine between the cameras' mean up direction and an axis, above which that axis is up
 AXES = ("x", "y", "z")
+MANY = 4  # runs of frame numbers in a message
 
 
 @dataclass(frozen=True)
@@ -48,21 +49,31 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
         raise UserError(f"{head}: no frame with pictures, keypoints or a scan")
     found = replace(found, cameras=_sized(found))
     _check_masks(found)
+    written = found
 
     def write(part: Path) -> None:
+        nonlocal written
         part.mkdir()
         for number in sorted(found.frames):
             _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, copy)
-        for camera, (film, first) in found.films.items():
-            for index, picture in decoded(film, [number + first for number in found.frames]):
-                path = part / "frames" / f"{index - first:06d}" / "images" / f"{camera}.jpg"
-                _check_size(film, picture.shape[:2], found.cameras[camera])
-                write_image(path, picture)
-        (part / "scene.toml").write_text(_scene(found, out.resolve().name, head), encoding="utf-8")
+        lacking = [note for camera in found.films if (note := _write_film(part / "frames", found, camera))]
+        written = replace(found, notes=(*found.notes, *lacking))
+        (part / "scene.toml").write_text(_scene(written, out.resolve().name, head), encoding="utf-8")
         (part / "cameras.json").write_text(cameras_json(found.cameras), encoding="utf-8")
 
     replace_file(out, write)
-    return found
+    return written
+
+
+def _write_film(frames: Path, found: Found, camera: str) -> str:
+    """A film's pictures of all frames; what is to be said of those that it lacks, "" where it has all."""
+    film, first = found.films[camera]
+    left = set(found.frames)
+    for index, picture in decoded(film, [number + first for number in found.frames]):
+        _check_size(film, picture.shape[:2], found.cameras[camera])
+        write_image(frames / f"{index - first:06d}" / "images" / f"{camera}.jpg", picture)
+        left.remove(index - first)
+    return f"{film.name}: no pictures of {len(left)} frames: {frame_ranges(sorted(left), MANY)}" if left else ""
 
 
 def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Camera], copy: bool) -> None:

@@ -14,7 +14,7 @@ from ..errors import UserError
 from ..kernels.arrays import Floats
 from ..scene import Camera, frame_ranges
 from .calibration import KINDS, find_calibration, read_calibration
-from .films import film_count, film_rate
+from .films import dropped, film_count, film_rate
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
 from .places import ENDINGS, Placed, files_of, folder_of, numbered, place, placed
@@ -185,8 +185,16 @@ def _films(
             raise UserError(f"{path}: camera '{camera}' has {films[camera][0].name} too")
         else:
             films[camera] = path, options.offsets.get(camera, 0)
-            for number in range(max(0, -films[camera][1]), film_count(path) - films[camera][1]):
+            count = film_count(path)
+            if not count:
+                raise UserError(f"{path}: no picture in it")
+            for number in range(max(0, -films[camera][1]), count - films[camera][1]):
                 frames.setdefault(number, {})
+            missing, first = dropped(path)
+            if missing:
+                notes.append(
+                    f"{path.name}: lacks {missing} pictures by its times: from picture {first} on it is out of step"
+                )
     if films:
         notes.append(f"films: {len(films)}, decoded into JPEG pictures")
     return films
