@@ -44,6 +44,8 @@ ELSEWHERE = {
     "larger": lambda V: 1.05 * V,
     "turned": lambda V: V @ Rotation.from_euler("z", 20, degrees=True).as_matrix().T,
     "mirrored": lambda V: V * [-1, 1, 1],
+    "beside most pictures": lambda V: V + [0, 1.5, 0],
+    "in no picture": lambda V: V + [1000, 0, 0],
 }
 
 

@@ -80,10 +80,12 @@ def astray(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Findi
 
 
 def _shares(camera: Camera, mask: Anything, scan: Mesh | None) -> tuple[float, float] | None:
-    """Share of a mask that a scan covers, and of the scan's vertices in the picture that lie on the mask; None without either."""
+    """Share of a mask that a scan covers, and of the scan's vertices in the picture that lie on the mask, 0 where none is there;
+    None without either."""
     if scan is None or not mask.any():
         return None
     step = float(np.median(np.linalg.norm(scan.vertices[scan.faces[:, 0]] - scan.vertices[scan.faces[:, 1]], axis=1)))
     uv, depth = camera.project(scan.vertices)
-    everything = np.ones(len(uv), bool)
-    return covered(camera, mask, uv, depth, everything, step), float(within(mask, uv, depth).mean())
+    shown = (depth > 0) & ((uv >= 0) & (uv < mask.shape[::-1])).all(1)
+    on = float(within(mask, uv[shown], depth[shown]).mean()) if shown.any() else 0.0
+    return covered(camera, mask, uv, depth, depth > 0, step), on
