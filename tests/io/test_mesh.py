@@ -85,6 +85,25 @@ def test_a_mesh_that_could_not_be_read_again_is_not_written(tmp_path, mesh, said
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("uv", "face_uv", "said"),
+    [
+        (UV, FACE_UV + 1, r"m.obj: face 1 names a UV that is not there \(5 UVs\)"),
+        (UV, FACE_UV - 1, "m.obj: face 0 names a UV"),
+        (np.where(UV == 0.5, np.nan, UV), FACE_UV, "m.obj: UV 4 is not finite"),
+        (UV, FACE_UV[:1], "m.obj: face_uv: 1 rows for 2 faces"),
+        (UV, None, "m.obj: face_uv: a mesh has both"),
+        (None, FACE_UV, "m.obj: uv: a mesh has both"),
+        (UV[:, :1], FACE_UV, r"write_mesh: uv has shape \(5, 1\)"),
+        (UV, FACE_UV.astype(float), "write_mesh: face_uv has dtype float64, expected integers"),
+    ],
+)
+def test_uvs_that_could_not_be_read_again_are_not_written(tmp_path, uv, face_uv, said):
+    with pytest.raises((UserError, InputError), match=said):
+        write_mesh(tmp_path / "m.obj", Mesh(V, F, uv, face_uv))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(("lines", "element"), [(-1, "face"), (-3, "vertex")])
 def test_a_ply_of_text_that_ends_early_is_refused(tmp_path, lines, element):
     header = ["ply", "format ascii 1.0", "element vertex 4", *(f"property float {axis}" for axis in "xyz")]

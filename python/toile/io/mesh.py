@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import UserError
-from ..kernels.arrays import Anything, as_faces, as_vertices
+from ..kernels.arrays import Anything, as_faces, as_floats, as_vertices
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
@@ -213,8 +212,27 @@ def write_mesh(path: Path | str, mesh: Mesh) -> None:
     V, F = as_vertices("write_mesh", "vertices", mesh.vertices), as_faces("write_mesh", "faces", mesh.faces)
     labels = None if mesh.face_labels is None else _ids(path, mesh.face_labels, len(F), "face")
     confidence = None if mesh.confidence is None else _shares(path, mesh.confidence, len(V))
-    sound = check_mesh(path, replace(mesh, vertices=V, faces=F, face_labels=labels, confidence=confidence))
+    uv, face_uv = _uvs(path, mesh, len(F)) if path.suffix.lower() == ".obj" else (None, None)
+    sound = check_mesh(path, Mesh(V, F, uv, face_uv, labels, confidence=confidence))
     replace_file(path, lambda p: p.write_bytes(write(sound)))
+
+
+def _uvs(path: Path, mesh: Mesh, m: int) -> tuple[Any, Any]:
+    """UVs (t,2) and the three of each face (m,3), None for both where a mesh has none."""
+    if mesh.uv is None and mesh.face_uv is None:
+        return None, None
+    if mesh.uv is None or mesh.face_uv is None:
+        raise UserError(f"{path}: {'uv' if mesh.uv is None else 'face_uv'}: a mesh has both uv and face_uv, or neither")
+    uv, corners = as_floats("write_mesh", "uv", mesh.uv, (None, 2)), as_faces("write_mesh", "face_uv", mesh.face_uv)
+    if len(corners) != m:
+        raise UserError(f"{path}: face_uv: {len(corners)} rows for {m} faces")
+    bad = np.flatnonzero(~np.isfinite(uv).all(1))
+    if len(bad):
+        raise UserError(f"{path}: UV {bad[0]} is not finite")
+    bad = np.flatnonzero(_outside(corners, len(uv)))
+    if len(bad):
+        raise UserError(f"{path}: face {bad[0]} names a UV that is not there ({len(uv)} UVs)")
+    return uv, corners
 
 
 def _obj(mesh: Mesh) -> bytes:
