@@ -18,6 +18,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,7 @@ from ..io.capture import Capture, check_capture, open_capture
 from ..io.files import identity_of, load_record, naming, save_record
 from ..io.holdout import apart, held
 from ..io.layout import STORE
-from ..io.locks import at_work, locked
+from ..io.locks import BUSY, abandoned, at_work, locked
 from ..io.run import is_run
 from ..io.run_folder import config_file, read_config, write_diagnostics
 from ..io.run_writer import RunWriter
@@ -111,17 +112,31 @@ def register(
         parts = blocks(frames, held(config.holdout))[shard[0] - 1 :: shard[1]]
         own = [number for block in parts for number in block]
         scanning.load_libraries(capture, own, config)
-        with locked(run):
-            sample = partial(sampled_frames, capture, config.preparation_frames)
-            request = request_of(run, capture, config, frames, own, sample, verify)
-        refusal = f"{run}: another process works at it, and something else is asked for now: {'; '.join(request.notes)}"
-        with at_work(run, request.other, refusal):
+        with _asked(run, capture, config, frames, own, verify) as request:
             crew = workers, shard, scheduler
             return _register(capture, run, config, request, own, progress, crew, retry, frame_limit, keep)
     except Exception:
-        if fresh and not ((run / "work").exists() or is_run(run)):
+        others = (run / BUSY).exists() and not abandoned(run)
+        if fresh and not (others or (run / "work").exists() or is_run(run)):
             shutil.rmtree(run, ignore_errors=True)
         raise
+
+
+@contextmanager
+def _asked(run, capture, config, frames, own, verify):
+    """What is asked for, once it is kept in RUN/config.toml and this process says that it works there: of two that begin at once
+    and ask for different things the second is refused."""
+    with ExitStack() as busy:
+        with locked(run):
+            sample = partial(sampled_frames, capture, config.preparation_frames)
+            request = request_of(run, capture, config, frames, own, sample, verify)
+            refusal = (
+                f"{run}: another process works at it, and something else is asked for now: {'; '.join(request.notes)}"
+            )
+            busy.enter_context(at_work(run, request.other, refusal))
+            recover(run)
+            write_request(run, capture, config, request)
+        yield request
 
 
 def _config(run, config, settings):
@@ -153,8 +168,6 @@ def _register(capture, run, config, request, own, progress, crew, retry, frame_l
     first = "dress" if capture.scene.garments else "track"
     results = FrameFolders(run / "work" / "frames", Status.of(run), "frame", partial(identities.of, first))
     with locked(run):
-        recover(run)
-        write_request(run, capture, config, request)
         try_again(run, again(stored, own, results, retry, config.verdict))
         damaged = stored.reopen_damaged(own)
     title = "track, segment, dress" if capture.scene.garments else "track"
