@@ -14,6 +14,7 @@ from ..config import ReconstructSettings
 from ..io.capture import Capture
 from ..io.files import write_text
 from ..io.image import write_image
+from ..measure.inspection.files import upended
 from ..scene import Keypoints, frame_ranges
 from ..stages.reconstruct import agreement, triangulate
 from ..vision.detectors import Detection
@@ -86,6 +87,7 @@ def _beforehand(capture: Capture, asked: Sequence[int]) -> list[str]:
         if placed
         else []
     )
+    said += [finding.text for finding in upended(capture)] if asked else []
     return said + (
         ["one camera: no other view confirms what is detected"] if len(capture.cameras) == 1 and asked else []
     )

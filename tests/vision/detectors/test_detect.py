@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import ExifTags, Image
 
 from tests.support.rig import ring_of_cameras
 from toile.errors import UserError
@@ -19,7 +20,7 @@ from toile.pipeline.commands.pictures import detector_of
 from toile.pipeline.detect import confirmed, detect
 from toile.scene import Keypoints
 from toile.surface.keypoints import mirrored
-from toile.vision.detectors.program import Program
+from toile.vision.detectors.program import Program, its_own
 
 SAMPLE = Path(__file__).parents[3] / "data_samples" / "tshirt-talk"
 WRITER = """
@@ -70,7 +71,7 @@ def test_frames_that_have_keypoints_are_left_alone_until_again(capture, tmp_path
 @pytest.mark.parametrize(
     "body, said",
     [
-        ("pass", "keypoints.json: the file is missing"),
+        ("pass", "--detector: what '.*' left of .*/frames/000000/images: keypoints.json: the file is missing"),
         ("(Path(out) / 'keypoints.json').write_text('[')", "keypoints.json: not JSON"),
         ('(Path(out) / \'keypoints.json\').write_text(\'{"names": [], "points": {"x": []}}\')', "points.x: no such"),
         ("raise SystemExit(3)", "exit code 3: it says nothing"),
@@ -81,6 +82,50 @@ def test_what_a_program_leaves_wrong_is_named_and_nothing_is_written(capture, tm
     with pytest.raises(UserError, match=said):
         detect(opened, program(tmp_path, body), opened.frames)
     assert not list(capture.glob("frames/*/keypoints.json"))
+
+
+MEDIAPIPE = """
+from types import SimpleNamespace as Space
+import numpy
+
+class Holistic:
+    __init__ = lambda self, **_: None
+    __enter__ = lambda self: self
+    __exit__ = lambda self, *_: None
+
+    def process(self, picture):
+        seen = picture[..., 1] > 100
+        at = numpy.argwhere(seen)[0] / seen.shape
+        marks = Space(landmark=[Space(x=at[1], y=at[0], visibility=1.0)] * 33)
+        other = dict.fromkeys(("face_landmarks", "left_hand_landmarks", "right_hand_landmarks"))
+        return Space(pose_landmarks=marks, segmentation_mask=1.0 * seen, **other)
+
+solutions = Space(holistic=Space(Holistic=Holistic))
+"""
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_are_looked_at_as_they_are_stored_however_their_headers_turn_them(tmp_path, monkeypatch, orientation):
+    (tmp_path / "mediapipe.py").write_text(MEDIAPIPE)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (camera,) = (replace(c, name="cam", width=48, height=32) for c in ring_of_cameras(1).values())
+    pixels, header = np.zeros((32, 48, 3), np.uint8), Image.Exif()
+    pixels[8:16, 32:40], header[ExifTags.Base.Orientation] = 255, orientation
+    (tmp_path / "images").mkdir()
+    Image.fromarray(pixels).save(tmp_path / "images" / "cam.jpg", quality=100, exif=header)
+    (found,) = its_own(Path(sys.executable)).detect([tmp_path / "images"], {"cam": camera})
+    assert np.abs(found.keypoints.points["cam"][0, :2] - [32, 8]).max() <= 1
+    assert found.masks["cam"][9:15, 33:39].all() and found.masks["cam"].sum() < 120
+
+
+def test_pictures_that_ask_to_be_turned_are_said(capture, tmp_path):
+    header = Image.Exif()
+    header[ExifTags.Base.Orientation] = 6
+    path = min(capture.glob("frames/000000/images/*"))
+    Image.open(path).convert("RGB").save(path, "JPEG", exif=header)
+    opened = open_capture(capture)
+    (said,) = detect(opened, program(tmp_path, COPIES), opened.frames[:1]).warnings
+    assert said.startswith(f"{path.stem}: their pictures ask to be turned (EXIF)")
 
 
 @pytest.mark.parametrize("command, said", [("", "no command"), ("/no/such", "cannot be run"), ('"', "quotation")])

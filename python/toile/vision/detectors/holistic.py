@@ -35,7 +35,7 @@ def one_instant(model, pictures, out):
     points = {}
     (out / "masks").mkdir(parents=True)
     for path in sorted(p for p in pictures.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg")):
-        picture = cv2.imread(str(path))
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)  # as toile reads it
         if picture is None:
             sys.exit(f"{path}: cannot be read as a picture")
         found = model.process(np.ascontiguousarray(picture[..., ::-1]))

@@ -23,8 +23,9 @@ class Program:
     """Runs `COMMAND PICTURES OUT [PICTURES OUT ...]`, without a shell, for up to `at_once` instants a call.
 
     PICTURES is a folder with one picture a camera, named by the camera; OUT is an empty folder in which the program writes
-    keypoints.json (see docs/formats/capture.md) and, if it can, masks/CAMERA.png. UserError: the command cannot be
-    run, ends with another exit code than 0, or leaves files that are none.
+    keypoints.json (see docs/formats/capture.md) and, if it can, masks/CAMERA.png, in pixels of the pictures as they are stored,
+    not turned as their headers (EXIF) may ask. UserError: the command cannot be run, ends with another exit code than 0, or
+    leaves files that are none.
     """
 
     def __init__(self, command: str, at_once: int = 16):
@@ -45,8 +46,8 @@ class Program:
                 for out in outs:
                     out.mkdir()
                 self._run([str(path.resolve()) for pair in zip(some, outs) for path in pair])
-                for out in outs:
-                    yield _read(out, cameras)
+                for folder, out in zip(some, outs):
+                    yield self._left(folder, out, cameras)
 
     def _run(self, folders: Sequence[str]) -> None:
         try:
@@ -58,6 +59,14 @@ class Program:
         if done.returncode:
             last = ((done.stderr.strip() or done.stdout.strip()).splitlines() or ["it says nothing"])[-1]
             raise UserError(f"--detector: '{self.words[0]}' ended with exit code {done.returncode}: {last[:TOLD]}")
+
+    def _left(self, folder: Path, out: Path, cameras: Mapping[str, Camera]) -> Detection:
+        """What it left in OUT of a folder of pictures, which is what an error calls by name: OUT is gone then."""
+        try:
+            return _read(out, cameras)
+        except UserError as error:
+            said = str(error).replace(f"{out}/", "")
+            raise UserError(f"--detector: what '{self.words[0]}' left of {folder}: {said}") from None
 
 
 def its_own(python: Path) -> Program:
