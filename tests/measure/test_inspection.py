@@ -132,6 +132,29 @@ def test_a_calibration_of_another_convention_is_named(capture, words, masks_alon
     assert len(said) == 1 and f"px if it is {words}" in said[0]
 
 
+def left_with(root, names):
+    """The capture has these cameras alone."""
+    from toile.io.camera import read_cameras
+
+    cameras = read_cameras(root / "cameras.json")
+    (root / "cameras.json").write_text(cameras_json({name: cameras[name] for name in names}))
+    for file in root.glob("frames/*/keypoints.json"):
+        data = json.loads(file.read_text())
+        file.write_text(json.dumps(data | {"points": {name: data["points"][name] for name in names}}))
+
+
+@pytest.mark.parametrize("words", ["", *CONVENTIONS])
+def test_two_cameras_that_fit_are_sound_and_of_another_convention_they_are_named(walk, words):
+    left_with(walk, ("cam0", "cam1"))
+    if words:
+        recalibrated(walk, CONVENTIONS[words])
+        (said,) = texts(walk, serious=True)
+        assert f"px if it is {words}" in said
+    else:
+        found = inspect(walk)
+        assert not found.findings and found.facts["error px"] < 2 and 1.4 < found.facts["stature m"] < 2.0
+
+
 def test_mirrored_pictures_are_named(walk):
     edited(walk, lambda name, t, rows: rows[t][name] * [-1, 1, 1] + [512, 0, 0])
     assert any("pictures that are mirrored" in text for text in texts(walk, serious=True))
@@ -234,7 +257,7 @@ def test_cameras_that_stand_in_one_place_are_one_line(capture, masks_alone):
         file.unlink()
     for centre in ([0, 0, 0], [0.3, -2.1, 1.7]):
         recalibrated(capture, posed(lambda T, c=centre: np.vstack([np.c_[T[:3, :3], -T[:3, :3] @ c], [0, 0, 0, 1]])))
-        said = texts(capture)
+        said = texts(capture, serious=True)
         assert len(said) == 1 and said[0].startswith("cameras.json: all cameras stand in one place")
 
 
@@ -276,6 +299,19 @@ def test_files_that_lack_or_are_not_read_are_named(capture):
     ):  # fmt: skip
         assert any(words in text for text in said), words
     assert not texts(capture, serious=True)
+
+
+def test_frames_that_hold_nothing_are_named(walk):
+    (walk / "frames" / "000030").mkdir()
+    (walk / "frames" / "000031" / "images").mkdir(parents=True)
+    assert texts(walk) == ["frames: 2 hold nothing that is read: 30-31"]
+
+
+def test_where_no_frame_can_be_read_nothing_is_said_of_labels(capture):
+    for mask in capture.glob("frames/*/masks/cam0.png"):
+        Image.open(mask).convert("RGB").save(mask)
+    said = texts(capture, serious=True)
+    assert len(said) == len(PICTURED) and all("masks/cam0.png: mode RGB" in text for text in said)
 
 
 def test_a_capture_of_pictures_alone_is_said_to_lack_who_it_shows(capture):

@@ -50,6 +50,14 @@ def gaps(numbers: tuple[int, ...]) -> list[Finding]:
     return [Finding(f"frames: {len(missing)} numbers are missing: {frame_ranges(missing, MANY)}", serious=False)]
 
 
+def hollow(capture: Capture) -> list[Finding]:
+    """Frames whose folders hold nothing that is read, all of which fail."""
+    empty = [number for number in capture.frames if not capture.inputs(number)]
+    if not empty:
+        return []
+    return [Finding(f"frames: {len(empty)} hold nothing that is read: {frame_ranges(empty, MANY)}", serious=False)]
+
+
 def uneven(capture: Capture) -> list[Finding]:
     """Cameras that lack pictures, masks or labels in some frames where they have them in others, and cameras without any."""
     found, pictured = [], set()
@@ -175,8 +183,8 @@ def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str
             ids = set(np.unique(frame.scan_labels).tolist())
             for name, label in capture.scene.labels.items():
                 seen[name]["scan"] = seen[name].get("scan", 0) + (label in ids)
-    found = []
-    for garment in capture.scene.garments:
+    found: list[Finding] = []
+    for garment in capture.scene.garments if frames else ():
         where = {camera: count for camera, count in seen[garment.label].items() if count}
         if not where and capture.scene.segmenter and not any(frame.certainty for frame in frames):
             continue  # the network could not be asked

@@ -85,19 +85,20 @@ class Meeting:
 
 
 def meet(sighting: Sighting) -> Meeting:
-    """Least-squares meeting of the rays, reweighted by the leave-one-out errors (Cauchy). A point behind a camera that sees it
-    has an infinite error."""
+    """Least-squares meeting of the rays, reweighted by the leave-one-out errors (Cauchy); of two cameras, where one ray would be left,
+    by the errors of both. A point behind a camera that sees it has an infinite error."""
     centres = np.array([camera.centre for camera in sighting.cameras])
     D = np.stack([directions(camera, uv) for camera, uv in zip(sighting.cameras, sighting.uv)])
     seen = sighting.weight > SURE
     weight = seen.astype(float)
+    own = 1 if len(centres) > 2 else 0  # whether a camera's own rays are left out
     for _ in range(ROUNDS):
         A = weight[..., None, None] * (np.eye(3) - D[..., :, None] * D[..., None, :])
         b = np.einsum("ctkij,cj->ctki", A, centres)
         whole, right, views = A.sum(0), b.sum(0), seen.sum(0)
         residual = np.full(sighting.uv.shape, np.nan)
         for i, camera in enumerate(sighting.cameras):
-            X = _solved(whole - A[i], right - b[i], views - seen[i])
+            X = _solved(whole - own * A[i], right - own * b[i], views - own * seen[i])
             uv, depth = camera.project(np.nan_to_num(X))
             off = np.where((depth > 0)[..., None], sighting.uv[i] - uv, np.inf)
             known = seen[i] & np.isfinite(X).all(-1)
