@@ -1,17 +1,22 @@
 """What preparing says of the sampled frames."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.support.shapes import sphere
 from toile.config import preset
+from toile.errors import UserError
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
 from toile.io.status import Status
-from toile.pipeline.preparation import _said, _said_of_scans, _say
-from toile.scene import Frame, Mesh, Person, Tracked
+from toile.pipeline.preparation import _fitted, _said, _said_of_scans, _say
+from toile.scene import Frame, Mesh, Person, Points3D, Tracked
+from toile.stages.track import Unmatched
 
 MODEL = load_body_model()
 PERSON = Person(np.zeros(0), MODEL.v_template, MODEL.J)
@@ -45,6 +50,30 @@ def test_a_body_that_stands_along_another_axis_than_the_scene_s_is_named():
 def test_scans_that_look_inwards_are_named():
     (found,) = said(sample(), sample(faces=MODEL.skin_faces[:, ::-1]))
     assert found.startswith("scan.ply of frame 3: 100 % of its faces look inwards")
+
+
+def standing(number, lost=False):
+    """A frame whose keypoints show the body at rest, as does its scan, unless that is a ball metres away."""
+    names, n = MODEL.keypoint_names, len(MODEL.keypoint_names)
+    points = Points3D(names, MODEL.keypoints(MODEL.v_template, MODEL.J), np.full(n, 0.005), np.full(n, 4))
+    V, F = sphere(8, 12, 0.02) if lost else (MODEL.v_template, MODEL.skin_faces)
+    return Frame(number=number, scan=Mesh(V + [9.0 * lost, 0, 0], F)), points
+
+
+def test_a_sampled_frame_that_fits_no_body_is_left_out_by_its_number_and_the_person_is_the_others():
+    settings = preset("draft").track
+    samples, person, tracked, words = _fitted(MODEL, [standing(0), standing(4, True), standing(7)], settings)
+    assert [frame.number for frame, _ in samples] == [0, 7] and len(tracked) == 2
+    assert len(words) == 1 and words[0].startswith("frame 4: ") and words[0].endswith("the person is made without")
+    alone = _fitted(MODEL, [standing(0), standing(7)], settings)
+    assert np.array_equal(person.rest, alone[1].rest) and alone[3] == []
+    with pytest.raises(UserError, match="frames 3-4: "):
+        _fitted(MODEL, [standing(3, True), standing(4, True)], settings)
+
+
+def test_which_frames_fit_no_body_is_known_from_another_process():
+    error = pickle.loads(pickle.dumps(Unmatched.of([3, 4], "said")))
+    assert error.numbers == (3, 4) and str(error) == "frames 3-4: said"
 
 
 def test_pictures_exchanged_between_two_cameras_are_said():

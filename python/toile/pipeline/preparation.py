@@ -91,14 +91,14 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
     progress("prepare", 0, 1)
     folder = run / "prepared"
     model = model_in_capture(capture.root, capture.scene.body_model, capture.scene.up)
-    sampled = cache(partial(samples_of, capture, run, config, identities))
-    fitted = cache(lambda: track.prepare(model, sampled(), config.track))
+    fitted = cache(lambda: _fitted(model, samples_of(capture, run, config, identities), config.track))
 
     def found():
-        person, tracked = fitted()
+        samples, person, tracked, unfit = fitted()
         among = apart(capture.frames, config.holdout)
-        late = [finding.text for finding in out_of_step(capture, [frame for frame, _ in sampled()], among)]
-        _say(Status.of(run), "prepare", [*_said_of_scans(model, person, capture.scene.up, sampled(), tracked), *late])
+        late = [finding.text for finding in out_of_step(capture, [frame for frame, _ in samples], among)]
+        said = [*unfit, *_said_of_scans(model, person, capture.scene.up, samples, tracked), *late]
+        _say(Status.of(run), "prepare", said)
         return person
 
     person = kept(folder / "person.npz", Person, found, identities.stages["person"])
@@ -106,10 +106,28 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
         capture, config, model, person, folder, track.Tracker(model, person, config.track), identities
     )
     if capture.scene.garments:
-        tracked = lambda: [(as_labels_see(frame, config), t) for (frame, _), t in zip(sampled(), fitted()[1])]
+
+        def tracked():
+            samples, _, found, _ = fitted()
+            return [(as_labels_see(frame, config), one) for (frame, _), one in zip(samples, found)]
+
         _prepare_garments(prepared, tracked, Status.of(run))
     progress("prepare", 1, 1)
     return prepared
+
+
+def _fitted(model, samples, settings):
+    """Samples [(Frame, Points3D | None)] that a body fits, the Person that they show, their Tracked, and what is said of those that
+    fit none, which fail for themselves. UserError: none fits."""
+    said = []
+    while True:
+        try:
+            return samples, *track.prepare(model, samples, settings), said
+        except track.Unmatched as error:
+            left = [(frame, points) for frame, points in samples if frame.number not in error.numbers]
+            if not left:
+                raise
+            samples, said = left, [*said, f"{error}: the person is made without"]
 
 
 def kept(path, kind, make, identity, **records):

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked, frame_ranges
 from ..surface.keypoint_side import KeypointSide
 from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
@@ -20,11 +20,25 @@ from ..vision.threads import parallel_map, parallel_map_with
 
 HALVES = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")  # roles of the joints where halves of limbs begin
 HELD_STEP = 5  # of their vertices every fifth holds them
+NO_OVERLAP = "scan.ply: the scan and the posed body do not overlap"
 FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
 
 
+class Unmatched(UserError):
+    """The body model does not reach the scans or keypoints of the frames `numbers`."""
+
+    numbers = ()
+
+    @classmethod
+    def of(cls, numbers, said):
+        many = f"frame{'s' if len(numbers) > 1 else ''} {frame_ranges(numbers)}"
+        error = cls(f"{many}: {said}")
+        error.numbers = tuple(numbers)
+        return error
+
+
 def prepare(model, frames, settings):
-    """The Person from sampled frames [(Frame, Points3D | None)], and their Tracked.
+    """The Person from sampled frames [(Frame, Points3D | None)], and their Tracked. Unmatched: some of them fit no body.
 
     One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
     most frames saw it the mean of the offsets is added, smoothed, to the shape. Where the detector's keypoints lie beside
@@ -38,9 +52,11 @@ def prepare(model, frames, settings):
     def fitted(surface, sample):
         (frame, _), fit = sample
         V = model.skin(rest, J, fit.rotations, fit.translation)
-        return surface.fit(frame.scan, V) if frame.scan is not None else _unseen(V)
+        return surface.found(frame.scan, V) if frame.scan is not None else _unseen(V)
 
     surfaces = parallel_map_with(lambda: _Surface(model, rest, settings), fitted, zip(frames, fits))
+    if beyond := [frame.number for (frame, _), surface in zip(frames, surfaces) if surface is None]:
+        raise Unmatched.of(beyond, NO_OVERLAP)
     offsets, weight = np.zeros_like(rest), np.zeros((len(rest), 1))
     for fit, (V, confidence) in zip(fits, surfaces):
         seen = (confidence == OBSERVED)[:, None]
@@ -297,7 +313,15 @@ class _Surface:
         return out
 
     def fit(self, scan, start, held=()):
-        """-> vertices (n,3) and confidence (n,). The vertices `held` (k,) stay about where they start."""
+        """-> vertices (n,3) and confidence (n,). The vertices `held` (k,) stay about where they start. UserError: the scan lies
+        elsewhere."""
+        found = self.found(scan, start, held)
+        if found is None:
+            raise UserError(NO_OVERLAP)
+        return found
+
+    def found(self, scan, start, held=()):
+        """`fit`; None where the scan lies elsewhere."""
         from scipy.sparse import csr_matrix
 
         chosen = csr_matrix((np.ones(len(held)), (range(len(held)), held)), (len(held), len(start)))
@@ -306,7 +330,7 @@ class _Surface:
         fit = self.solver.solve(scan.vertices, scan.faces, start=start, **seen)
         confidence = None if fit.stop == "no_overlap" else self._confidence(fit.V, scan)
         if confidence is None or not (confidence == OBSERVED).any():
-            raise UserError("scan.ply: the scan and the posed body do not overlap")
+            return None
         return fit.V, confidence
 
     def _confidence(self, V, scan):
@@ -350,6 +374,5 @@ def _evidence(frame, points):
 
 
 def _refuse_unmatched(numbers, fits):
-    for number, fit in zip(numbers, fits):
-        if fit.stop == "unmatched":
-            raise UserError(f"frame {number}: the body model finds neither scan nor keypoints within reach")
+    if beyond := [number for number, fit in zip(numbers, fits) if fit.stop == "unmatched"]:
+        raise Unmatched.of(beyond, "the body model finds neither scan nor keypoints within reach")
