@@ -363,6 +363,16 @@ def test_a_capture_that_is_there_is_not_written_over(tmp_path):
     assert (tmp_path / "ours" / "mine.txt").read_text() == "keep"
 
 
+def test_what_a_killed_import_left_goes_with_the_next(tmp_path):
+    rig(tmp_path / "their")
+    left = tmp_path / ".ours.0123456789ab.part"
+    left.mkdir()
+    (left / ".busy").touch()  # which nobody holds
+    imported(tmp_path / "their", tmp_path / "ours")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["ours", "their"]
+    assert sorted(p.name for p in (tmp_path / "ours").iterdir()) == ["cameras.json", "frames", "scene.toml"]
+
+
 def test_cropped_pictures_are_taken_when_said(tmp_path):
     made = rig(tmp_path / "their", numbers=())
     for v in made:

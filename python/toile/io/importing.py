@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import UserError
 from ..kernels.arrays import Anything, Floats
 from ..scene import Camera, frame_ranges
-from .files import replace_file
+from .files import whole_folder
 from .films import decoded, film_size
 from .image import image_header, one_channel, write_image
 from .mesh import read_mesh, write_mesh
@@ -49,20 +49,14 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
         raise UserError(f"{head}: no frame with pictures, keypoints or a scan")
     found = replace(found, cameras=_sized(found))
     _check_masks(found)
-    written = found
-
-    def write(part: Path) -> None:
-        nonlocal written
-        part.mkdir()
+    with whole_folder(out) as part:
         for number in sorted(found.frames):
             _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, copy)
         lacking = [note for camera in found.films if (note := _write_film(part / "frames", found, camera))]
-        written = replace(found, notes=(*found.notes, *lacking))
-        (part / "scene.toml").write_text(_scene(written, out.resolve().name, head), encoding="utf-8")
+        found = replace(found, notes=(*found.notes, *lacking))
+        (part / "scene.toml").write_text(_scene(found, out.resolve().name, head), encoding="utf-8")
         (part / "cameras.json").write_text(cameras_json(found.cameras), encoding="utf-8")
-
-    replace_file(out, write)
-    return written
+    return found
 
 
 def _write_film(frames: Path, found: Found, camera: str) -> str:
