@@ -44,6 +44,14 @@ def test_face_that_names_a_missing_vertex_is_refused(tmp_path):
         read_mesh(tmp_path / "m.obj")
 
 
+@pytest.mark.parametrize("number", ["0", 0.0, None, [0]])
+def test_a_frame_by_another_thing_than_a_whole_number_is_refused(number):
+    capture = open_capture(SAMPLE)
+    with pytest.raises(UserError, match="frames: .*: expected the number of a frame, a whole number"):
+        capture.frame(number)
+    assert capture.scan(np.int32(0)) is not None
+
+
 def test_centimetres_are_the_same_capture_in_metres(tmp_path):
     capture = tmp_path / "cm"
     shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "00000[1-5]"))

@@ -62,6 +62,8 @@ def test_label_images_are_written_where_there_are_none(capture):
     done = CliRunner().invoke(app, ["detect", str(capture), "--labels", str(capture / "parts.onnx")])
     assert done.exit_code == 0 and f"{len(meant) - 1} label images, 1 were there" in done.output
     assert "are unsure" in done.output and (folder / "cam02.png").read_bytes() == there
+    again = CliRunner().invoke(app, ["detect", str(capture), "--labels", str(capture / "parts.onnx")])
+    assert again.exit_code == 0 and " 0 label images" in again.output and "unsure" not in again.output
     for name, label in meant.items():
         written = read_image(folder / f"{name}.png", label.shape, "L")
         again = written != label  # legs that were called skin

@@ -110,6 +110,8 @@ class Capture:
 
     def folder(self, number: int) -> Path:
         """Where a frame's files lie."""
+        if not isinstance(number, (int, np.integer)):
+            raise UserError(f"{self.root / 'frames'}: {number!r}: expected the number of a frame, a whole number")
         folder = self.root / "frames" / f"{number:06d}"
         if not folder.is_dir():
             raise UserError(f"{folder}: no such frame")

@@ -62,7 +62,8 @@ def write_label_images(capture, network, numbers, again, workers, scheduler):
         done = write_labels(capture, network, numbers, again, progress, workers, scheduler)
     kept = f", {done.kept} were there (--again makes them anew)" if done.kept else ""
     speech.result(f"{capture.root}: {done.written} label images{kept}", written=done.written, kept=done.kept)
-    speech.result(f"  of the person's pixels {100 * done.unsure:.1f} % are unsure", unsure=done.unsure)
+    if done.written:
+        speech.result(f"  of the person's pixels {100 * done.unsure:.1f} % are unsure", unsure=done.unsure)
     if done.taken:
         speech.warn(done.taken)
     speech.next_step("inspect", capture.root)
