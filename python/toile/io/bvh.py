@@ -16,6 +16,7 @@ from .bounded import read_bytes
 from .joints import joint_roles
 
 MAX_BYTES = 200_000_000
+LONGEST = 2.0  # s that a frame may last: 4 ms, a fast system's, read as seconds, are more
 
 MIDDLE = ("root", "spine04", "spine02", "neck01", "head")  # roles (io.joints) that a file's joints are looked for in
 SIDED = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerleg01", "foot")
@@ -49,8 +50,9 @@ def read_bvh(path):
         width = sum(map(len, channels))
         if count < 1:
             raise ValueError(f"Frames: {count}")
-        if not 0 < frame_time < 1e4:
-            raise ValueError(f"Frame Time: {frame_time:g}")
+        if not 0 < frame_time <= LONGEST:
+            asked = ": it is in seconds, not in milliseconds" if frame_time > LONGEST else ""
+            raise ValueError(f"Frame Time: {frame_time:g}{asked}")
         if len(values) != count * width:
             raise ValueError(f"{len(values)} numbers for {count} frames of {width} channels")
         if not np.isfinite(values).all():

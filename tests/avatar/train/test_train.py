@@ -193,10 +193,11 @@ def test_a_training_that_goes_on_is_planned_to_its_minutes(tmp_path, monkeypatch
 
     with pytest.raises(Killed):
         training(tmp_path, monkeypatch, spoiled(60, kill)).run()
-    begun = now[0]
-    job = training(tmp_path, monkeypatch, Samples(slow), seconds=4.0)
+    begun, said = now[0], []
+    job = training(tmp_path, monkeypatch, Samples(slow), say=said.append, seconds=4.0)
     job.run()
     assert now[0] - begun == pytest.approx(4.0, rel=0.3) and sum(job.at.steps) > 65
+    assert said == [f"{tmp_path}: begun without --minutes, which decide from here on how many steps are left"]
 
 
 def test_timing_leaves_no_trace(tmp_path, monkeypatch):

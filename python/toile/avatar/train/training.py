@@ -77,6 +77,8 @@ class Training:
             if self.log:
                 self.log.cut(0)
         if self.seconds is not None and not self.at.costs:
+            if tensors is not None:
+                self.say(f"{self.folder}: begun without --minutes, which decide from here on how many steps are left")
             self.at.costs = [self._time_a_step(phase) for phase in self.phases]
             self._plan()
         while self.at.phase < len(self.phases):

@@ -31,7 +31,8 @@ def packages() -> Iterator[tuple[str, str, str]]:
         need = Requirement(line)
         asks = re.search(r"extra == ['\"]([^'\"]+)", line)
         extra = asks[1] if asks else ""
-        if need.marker is None or need.marker.evaluate({"extra": extra}):  # else another system's
+        another_system = need.marker is not None and not need.marker.evaluate({"extra": extra})
+        if need.name != "toile" and not another_system:  # an extra may be another one by name
             yield need.name, version_of(need.name), extra
 
 
