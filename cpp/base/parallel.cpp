@@ -7,11 +7,13 @@ namespace toile {
 
 namespace {
 
-bool forked = false;
-[[maybe_unused]] const int handler = pthread_atfork(nullptr, nullptr, [] { forked = true; });
+int forks = 0;
+[[maybe_unused]] const int handler = pthread_atfork(nullptr, nullptr, [] { ++forks; });
 
 }  // namespace
 
-int thread_count() { return forked ? 1 : omp_get_max_threads(); }
+int thread_count() { return forks > 0 ? 1 : omp_get_max_threads(); }
+
+int fork_count() { return forks; }
 
 }  // namespace toile

@@ -12,6 +12,9 @@ namespace toile {
 /// fork goes on in the child; a loop there would wait for ever for the others of its team.
 int thread_count();
 
+/// How many forks led to this process since the core was loaded.
+int fork_count();
+
 /// Calls f(i) for i in [0, n), in any order; f must write only to places of its own item.
 template <class Function>
 void parallel_for(std::int64_t n, Function&& f, std::int64_t grain = 256) {

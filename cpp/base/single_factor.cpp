@@ -48,6 +48,7 @@ struct Sums {
 }  // namespace
 
 SingleFactor::SingleFactor(const CholeskyFactor& factor) {
+    const Calls::Reading together(factor.state_->calls, "cholesky");
     const CholeskyFactor::State& s = *factor.state_;
     require(s.sound, "cholesky: a preconditioner without a factor");
     const cholmod_factor& L = *s.factor;

@@ -1,8 +1,11 @@
 #include "base/sparse.h"
 
 #include <dlfcn.h>
+#include <pthread.h>
+#include <signal.h>
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
 #include "base/cholmod_state.h"
@@ -34,6 +37,33 @@ void without_teams(const Work& work) {
         }
     }
 }
+
+/// METIS orders large matrices by the C library's rand(), which it seeds anew for each: of two analyses side by side neither
+/// would get its own numbers.
+Turn::Holder ordering{0};
+[[maybe_unused]] const int handler = pthread_atfork(nullptr, nullptr, [] { ordering = 0; });
+
+/// METIS catches these signals while it orders, and gives them back as handlers of System V, which serve once. They get their
+/// flags back here, unless another thread has set another handler meanwhile.
+class Signals {
+public:
+    Signals() {
+        for (std::size_t k = 0; k < caught.size(); ++k) sigaction(caught[k], nullptr, &before_[k]);
+    }
+    ~Signals() {
+        for (std::size_t k = 0; k < caught.size(); ++k) {
+            struct sigaction now {};
+            sigaction(caught[k], nullptr, &now);
+            if (now.sa_handler == before_[k].sa_handler) sigaction(caught[k], &before_[k], nullptr);
+        }
+    }
+    Signals(const Signals&) = delete;
+    Signals& operator=(const Signals&) = delete;
+
+private:
+    static constexpr std::array<int, 2> caught{SIGTERM, SIGABRT};
+    std::array<struct sigaction, 2> before_{};
+};
 
 /// A view of the lower triangle of an Eigen matrix; CHOLMOD does not write to it.
 cholmod_sparse lower_view(const Sparse& A) {
@@ -176,21 +206,31 @@ CholeskyFactor::~CholeskyFactor() = default;
 CholeskyFactor::CholeskyFactor(CholeskyFactor&&) noexcept = default;
 CholeskyFactor& CholeskyFactor::operator=(CholeskyFactor&&) noexcept = default;
 
-void CholeskyFactor::analyze(const Sparse& A) {
+void CholeskyFactor::State::analyze(const Sparse& A) {
     require(A.rows() == A.cols(),
             "cholesky: A has " + std::to_string(A.rows()) + " rows and " + std::to_string(A.cols()) + " columns");
     require(A.isCompressed(), "cholesky: A is not compressed");
-    cholmod_free_factor(&state_->factor, &state_->common);
-    state_->sound = false;
+    cholmod_free_factor(&factor, &common);
+    sound = false;
     cholmod_sparse view = lower_view(A);
-    state_->factor = cholmod_analyze(&view, &state_->common);
-    if (!state_->factor) throw SolveError("cholesky: the symbolic analysis failed");
-    state_->outer.assign(A.outerIndexPtr(), A.outerIndexPtr() + A.outerSize() + 1);
-    state_->inner.assign(A.innerIndexPtr(), A.innerIndexPtr() + A.nonZeros());
-    ++state_->analyses;
+    {
+        const Turn turn(ordering, "cholesky");
+        const Signals signals;
+        factor = cholmod_analyze(&view, &common);
+    }
+    if (!factor) throw SolveError("cholesky: the symbolic analysis failed");
+    outer.assign(A.outerIndexPtr(), A.outerIndexPtr() + A.outerSize() + 1);
+    inner.assign(A.innerIndexPtr(), A.innerIndexPtr() + A.nonZeros());
+    ++analyses;
+}
+
+void CholeskyFactor::analyze(const Sparse& A) {
+    const Calls::Writing alone(state_->calls, "cholesky");
+    state_->analyze(A);
 }
 
 CholeskyFactor CholeskyFactor::symbolic() const {
+    const Calls::Reading together(state_->calls, "cholesky");
     require(state_->factor && state_->factor->xtype == CHOLMOD_PATTERN, "cholesky: nothing but an analysis is copied");
     CholeskyFactor copy;
     copy.state_->factor = cholmod_copy_factor(state_->factor, &copy.state_->common);
@@ -200,24 +240,32 @@ CholeskyFactor CholeskyFactor::symbolic() const {
     return copy;
 }
 
-bool CholeskyFactor::try_factorize(const Sparse& A) {
-    if (!state_->analysed(A)) analyze(A);
+void CholeskyFactor::State::factorize(const Sparse& A) {
+    if (!analysed(A)) analyze(A);
     cholmod_sparse view = lower_view(A);
-    ++state_->factorisations;
-    state_->sound = false;
-    without_teams([&] { cholmod_factorize(&view, state_->factor, &state_->common); });
-    if (state_->common.status < CHOLMOD_OK) throw SolveError("cholesky: out of memory or too large a problem");
-    state_->sound = state_->common.status == CHOLMOD_OK && state_->factor->minor == state_->factor->n;
+    ++factorisations;
+    sound = false;
+    without_teams([&] { cholmod_factorize(&view, factor, &common); });
+    if (common.status < CHOLMOD_OK) throw SolveError("cholesky: out of memory or too large a problem");
+    sound = common.status == CHOLMOD_OK && factor->minor == factor->n;
+}
+
+bool CholeskyFactor::try_factorize(const Sparse& A) {
+    const Calls::Writing alone(state_->calls, "cholesky");
+    state_->factorize(A);
     return state_->sound;
 }
 
 void CholeskyFactor::factorize(const Sparse& A) {
-    if (!try_factorize(A))
+    const Calls::Writing alone(state_->calls, "cholesky");
+    state_->factorize(A);
+    if (!state_->sound)
         throw SolveError("cholesky: the matrix is not positive definite (column " +
                          std::to_string(state_->factor->minor) + ")");
 }
 
 Matrix CholeskyFactor::solve(const Matrix& B) const {
+    const Calls::Reading together(state_->calls, "cholesky");
     const State& s = *state_;
     if (!s.sound) throw SolveError("cholesky: solve without a factor");
     require(B.rows() == static_cast<Eigen::Index>(s.factor->n),
@@ -243,6 +291,9 @@ Matrix CholeskyFactor::solve(const Matrix& B) const {
 
 std::int64_t CholeskyFactor::factorisations() const { return state_->factorisations; }
 std::int64_t CholeskyFactor::analyses() const { return state_->analyses; }
-double CholeskyFactor::reciprocal_condition() const { return cholmod_rcond(state_->factor, &state_->common); }
+double CholeskyFactor::reciprocal_condition() const {
+    const Calls::Writing alone(state_->calls, "cholesky");  // `common` is written
+    return cholmod_rcond(state_->factor, &state_->common);
+}
 
 }  // namespace toile

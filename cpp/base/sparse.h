@@ -12,7 +12,8 @@ namespace toile {
 ///
 /// `analyze` fixes the fill-reducing ordering and the factor's pattern from A's; `factorize` may then be called any number
 /// of times with new values, and analyses again only where A has another pattern; `solve` back-substitutes. One BLAS
-/// thread, so bits do not depend on the number of threads.
+/// thread, so bits do not depend on the number of threads. Threads may solve side by side; a call that changes the factor while
+/// another is at work on it, or the other way round, is an InputError.
 class CholeskyFactor {
 public:
     CholeskyFactor();
