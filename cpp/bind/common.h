@@ -4,6 +4,9 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cxxabi.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <string>
 
@@ -30,6 +33,26 @@ struct pybind11::detail::type_caster<toile::Stop> {
 namespace toile::bind {
 
 namespace py = pybind11;
+
+/// Python's lock, released while this lives. Once the interpreter ends no thread gets the lock any more: Python 3.11 to 3.13
+/// unwind a thread that asks for it, which no destructor may let pass, and frames above must not run without the lock. So
+/// such a thread rests until the process is gone, as it does from Python 3.14 on.
+class Unlocked {
+public:
+    Unlocked() : thread_(PyEval_SaveThread()) {}
+    ~Unlocked() {
+        try {
+            PyEval_RestoreThread(thread_);
+        } catch (const abi::__forced_unwind&) {
+            for (;;) pause();
+        }
+    }
+    Unlocked(const Unlocked&) = delete;
+    Unlocked& operator=(const Unlocked&) = delete;
+
+private:
+    PyThreadState* thread_;
+};
 
 /// Fills an options struct from keywords by its bound attributes; an unknown name or another type is a TypeError.
 template <class Options>

@@ -19,11 +19,11 @@ auto each(Member ContourPoint::*member) {
 }  // namespace
 
 void bind_contours(py::module_& m) {
-    const py::call_guard<py::gil_scoped_release> free;
+    const py::call_guard<Unlocked> free;
     py::class_<Contours>(m, "Contours")
         .def(py::init([](FaceIds face, Matrix depth, Vertices V, Faces F, Faces neighbours, const Mat3& K,
                          double near_plane, PixelMask of) {
-        const py::gil_scoped_release release;
+        const Unlocked unlocked;
         return Contours(
             {std::move(face), std::move(depth), std::move(V), std::move(F), std::move(neighbours), K, std::move(of)},
             near_plane);

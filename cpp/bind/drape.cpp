@@ -26,11 +26,11 @@ void bind_drape(py::module_& m) {
         .def(py::init([](const Faces& cloth_F, Eigen::Index cloth_n, const Vector& lengths, const Faces& body_F,
                          Eigen::Index body_n, const Indices& held, const py::kwargs& options) {
         const auto chosen = options_from<DrapeOptions>(options, "drape");
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return std::make_unique<DrapeSolver>(cloth_F, cloth_n, lengths, body_F, body_n, held, chosen);
     }))
-        .def("start", &DrapeSolver::start, py::call_guard<py::gil_scoped_release>())
-        .def("step", &DrapeSolver::step, py::call_guard<py::gil_scoped_release>());
+        .def("start", &DrapeSolver::start, py::call_guard<Unlocked>())
+        .def("step", &DrapeSolver::step, py::call_guard<Unlocked>());
 }
 
 }  // namespace toile::bind

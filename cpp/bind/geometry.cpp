@@ -31,7 +31,7 @@ py::tuple arrays_of(const std::vector<SurfacePoint>& hits) {
 py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double radius, const Indices& guesses) {
     std::vector<SurfacePoint> hits;
     {
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         check_points("closest", "points", P);
         require(radius >= 0, "closest: radius is not a number >= 0");
         hits = index.closest_each(P, radius, guesses);
@@ -42,7 +42,7 @@ py::tuple closest_arrays(const SurfaceIndex& index, const Vertices& P, double ra
 py::tuple reached_arrays(const SurfaceIndex& index, const Vertices& P, const Indices& start) {
     std::vector<SurfacePoint> hits;
     {
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         check_points("reached", "points", P);
         hits = index.reached_each(P, start);
     }
@@ -61,7 +61,7 @@ Matrix checked_solve(const CholeskyFactor& factor, const Matrix& B) {
 }  // namespace
 
 void bind_geometry(py::module_& m) {
-    const auto free = py::call_guard<py::gil_scoped_release>();
+    const auto free = py::call_guard<Unlocked>();
     m.def("vertex_normals", [](const Vertices& V, const Faces& F) {
         check_mesh("vertex_normals", V, F);
         return vertex_normals(V, F);
@@ -109,13 +109,13 @@ void bind_geometry(py::module_& m) {
     });
     py::class_<CholeskyFactor>(m, "CholeskyFactor")
         .def(py::init<>())
-        .def("factorize", &CholeskyFactor::factorize, py::call_guard<py::gil_scoped_release>())
-        .def("solve", &checked_solve, py::call_guard<py::gil_scoped_release>())
+        .def("factorize", &CholeskyFactor::factorize, py::call_guard<Unlocked>())
+        .def("solve", &checked_solve, py::call_guard<Unlocked>())
         .def_property_readonly("factorisations", &CholeskyFactor::factorisations)
         .def_property_readonly("analyses", &CholeskyFactor::analyses);
     py::class_<SurfaceIndex, std::shared_ptr<SurfaceIndex>>(m, "SurfaceIndex")
         .def(py::init([](const Vertices& V, const Faces& F) {
-        const py::gil_scoped_release release;  // ended before pybind11 registers what is returned
+        const Unlocked unlocked;  // ended before pybind11 registers what is returned
         check_mesh("SurfaceIndex", V, F);
         return std::make_shared<SurfaceIndex>(V, F);
     }))
@@ -131,7 +131,7 @@ void bind_geometry(py::module_& m) {
         check_points("occluded", "directions", directions);
         require(!std::isnan(from) && !std::isnan(to), "occluded: near or far is not a number");
         Eigen::Array<bool, Eigen::Dynamic, 1> hit(origins.rows());
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         for (Eigen::Index i = 0; i < origins.rows(); ++i)
             hit[i] = index.occluded(origins.row(i), directions.row(i), from, to);
         return hit;

@@ -92,17 +92,16 @@ void bind_inner(py::module_& m) {
         .def(py::init([](const BodyModel& model, Vector shape, Vertices J, const py::kwargs& options) {
         return InnerSolver(model, std::move(shape), std::move(J), options_from<InnerOptions>(options, "inner"));
     }))
-        .def("fuse", &InnerSolver::fuse, py::call_guard<py::gil_scoped_release>())
+        .def("fuse", &InnerSolver::fuse, py::call_guard<Unlocked>())
         .def("sums", &InnerSolver::sums)
-        .def("gather", &InnerSolver::gather, py::call_guard<py::gil_scoped_release>())
-        .def("solve", &InnerSolver::solve, py::call_guard<py::gil_scoped_release>());
+        .def("gather", &InnerSolver::gather, py::call_guard<Unlocked>())
+        .def("solve", &InnerSolver::solve, py::call_guard<Unlocked>());
     py::class_<InnerFusion>(m, "InnerFusion")
         .def(py::init<const InnerSolver&>(), py::keep_alive<1, 2>())
         .def_property_readonly("done", &InnerFusion::done)
-        .def_property_readonly("guess", [](const InnerFusion& f) { return f.guess(); })
-        .def_property_readonly("fused", [](const InnerFusion& f) {
-        return f.fused();
-    }).def("step", &InnerFusion::step, py::call_guard<py::gil_scoped_release>());
+        .def_property_readonly("guess", &InnerFusion::guess)
+        .def_property_readonly("fused", &InnerFusion::fused)
+        .def("step", &InnerFusion::step, py::call_guard<Unlocked>());
 }
 
 }  // namespace toile::bind

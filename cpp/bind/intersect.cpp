@@ -24,7 +24,7 @@ Vector signed_distances(const Vertices& points, const Vertices& V, const Faces& 
 }  // namespace
 
 void bind_intersect(py::module_& m) {
-    const auto free = py::call_guard<py::gil_scoped_release>();
+    const auto free = py::call_guard<Unlocked>();
     m.def("intersecting_pairs", &intersecting_pairs, free);
     m.def("self_intersections", &self_intersections, free);
     m.def("winding_number", &winding_numbers, free);

@@ -26,7 +26,7 @@ void bind_mrf(py::module_& m) {
     m.def("mrf", [](const Matrix& unary, const Edges& edges, const Vector& weights, const Matrix& pairwise,
                     const py::kwargs& keywords) {
         const auto options = options_from<MrfOptions>(keywords, "mrf");
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return mrf(unary, edges, weights, pairwise, options);
     });
 }

@@ -55,12 +55,17 @@ void bind_nricp(py::module_& m) {
     py::class_<NricpSolver>(m, "NricpSolver")
         .def(py::init([](const Vertices& V, const Faces& F, const std::string& preset, const py::kwargs& options) {
         const auto chosen = options_from<NricpOptions>(options, "nricp", nricp_preset(preset));
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return std::make_unique<NricpSolver>(V, F, chosen);
     }))
-        .def("solve", &NricpSolver::solve, py::call_guard<py::gil_scoped_release>())
-        .def_property_readonly("analyses", &NricpSolver::analyses)
-        .def_property_readonly("factorisations", &NricpSolver::factorisations);
+        .def("solve", &NricpSolver::solve, py::call_guard<Unlocked>())
+        .def_property_readonly("analyses", [](const NricpSolver& s) {
+        const Unlocked unlocked;  // waits for a solve
+        return s.analyses();
+    }).def_property_readonly("factorisations", [](const NricpSolver& s) {
+        const Unlocked unlocked;
+        return s.factorisations();
+    });
 }
 
 }  // namespace toile::bind

@@ -13,7 +13,7 @@ void bind_occlusion(py::module_& m) {
         .def_readwrite("reach", &OcclusionOptions::reach);
     m.def("ambient_occlusion", [](const Vertices& V, const Faces& F, const Indices& of, const py::kwargs& keywords) {
         const auto options = options_from<OcclusionOptions>(keywords, "ambient_occlusion");
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return ambient_occlusion(V, F, options, of);
     });
 }

@@ -23,7 +23,7 @@ void bind_paint(py::module_& m) {
                       const Mat3& K, const Indices& first_face, const std::vector<Texels>& textures, double edge_on) {
         PaintedMesh mesh{V, F, uv, face_uv, first_face, {}};
         for (const Texels& texels : textures) mesh.textures.push_back(texture_of(texels));
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return paint(mesh, face, K, edge_on);
     });
 }

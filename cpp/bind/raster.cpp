@@ -19,7 +19,7 @@ void bind_raster(py::module_& m) {
     m.def("raster",
           [](const Vertices& V, const Faces& F, const Mat3& K, int height, int width, const py::kwargs& keywords) {
         const auto options = options_from<RasterOptions>(keywords, "raster");
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return raster(V, F, K, height, width, options);
     });
 }

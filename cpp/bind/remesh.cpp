@@ -13,7 +13,7 @@ void bind_remesh(py::module_& m) {
         const auto options = options_from<RemeshOptions>(keywords, "remesh");
         RemeshResult result;
         {
-            py::gil_scoped_release release;
+            const Unlocked unlocked;
             result = remesh(V, F, edge, options);
         }
         return py::make_tuple(result.V, result.F);

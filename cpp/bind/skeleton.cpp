@@ -68,8 +68,8 @@ void bind_skeleton(py::module_& m) {
         return SkeletonSolver(model, std::move(joint_sigma), std::move(joint_limit), std::move(vertex_weights),
                               options_from<SkeletonOptions>(options, "skeleton"));
     }))
-        .def("solve", &SkeletonSolver::solve, py::call_guard<py::gil_scoped_release>())
-        .def("solve_shared", &SkeletonSolver::solve_shared, py::call_guard<py::gil_scoped_release>());
+        .def("solve", &SkeletonSolver::solve, py::call_guard<Unlocked>())
+        .def("solve_shared", &SkeletonSolver::solve_shared, py::call_guard<Unlocked>());
 }
 
 }  // namespace toile::bind

@@ -34,7 +34,7 @@ py::tuple solve(const StereoSolver& solver, const FloatImages& grey, const Bytes
     const StereoPictures pictures{grey.data(), mask.data(), static_cast<int>(shape[1]), static_cast<int>(shape[2])};
     StereoMaps maps;
     {
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         maps = solver.solve(pictures, ranges);
     }
     return py::make_tuple(as_array(std::move(maps.depth), shape), as_array(std::move(maps.normal), shape3),
@@ -53,7 +53,7 @@ py::tuple fuse(const std::vector<StereoCamera>& cameras, const FloatImages& dept
     const auto options = options_from<FuseOptions>(keywords, "fuse_depths");
     FusedPoints fused;
     {
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         fused = fuse_depths(cameras, depth.data(), normal.data(), confidence.data(), static_cast<int>(depth.shape(1)),
                             static_cast<int>(depth.shape(2)), options);
     }

@@ -35,9 +35,9 @@ void bind_untangle(py::module_& m) {
         .def(py::init([](const Faces& cloth_F, Eigen::Index cloth_n, const Faces& body_F, Eigen::Index body_n,
                          const py::kwargs& options) {
         const auto chosen = options_from<UntangleOptions>(options, "untangle");
-        py::gil_scoped_release release;
+        const Unlocked unlocked;
         return std::make_unique<UntangleSolver>(cloth_F, cloth_n, body_F, body_n, chosen);
-    })).def("solve", &UntangleSolver::solve, py::call_guard<py::gil_scoped_release>());
+    })).def("solve", &UntangleSolver::solve, py::call_guard<Unlocked>());
 }
 
 }  // namespace toile::bind
