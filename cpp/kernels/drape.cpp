@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/errors.h"
+#include "base/turns.h"
 #include "kernels/drape/contact.h"
 #include "kernels/drape/fabric.h"
 
@@ -77,6 +78,7 @@ struct DrapeSolver::State {
     Vector w;               ///< inverse masses, 0 of what does not move by itself [1/kg]
     Vertices x, v, before;  ///< (n,3) places [m], velocities [m/s], places before the substep
     bool started = false;
+    Calls calls;
 };
 
 void DrapeSolver::State::advance(const Vertices& body_V, const Vertices& held_V, double dt, double drag) {
@@ -137,6 +139,7 @@ DrapeSolver& DrapeSolver::operator=(DrapeSolver&&) noexcept = default;
 
 DrapeResult DrapeSolver::start(const Vertices& V, const Vertices& body_V, double settle) {
     State& s = *state_;
+    const Calls::Writing alone(s.calls, "drape");
     check_places("V", V, s.w.size());
     check_places("body_V", body_V, s.body_n);
     require(settle >= 0 && settle / s.options.substep <= most_substeps,
@@ -157,6 +160,7 @@ DrapeResult DrapeSolver::start(const Vertices& V, const Vertices& body_V, double
 
 DrapeResult DrapeSolver::step(const Vertices& body_V, double dt, const Vertices& held_V) {
     State& s = *state_;
+    const Calls::Writing alone(s.calls, "drape");
     require(s.started, "drape: step without start");
     check_places("body_V", body_V, s.body_n);
     require(dt > 0 && dt / s.options.substep <= most_substeps,

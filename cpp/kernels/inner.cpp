@@ -168,9 +168,10 @@ InnerFused InnerSolver::fuse(const std::vector<InnerFrame>& frames) const {
     require(!frames.empty(), "inner: frames is empty");
     InnerFusion fusion(*this);
     while (!fusion.done()) {
+        const InnerGuess guess = fusion.guess();
         InnerSums sums = this->sums();
         for (std::size_t f = 0; f < frames.size(); ++f)
-            gather(frames[f], fusion.guess(), sums, "frames[" + std::to_string(f) + "]");
+            gather(frames[f], guess, sums, "frames[" + std::to_string(f) + "]");
         fusion.step(sums);
     }
     return fusion.fused();

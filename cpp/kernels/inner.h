@@ -134,16 +134,16 @@ private:
 
 /// The fused rest shape of a sequence of any length: while not done, gather all its frames at guess(), then step. The
 /// skin is averaged in three passes, frames that disagree counting less; then each round looks for the cloth anew. The solver
-/// must outlive it.
+/// must outlive it. A call while another thread is in `step` is an InputError.
 class InnerFusion {
 public:
     explicit InnerFusion(const InnerSolver& solver);
     ~InnerFusion();
 
     bool done() const;
-    const InnerGuess& guess() const { return guess_; }
+    InnerGuess guess() const;
     void step(const InnerSums& sums);
-    const InnerFused& fused() const;  ///< once done
+    InnerFused fused() const;  ///< once done
 
 private:
     struct State;

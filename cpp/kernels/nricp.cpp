@@ -6,11 +6,11 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <mutex>
 #include <optional>
 
 #include "base/errors.h"
 #include "base/parallel.h"
+#include "base/turns.h"
 #include "geometry/closest.h"
 #include "geometry/laplacian.h"
 #include "geometry/nodes.h"
@@ -100,7 +100,7 @@ struct NricpSolver::State {
     TemplateBorders borders;
     std::optional<Samples> all;  ///< every visible vertex, for the fine steps
     std::optional<NricpFine> fine;
-    std::mutex busy;  ///< graphs and factors hold the frame under way: one solve at a time
+    Turn::Holder busy{0};  ///< graphs and factors hold the frame under way: one solve at a time
 
     Vertices into(const Vertices& x) const { return (x.rowwise() - middle.transpose()) / size; }
     Vertices out_of(const Vertices& x) const { return (x * size).rowwise() + middle.transpose(); }
@@ -322,7 +322,7 @@ NricpSolver::NricpSolver(NricpSolver&&) noexcept = default;
 
 NricpResult NricpSolver::solve(const NricpFrame& given) {
     State& s = *state_;
-    const std::lock_guard lock(s.busy);
+    const Turn turn(s.busy, "nricp");
     const NricpOptions& o = s.options;
     check_frame(given, s.V.rows(), o);
     const NricpFrame frame = s.into(given);
@@ -366,12 +366,14 @@ NricpResult NricpSolver::solve(const NricpFrame& given) {
 }
 
 std::int64_t NricpSolver::analyses() const {
+    const Turn turn(state_->busy, "nricp");
     std::int64_t sum = state_->fine ? state_->fine->analyses() : 0;
     for (const Level& l : state_->levels) sum += l.graph.system.factor.analyses();
     return sum;
 }
 
 std::int64_t NricpSolver::factorisations() const {
+    const Turn turn(state_->busy, "nricp");
     std::int64_t sum = state_->fine ? state_->fine->factorisations() : 0;
     for (const Level& l : state_->levels) sum += l.graph.system.factor.factorisations();
     return sum;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/errors.h"
+#include "base/turns.h"
 #include "geometry/weld.h"
 #include "kernels/untangle/frame.h"
 
@@ -96,6 +97,7 @@ struct UntangleSolver::State {
     Distinct distinct;
     Obstacle body;
     std::vector<int> faces_below;  ///< of the body, under the cloth's vertices at the start of the last frame
+    Turn::Holder busy{0};          ///< the trees and the membrane hold the frame under way: one solve at a time
 };
 
 UntangleSolver::UntangleSolver(Faces cloth_F, Eigen::Index cloth_n, Faces body_F, Eigen::Index body_n,
@@ -112,6 +114,7 @@ UntangleSolver& UntangleSolver::operator=(UntangleSolver&&) noexcept = default;
 
 UntangleResult UntangleSolver::solve(const Vertices& cloth_V, const Vertices& body_V) {
     State& s = *state_;
+    const Turn turn(s.busy, "untangle");
     const auto rows = [](const char* name, Eigen::Index got, Eigen::Index want) {
         require(got == want, std::string("untangle: ") + name + " has " + std::to_string(got) + " rows, expected " +
                                  std::to_string(want));

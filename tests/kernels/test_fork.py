@@ -9,11 +9,14 @@ import select
 import signal
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from tests.support.kernel_calls import CALLS, ball, bits
+from tests.support.kernel_calls import CALLS, ball, bits, nricp, nricp_solver
 from toile import kernels
 from toile.vision.threads import parallel_map
 
@@ -56,6 +59,30 @@ def test_a_forked_child_gives_the_bits_of_its_parent(call):
     once = bits(call(solver))
     assert in_forked_child(lambda: bits(call(solver))) == once, "with the parent's solver"
     assert in_forked_child(lambda: bits(call(CALLS[call]()))) == once, "with a solver made in the child"
+
+
+def test_a_solver_that_was_at_work_at_the_fork_is_refused_in_the_child():
+    """What another thread was changing stays half changed, and what it held stays held: the child waited for ever."""
+    solver, done = nricp_solver(), threading.Event()
+
+    def work():
+        while not done.is_set():
+            nricp(solver)
+
+    def outcome():
+        try:
+            return bits(nricp(solver))
+        except kernels.InputError as error:
+            return str(error)
+
+    once, told = bits(nricp(solver)), []
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(work)
+        while not told or told[-1] == once:  # forked between two solves
+            time.sleep(0.03)
+            told.append(in_forked_child(outcome))
+        done.set()
+    assert told[-1] == "nricp: another thread was at work on this solver when the process was forked; make it anew"
 
 
 def test_a_forked_child_has_one_thread_whatever_is_asked_for():

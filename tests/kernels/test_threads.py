@@ -5,10 +5,12 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 
-from tests.support.kernel_calls import ball
+from tests.support.kernel_calls import CALLS, SOLVERS, ball, bits, drape, drape_solver, tube, untangle_solver
 from toile import kernels
+from toile.io.body import load_body_model
 
 TOGETHER = 3  # threads
 
@@ -23,6 +25,25 @@ def ended(program):
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.__name__)
+def test_threads_get_the_bits_of_one_from_solvers_of_their_own(call):
+    once = bits(call(CALLS[call]()))
+    assert at_once(lambda _: bits(call(CALLS[call]())), range(TOGETHER)) == [once] * TOGETHER
+
+
+@pytest.mark.parametrize("call", [call for call in SOLVERS if call is not drape], ids=lambda call: call.__name__)
+def test_threads_get_the_bits_of_one_from_a_solver_that_they_share(call):
+    once, shared = bits(call(SOLVERS[call]())), SOLVERS[call]()
+    assert at_once(lambda _: bits(call(shared)), range(2 * TOGETHER)) == [once] * 2 * TOGETHER
+
+
+def test_frames_of_several_threads_do_not_meet_in_an_untangler_that_they_share():
+    """Its trees and its membrane hold the frame under way: two at once ended the process."""
+    frames = [(tube()[0] * [1, 1, size], ball()[0] + [shift, 0, 0]) for size in (1, 1.1) for shift in (0, 0.01, 0.02)]
+    alone, shared = [bits(untangle_solver().solve(*frame)) for frame in frames], untangle_solver()
+    assert at_once(lambda frame: bits(shared.solve(*frame)), frames) == alone
 
 
 def refusals(work, other):
@@ -45,6 +66,19 @@ def refusals(work, other):
             except kernels.InputError as error:
                 texts.add(str(error))
         return texts, working.result()
+
+
+def test_a_step_of_a_cloth_is_refused_while_another_thread_steps_it():
+    """A step goes on from the last: steps of two threads are of no sequence, and two at once mixed their cloths."""
+    (V, _), (body_V, _) = tube(), ball()
+    solvers = drape_solver(), drape_solver()
+    for solver in solvers:
+        solver.start(V, body_V, settle=0)
+    nowhere = np.full_like(body_V, np.nan)  # is refused by itself, and moves nothing
+    step = lambda solver: bits(solver.step(body_V, 0.2))
+    texts, stepped = refusals(lambda: step(solvers[0]), lambda: solvers[0].step(nowhere, 0.2))
+    assert any(text.startswith("drape: another thread is at work on this object") for text in texts)
+    assert stepped == step(solvers[1])
 
 
 def bilaplacian(subdivisions):
@@ -83,6 +117,26 @@ for _ in range(2):
     os.kill(os.getpid(), signal.SIGTERM)
 """
     assert ended(program) == "heard\n" * 2
+
+
+def test_a_guess_of_a_fusion_is_whole_or_refused_while_another_thread_steps_it():
+    body = load_body_model()
+    solver = kernels.InnerSolver(body, np.zeros(4), rounds=1, max_iterations=2)
+    frame = np.zeros((len(body.J), 3)), np.zeros(3), body.v_template, np.ones(len(body.v_template)), []
+
+    def guesses(fusion):
+        made = []
+        while not fusion.done:
+            made.append(fusion.guess)
+            fusion.step(solver.gather([frame], made[-1]))
+        return made
+
+    known, fusion, read = [bits(guess) for guess in guesses(solver.fusion())], solver.fusion(), []
+    texts, _ = refusals(
+        lambda: [solver.gather([frame], fusion.guess), guesses(fusion)], lambda: read.append(fusion.guess)
+    )
+    assert all(text.startswith("inner: another thread is at work on this object") for text in texts)
+    assert all(bits(guess) in [*known, bits(fusion.guess)] for guess in read)
 
 
 def test_a_thread_that_computes_for_ever_does_not_abort_the_program_that_ends():

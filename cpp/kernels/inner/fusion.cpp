@@ -4,6 +4,7 @@
 
 #include "base/errors.h"
 #include "base/parallel.h"
+#include "base/turns.h"
 #include "geometry/laplacian.h"
 #include "kernels/inner/displacement.h"
 #include "kernels/inner/rooms.h"
@@ -116,15 +117,18 @@ Vector refit_shape(const BodyModel& m, const Vector& start, const Evidence& e, c
 }  // namespace
 
 struct InnerFusion::State {
-    explicit State(const InnerSolver& s) : system(s.smooth_, s.mass_, s.analysis_) {}
+    explicit State(const InnerSolver& s) : system(s.smooth_, s.mass_, s.analysis_), rounds(s.options_.rounds) {}
+    bool done() const;
 
     Weighted system;
+    int rounds;
     Evidence seen;
     Vertices model;  // of the refitted shape
     Vector deepest;  // how far along the normals its vertices may go inwards
     Fitted fitted;
     InnerFused fused;
     int passes = 0;
+    Calls calls;
 };
 
 InnerFusion::InnerFusion(const InnerSolver& solver) : solver_(solver), state_(std::make_unique<State>(solver)) {
@@ -134,15 +138,27 @@ InnerFusion::InnerFusion(const InnerSolver& solver) : solver_(solver), state_(st
 
 InnerFusion::~InnerFusion() = default;
 
-bool InnerFusion::done() const { return state_->passes == kSkinPasses + solver_.options_.rounds; }
+bool InnerFusion::State::done() const { return passes == kSkinPasses + rounds; }
 
-const InnerFused& InnerFusion::fused() const {
-    require(done(), "inner: the fusion waits for the sums of another pass");
+bool InnerFusion::done() const {
+    const Calls::Reading together(state_->calls, "inner");
+    return state_->done();
+}
+
+InnerGuess InnerFusion::guess() const {
+    const Calls::Reading together(state_->calls, "inner");
+    return guess_;
+}
+
+InnerFused InnerFusion::fused() const {
+    const Calls::Reading together(state_->calls, "inner");
+    require(state_->done(), "inner: the fusion waits for the sums of another pass");
     return state_->fused;
 }
 
 void InnerFusion::step(const InnerSums& sums) {
-    require(!done(), "inner: the fusion is done");
+    const Calls::Writing alone(state_->calls, "inner");
+    require(!state_->done(), "inner: the fusion is done");
     require(sums.frames > 0, "inner: frames is empty");
     check_inner_sums(sums, solver_.rest_.rows());
     ++state_->passes;
@@ -184,7 +200,7 @@ void InnerFusion::fit(const InnerSums& sums) {
     s.fitted = fit_displacement(s.system, k.mass_, e, k.options_, s.fitted.d);
     out.energy.insert(out.energy.end(), s.fitted.energy.begin(), s.fitted.energy.end());
     out.rest = guess_.rest = s.model + s.fitted.d;
-    if (!done()) return;
+    if (!s.done()) return;
     out.bound = e.room - e.normals.cwiseProduct(s.fitted.d).rowwise().sum();
     out.stop = s.fitted.converged ? Stop::converged : Stop::max_iterations;
     out.iterations = static_cast<int>(out.energy.size());
