@@ -1,11 +1,14 @@
 #include "geometry/closest.h"
 
 #include <embree3/rtcore.h>
+#include <pthread.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <mutex>
+#include <vector>
 
 #include "base/errors.h"
 #include "base/parallel.h"
@@ -59,17 +62,62 @@ SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, co
     return best;
 }
 
+namespace {
+
+/// Embree's devices that build no tree at present. A device takes one of the process' 1024 keys for storage of threads, and
+/// builds one tree at a time: there are as many as trees were ever built at once.
+class Devices {
+public:
+    RTCDevice take() {
+        {
+            const std::lock_guard lock(mutex_);
+            if (!idle_.empty()) {
+                const RTCDevice device = idle_.back();
+                idle_.pop_back();
+                return device;
+            }
+        }
+        const RTCDevice device = rtcNewDevice("threads=1");
+        if (!device) throw SolveError("closest: Embree gives no device on this machine");
+        return device;
+    }
+    void give_back(RTCDevice device) {
+        const std::lock_guard lock(mutex_);
+        idle_.push_back(device);
+    }
+    std::mutex& mutex() { return mutex_; }
+
+private:
+    std::mutex mutex_;
+    std::vector<RTCDevice> idle_;
+};
+
+Devices& devices = *new Devices;  // never destroyed: trees outlive static objects
+[[maybe_unused]] const int handler =
+    pthread_atfork([] { devices.mutex().lock(); }, [] { devices.mutex().unlock(); }, [] { devices.mutex().unlock(); });
+
+constexpr const char* no_memory = "closest: Embree built no tree: out of memory";
+
+/// A device for as long as a tree is built on it.
+struct Device {
+    RTCDevice device = devices.take();
+    Device() { rtcGetDeviceError(device); }  // forgets what an earlier tree of this thread left
+    ~Device() { devices.give_back(device); }
+    Device(const Device&) = delete;
+    Device& operator=(const Device&) = delete;
+};
+
+}  // namespace
+
 struct SurfaceIndex::State {
     Vertices V;
     Faces F;
     Vec3 centre = Vec3::Zero();
     double scale = 1;  // world metres per local unit
-    RTCDevice device = nullptr;
     RTCScene scene = nullptr;
 
     ~State() {
         if (scene) rtcReleaseScene(scene);
-        if (device) rtcReleaseDevice(device);
     }
     Vec3 corner(int face, int c) const { return V.row(F(face, c)); }
     Vec3 to_local(const Vec3& p) const { return (p - centre) / scale; }
@@ -126,16 +174,19 @@ SurfaceIndex::SurfaceIndex(const Vertices& V, const Faces& F) : state_(std::make
     s.V = V;
     s.F = F;
     fit_frame(V, F, s.centre, s.scale);
-    s.device = rtcNewDevice("threads=1");
-    if (!s.device) throw SolveError("closest: Embree gives no device on this machine");
-    s.scene = rtcNewScene(s.device);
+    const Device own;
+    s.scene = rtcNewScene(own.device);
     rtcSetSceneFlags(s.scene, RTC_SCENE_FLAG_ROBUST);
     rtcSetSceneBuildQuality(s.scene, RTC_BUILD_QUALITY_LOW);  // most trees serve few queries: a quick build pays
-    RTCGeometry mesh = rtcNewGeometry(s.device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    RTCGeometry mesh = rtcNewGeometry(own.device, RTC_GEOMETRY_TYPE_TRIANGLE);
     auto* vertex = static_cast<float*>(rtcSetNewGeometryBuffer(mesh, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), static_cast<std::size_t>(V.rows())));
     auto* index = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
         mesh, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), static_cast<std::size_t>(F.rows())));
+    if (!vertex || !index) {
+        rtcReleaseGeometry(mesh);
+        throw SolveError(no_memory);
+    }
     for (Eigen::Index v = 0; v < V.rows(); ++v) {
         const Vec3 p = s.to_local(V.row(v));
         for (int c = 0; c < 3; ++c) vertex[3 * v + c] = static_cast<float>(p[c]);
@@ -147,6 +198,7 @@ SurfaceIndex::SurfaceIndex(const Vertices& V, const Faces& F) : state_(std::make
     rtcAttachGeometry(s.scene, mesh);
     rtcReleaseGeometry(mesh);
     rtcCommitScene(s.scene);
+    if (rtcGetDeviceError(own.device) != RTC_ERROR_NONE) throw SolveError(no_memory);
 }
 
 SurfaceIndex::~SurfaceIndex() = default;

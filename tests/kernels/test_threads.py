@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from tests.support.kernel_calls import CALLS, SOLVERS, ball, bits, drape, drape_solver, tube, untangle_solver
-from toile import kernels
+from toile import _core, kernels
 from toile.io.body import load_body_model
 
 TOGETHER = 3  # threads
@@ -137,6 +137,13 @@ def test_a_guess_of_a_fusion_is_whole_or_refused_while_another_thread_steps_it()
     )
     assert all(text.startswith("inner: another thread is at work on this object") for text in texts)
     assert all(bits(guess) in [*known, bits(fusion.guess)] for guess in read)
+
+
+def test_a_hundred_thousand_trees_may_be_alive():
+    """Each had a device of its own, with one of the 1024 keys for storage of threads that a process has."""
+    V, F = np.eye(3), np.array([[0, 1, 2]], np.int32)
+    kept = [_core.SurfaceIndex(V, F) for _ in range(100_000)]
+    assert kept[-1].closest(V, 1.0, np.zeros(0, np.int32))[3].max() == 0
 
 
 def test_a_thread_that_computes_for_ever_does_not_abort_the_program_that_ends():
