@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -161,3 +162,27 @@ begun.wait()
 time.sleep(0.05)
 """
     ended(program)
+
+
+def test_views_live_as_long_as_a_call_reads_them():
+    """Where another thread emptied the list of views, a kernel read memory that was free."""
+    V, F = ball()
+    K, T = np.array([[200.0, 0, 128], [0, 200, 128], [0, 0, 1]]), np.eye(4)
+    view = lambda: _core.View(K, np.zeros(5), T, np.full((256, 256), 9.0), np.ones((256, 256, 8), np.float32), [0, 0])
+    asked = lambda views: _core.view_odds(
+        views, np.tile(V + [0, 0, 2], (40, 1)), np.tile(-V, (40, 1)), 2, 0, np.ones(40 * len(V), np.int32)
+    )
+    views = [view() for _ in range(8)]
+    either = asked(views).tobytes(), asked([]).tobytes()
+    for delay in (0.002, 0.005, 0.01, 0.02):
+        with ThreadPoolExecutor(1) as pool:
+            asking = pool.submit(asked, views)
+            time.sleep(delay)
+            views.clear()
+        assert asking.result().tobytes() in either
+        views = [view() for _ in range(8)]
+
+
+def test_a_view_that_is_none_is_refused():
+    with pytest.raises(TypeError):
+        _core.view_odds([None], np.zeros((1, 3)), np.ones((1, 3)), 2, 0, np.ones(1, np.int32))
