@@ -25,7 +25,7 @@ void bind_stereo(py::module_& m);
 
 }  // namespace toile::bind
 
-PYBIND11_MODULE(_core, m) {
+PYBIND11_MODULE(checked, m) {
     using namespace toile::bind;
     bind_runtime(m);
     bind_geometry(m);
@@ -45,4 +45,12 @@ PYBIND11_MODULE(_core, m) {
     bind_occlusion(m);
     bind_sight(m);
     bind_stereo(m);
+}
+
+/// pybind11 would wait for ever in a sub-interpreter of Python 3.11, and types of one are not those of another.
+extern "C" PYBIND11_EXPORT PyObject* PyInit__core() {
+    if (PyInterpreterState_Get() == PyInterpreterState_Main()) return PyInit_checked();
+    PyErr_SetString(PyExc_ImportError,
+                    "toile._core serves the main interpreter of a process alone, no sub-interpreter");
+    return nullptr;
 }

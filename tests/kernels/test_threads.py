@@ -186,3 +186,18 @@ def test_views_live_as_long_as_a_call_reads_them():
 def test_a_view_that_is_none_is_refused():
     with pytest.raises(TypeError):
         _core.view_odds([None], np.zeros((1, 3)), np.ones((1, 3)), 2, 0, np.ones(1, np.int32))
+
+
+@pytest.mark.skipif(sys.version_info >= (3, 13), reason="the module that makes sub-interpreters has another name")
+def test_a_sub_interpreter_is_refused():
+    """pybind11 waited there for ever."""
+    program = """
+import _xxsubinterpreters as interpreters
+interpreters.run_string(interpreters.create(), '''
+try:
+    from toile import _core
+except ImportError as error:
+    print(error)
+''')
+"""
+    assert "main interpreter" in ended(program)
