@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,17 @@ def test_dense_solves_give_the_same_bits_for_any_number_of_blas_threads(count):
     with threadpool_limits(count, "blas"):
         assert np.array_equal(smooth(), once)
         assert most_blas_threads() == count  # the caller's number is put back
+
+
+def test_blas_is_let_go_when_the_last_of_two_threads_that_hold_it_has_ended():
+    """The first to end gave the other its caller's number, and the last one put back 1."""
+    with threadpool_limits(3, "blas"):
+        with ThreadPoolExecutor(2) as pool:
+            first, second = (pool.submit(one_blas_thread).result() for _ in range(2))
+            pool.submit(first.__exit__, None, None, None).result()
+            assert most_blas_threads() == 1
+            pool.submit(second.__exit__, None, None, None).result()
+        assert most_blas_threads() == 3
 
 
 def test_registration_holds_blas_to_one_thread(tmp_path):

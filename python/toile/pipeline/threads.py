@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,12 +11,35 @@ from threadpoolctl import threadpool_limits
 from .. import kernels
 
 
-def one_blas_thread() -> threadpool_limits:
+class one_blas_thread:
     """Holds numpy's and scipy's BLAS to one thread from now on, or as a context: another number sums in another order, to
-    other bits. What is large runs in the kernels, so that this costs no time."""
-    import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
+    other bits. What is large runs in the kernels, so that this costs no time.
 
-    return threadpool_limits(1, "blas")
+    The number is that of the process, whose threads may hold it at once: it is put back when the last of them lets go."""
+
+    _lock = threading.Lock()
+    _held: list[threadpool_limits] = []  # by each that holds it or has held it beside one that still does
+    _holders = 0
+
+    def __init__(self) -> None:
+        import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
+
+        with self._lock:
+            self._held.append(threadpool_limits(1, "blas"))
+            one_blas_thread._holders += 1
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *_: object) -> None:
+        self.let_go()
+
+    def let_go(self) -> None:
+        """The end of the context; called once."""
+        with self._lock:
+            one_blas_thread._holders -= 1
+            while self._held and not self._holders:
+                self._held.pop().restore_original_limits()
 
 
 @contextmanager

@@ -67,7 +67,7 @@ class Workers:
         return self
 
     def __exit__(self, kind: Any, *_: Any) -> None:
-        self._blas.restore_original_limits()
+        self._blas.let_go()
         self._close(at_once=kind is not None)
 
     def start(self) -> None:
