@@ -37,7 +37,8 @@ def test_dense_solves_give_the_same_bits_for_any_number_of_blas_threads(count):
 
 
 def test_blas_is_let_go_when_the_last_of_two_threads_that_hold_it_has_ended():
-    """The first to end gave the other its caller's number, and the last one put back 1."""
+    """The first to end gave the other its caller's number, and the last one put back 1. threadpoolctl lets no thread set it
+    beside one that has, as the main one here."""
     with threadpool_limits(3, "blas"):
         with ThreadPoolExecutor(2) as pool:
             first, second = (pool.submit(one_blas_thread).result() for _ in range(2))

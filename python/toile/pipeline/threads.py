@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import OpenBLASController, threadpool_limits
 
 from .. import kernels
 
@@ -25,6 +25,7 @@ class one_blas_thread:
         import scipy.linalg  # noqa: F401  a BLAS that is loaded later would not be held
 
         with self._lock:
+            _let_any_thread_set()
             self._held.append(threadpool_limits(1, "blas"))
             one_blas_thread._holders += 1
 
@@ -38,8 +39,17 @@ class one_blas_thread:
         """The end of the context; called once."""
         with self._lock:
             one_blas_thread._holders -= 1
-            while self._held and not self._holders:
-                self._held.pop().restore_original_limits()
+            if not self._holders:
+                _let_any_thread_set()
+                while self._held:
+                    self._held.pop().restore_original_limits()
+                _let_any_thread_set()
+
+
+def _let_any_thread_set() -> None:
+    """From 3.8 on threadpoolctl silently refuses whoever would set OpenBLAS' number while the thread is alive that set it last."""
+    if clear := getattr(OpenBLASController, "clear_controlling_thread", None):
+        clear(force=True)
 
 
 @contextmanager
