@@ -26,7 +26,7 @@ struct DrapeResult {
 };
 
 /// Keeps the constraints of a cloth, their order, and trees over the faces of a body; and, from `start` on, places and
-/// velocities of the cloth. One sequence at a time.
+/// velocities of the cloth. One sequence at a time: InputError where two threads are at work at once.
 ///
 /// Each substep of h seconds (Macklin, Storey, Lu et al. 2019: many small steps, one sweep each) predicts x + h v + h^2 g,
 /// then solves each constraint C in turn with its compliance a (Macklin, Mueller and Chentanez 2016, equation 18):

@@ -84,7 +84,7 @@ struct NricpResult {
 /// Keeps, from its constructor on: the nodes and weights of each level, the lists that sum pulls into its normal equations,
 /// and the symbolic analysis of each level and of the fine steps; every vertex that is seen and the samples that stand for
 /// them. The numeric factor of the fine steps is made once for each length of waves (a power of sqrt(2)) and kept; those
-/// of the levels change with every step. A target's tree is made for each scan. One solve at a time.
+/// of the levels change with every step. A target's tree is made for each scan. One solve at a time; other threads wait.
 class NricpSolver {
 public:
     NricpSolver(const Vertices& V, const Faces& F, const NricpOptions& options = {});

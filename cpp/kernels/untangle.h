@@ -35,7 +35,7 @@ struct UntangleResult {
 
 /// Keeps the topology of both meshes, the order in which the membrane updates vertices, and the trees of boxes, which are
 /// refitted; the faces of the body under the cloth's vertices are the next frame's guesses. There is no matrix and no
-/// factor: the membrane is relaxed. Serves any number of frames, one at a time.
+/// factor: the membrane is relaxed. Serves any number of frames, one at a time; other threads wait.
 ///
 /// Minimises  sum over edges |d_i - d_j|^2 + 1.5 (h / spread)^2 sum_i |d_i|^2  over displacements d, subject to
 /// outward_i . (x_i + d_i - b_i) >= margin_i, with h the mean edge length, b_i the closest point of the body and outward_i

@@ -27,7 +27,7 @@ class DrapeSolver(Rebuilt):
     coefficient; margin=0.002 [m] between cloth and body; drag=0 [1/s], the share of its velocity that cloth loses;
     substep=1/1500 [s], the longest; max_depth=0.05 [m], an open body has no inside deeper than this. An unknown name is a TypeError.
 
-    The same bits for any number of threads. A copy has to be started anew.
+    The same bits for any number of threads. A copy has to be started anew. InputError where two threads are in `start` or `step` at once.
     """
 
     def __init__(

@@ -78,7 +78,8 @@ def cheapest_path(cost: Array, step: Array) -> Ints:
 
 class CholeskyFactor:
     """LL' of sparse symmetric positive definite matrices of one pattern (CHOLMOD): the fill-reducing order is found at
-    the first `factorize` and kept for as long as the pattern stays the same."""
+    the first `factorize` and kept for as long as the pattern stays the same. Threads may solve side by side; InputError where one
+    factorizes while another is at work."""
 
     def __init__(self) -> None:
         self._factor = _core.CholeskyFactor()

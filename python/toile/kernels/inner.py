@@ -74,7 +74,7 @@ class InnerSolver(Rebuilt):
             fused = fusion.fused
 
         Sums of blocks add up (`+=`), so that blocks may be gathered by several processes: the same bits as long as the blocks
-        are the same and are added in one order. Rooms are counted in steps of reach / 256, and read to within one.
+        are the same and are added in one order. InputError for a thread that asks while another is in `step`. Rooms are counted in steps of reach / 256, and read to within one.
         """
         return _core.InnerFusion(self._solver)
 

@@ -12,7 +12,8 @@ class UntangleSolver(Rebuilt):
     """Moves one garment out of one body, frame after frame.
 
     Kept: topology, the order in which the membrane's vertices are updated, trees of boxes, which are refitted, and the
-    faces under the last frame's cloth, where the next one's search begins. There is no matrix and no factor.
+    faces under the last frame's cloth, where the next one's search begins. There is no matrix and no factor. Of threads that
+    share a solver one solves while the others wait.
 
     cloth_F (m,3), body_F (k,3); `cloth_n`, `body_n` numbers of vertices. A closed body tells its inside by winding
     numbers; a pocket turned inside out (-1) is inside as well. An open one (another garment) tells it by its normals: keep its faces oriented outwards.
