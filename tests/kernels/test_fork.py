@@ -85,6 +85,36 @@ def test_a_solver_that_was_at_work_at_the_fork_is_refused_in_the_child():
     assert told[-1] == "nricp: another thread was at work on this solver when the process was forked; make it anew"
 
 
+def test_children_that_are_forked_while_threads_build_trees_build_theirs():
+    """Embree makes a device under a lock; a child that needed one of its own waited for the thread that held it."""
+    program = """
+import os, signal, threading
+from tests.support.kernel_calls import ball
+from toile import kernels
+(V, F), done = ball(subdivisions=2), threading.Event()
+def build():
+    while not done.is_set():
+        kernels.SurfaceIndex(V, F).closest(V)
+threads = [threading.Thread(target=build) for _ in range(2)]
+for thread in threads:
+    thread.start()
+ended = True
+for _ in range(60):
+    child = os.fork()
+    if child == 0:
+        signal.alarm(10)
+        kernels.SurfaceIndex(V, F).closest(V)
+        os._exit(0)
+    if os.waitpid(child, 0)[1]:
+        ended = False
+        break
+done.set()
+raise SystemExit(not ended)
+"""
+    root = Path(__file__).parents[2]
+    assert subprocess.run([sys.executable, "-c", program], timeout=SECONDS, cwd=root).returncode == 0
+
+
 def test_a_forked_child_has_one_thread_whatever_is_asked_for():
     _inside()
     assert in_forked_child(lambda: (kernels.set_threads(4), kernels.threads())) == (None, 1)
