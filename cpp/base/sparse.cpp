@@ -15,10 +15,12 @@ namespace toile {
 
 namespace {
 
-// Threads inside BLAS would change the order of sums. The symbol exists only where OpenBLAS serves as BLAS.
+// Threads inside BLAS would change the order of sums. The symbol exists only where OpenBLAS serves as BLAS. Whoever else uses
+// that may have set another number since the last factorisation.
 void use_one_blas_thread() {
     using Setter = void (*)(int);
-    if (auto set = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"))) set(1);
+    static const auto set = reinterpret_cast<Setter>(dlsym(RTLD_DEFAULT, "openblas_set_num_threads"));
+    if (set) set(1);
 }
 
 /// Calls `work`, which does not throw, on this thread with teams of one: CHOLMOD opens a team of four at every supernode,
@@ -188,7 +190,6 @@ bool CholeskyFactor::State::analysed(const Sparse& A) const {
 }
 
 CholeskyFactor::State::State() {
-    use_one_blas_thread();
     cholmod_start(&common);
     common.supernodal = CHOLMOD_SUPERNODAL;
     common.final_ll = 1;
@@ -245,6 +246,7 @@ void CholeskyFactor::State::factorize(const Sparse& A) {
     cholmod_sparse view = lower_view(A);
     ++factorisations;
     sound = false;
+    use_one_blas_thread();
     without_teams([&] { cholmod_factorize(&view, factor, &common); });
     if (common.status < CHOLMOD_OK) throw SolveError("cholesky: out of memory or too large a problem");
     sound = common.status == CHOLMOD_OK && factor->minor == factor->n;

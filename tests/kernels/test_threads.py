@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from threadpoolctl import threadpool_limits
 
 from tests.support.kernel_calls import CALLS, SOLVERS, ball, bits, drape, drape_solver, tube, untangle_solver
 from toile import _core, kernels
@@ -104,6 +105,15 @@ def test_large_matrices_are_ordered_by_threads_as_by_one():
     A, V = bilaplacian(6)
     factorised = lambda _: kernels.CholeskyFactor().factorize(A).solve(V[:, :1]).tobytes()
     assert len(set(at_once(factorised, range(TOGETHER)))) == 1
+
+
+def test_a_factor_has_the_bits_of_one_thread_of_blas_whatever_was_set_since_it_was_made():
+    """As by a registration in another thread, which ends and puts its caller's number back."""
+    A, V = bilaplacian(5)
+    factor = kernels.CholeskyFactor()
+    once = factor.factorize(A).solve(V).tobytes()
+    with threadpool_limits(4, "blas"):
+        assert factor.factorize(A).solve(V).tobytes() == once
 
 
 def test_a_handler_of_signals_serves_again_and_again_after_a_large_matrix_was_ordered():
