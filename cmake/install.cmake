@@ -36,7 +36,8 @@ add_library(toile::core ALIAS toile_core)
 set_target_properties(toile_core PROPERTIES EXPORT_NAME core)
 target_compile_features(toile_core PUBLIC cxx_std_20)
 # Eigen's arrays pass between the library and its users, so both need one alignment and one instruction set.
-target_compile_definitions(toile_core PUBLIC EIGEN_MAX_ALIGN_BYTES=32)
+# Its products open no teams of their own: their blocks depend on the number of threads, and a forked child waits for ever for a team.
+target_compile_definitions(toile_core PUBLIC EIGEN_MAX_ALIGN_BYTES=32 EIGEN_DONT_PARALLELIZE)
 target_compile_options(toile_core INTERFACE $<INSTALL_INTERFACE:-march=${TOILE_PROCESSOR}$<SEMICOLON>-ffp-contract=off>)
 
 foreach(header IN LISTS TOILE_HEADERS)

@@ -1,3 +1,8 @@
+#include <omp.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <Eigen/Core>
 #include <cmath>
 
 #include "base/errors.h"
@@ -116,6 +121,23 @@ int main() {
         plain += part;
     }
     CHECK(sum == plain);
+
+    LAW("dense products are the same for any number of threads, and end in a forked child");
+    const Eigen::MatrixXd tall = Eigen::MatrixXd::Random(2000, 160);
+    omp_set_num_threads(1);
+    const Eigen::MatrixXd one = tall.transpose() * tall;
+    omp_set_num_threads(4);
+    const Eigen::MatrixXd four = tall.transpose() * tall;
+    CHECK(one == four);
+    const pid_t child = fork();
+    if (child == 0) {
+        alarm(10);  // that waits for threads which it does not have
+        const Eigen::MatrixXd again = tall.transpose() * tall;
+        _exit(again == one ? 0 : 1);
+    }
+    int status = -1;
+    waitpid(child, &status, 0);
+    CHECK(status == 0);
 
     LAW("bad indices are refused with their row");
     Faces bad = F;
