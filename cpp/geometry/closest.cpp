@@ -69,16 +69,15 @@ namespace {
 class Devices {
 public:
     RTCDevice take() {
-        {
-            const std::lock_guard lock(mutex_);
-            if (!idle_.empty()) {
-                const RTCDevice device = idle_.back();
-                idle_.pop_back();
-                return device;
-            }
+        const std::lock_guard lock(mutex_);  // also while one is made: no process is forked amid it
+        RTCDevice device = nullptr;
+        if (idle_.empty()) {
+            device = rtcNewDevice("threads=1");
+            if (!device) throw SolveError("closest: Embree gives no device on this machine");
+        } else {
+            device = idle_.back();
+            idle_.pop_back();
         }
-        const RTCDevice device = rtcNewDevice("threads=1");
-        if (!device) throw SolveError("closest: Embree gives no device on this machine");
         return device;
     }
     void give_back(RTCDevice device) {
