@@ -263,6 +263,16 @@ def test_pictures_of_a_colmap_folder_that_are_not_one_camera_s_are_refused(tmp_p
         read_calibration(kind, path)
 
 
+@pytest.mark.parametrize("folders", [["images"], ["000000", "000001"]])
+def test_pictures_of_a_colmap_folder_that_are_as_many_cameras_are_called_by_their_own_names(tmp_path, folders):
+    made, path, kind, _ = written_as(tmp_path, "colmap-text")
+    images = tmp_path / "images.txt"
+    rows = [row for row in images.read_text().splitlines() if row.endswith(".png")]
+    lying = [" ".join([*row.split(" ")[:9], f"{f}/{' '.join(row.split(' ')[9:])}"]) for f in folders for row in rows]
+    images.write_text("\n\n".join(lying) + "\n")
+    check(read_calibration(kind, path), made)
+
+
 def test_settings_of_pose2sim_beside_its_calibration_are_not_taken_for_it(tmp_path):
     (tmp_path / "calibration").mkdir()
     (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")

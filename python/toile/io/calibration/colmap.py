@@ -1,7 +1,7 @@
 """COLMAP's sparse models, text (`cameras.txt`, `images.txt`) or binary (`.bin`). World to camera, pixel centres at halves.
 
-A picture is a camera: it is called by its name without ending, or by its folder where pictures lie in folders (of several
-pictures of one folder the poses must be one). Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
+A picture is a camera: it is called by its name without ending, or by its folder where pictures lie in folders, unless no two of a
+folder have the same pose, as in `images/CAM.png` and `FRAME/CAM.png`. Pictures of one camera must have one pose and lens. Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
 FULL_OPENCV without its denominators. Refused: other lenses. Left: points, observations, rigs, frames. The scale is COLMAP's
 own, unless the model was scaled: say metres a unit by `--units`.
 """
@@ -9,6 +9,7 @@ own, unless the model was scaled: say metres a unit by `--units`.
 from __future__ import annotations
 
 import struct
+from collections import defaultdict
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -37,23 +38,35 @@ def read(path: Path) -> dict[str, Camera]:
     binary = path.suffix == ".bin"
     images = path.with_name(f"images{path.suffix}")
     lenses = _cameras_bin(path) if binary else _cameras_txt(path)
-    cameras: dict[str, Camera] = {}
+    found = []
     for file, lens, pose in _images_bin(images) if binary else _images_txt(images):
         if lens not in lenses:
             raise UserError(f"{images}: {file}: no camera {lens} in {path.name}")
         q, t = numbers(images, f"{file}: pose", pose, (7,))[:4], np.array(pose[4:])
         if not 0.5 < np.linalg.norm(q) < 2:
             raise UserError(f"{images}: {file}: not a quaternion")
+        found.append((PurePosixPath(file.replace("\\", "/")), lens, rigid(_rotation(q), t)))
+    by_folder = _called_by_folder(found)
+    cameras: dict[str, Camera] = {}
+    for place, lens, T in found:
         model, size, parameters = lenses[lens]
         K, bend = _lens(path, model, parameters)
-        place = PurePosixPath(file.replace("\\", "/"))
-        name = place.parent.name or place.stem
-        camera = make_camera(images, name, size, K, bend, rigid(_rotation(q), t))
-        before = cameras.setdefault(name, camera)
+        own = by_folder and place.parent.name
+        camera = make_camera(images, own or place.stem, size, K, bend, T)
+        before = cameras.setdefault(camera.name, camera)
         _check_same(
-            f"{images}: {file}: camera '{name}'{', called by its folder,' if place.parent.name else ''}", before, camera
+            f"{images}: {place}: camera '{camera.name}'{', called by its folder,' if own else ''}", before, camera
         )
     return cameras
+
+
+def _called_by_folder(found: list[tuple[PurePosixPath, int, Floats]]) -> bool:
+    """Whether a picture's folder is its camera: some folder holds one picture alone, or two of the same pose."""
+    folders: dict[PurePosixPath, list[Floats]] = defaultdict(list)
+    for place, _, T in found:
+        folders[place.parent].append(T.ravel())
+    different = lambda poses: len(np.unique(np.round(np.array(poses) / SAME), axis=0))
+    return any(len(poses) == 1 or different(poses) < len(poses) for poses in folders.values())
 
 
 def _check_same(where: str, before: Camera, camera: Camera) -> None:
