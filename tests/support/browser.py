@@ -11,7 +11,8 @@ import time
 
 FLAGS = (
     "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --disable-component-update "
-    "--disable-sync --use-angle=swiftshader --enable-unsafe-swiftshader --remote-debugging-pipe --window-size=1200,800"
+    "--disable-sync --use-angle=swiftshader --enable-unsafe-swiftshader --remote-debugging-pipe --window-size=1200,800 "
+    "--disable-gpu-watchdog --disable-domain-blocking-for-3d-apis"  # a busy machine draws late: that is no hung GPU
 ).split()
 
 
