@@ -5,105 +5,21 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
-from scipy.spatial.transform import Rotation
+from PIL import Image
 
+from tests.support.inspected import FRAMES, PICTURED, edited, person, posed, recalibrated, texts
 from tests.support.rig import ring_of_cameras
-from toile.io.body import load_body_model
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
 from toile.measure.inspection.body import BONES, check_bones, check_names, check_units
 from toile.measure.inspection.cameras import agrees
-from toile.measure.inspection.files import unpadded
 from toile.measure.inspection.page import write_inspection
 from toile.measure.inspection.rays import Sighting
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
-FRAMES, PICTURED = 30, (0, 7, 14, 21, 29)
 OPENGL = np.diag([1.0, -1, -1, 1])
-
-
-def person(t):
-    """Keypoints (k,3) and some vertices of the packaged body, turning and walking."""
-    model = load_body_model("anny")
-    R = Rotation.from_euler("z", 4 * t, degrees=True).as_matrix()
-    shift = np.array([0.25 * np.sin(0.35 * t), 0.2 * np.cos(0.5 * t), 0.02 * np.sin(1.3 * t)])
-    points = model.keypoints(model.v_template, model.J)
-    bent = points + 0.03 * np.sin(0.6 * t + np.arange(len(points)))[:, None]
-    return model.keypoint_names, bent @ R.T + shift, model.v_template[::23] @ R.T + shift
-
-
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory):
-    """A capture of five cameras without a mistake: keypoints of 1 px, masks, label images, pictures of five frames."""
-    root, rng = tmp_path_factory.mktemp("sound") / "capture", np.random.default_rng(1)
-    cameras = ring_of_cameras(5)
-    texture = rng.integers(60, 200, (512, 512, 3), dtype=np.uint8)
-    for t in range(FRAMES):
-        names, points, skin = person(t)
-        folder, rows = root / "frames" / f"{t:06d}", {}
-        folder.mkdir(parents=True)
-        for name, camera in cameras.items():
-            uv = camera.project(points)[0]
-            rows[name] = np.c_[uv + rng.normal(0, 1, uv.shape), np.full(len(uv), 0.9)].round(3).tolist()
-            if t in PICTURED:
-                mask = np.zeros(camera.size, np.uint8)
-                cv2.fillConvexPoly(
-                    mask, cv2.convexHull(camera.project(skin)[0].astype(np.float32)).astype(np.int32), 255
-                )
-                for kind, picture in (("images", np.roll(texture, t, 0)), ("masks", mask), ("labels", mask // 255)):
-                    (folder / kind).mkdir(exist_ok=True)
-                    Image.fromarray(picture).save(folder / kind / f"{name}.{'jpg' if kind == 'images' else 'png'}")
-        (folder / "keypoints.json").write_text(json.dumps({"names": names, "points": rows}))
-    (root / "cameras.json").write_text(cameras_json(cameras))
-    scene = (
-        '[scene]\nname = "x"\nup = "z"\n[labels]\nshirt = 1\nskirt = 2\n[[garment]]\nname = "shirt"\nlabel = "shirt"\n'
-    )
-    (root / "scene.toml").write_text(scene)
-    return root
-
-
-@pytest.fixture
-def capture(sound, tmp_path):
-    shutil.copytree(sound, tmp_path / "capture")
-    return tmp_path / "capture"
-
-
-@pytest.fixture
-def walk(sound, tmp_path):
-    """The keypoints of the sound capture alone."""
-    shutil.copytree(sound, tmp_path / "capture", ignore=shutil.ignore_patterns("images", "masks", "labels"))
-    (tmp_path / "capture" / "scene.toml").write_text('[scene]\nname = "x"\nup = "z"\n')
-    return tmp_path / "capture"
-
-
-def texts(root, serious=None):
-    return [f.text for f in inspect(root).findings if serious is None or f.serious == serious]
-
-
-def recalibrated(root, change, only=None):
-    from toile.io.camera import read_cameras
-
-    cameras = read_cameras(root / "cameras.json")
-    changed = {name: change(c) if only in (None, name) else c for name, c in cameras.items()}
-    (root / "cameras.json").write_text(cameras_json(changed))
-
-
-def posed(change):
-    return lambda camera: replace(camera, T_camera_world=change(camera.T_camera_world))
-
-
-def edited(root, change):
-    """Every frame's rows (k,3) of every camera through `change(camera, t, rows)`."""
-    files = sorted(root.glob("frames/*/keypoints.json"))
-    data = [json.loads(file.read_text()) for file in files]
-    before = [{name: np.array(rows) for name, rows in d["points"].items()} for d in data]
-    for t, (file, d) in enumerate(zip(files, data)):
-        d["points"] = {name: np.asarray(change(name, t, before)).tolist() for name in d["points"]}
-        file.write_text(json.dumps(d))
 
 
 def test_a_sound_capture_has_no_findings_and_its_stature(sound):
@@ -282,115 +198,6 @@ def test_another_axis_that_is_up_and_a_person_upside_down_are_named(walk):
     assert any("head down along z" in text for text in texts(walk, serious=True))
 
 
-def test_files_that_lack_or_are_not_read_are_named(capture):
-    frames = capture / "frames"
-    shutil.rmtree(frames / "000011")
-    (frames / "31").mkdir()
-    (frames / "000007" / "images" / "cam2.jpg").unlink()
-    Image.new("RGB", (512, 512)).save(frames / "000014" / "images" / "cam1.jpg")
-    Image.new("L", (512, 512)).save(frames / "000021" / "masks" / "cam4.png")
-    for number in PICTURED:
-        path = frames / f"{number:06d}" / "images" / "cam3.jpg"
-        Image.fromarray((np.asarray(Image.open(path)) // 5).astype(np.uint8)).save(path)
-    said = texts(capture, serious=False)
-    for words in (
-        "frames: 1 numbers are missing: 11", "frames/31 are not read; six digits: frames/000031",
-        "cam2: no images in 1 frames: 7", "cam1: frame 14 is black", "cam4: frame 21 has an empty mask", "cam3: about",
-    ):  # fmt: skip
-        assert any(words in text for text in said), words
-    assert not texts(capture, serious=True)
-
-
-def test_frames_that_hold_nothing_are_named(walk):
-    (walk / "frames" / "000030").mkdir()
-    (walk / "frames" / "000031" / "images").mkdir(parents=True)
-    assert texts(walk) == ["frames: 2 hold nothing that is read: 30-31"]
-
-
-def test_where_no_frame_can_be_read_nothing_is_said_of_labels(capture):
-    for mask in capture.glob("frames/*/masks/cam0.png"):
-        Image.open(mask).convert("RGB").save(mask)
-    said = texts(capture, serious=True)
-    assert len(said) == len(PICTURED) and all("masks/cam0.png: mode RGB" in text for text in said)
-
-
-def test_a_capture_of_pictures_alone_is_said_to_lack_who_it_shows(capture):
-    for path in (*capture.glob("frames/*/masks"), *capture.glob("frames/*/labels")):
-        shutil.rmtree(path)
-    for path in capture.glob("frames/*/keypoints.json"):
-        path.unlink()
-    assert any("no scans, keypoints or masks" in text and "toile detect" in text for text in texts(capture))
-
-
-def test_a_camera_that_stood_still_is_named_with_its_first_frame(capture):
-    before, after = (capture / "frames" / f"{number:06d}" / "images" / "cam2.jpg" for number in (7, 14))
-    shutil.copy(before, after)
-    assert texts(capture) == [
-        "cam2: in 1 of 30 frames the same to the bit as in the frame before, first in 14: did it stand still?"
-    ]
-
-
-def test_pictures_that_cannot_be_read_are_findings_wherever_they_lie(capture):
-    for number in (0, 7):
-        path = capture / "frames" / f"{number:06d}" / "images" / "cam2.jpg"
-        path.unlink()
-        path.symlink_to(capture / "gone.jpg")
-    assert any("000000/images/cam2.jpg" in text for text in texts(capture, serious=True))
-
-
-def test_pictures_that_other_programs_turn_are_named(capture):
-    assert not any("EXIF" in text for text in texts(capture, serious=False))
-    for name, orientation in (("cam1", 6), ("cam2", 1), ("cam3", 3)):
-        path, note = capture / "frames" / "000000" / "images" / f"{name}.jpg", Image.Exif()
-        note[ExifTags.Base.Orientation] = orientation
-        Image.open(path).save(path, exif=note)
-    (told,) = [text for text in texts(capture, serious=False) if "EXIF" in text]
-    assert told.startswith("cam1, cam3: their pictures ask to be turned (EXIF), and are read as they are stored")
-
-
-def test_a_frame_of_seven_digits_is_offered_no_number_of_another(tmp_path):
-    (tmp_path / "frames" / "1000009").mkdir(parents=True)
-    (found,) = unpadded(tmp_path)
-    assert "frames/1000009 are not read" in found.text and "000009;" not in found.text and found.serious
-
-
-def test_files_of_a_frame_that_nothing_reads_are_named_with_what_is_expected(capture):
-    for number in PICTURED:
-        folder = capture / "frames" / f"{number:06d}"
-        (folder / "masks").rename(folder / "mask")
-        for path in sorted((folder / "images").iterdir()):
-            Image.open(path).save(path.with_suffix(".bmp"))
-            path.unlink()
-        for name in ("scan.obj", f"pose_{number}.json", "Scan.PLY", "notes.txt", "labels/cam1.npy"):
-            (folder / name).write_text("")
-    (capture / "frames" / "000007" / "scan.ply").write_text("")
-    all_of = "images, masks, labels, scan.ply, keypoints.json, keypoints3d.json"
-    assert sorted(text for text in texts(capture, serious=False) if "not read" in text) == [
-        "frames/000000/Scan.PLY and 4 more: not read, expected scan.ply",
-        "frames/000000/images/cam0.bmp and 24 more: not read, expected CAM.png or CAM.jpg",
-        "frames/000000/labels/cam1.npy and 4 more: not read, expected CAM.png or CAM.jpg",
-        "frames/000000/mask and 4 more: not read, expected masks",
-        f"frames/000000/notes.txt and 4 more: not read, expected {all_of}",
-        "frames/000000/pose_0.json and 4 more: not read, expected keypoints.json, keypoints3d.json",
-        "frames/000000/scan.obj and 4 more: not read, expected scan.ply",
-    ]
-
-
-def test_what_systems_leave_in_frames_is_passed_over(capture):
-    for name in (".DS_Store", "Thumbs.db", "desktop.ini", ".keypoints.json.0123.part"):
-        for folder in ("", "images", "masks"):
-            (capture / "frames" / "000000" / folder / name).write_text("")
-    (capture / "frames" / "000000" / "@eaDir").mkdir()
-    assert not texts(capture)
-
-
-def test_a_garment_whose_label_is_seen_nowhere_stops(capture):
-    scene = capture / "scene.toml"
-    scene.write_text(scene.read_text() + '[[garment]]\nname = "skirt"\nlabel = "skirt"\n')
-    said = texts(capture, serious=True)
-    assert len(said) == 1 and said[0].startswith("garment skirt: its label 'skirt' is seen nowhere")
-
-
 def test_masks_name_the_camera_that_cuts_the_hull(capture):
     for number in PICTURED:
         path = capture / "frames" / f"{number:06d}" / "masks" / "cam2.png"
@@ -454,21 +261,6 @@ def test_pictures_exchanged_between_two_cameras_stop_by_both_names(tmp_path):
     ]
 
 
-def test_masks_that_are_all_empty_stop_in_one_line(capture):
-    for path in capture.glob("frames/*/masks/*.png"):
-        Image.fromarray(np.asarray(Image.open(path)) // 255).save(path)
-    assert texts(capture, serious=True) == ["masks: all that were looked at are empty: above 127 is the person"]
-    assert not any("empty mask" in text for text in texts(capture))
-
-
-@pytest.mark.parametrize("way", ("inverted", "full"))
-def test_masks_that_show_the_corners_of_their_pictures_stop(capture, way):
-    for path in capture.glob("frames/*/masks/*.png"):
-        mask = 255 - np.asarray(Image.open(path))
-        Image.fromarray(mask if way == "inverted" else np.full_like(mask, 255)).save(path)
-    assert any("25 of 25 that were looked at show all corners" in text for text in texts(capture, serious=True))
-
-
 def test_keypoints_that_the_model_does_not_know_or_that_are_all_unseen_are_said(walk):
     edited(walk, lambda name, t, before: before[t][name] * [1, 1, 0])
     assert [text for text in texts(walk) if "confidence" in text] == texts(walk) != []
@@ -477,12 +269,6 @@ def test_keypoints_that_the_model_does_not_know_or_that_are_all_unseen_are_said(
     some, none = check_names((*known, "body.wrist.l"), known), check_names(("nose", "neck"), known)
     assert "does not know 1 of 3 names" in some.text and "'body.wrist.l'" in some.text and not some.serious
     assert "knows none of their names: 'nose', 'neck'" in none.text and none.serious
-
-
-def test_what_cannot_be_opened_or_read_is_a_finding(capture, tmp_path):
-    assert inspect(tmp_path / "nothing").wasted
-    (capture / "frames" / "000000" / "images" / "cam0.jpg").write_bytes(b"no picture")
-    assert any("cam0.jpg: cannot be read" in text for text in texts(capture, serious=True))
 
 
 def test_the_command_prints_a_line_a_problem_writes_a_page_and_says_by_its_code(capture, tmp_path):
