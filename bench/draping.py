@@ -1,6 +1,7 @@
 """Cloth by physics on frames that it was not measured on, beside the mean shape and ridge regression: geometry alone.
 
-    python -m bench.draping CAPTURE [--teach 10] [--judge 10]       # a `toile studio` capture of a T-shirt; prints a table in Markdown
+    python -m bench.draping CAPTURE [--teach 10] [--judge 10] [--dry-drag 0.03]    # a `toile studio` capture of a T-shirt; prints a table in Markdown
+    python -m bench.draping CAPTURE --still 60 [--dry-drag 0.03]                   # how fast cloth moves on a body that stands still from frame 60 on
 
 Input is the truth, as if registered without error: the first frames teach, the others are driven by the body alone. Those from `judge`
 on are judged, all the others by default.
@@ -21,6 +22,7 @@ from toile.io.body import load_body_model
 from toile.io.mesh import read_mesh
 from toile.surface.sampling import spread_points
 
+MOVES, STANDS = 30, 180  # frames in which a body moves before it stands still, and stands
 FPS, NEIGHBOURS = 30, 8  # skinning weights are means over so many vertices of the body
 POINTS = 256  # of the cloth, that tell a pose by where they are carried
 CLOTH = ClothSettings()
@@ -80,14 +82,32 @@ def ridge(s, unposed, teach):
     return (K @ fitted(np.arange(teach), weight)).reshape(unposed.shape) + mean
 
 
-def hung(s, start, teach):
-    """(T,n,3) cloth that begins at `start` in frame 0."""
+def solver_of(s, dry_drag, teach):
+    """Cloth as an avatar measures it on the first frames."""
     i, j = kernels.unique_edges(s.F).T
     lengths = np.linalg.norm(s.X[:teach, i] - s.X[:teach, j], axis=2).mean(0)
     clear = [kernels.signed_distance(s.X[t], s.B[t], s.body_F) for t in range(0, teach, max(1, teach // 5))]
     margin = max(CLOTH.least_margin, np.percentile(clear, CLOTH.clearance))
-    clear_V = kernels.untangle(start, s.F, s.B[0], s.body_F).V
-    return kernels.drape(clear_V, s.F, lengths, s.B, s.body_F, 1 / FPS, margin=margin, **CLOTH.solver())
+    options = CLOTH.solver() | {"dry_drag": dry_drag, "margin": margin}
+    return kernels.DrapeSolver(s.F, len(s.X[0]), lengths, s.body_F, len(s.B[0]), **options)
+
+
+def hung(s, solver, start, bodies):
+    """Cloth (T,n,3) over bodies (T,b,3), that begins at `start` in the first."""
+    clear = kernels.untangle(start, s.F, bodies[0], s.body_F).V
+    return np.stack([solver.start(clear, bodies[0]).V, *(solver.step(B, 1 / FPS).V for B in bodies[1:])])
+
+
+def at_rest(s, dry_drag, frame, teach):
+    """A table of the speed of cloth [mm a frame] on a body that moves up to `frame` and then stands still."""
+    first = max(0, frame - MOVES)
+    bodies = np.concatenate([s.B[first : frame + 1], np.repeat(s.B[frame : frame + 1], STANDS, axis=0)])
+    Y = hung(s, solver_of(s, dry_drag, teach), s.X[first], bodies)[frame - first :]
+    speed = 1e3 * np.linalg.norm(np.diff(Y, axis=0), axis=2)
+    print("| after [s] | mean | 95 % | most |\n|---|---|---|---|")
+    for t in (1, 2, 3, 6):
+        still = speed[t * FPS - 1]
+        print(f"| {t} | {still.mean():.2f} | {np.percentile(still, 95):.2f} | {still.max():.1f} |")
 
 
 def carried(s, shape):
@@ -117,14 +137,18 @@ def main():
     parser.add_argument("capture", type=Path)
     parser.add_argument("--teach", type=int, default=10)
     parser.add_argument("--judge", type=int)
+    parser.add_argument("--dry-drag", type=float, default=CLOTH.dry_drag)
+    parser.add_argument("--still", type=int, metavar="FRAME")
     args = parser.parse_args()
     s, count = Sequence(args.capture), args.teach
+    if args.still is not None:
+        return at_rest(s, args.dry_drag, args.still, count)
     first = count if args.judge is None else args.judge
     if first < count:
         parser.error(f"--judge {first}: frames before {count} teach")
     frames, unposed = range(len(s.X)), np.stack([s.unpose(V, t) for t, V in enumerate(s.X)])
     mean, foretold = unposed[:count].mean(0), ridge(s, unposed, count)
-    Y = hung(s, s.pose(mean, 0), count)
+    Y = hung(s, solver_of(s, args.dry_drag, count), s.pose(mean, 0), s.B)
     loose = np.stack([s.unpose(V, t) for t, V in enumerate(Y)])
     settled, poses = slice(min(CLOTH.lead, count // 2), count), carried(s, mean)
     residual = teach(poses[settled], loose[settled], unposed[settled])

@@ -14,6 +14,7 @@ void bind_drape(py::module_& m) {
         .def_readwrite("friction", &DrapeOptions::friction)
         .def_readwrite("margin", &DrapeOptions::margin)
         .def_readwrite("drag", &DrapeOptions::drag)
+        .def_readwrite("dry_drag", &DrapeOptions::dry_drag)
         .def_readwrite("substep", &DrapeOptions::substep)
         .def_readwrite("max_depth", &DrapeOptions::max_depth);
     py::class_<DrapeResult>(m, "DrapeResult")

@@ -34,6 +34,7 @@ void check_options(const DrapeOptions& o) {
     within("friction", o.friction, 0, false);
     within("margin", o.margin, 0, false);
     within("drag", o.drag, 0, false);
+    within("dry_drag", o.dry_drag, 0, false);
     within("substep", o.substep, 0, true);
     within("max_depth", o.max_depth, 0, true);
     require(o.gravity.allFinite(), "drape: gravity is not finite");
@@ -83,7 +84,7 @@ struct DrapeSolver::State {
 
 void DrapeSolver::State::advance(const Vertices& body_V, const Vertices& held_V, double dt, double drag) {
     const int substeps = static_cast<int>(std::ceil(dt / options.substep - 1e-9));
-    const double h = dt / substeps, kept = std::exp(-drag * h);
+    const double h = dt / substeps, kept = std::exp(-drag * h), lost = options.dry_drag * h;
     contact.aim(body_V);
     Vertices held_from(held.size(), 3);
     for (Eigen::Index k = 0; k < held.size(); ++k) held_from.row(k) = x.row(held[k]);
@@ -99,7 +100,8 @@ void DrapeSolver::State::advance(const Vertices& body_V, const Vertices& held_V,
         before = x;
         for (Eigen::Index i = 0; i < x.rows(); ++i) {
             if (w[i] == 0) continue;
-            v.row(i) = kept * (v.row(i) + fall);
+            const double speed = v.row(i).norm();
+            v.row(i) = kept * ((speed > lost ? 1 - lost / speed : 0) * v.row(i) + fall);
             x.row(i) += h * v.row(i);
         }
         for (Eigen::Index k = 0; k < held.size(); ++k)

@@ -36,6 +36,29 @@ def test_drag_leads_to_the_velocity_of_fall():
     assert np.allclose(speed, GRAVITY / 10, rtol=0.01)
 
 
+def test_dry_drag_takes_its_deceleration_from_a_fall():
+    V, F = sheet()
+    cloth = solver(V, F, *FAR, dry_drag=GRAVITY / 4)
+    cloth.start(V, FAR[0], settle=0)
+    fallen = advanced(cloth, FAR[0], 0.5).V - V
+    assert np.allclose(fallen, [0, 0, -GRAVITY * (3 / 4) * 0.5**2 / 2], atol=0.004 * GRAVITY * 0.5**2 / 2)
+
+
+def test_dry_drag_leaves_a_swinging_sheet_still_where_without_it_swings_on():
+    V, F = sheet(across=3, along=9, size=(0.1, 0.4))
+    held = np.flatnonzero(V[:, 1] > 0.199)
+    hanging = (
+        np.stack([V[:, 0], 0 * V[:, 0], V[:, 1]], axis=1) @ Rotation.from_euler("x", 20, degrees=True).as_matrix().T
+    )
+    speed = {}
+    for dry_drag in (0.0, 1.0):
+        cloth = solver(hanging, F, *FAR, held=held, dry_drag=dry_drag)
+        cloth.start(hanging, FAR[0], settle=0)
+        before = advanced(cloth, FAR[0], 4).V
+        speed[dry_drag] = np.linalg.norm(cloth.step(FAR[0], FRAME).V - before, axis=1).max() / FRAME
+    assert speed[1.0] < 1e-3 < 0.1 < speed[0.0]  # [m/s]
+
+
 def test_a_strip_held_at_both_ends_hangs_in_a_catenary():
     V, F = sheet(across=2, along=41, size=(0.02, 1.0))
     ends = np.flatnonzero(np.abs(V[:, 1]) > 0.499)

@@ -193,6 +193,12 @@ class ClothSettings(Settings):
     stretch: float = setting(500.0, "N/m", "resistance to stretch", gt=0)
     density: float = setting(0.2, "kg/m^2", "of the cloth", gt=0)
     friction: float = setting(0.6, "1", "Coulomb's coefficient between cloth and body", ge=0)
+    dry_drag: float = setting(
+        0.03,
+        "m/s^2",
+        "deceleration by friction inside the cloth: without it folds creep for seconds after the body",
+        ge=0,
+    )
     substep: float = setting(1 / 1500, "s", "longest time between two sweeps over the cloth's constraints", gt=0)
     lead: int = setting(15, "count", "frames in which cloth forgets how it began, at most half of those in a row", ge=0)
     clearance: float = setting(
@@ -204,7 +210,7 @@ class ClothSettings(Settings):
 
     def solver(self):
         """Options of kernels.DrapeSolver."""
-        return self.model_dump(include={"bending", "stretch", "density", "friction", "substep"})
+        return self.model_dump(include={"bending", "stretch", "density", "friction", "dry_drag", "substep"})
 
 
 class AnimateSettings(Settings):

@@ -26,7 +26,7 @@ LOST = 2.0  # strain at which none of it is shown
 RINGS = 4  # of edges about such a place that go with it, and as many over which the rest goes over into it
 CAUGHT = 0.2  # share of a garment that is not shown from which on it begins anew
 RETURN = 0.5  # [s] in which cloth is shown in full again
-VERSION = 5  # of how cloth is simulated and what is kept of it
+VERSION = 6  # of how cloth is simulated and what is kept of it
 
 
 @dataclass(frozen=True)
