@@ -242,6 +242,58 @@ def test_components_of_which_one_is_not_placed_are_refused(tmp_path):
     assert len(read_calibration(kind, path)) == len(made)
 
 
+def in_a_system(path, made, tag="location"):
+    """The export's cameras as one multi-camera system: all but the second lose their transform, sensors are placed from the first."""
+    tree = ElementTree.parse(path)
+    sensors, cameras = tree.findall("chunk/sensors/sensor"), tree.findall("chunk/cameras/camera")
+    poses = [np.array(c.findtext("transform").split(), float).reshape(4, 4) for c in cameras[: len(made)]]
+    for i, (sensor, camera) in enumerate(zip(sensors, cameras)):
+        if i != 0:
+            offset = np.linalg.inv(poses[0]) @ poses[i]
+            sensor.set("master_id", "0")
+            for name, value in {"rotation": offset[:3, :3], tag: offset[:3, 3]}.items():
+                ElementTree.SubElement(sensor, name).text = " ".join(map(repr, value.ravel().tolist()))
+        if i != 1:
+            camera.set("master_id", "1")
+            camera.remove(camera.find("transform"))
+    tree.write(path)
+
+
+@pytest.mark.parametrize("tag", ["location", "translation"])
+def test_cameras_of_a_metashape_system_are_placed_by_their_master(tmp_path, tag):
+    made, path, kind, _ = written_as(tmp_path, "metashape")
+    in_a_system(path, made, tag)
+    notes = []
+    check(read_calibration(kind, path, notes), made, within=1e-3)
+    assert notes == ["left: 1 cameras that are not aligned: unaligned"]
+
+
+@pytest.mark.parametrize(
+    "old, new, why",
+    [
+        ('id="1" sensor_id', 'id="7" sensor_id', "whose master is not aligned: left, cam 3"),
+        ("<location>", "<place>", "whose sensor has no rotation and location to its master's: left, cam 3"),
+    ],
+)
+def test_cameras_of_a_metashape_system_that_nothing_places_are_said(tmp_path, old, new, why):
+    made, path, kind, _ = written_as(tmp_path, "metashape")
+    in_a_system(path, made)
+    path.write_text(
+        path.read_text().replace(old, new).replace("</location>", "</place>" if "place" in new else "</location>")
+    )
+    notes = []
+    check(read_calibration(kind, path, notes), made[1:2], within=1e-3)
+    assert notes[0] == f"left: 2 cameras {why}"
+
+
+def test_inactive_cameras_of_qualisys_are_said(tmp_path):
+    _, path, kind, _ = written_as(tmp_path, "qualisys")
+    spoil(path, 'serial="front" active="1"', 'serial="front" active="0"')
+    notes = []
+    assert set(read_calibration(kind, path, notes)) == {"left", "cam 3"}
+    assert notes == ["left: 1 cameras that are not active: front"]
+
+
 def test_labels_of_metashape_lose_the_ending_of_a_picture_alone(tmp_path):
     _, path, kind, _ = written_as(tmp_path, "metashape")
     for old, new in (("left.jpg", "cam.1"), ("front.jpg", "cam.2.TIF")):

@@ -14,6 +14,7 @@ from ..errors import UserError
 from ..kernels.arrays import Floats
 from ..scene import Camera, frame_ranges
 from .calibration import KINDS, find_calibration, read_calibration
+from .calibration.checked import SHOWN, few
 from .films import dropped, film_count, film_rate
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
@@ -21,7 +22,6 @@ from .places import ENDINGS, Placed, files_of, folder_of, numbered, place, place
 from .scene_file import METRES
 from .skeletons import SKELETONS
 
-SHOWN = 3  # names in a message
 FPS = 30.0  # where nothing tells
 SAME_RATE = 1.01  # films whose rates differ by less tell the same
 
@@ -45,20 +45,21 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     """What a calibration of a kind and the files about it make. UserError names the file or the option."""
     path = find_calibration(kind, source)
     root = source if source.is_dir() else path.parent
-    cameras = read_calibration(kind, path)
+    said: list[str] = []
+    cameras = read_calibration(kind, path, said)
     for name in options.offsets:
         if name not in cameras:
-            raise UserError(f"--offset {name}: no such camera in {path.name}: {_few(cameras)}")
+            raise UserError(f"--offset {name}: no such camera in {path.name}: {few(cameras)}")
     unit = options.units or KINDS[kind].units
     up, turn = turned_up(options.up or _guessed_up(path, cameras))
     metres = metres_of(unit or "m")
-    notes = [f"calibration: {kind}, {path.name}, {len(cameras)} cameras, unit {unit or 'm (assumed)'}"]
+    notes = [f"calibration: {kind}, {path.name}, {len(cameras)} cameras, unit {unit or 'm (assumed)'}", *said]
     notes.append(
         f"up: {options.up or 'told by the cameras'}{'' if np.trace(turn) == 3 else ', turned by half a turn to ' + up}"
     )
     straight = [name for name, camera in cameras.items() if not np.any(camera.distortion)]
     if straight:
-        which = "any camera" if len(straight) == len(cameras) else _few(straight)
+        which = "any camera" if len(straight) == len(cameras) else few(straight)
         notes.append(f"distortion: none of {which}: such pictures are taken as they are")
     cameras = moved(cameras, metres, turn)
     frames: dict[int, dict[str, Source]] = {}
@@ -68,7 +69,7 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     _add_keypoints(frames, root, cameras, options, notes)
     films = _films(frames, root, cameras, options, notes)
     if not frames:
-        raise UserError(f"{root}: no pictures of the cameras {_few(cameras)}: folders images/, CAM/ or videos/")
+        raise UserError(f"{root}: no pictures of the cameras {few(cameras)}: folders images/, CAM/ or videos/")
     _add_scans(frames, root, metres, turn, options, notes)
     fps = options.fps or _rate(films)
     notes.append(f"frames a second: {fps or FPS:g}{'' if fps else ' (assumed, give them by --fps)'}")
@@ -118,10 +119,10 @@ def _placed(root: Path, what: str, cameras: dict[str, Camera], options: Options,
     strange = [path.relative_to(folder).as_posix() for path in found.strange]
     if found.strange and not found.files and what == "images" and folder != root:
         raise UserError(
-            f"{folder}: pictures of no camera of the calibration: {_few(strange)}; its cameras: {_few(cameras)}"
+            f"{folder}: pictures of no camera of the calibration: {few(strange)}; its cameras: {few(cameras)}"
         )
     if found.strange and folder != root:
-        notes.append(f"left: {len(found.strange)} {what} of no camera: {_few(strange)}")
+        notes.append(f"left: {len(found.strange)} {what} of no camera: {few(strange)}")
     if found.files:
         seen = {camera for files in found.files.values() for camera in files}
         ask = ", whose ids [labels] of scene.toml has to name" if what == "labels" else ""
@@ -225,8 +226,3 @@ def _add_scans(
 def chosen(found: Found, numbers: Any) -> Found:
     """Only the frames of these numbers."""
     return replace(found, frames={number: found.frames[number] for number in numbers if number in found.frames})
-
-
-def _few(names: Any) -> str:
-    names = list(names)
-    return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")

@@ -1,7 +1,7 @@
 """Calibrations of other programs, one file a format: each says what it takes and what it leaves.
 
 A reader gives {name: Camera} in toile's convention and in the file's own unit of length; width and height are 0 where the
-file does not say them, and the pictures tell.
+file does not say them, and the pictures tell. What it left or had to assume it adds to the notes, a line each.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Kind:
     """A format: the files it is known by, its reader, and the unit of length that it is written in, "" for any."""
 
     names: tuple[str, ...]  # patterns
-    read: Callable[[Path], dict[str, Camera]]
+    read: Callable[[Path, list[str]], dict[str, Camera]]  # adds to the notes
     units: str = ""
     many: bool = False  # a file a camera: any of them stands for all
     but: tuple[str, ...] = ()  # files of such names that hold something else
@@ -53,9 +53,10 @@ def find_calibration(kind: str, source: Path) -> Path:
     raise UserError(f"{source}: no calibration of kind '{kind}' ({', '.join(KINDS[kind].names)})")
 
 
-def read_calibration(kind: str, path: Path) -> dict[str, Camera]:
-    """{name: Camera} of a calibration file, translations in its own unit. UserError names the file and the field."""
-    cameras = KINDS[kind].read(path)
+def read_calibration(kind: str, path: Path, notes: list[str] | None = None) -> dict[str, Camera]:
+    """{name: Camera} of a calibration file, translations in its own unit; what it leaves is added to `notes`. UserError names the
+    file and the field."""
+    cameras = KINDS[kind].read(path, [] if notes is None else notes)
     if not cameras:
         raise UserError(f"{path}: no camera in it")
     return cameras

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from unicodedata import normalize
@@ -18,6 +18,7 @@ from ..image import MAX_PIXELS
 ROUNDED = 2e-3  # how far a rotation may be from orthonormal: files round to four digits
 OTHER_LENS = re.compile("fish|equidist|kannala|omnidir|double.?sphere", re.IGNORECASE)
 COEFFICIENTS = re.compile(r"dist(?!ance)|radial|tangential|[kp]\d$", re.IGNORECASE)  # what a field of them is called
+SHOWN = 3  # names in a message
 HALF = 0.5  # from pixel centres at whole numbers (OpenCV) to centres at halves
 
 
@@ -119,3 +120,9 @@ def add(path: Path, cameras: dict[str, Camera], camera: Camera) -> None:
     if camera.name in cameras:
         raise UserError(f"{path}: camera '{camera.name}' stands there twice")
     cameras[camera.name] = camera
+
+
+def few(names: Iterable[str]) -> str:
+    """The first of some names, for a message."""
+    names = list(names)
+    return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")

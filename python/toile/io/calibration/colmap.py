@@ -33,7 +33,7 @@ SINGLE = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")  # one focal length
 SAME = 1e-6  # difference of two poses of one camera
 
 
-def read(path: Path) -> dict[str, Camera]:
+def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     """{name: Camera} of the model whose `cameras` file is given."""
     binary = path.suffix == ".bin"
     images = path.with_name(f"images{path.suffix}")

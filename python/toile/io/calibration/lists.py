@@ -35,7 +35,7 @@ SPELLINGS = {
 }
 
 
-def read(path: Path) -> dict[str, Camera]:
+def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     """{name: Camera} of either file."""
     return _json(path) if path.suffix.lower() == ".json" else _middlebury(path)
 

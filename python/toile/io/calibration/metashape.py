@@ -9,9 +9,13 @@ p2 stand the other way round than OpenCV's:
 (Metashape Professional manual, appendix "Camera models"). A camera's `transform` takes its frame to the chunk's, the
 component's or chunk's `transform` (scale, rotation, translation) that to the world's.
 
-Taken: sensors of type frame, cameras with a transform. Left: cameras without one, masters' layers, markers, references.
-Refused: k4, p3, p4 that are not zero, other lens types, several chunks, and several components unless each has its transform:
-nothing tells how they stand to one another.
+A camera of a multi-camera system has a `master_id` and no transform. Its sensor's `rotation` (3x3) and `location` (`translation` in
+older files) take its frame to that of the master sensor, in units of the chunk, so that the camera's transform is the master's
+times the offset. A master's sensor need not be the one that the sensors' `master_id` names: offsets are taken between the two.
+
+Taken: sensors of type frame, cameras with a transform or with a master that has one. Left, and said: other cameras. Left:
+markers, references. Refused: k4, p3, p4 that are not zero, other lens types, several chunks, and several components unless each
+has its transform: nothing tells how they stand to one another.
 """
 
 from __future__ import annotations
@@ -27,14 +31,14 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_xml
-from .checked import add, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
+from .checked import add, few, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
 
 NAMES = ("*.xml",)
 WORLD = ("scale", "rotation", "translation")
 ENDING = re.compile(r"(?i)\.(jpe?g|png|tiff?|bmp|exr|dng|raw|cr[23]|nef|arw)$")  # of pictures; "cam.1" has none
 
 
-def read(path: Path) -> dict[str, Camera]:
+def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     """{label without a picture's ending: Camera}, in units of the chunk's world (metres where it has a scale)."""
     chunks = read_xml(path).findall("chunk")
     if len(chunks) != 1:
@@ -42,22 +46,62 @@ def read(path: Path) -> dict[str, Camera]:
         raise UserError(f"{path}: {found}")
     chunk = chunks[0]
     sensors = {sensor.get("id"): sensor for sensor in chunk.iter("sensor")}
-    aligned = [camera for camera in chunk.iter("camera") if camera.find("transform") is not None]
+    every = list(chunk.iter("camera"))
+    aligned = [camera for camera in every if camera.find("transform") is not None]
+    masters, offsets = {camera.get("id"): camera for camera in aligned}, _offsets(path, sensors)
     worlds = _worlds(path, chunk, aligned)
     cameras: dict[str, Camera] = {}
-    for camera in aligned:
-        name, sensor = _name(camera), sensors.get(camera.get("sensor_id"))
+    left: dict[str, list[str]] = {}
+    for camera in every:
+        name = _name(camera)
+        master, why = (camera, "") if camera in aligned else _master(camera, masters, offsets)
+        if master is None:
+            left.setdefault(why, []).append(name)
+            continue
+        sensor = sensors.get(camera.get("sensor_id"))
         if sensor is None:
             raise UserError(f"{path}: camera '{name}': no sensor {camera.get('sensor_id')}")
-        T = placed(path, f"camera '{name}': transform", camera.findtext("transform", "").split())
-        scale, R, t = worlds[camera.get("component_id")]
+        T = placed(path, f"camera '{_name(master)}': transform", master.findtext("transform", "").split())
+        if master is not camera:
+            T = T @ inverse(offsets[master.get("sensor_id")][1]) @ offsets[camera.get("sensor_id")][1]
+        scale, R, t = worlds[master.get("component_id")]
         pose = rigid(R @ T[:3, :3], scale * R @ T[:3, 3] + t)
         add(path, cameras, make_camera(path, name, *_lens(path, name, sensor), inverse(pose)))
+    notes += [f"left: {len(names)} cameras {why}: {few(names)}" for why, names in left.items()]
     return cameras
 
 
 def _name(camera: Element) -> str:
     return ENDING.sub("", camera.get("label", ""))
+
+
+def _master(
+    camera: Element, masters: dict[str | None, Element], offsets: dict[str | None, tuple[str | None, Floats]]
+) -> tuple[Element | None, str]:
+    """The camera of its system that places one without a transform; None, and why none does."""
+    if camera.get("master_id") in (None, camera.get("id")):
+        return None, "that are not aligned"
+    master = masters.get(camera.get("master_id"))
+    if master is None:
+        return None, "whose master is not aligned"
+    heads = {offsets.get(one.get("sensor_id"), (None, None))[0] for one in (camera, master)}
+    if None in heads or len(heads) > 1:
+        return None, "whose sensor has no rotation and location to its master's"
+    return master, ""
+
+
+def _offsets(path: Path, sensors: dict[str | None, Element]) -> dict[str | None, tuple[str | None, Floats]]:
+    """{sensor: (the sensor at the head of its system, the sensor's frame in that one's (4,4))}, of those whose offset is told."""
+    offsets: dict[str | None, tuple[str | None, Floats]] = {}
+    for key, sensor in sensors.items():
+        master = sensor.get("master_id", key)
+        turn, shift = sensor.findtext("rotation"), sensor.findtext("location", sensor.findtext("translation"))
+        if master == key:
+            offsets[key] = key, np.eye(4)
+        elif turn is not None and shift is not None:
+            R = rotation(path, f"sensor {key}: rotation", turn.split())
+            offsets[key] = master, rigid(R, numbers(path, f"sensor {key}: location", shift.split(), (3,)))
+    return offsets
 
 
 def _worlds(path: Path, chunk: Element, aligned: list[Element]) -> dict[str | None, tuple[float, Floats, Floats]]:

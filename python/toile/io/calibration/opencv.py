@@ -32,7 +32,7 @@ ROTATION = ("R", "Rot", "rvec", "rotation")
 TRANSLATION = ("T", "t", "tvec", "translation")
 
 
-def read(path: Path) -> dict[str, Camera]:
+def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     """{name: Camera} of intri.yml and the extri.yml beside it, or of all files of a camera each beside `path`."""
     if _has(_opened(path), "names"):
         return _pair(path)

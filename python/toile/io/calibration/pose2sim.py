@@ -17,7 +17,7 @@ NAMES = ("*.toml",)
 OTHERS = ("Config.toml",)  # Pose2Sim's settings, at the root of its projects
 
 
-def read(path: Path) -> dict[str, Camera]:
+def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     """{name: Camera}, in the order of the file."""
     cameras: dict[str, Camera] = {}
     for table, fields in read_toml(path).items():

@@ -2,7 +2,7 @@
 sensor's last, `sensorMaxU`, is 64 (width - 1)), cameras that look along their negative z axis, y up.
 
 Taken: `fov_video` (the part of the sensor that is filmed), `transform` (camera to world), `intrinsic`. Left: `fov_marker`,
-residuals, wand. Cameras with `active="0"` are left out.
+residuals, wand. Cameras with `active="0"` are left out, and said.
 """
 
 from __future__ import annotations
@@ -17,19 +17,24 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_xml
-from .checked import HALF, add, intrinsics, make_camera, numbers, rigid, rotation
+from .checked import HALF, add, few, intrinsics, make_camera, numbers, rigid, rotation
 
 NAMES = ("*.qca.txt", "*.qca", "*.xml")
 SUBPIXELS = 64
 LENS = (*(f"radialDistortion{i}" for i in (1, 2)), "tangentalDistortion1", "tangentalDistortion2", "radialDistortion3")
 
 
-def read(path: Path) -> dict[str, Camera]:
+def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     """{serial: Camera}, lengths in millimetres."""
     cameras: dict[str, Camera] = {}
+    inactive = []
     for element in read_xml(path).iter("camera"):
-        if element.get("active", "1") != "0":
+        if element.get("active", "1") == "0":
+            inactive.append(element.get("serial", ""))
+        else:
             add(path, cameras, _camera(path, element))
+    if inactive:
+        notes.append(f"left: {len(inactive)} cameras that are not active: {few(inactive)}")
     return cameras
 
 
