@@ -325,6 +325,32 @@ def test_pictures_of_a_colmap_folder_that_are_as_many_cameras_are_called_by_thei
     check(read_calibration(kind, path), made)
 
 
+def test_pictures_of_one_lens_and_several_poses_are_said_to_be_one_moving_camera_perhaps(tmp_path):
+    made, path, kind, _ = written_as(tmp_path, "colmap-text")
+    notes = []
+    assert read_calibration(kind, path, notes) and not notes
+    for i, name in ((1, "left"), (2, "front"), (3, "cam 3")):
+        spoil(tmp_path / "images.txt", f" {i} {name}.png", f" 1 film/{i:04d}.png")
+    assert list(read_calibration(kind, path, notes)) == ["0001", "0002", "0003"]
+    assert (
+        len(notes) == 1
+        and "3 pictures share lens 1 and became a camera each: 0001.png, 0002.png, 0003.png;" in notes[0]
+    )
+
+
+def test_several_models_of_colmap_are_refused_until_one_is_named(tmp_path):
+    made = views()
+    for model in ("0", "1"):
+        (tmp_path / "sparse" / model).mkdir(parents=True)
+        write_colmap_text(tmp_path / "sparse" / model, made)
+    with pytest.raises(
+        UserError, match=r"sparse/0/cameras\.txt and sparse/1/cameras\.txt may both be the calibration: name one"
+    ):
+        find_calibration("colmap", tmp_path)
+    one = tmp_path / "sparse" / "1" / "cameras.txt"
+    assert find_calibration("colmap", one) == one
+
+
 def test_settings_of_pose2sim_beside_its_calibration_are_not_taken_for_it(tmp_path):
     (tmp_path / "calibration").mkdir()
     (tmp_path / "Config.toml").write_text("[project]\nframe_rate = 60\n")

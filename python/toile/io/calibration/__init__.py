@@ -34,7 +34,14 @@ KINDS = {
     "pose2sim": Kind(pose2sim.NAMES, pose2sim.read, "m", but=pose2sim.OTHERS),
     "lists": Kind(lists.NAMES, lists.read),
 }
-PLACES = ("", "calibration", "calib", "cameras", "sparse/0", "sparse")  # below a folder that holds a capture
+PLACES = (
+    "",
+    "calibration",
+    "calib",
+    "cameras",
+    "sparse/[0-9]*",
+    "sparse",
+)  # patterns, below a folder that holds a capture
 
 
 def find_calibration(kind: str, source: Path) -> Path:
@@ -45,9 +52,13 @@ def find_calibration(kind: str, source: Path) -> Path:
         raise UserError(f"{source}: no such file or folder")
     for place in PLACES:
         for pattern in KINDS[kind].names:
-            found = sorted(p for p in (source / place).glob(pattern) if p.is_file() and p.name not in KINDS[kind].but)
+            paths = source.glob(f"{place}/{pattern}" if place else pattern)
+            found = sorted(p for p in paths if p.is_file() and p.name not in KINDS[kind].but)
             if len(found) > 1 and not KINDS[kind].many:
-                raise UserError(f"{source}: {found[0].name} and {found[1].name} may both be the calibration: name one")
+                first, second = (p.relative_to(source) for p in found[:2])
+                raise UserError(
+                    f"{source}: {first} and {second} may both be the calibration: name one, and the pictures' folder by --images"
+                )
             if found:
                 return found[0]
     raise UserError(f"{source}: no calibration of kind '{kind}' ({', '.join(KINDS[kind].names)})")

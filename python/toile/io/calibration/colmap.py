@@ -1,7 +1,8 @@
 """COLMAP's sparse models, text (`cameras.txt`, `images.txt`) or binary (`.bin`). World to camera, pixel centres at halves.
 
 A picture is a camera: it is called by its name without ending, or by its folder where pictures lie in folders, unless no two of a
-folder have the same pose, as in `images/CAM.png` and `FRAME/CAM.png`. Pictures of one camera must have one pose and lens. Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
+folder have the same pose, as in `images/CAM.png` and `FRAME/CAM.png`. Pictures of one camera must have one pose and lens; that
+several cameras of a folder share a lens is said, since they may be one that moved. Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
 FULL_OPENCV without its denominators. Refused: other lenses. Left: points, observations, rigs, frames. The scale is COLMAP's
 own, unless the model was scaled: say metres a unit by `--units`.
 """
@@ -19,7 +20,7 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_bytes, read_text
-from .checked import intrinsics, make_camera, numbers, rigid
+from .checked import few, intrinsics, make_camera, numbers, rigid
 
 NAMES = ("cameras.bin", "cameras.txt")
 BYTES = 2 << 30
@@ -47,6 +48,8 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
             raise UserError(f"{images}: {file}: not a quaternion")
         found.append((PurePosixPath(file.replace("\\", "/")), lens, rigid(_rotation(q), t)))
     by_folder = _called_by_folder(found)
+    if not by_folder:
+        notes += _shared_lenses(found)
     cameras: dict[str, Camera] = {}
     for place, lens, T in found:
         model, size, parameters = lenses[lens]
@@ -67,6 +70,18 @@ def _called_by_folder(found: list[tuple[PurePosixPath, int, Floats]]) -> bool:
         folders[place.parent].append(T.ravel())
     different = lambda poses: len(np.unique(np.round(np.array(poses) / SAME), axis=0))
     return any(len(poses) == 1 or different(poses) < len(poses) for poses in folders.values())
+
+
+def _shared_lenses(found: list[tuple[PurePosixPath, int, Floats]]) -> list[str]:
+    """What is to be said of pictures of one folder that have one lens and a pose each."""
+    shared: dict[tuple[PurePosixPath, int], list[str]] = defaultdict(list)
+    for place, lens, _ in found:
+        shared[place.parent, lens].append(place.name)
+    return [
+        f"{len(names)} pictures share lens {lens} and became a camera each: {few(names)}; no capture if one camera moved through them"
+        for (_, lens), names in shared.items()
+        if len(names) > 1
+    ]
 
 
 def _check_same(where: str, before: Camera, camera: Camera) -> None:
