@@ -52,6 +52,20 @@ def test_a_frame_by_another_thing_than_a_whole_number_is_refused(number):
     assert capture.scan(np.int32(0)) is not None
 
 
+@pytest.mark.parametrize("name", ["cam00.jpg", "cam00.png"])
+def test_labels_in_jpeg_are_refused_by_name_whatever_their_ending(tmp_path, name):
+    from PIL import Image
+
+    capture = tmp_path / "lossy"
+    shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "00000[1-5]"))
+    labels = capture / "frames" / "000000" / "labels" / "cam00.png"
+    image = Image.open(labels).convert("L")
+    labels.unlink()
+    image.save(labels.with_name(name), format="JPEG", quality=100)
+    with pytest.raises(UserError, match=rf"labels/{name}: a JPEG, which changes label ids"):
+        open_capture(capture).pictures(0)
+
+
 def test_centimetres_are_the_same_capture_in_metres(tmp_path):
     capture = tmp_path / "cm"
     shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "00000[1-5]"))

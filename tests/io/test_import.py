@@ -121,6 +121,34 @@ def test_masks_of_0_and_1_are_refused_by_name_but_not_an_empty_one_among_others(
     imported(tmp_path / "their", tmp_path / "ours")
 
 
+def test_masks_in_jpeg_arrive_and_labels_in_jpeg_are_refused_by_name(tmp_path):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        mask = np.zeros((v.height, v.width), np.uint8)
+        mask[16:48, 24:56] = 255
+        for kind in ("masks", "labels"):
+            path = tmp_path / "their" / kind / v.name / "0.jpg"
+            path.parent.mkdir(parents=True)
+            Image.fromarray(mask).save(path, quality=60)
+    with pytest.raises(
+        UserError, match=r"labels/cam 3/0\.jpg: a JPEG, which changes label ids at their borders: expected a PNG"
+    ):
+        imported(tmp_path / "their", tmp_path / "ours")
+    (tmp_path / "their" / "labels").rename(tmp_path / "their" / "videos")
+    imported(tmp_path / "their", tmp_path / "ours")
+    for mask in open_capture(tmp_path / "ours").frame(0).masks.values():
+        assert mask[16:48, 24:56].all() and mask.sum() == 32 * 32
+
+
+@pytest.mark.parametrize("mode", ["RGB", "LA"])
+def test_label_images_of_several_channels_are_refused_when_imported(tmp_path, mode):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        path = tmp_path / "their" / "labels" / v.name / "0.png"
+        path.parent.mkdir(parents=True)
+        Image.new(mode, (v.width, v.height)).save(path)
+    with pytest.raises(UserError, match=rf"labels/cam 3/0\.png: mode {mode}, expected one channel of 8 bits"):
+        imported(tmp_path / "their", tmp_path / "ours")
+
+
 def test_a_world_upside_down_is_turned_with_its_scans_and_said(tmp_path):
     made = rig(tmp_path / "their")
     found = read_rig("lists", tmp_path / "their", Options(up="-z"))
@@ -340,7 +368,7 @@ SPOILT = {
         lambda f: [(f / "pose/left").mkdir(parents=True), (f / "pose/left/1.json").write_text('{"people": 3}')],
         r"1\.json: people: expected a list",
     ),
-    "no picture": (lambda f: (f / "images").rename(f / "masks"), r"masks/.*jpg|no pictures of the cameras"),
+    "no picture": (lambda f: (f / "images").rename(f / "videos"), r"no pictures of the cameras"),
 }  # fmt: skip
 
 

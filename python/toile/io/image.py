@@ -54,10 +54,18 @@ def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
     """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
     with _opened(path) as image:
         _check_size(path, image, size)
-        if mode == "L" and image.mode not in ("L", "P", "1"):
-            raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
+        if mode == "L":
+            _check_channel(path, image)
         as_it_is = image.mode == mode or (mode == "L" and image.mode == "P")
         return np.array(image if as_it_is else image.convert(mode))
+
+
+def check_labels(path: Path | str) -> None:
+    """UserError unless a file's header says that it is a label image: of one channel, and not of a kind that changes ids."""
+    with _opened(path) as image:
+        if image.format == "JPEG":
+            raise UserError(f"{path}: a JPEG, which changes label ids at their borders: expected a PNG")
+        _check_channel(path, image)
 
 
 def check_image(path: Path, size: tuple[int, int]) -> None:
@@ -70,6 +78,11 @@ def _check_size(path: Path, image: Any, size: tuple[int, int]) -> None:
     width, height = image.size
     if (height, width) != tuple(size):
         raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
+
+
+def _check_channel(path: Path | str, image: Any) -> None:
+    if image.mode not in ("L", "P", "1"):
+        raise UserError(f"{path}: mode {image.mode}, expected one channel of 8 bits")
 
 
 def _bits(path: Path | str) -> int:

@@ -17,7 +17,7 @@ from ..kernels.arrays import Anything, Floats
 from ..scene import Camera, frame_ranges
 from .files import whole_folder
 from .films import decoded, film_size
-from .image import image_header, one_channel, write_image
+from .image import check_labels, image_header, one_channel, write_image
 from .mesh import read_mesh, write_mesh
 
 Source = Path | Callable[[Path], Any]  # a file to be linked, or what writes it under a path
@@ -82,8 +82,11 @@ def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Ca
         kind, camera = path.parent.name, cameras.get(path.stem)
         if kind in ("images", "masks", "labels") and camera is not None:
             where = source if isinstance(source, Path) else Path(folder.name) / name
-            size, mode = image_header(source if isinstance(source, Path) else path)
+            written = source if isinstance(source, Path) else path
+            size, mode = image_header(written)
             _check_size(where, size, camera)
+            if kind == "labels":
+                check_labels(written)
             if kind == "masks" and mode not in ("L", "1"):
                 grey = one_channel(path)
                 path.unlink()  # a link: what it points to stays

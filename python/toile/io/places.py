@@ -27,8 +27,8 @@ FOLDERS = {
 }
 ENDINGS = {
     "images": (".jpg", ".jpeg", ".png"),
-    "masks": (".png",),
-    "labels": (".png",),
+    "masks": (".png", ".jpg", ".jpeg"),
+    "labels": (".png", ".jpg", ".jpeg"),  # a JPEG is refused by name
     "keypoints": (".json",),
     "scans": MESHES,
     "videos": (".mp4", ".mov", ".avi", ".mkv", ".m4v"),
