@@ -418,11 +418,24 @@ def test_cropped_pictures_are_taken_when_said(tmp_path):
     [
         ("cam1/000012.jpg", "cam1", 12), ("12/cam10.jpg", "cam10", 12), ("cam1.0003.json", "cam1", 3),
         ("cam10_json/cam10_000007_keypoints.json", "cam10", 7), ("000002_cam1.png", "cam1", 2), ("cam1.png", "cam1", 0),
-        ("cam100/3.jpg", None, 0), ("xcam1/3.jpg", None, 0),
+        ("cam100/3.jpg", None, 0), ("xcam1/3.jpg", None, 0), ("cam1_12-30-05.png", "cam1", 0), ("cam1_12h30m05.png", "cam1", 0),
+        ("cam1_20261128_123005.png", "cam1", 0), ("cam1_2026-11-28T123005.123.png", "cam1", 0), ("cam1_12-30-05_000012.png", "cam1", 12),
+        ("12_30_05/cam1/7.png", "cam1", 7), ("cam1_12-30-65.png", "cam1", 65), ("cam1_012-030-005.png", "cam1", 5),
     ],
 )  # fmt: skip
 def test_names_tell_camera_and_frame(path, camera, number):
     assert place(Path(path), ["cam10", "cam1"]) == (camera, number)
+
+
+def test_pictures_that_only_times_of_day_tell_apart_are_refused(tmp_path):
+    made = rig(tmp_path, numbers=())
+    for v in made:
+        for time in ("12-30-58", "12-31-03"):
+            save(tmp_path / "images" / f"{v.name}_{time}.jpg", (v.width, v.height))
+    with pytest.raises(
+        UserError, match=r"12-31-03\.jpg: camera '.*' has frame 0 in .*12-30-58\.jpg too: times of day number no frames"
+    ):
+        imported(tmp_path, tmp_path / "ours")
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 Known: CAM/000012.jpg, 000012/CAM.jpg, CAM_000012.jpg, 000012_CAM.png, CAM.png (frame 0), and these with words between
 (cam01_json/cam01.0012.json, CAM/CAM_rgb000012.jpg, CAM/0012_img.jpg), below a folder that is called after what it holds.
-Numbers may be unpadded.
+Numbers may be unpadded. Times of day (12-30-05, 20261128_123005) number no frame.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ ENDINGS = {
     "videos": (".mp4", ".mov", ".avi", ".mkv", ".m4v"),
 }
 MOST = 1_000_000  # frame numbers have six digits
+CLOCK = re.compile(  # hours, minutes and seconds between marks, with a fraction perhaps; or behind a date
+    r"(?<!\d)(?:[01]\d|2[0-3])(?:([-_.:])[0-5]\d\1|h[0-5]\dm)[0-5]\d(?:[.,]\d{3})?(?!\d)"
+    r"|(?<!\d)(?:19|20)\d\d([-_]?)(?:0[1-9]|1[0-2])\2(?:[0-2]\d|3[01])[-_T]?(?:[01]\d|2[0-3])[0-5]\d[0-5]\d(?:[.,]\d{3})?(?!\d)"
+)
 
 
 @dataclass
@@ -76,7 +80,8 @@ def placed(folder: Path, kind: str, cameras: Iterable[str]) -> Placed:
             raise UserError(f"{path}: frame {number}: frame numbers have at most six digits")
         before = found.files.setdefault(number, {}).setdefault(camera, path)
         if before != path:
-            raise UserError(f"{path}: camera '{camera}' has frame {number} in {before.name} too")
+            hint = ": times of day number no frames" if any(map(CLOCK.search, path.parts)) else ""
+            raise UserError(f"{path}: camera '{camera}' has frame {number} in {before.name} too{hint}")
     return found
 
 
@@ -92,8 +97,13 @@ def place(path: Path, cameras: Iterable[str], level: int = 0) -> tuple[str | Non
     number = camera.isdecimal()  # elsewhere in the path it is a frame's
     name = re.compile(rf"(?<![^\W_]){re.escape(camera)}(?![^\W_])")
     rest = [part if number and i != at else name.sub(" ", part, count=number) for i, part in enumerate(parts)]
-    digits = [run for part in reversed(rest) for run in re.findall(r"\d+", part)]
+    digits = [run for part in reversed(rest) for run in _numbers(part)]
     return camera, int(digits[-1]) if digits else 0
+
+
+def _numbers(word: str) -> list[str]:
+    """Runs of digits that may number a frame."""
+    return re.findall(r"\d+", CLOCK.sub(" ", word))
 
 
 def _parts(path: Path) -> list[str]:
@@ -125,7 +135,7 @@ def numbered(folder: Path, kind: str) -> dict[int, Path]:
     """Files of a kind that belong to a frame alone, such as scans, by the last number in their path."""
     found: dict[int, Path] = {}
     for path in files_of(folder, kind):
-        digits = re.findall(r"\d+", str(path.relative_to(folder).with_suffix("")))
+        digits = _numbers(str(path.relative_to(folder).with_suffix("")))
         if digits:
             before = found.setdefault(int(digits[-1]), path)
             if before != path:
