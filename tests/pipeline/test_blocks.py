@@ -106,6 +106,30 @@ def test_a_job_that_was_stopped_makes_only_what_is_missing(tmp_path, monkeypatch
     assert [path.stat().st_mtime_ns for path in kept] == times and (tmp_path / "stopped" / "whole.json").exists()
 
 
+def removing(job, stage, done, total):
+    """Progress that takes the job's folder away after its third frame."""
+    if (stage, done) == ("make", 3):
+        job.folder.rename(job.folder.with_name("aside"))
+
+
+def complete_and_remove(job, prepared, pool):
+    complete(job, prepared, pool)
+    job.folder.rename(job.folder.with_name("aside"))
+
+
+def test_a_job_whose_folder_is_removed_meanwhile_ends_with_an_error_and_makes_no_more_frames(tmp_path):
+    job = job_in(tmp_path / "job")
+    with pytest.raises(UserError, match="job: was removed or replaced while it was worked at"):
+        run(job, progress=partial(removing, job))
+    assert len(list((tmp_path / "job" / "frames").iterdir())) < len(FRAMES) - 3
+
+
+def test_a_job_whose_folder_is_removed_as_it_completes_ends_with_an_error(tmp_path):
+    job = job_in(tmp_path / "job")
+    with pytest.raises(UserError, match="job: was removed or replaced while it was worked at"):
+        run_job(job, FRAMES, (job.folder / "whole.json").exists, partial(complete_and_remove, job))
+
+
 def test_the_last_shard_completes_what_all_have_made(tmp_path):
     job = job_in(tmp_path / "shards")
     assert list(run(job, shard=(2, 2))) == [50, 51, 53, 99] and not (tmp_path / "shards" / "whole.json").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +42,29 @@ def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
             if error.errno not in MISSING:
                 raise
         yield
+
+
+@contextmanager
+def staying(folder: Path) -> Iterator[Callable[[], None]]:
+    """Gives what raises a UserError once a folder, made when it is not there, is no longer the one that it was, whatever has been made
+    under its name since."""
+    folder.mkdir(parents=True, exist_ok=True)
+    held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # while it is open its inode goes to no other
+
+    def check() -> None:
+        try:
+            same = os.path.samestat(os.fstat(held), os.stat(folder))
+        except OSError:
+            same = False
+        if not same:
+            raise UserError(
+                f"{folder}: was removed or replaced while it was worked at; what lies there now is not whole"
+            )
+
+    try:
+        yield check
+    finally:
+        os.close(held)
 
 
 def abandoned(folder: Path) -> bool:

@@ -23,7 +23,7 @@ from .. import kernels
 from ..errors import UserError, first_line
 from ..io.bounded import read_json
 from ..io.files import write_text
-from ..io.locks import locked
+from ..io.locks import locked, staying
 from ..io.status import Status
 from ..kernels import InputError, SolveError
 from .deadlines import Deadline
@@ -164,7 +164,8 @@ def run_job(
     progress: Progress = lambda stage, done, total: None,
     scheduler: str | None = None,
 ) -> None:
-    """Makes the blocks of this shard, and then, if every frame is done by whichever process, `complete(prepared, workers)`.
+    """Makes the blocks of this shard, and then, if every frame is done by whichever process, `complete(prepared, workers)`. UserError:
+    the folder of the job is removed meanwhile.
 
     `whole()`: the job ended before. `left()`: of `frames`, those that are to be made (all by default); the others only cut
     the blocks. `prepare` is given `progress(stage, done, total)` in this process. `workers`, `scheduler`: see `Workers`."""
@@ -172,6 +173,7 @@ def run_job(
     own = every[shard[0] - 1 :: shard[1]]
     busy = min(workers, max(len(own), 1))  # the cores of workers that no block is left for go to threads
     with (
+        staying(job.folder) as check_stays,
         kernel_threads(max(kernels.threads(), workers)),
         Workers(busy, job.prepare, *job.arguments, scheduler=scheduler, apart=job.limit is not None) as pool,
     ):
@@ -184,11 +186,13 @@ def run_job(
         make = partial(_make_block, job.make, job.reach, job.results, job.limit)
         lost = partial(_after_death, job.results, job.limit)
         for i, _ in enumerate(pool.each(make, items, lost)):
+            check_stays()
             progress(job.title, i + 1, sum(map(len, own)))
         with locked(job.folder):
             if not whole() and all(job.results.done(number) for number in (left() if left else frames)):
                 pool.resize(min(workers, max(len(every), 1)))
                 complete(prepared, pool)
+        check_stays()
 
 
 def check_shares(workers: int, shard: tuple[int, int], scheduler: str | None = None) -> None:
