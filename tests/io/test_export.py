@@ -142,6 +142,24 @@ def test_usd_finds_its_textures_beside_it_wherever_it_is_moved(textured, tmp_pat
     assert file.resolvedPath and Image.open(file.resolvedPath).size == (8, 8)
 
 
+def test_usd_files_of_one_name_and_two_endings_share_pictures_that_are_the_same_and_no_others(textured, tmp_path):
+    for name in ("clip.usdc", "clip.usda", "clip.usda"):
+        write(textured, tmp_path / name)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    other = tmp_path / "other" / "t-shirt.png"
+    other.parent.mkdir()
+    Image.new("RGB", (8, 8), (10, 200, 10)).save(other)
+    green = with_textures(textured, other.parent)
+    with pytest.raises(
+        UserError, match=r"clip\.usda: clip\.usdc has another clip_textures/t-shirt\.png: give this one another name"
+    ):
+        write(green, tmp_path / "clip.usda")
+    assert all(path.read_bytes() == bytes_then for path, bytes_then in before.items())
+    (tmp_path / "clip.usdc").unlink()
+    write(green, tmp_path / "clip.usda")
+    assert (tmp_path / "clip_textures" / "t-shirt.png").read_bytes() == other.read_bytes()
+
+
 def test_layers_and_joints_whose_names_usd_spells_alike_stay_apart(clip, tmp_path):
     names = ("t-shirt", "t_shirt", "skeleton", "t_shirt_material", "2nd", "3nd")
     shift = lambda k: lambda frame: clip.layers[0].at(frame) + [0, 0, k]

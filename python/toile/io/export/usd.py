@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from filecmp import cmp
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from ..files import copy_file
 from .clip import Clip, ClipLayer, ClipSkeleton, rest_surface
 
 ROOT = "/clip"
+ENDINGS = (".usdc", ".usda", ".usd")
 GREYS = (0.75, 0.55, 0.65, 0.45)  # of layers without texture, in turn
 SAVED = 100  # frames after which what is in memory goes to the file
 
@@ -127,9 +129,7 @@ def define_material(stage: Any, mesh: Any, layer: ClipLayer, path: Path) -> None
     """A UsdPreviewSurface of the layer's picture, which is copied beside the file."""
     from pxr import Sdf, UsdShade
 
-    assert layer.texture is not None
-    folder = path.with_name(f"{path.stem}_textures")
-    picture = folder / f"{layer.name}{layer.texture.suffix.lower()}"
+    picture = picture_of(layer, path)
     copy_file(layer.texture, picture)
     kinds, place = Sdf.ValueTypeNames, mesh.GetPath().pathString + "_material"
     material, shaders = UsdShade.Material.Define(stage, place), {}
@@ -138,7 +138,7 @@ def define_material(stage: Any, mesh: Any, layer: ClipLayer, path: Path) -> None
         shaders[name].CreateIdAttr(f"Usd{kind}")
     shaders["st"].CreateInput("varname", kinds.String).Set("st")
     found = shaders["st"].CreateOutput("result", kinds.Float2)
-    shaders["texture"].CreateInput("file", kinds.Asset).Set(f"./{folder.name}/{picture.name}")
+    shaders["texture"].CreateInput("file", kinds.Asset).Set(f"./{picture.parent.name}/{picture.name}")
     shaders["texture"].CreateInput("sourceColorSpace", kinds.Token).Set("sRGB")
     shaders["texture"].CreateInput("st", kinds.Float2).ConnectToSource(found)
     colour = shaders["texture"].CreateOutput("rgb", kinds.Float3)
@@ -146,6 +146,24 @@ def define_material(stage: Any, mesh: Any, layer: ClipLayer, path: Path) -> None
     shaders["surface"].CreateInput("roughness", kinds.Float).Set(1.0)
     material.CreateSurfaceOutput().ConnectToSource(shaders["surface"].CreateOutput("surface", kinds.Token))
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
+
+
+def picture_of(layer: ClipLayer, path: Path) -> Path:
+    """Where the picture of a layer lies beside the file that names it."""
+    assert layer.texture is not None
+    return path.with_name(f"{path.stem}_textures") / f"{layer.name}{layer.texture.suffix.lower()}"
+
+
+def check_pictures(clip: Clip, path: Path) -> None:
+    """UserError where a picture would take the place of another one that a file of the same name and another ending names."""
+    beside = [other for ending in ENDINGS if (other := path.with_suffix(ending)) != path and other.exists()]
+    for layer in clip.layers if beside else ():
+        if layer.texture is None:
+            continue
+        picture = picture_of(layer, path)
+        if picture.exists() and not cmp(layer.texture, picture, shallow=False):
+            shared = f"{picture.parent.name}/{picture.name}"
+            raise UserError(f"{path}: {beside[0].name} has another {shared}: give this one another name")
 
 
 def set_points(mesh: Any, V: Anything, *time: float) -> None:

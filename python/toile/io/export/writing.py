@@ -18,10 +18,10 @@ from .clip import Clip
 from .glb import write_glb
 from .rrd import write_rrd
 from .sequence import write_sequence
-from .usd import write_usd
+from .usd import ENDINGS, check_pictures, write_usd
 
 FORMATS = {  # name: the endings of its file, none for a folder
-    "usd": (".usdc", ".usda", ".usd"),
+    "usd": ENDINGS,
     "glb": (".glb",),
     "obj": (),
     "ply": (),
@@ -70,6 +70,8 @@ def write_clip(clip: Clip, out: Path, kind: str, motion: str | None, progress: P
         with whole_folder(out) as part:
             write_sequence(clip, part, kind, progress)
         return []
+    if kind == "usd":
+        check_pictures(clip, out)
     with whole_file(out) as part:
         if kind == "usd":
             notes = write_usd(clip, part, motion, progress)
