@@ -392,6 +392,16 @@ def test_an_avatar_whose_run_is_gone_asks_for_its_place_and_is_edited_without_a_
     assert not (tmp_path / "out").exists() and edit(lone, tmp_path / "out", change, sheet=False).words
 
 
+def test_an_avatar_whose_run_was_registered_anew_is_named_and_not_the_folder_to_be_made(source, tmp_path):
+    old = tmp_path / "old"
+    shutil.copytree(source, old, ignore=shutil.ignore_patterns("baseline", "cache"))
+    facts = json.loads((old / "avatar.json").read_text())
+    (old / "avatar.json").write_text(json.dumps(facts | {"registration": "another"}))
+    with pytest.raises(UserError, match=f"its registration is not the one that {old} was trained on$"):
+        edit(old, tmp_path / "out", Change("tshirt", checker=8), frames=[0])
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]
+
+
 def test_an_avatar_without_a_baseline_is_shown_alone(source, tmp_path):
     alone = tmp_path / "alone"
     shutil.copytree(source, alone, ignore=shutil.ignore_patterns("baseline", "cache"))

@@ -89,7 +89,7 @@ def edit(folder, out, change, frames=None, run=None, sheet=True, progress=lambda
         if sheet:
             from .sheet import compare
 
-            measured = compare(part, layer, made, marked, frames, run, progress)
+            measured = compare(part, folder, layer, made, marked, frames, run, progress)
             write_text(part / "edit.json", json.dumps({"edit": made.words, "garment": layer.name} | measured, indent=1))
     return Edited(made.words, marked is not None, measured)
 

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
+from ...io.files import called
 from ...io.image import write_image
 from ...surface.sampling import evenly
 from ..drive.layering import GarmentLayering
@@ -54,14 +55,15 @@ class BorderErrors:
         }
 
 
-def compare(folder, layer, made, marked, frames, run, progress=lambda *_: None):
+def compare(folder, source, layer, made, marked, frames, run, progress=lambda *_: None):
     """Measures and draws FOLDER/edit.png of an avatar just edited: {"frames", "labels", "mm_per_pixel", "layered",
-    "baseline": measures or None, "per_frame"}. `made`: the garment's Edit; `marked`: the baseline's; `frames`: numbers, by
-    default a spread of all that have pictures."""
+    "baseline": measures or None, "per_frame"}. `source`: the avatar that was edited, which errors name; `made`: the garment's
+    Edit; `marked`: the baseline's; `frames`: numbers, by default a spread of all that have pictures."""
     facts = read_facts(folder)
     known = sorted({*facts["frames"], *facts["holdout"]})
     asked = known if frames is None else list(frames)
-    held = HeldOut(folder, evenly(asked, MEASURED) if frames is None else asked, run)
+    with called(folder, source):
+        held = HeldOut(folder, evenly(asked, MEASURED) if frames is None else asked, run)
     shows = ShownGarment(held, layer, made, marked)
     found = {}  # (frame, camera): {avatar: BorderErrors}
     for i in range(held.count):
