@@ -135,6 +135,16 @@ def test_two_processes_at_once_on_one_run_both_end_well_with_the_same_bits(captu
     assert_same_bits(arrays(undisturbed), arrays(tmp_path / "run"))
 
 
+def test_the_standing_counts_what_was_made_of_the_settings_that_were_asked_last(capture, undisturbed, tmp_path):
+    run = Path(shutil.copytree(undisturbed, tmp_path / "run"))
+    assert pipeline.register(capture, run, None, **{"track.scan_spacing": 0.015}, shard=(1, 2)).pending == FRAMES
+    found = standing(run)
+    assert (found.registered, found.passed, found.waiting, found.earlier) == ((), 2, 2, FRAMES)
+    assert pipeline.register(capture, run, None, shard=(2, 2)).ok == FRAMES
+    found = standing(run)
+    assert found.whole and (found.registered, found.earlier) == (FRAMES, ())
+
+
 def test_a_clock_that_jumps_changes_no_bit_and_nothing_is_made_again(capture, undisturbed, tmp_path, monkeypatch):
     """By years, forwards and back, at every look; and files that seem to be written before or long after now."""
     run, years = tmp_path / "run", itertools.cycle([0.0, 30.0, -40.0, 3.0])

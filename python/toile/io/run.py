@@ -270,6 +270,11 @@ class Run:
         return FrameArray(self, VERDICT)[:] if VERDICT in self.group else None
 
     @cached_property
+    def identity(self) -> np.ndarray | None:
+        """(T,) uint64: what each frame was made of; None where `resumable` is not."""
+        return FrameArray(self, IDENTITY)[:] if self.resumable else None
+
+    @cached_property
     def _row(self) -> dict[int, int]:
         return {int(number): row for row, number in enumerate(self.frames)}
 

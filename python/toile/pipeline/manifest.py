@@ -24,6 +24,7 @@ from ..io.inputs import contents, stamps
 from ..io.locks import locked
 from ..io.run import is_run, open_run
 from ..io.run_folder import capture_folder, config_file, read_config
+from ..scene import Vote
 from .identity import STAGES, Identities, facts_of, note_of, stages_of
 from .scanning import lacks_scan
 
@@ -110,10 +111,20 @@ def write_request(run: Path, capture: Capture, config: Config, request: Asked) -
         "versions": {"toile": __version__, "numpy": np.__version__},
         "settings": config.model_dump(mode="json"),
     }
-    note = {"facts": facts_of(capture), "stages": request.identities.stages}
+    votes = [[int(v.label), v.vertices.tolist(), v.prefer, v.frames and list(v.frames)] for v in capture.votes]
+    note = {"facts": facts_of(capture), "stages": request.identities.stages, "votes": votes}
     if not _noted(run).exists() or read_json(_noted(run), dict) != note:
         write_text(_noted(run), json.dumps(note, indent=1))
     _write_config(run, asked)
+
+
+def asked_last(run: Path) -> tuple[Identities, str] | None:
+    """The identities that a run was asked for last, and the stage that ends its first pass; None where an older version kept less."""
+    note = read_json(_noted(run), dict) if _noted(run).exists() else {}
+    if "votes" not in note:
+        return None
+    votes = (Vote(label, np.array(V), prefer, frames and tuple(frames)) for label, V, prefer, frames in note["votes"])
+    return Identities(run, note["stages"], votes=tuple(votes)), "dress" if note["facts"]["garments"] else "track"
 
 
 def place_of(run: Path, capture: Path) -> dict[str, str]:

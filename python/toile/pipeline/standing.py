@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..errors import UserError
-from ..io.layout import DOUBTFUL, FAILED, OK, WRONG
+from ..io.layout import DOUBTFUL, FAILED, OK, PENDING, WRONG
 from ..io.run import is_run, open_run
 from ..io.run_folder import config_file, read_config, read_diagnostics
 from ..io.status import Status
 from .blocks import FrameFolders
+from .manifest import asked_last
+from .outcome import RunStores
 
 LAST_PASSES = {  # by what their lines are called
     "prints": "prints slide",
@@ -31,7 +34,8 @@ class Standing:
     """`frames` asked for; those `registered`, of which `doubtful` and `wrong` {frame: reasons}; `failed` {frame: reason};
     `passed`: through the first pass and not in the store yet; `waiting`: not begun, or in hand. `pace` of the pass that is
     under way [frames/s], None where two frames have not ended yet; `silence` since the last line [s]; `last_pass`: which of the
-    last passes has made something, where the first one is behind."""
+    last passes has made something, where the first one is behind; `earlier`: frames that can be read as they were registered before
+    something else was asked for, until those take their place."""
 
     capture: str
     frames: tuple[int, ...]
@@ -44,6 +48,7 @@ class Standing:
     pace: float | None
     silence: float | None
     last_pass: str | None = None
+    earlier: tuple[int, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -67,22 +72,25 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
     frames = config.get("frames")
     if not isinstance(frames, list) or not all(isinstance(frame, int) for frame in frames):
         raise UserError(f"{config_file(run)}: frames: expected numbers")
-    opened = open_run(run) if is_run(run) else None
-    stored = {} if opened is None else dict(zip(opened.frames.tolist(), opened.done.tolist()))
-    results = FrameFolders(run / ("slides" if aligned else "work/frames"), status, "frame")
+    asked = None if aligned else asked_last(run)
+    stored, earlier = _stored(run, asked and RunStores(run, tuple(frames), asked[0]).identity)
+    identity = asked and partial(asked[0].of, asked[1])
+    results = FrameFolders(run / ("slides" if aligned else "work/frames"), status, "frame", identity)
     failed: dict[int, str] = {}
     passed = waiting = 0
     for frame in frames:
-        if stored.get(frame) == OK:
+        done, _ = stored.get(frame, (PENDING, None))
+        if done == OK:
             continue
-        reason = results.reason(frame) or read_diagnostics(run, frame).get("reason")
-        if stored.get(frame) == FAILED or reason is not None:
+        kept = read_diagnostics(run, frame) if done == FAILED or asked is None else {}
+        reason = results.reason(frame) or kept.get("reason")
+        if done == FAILED or reason is not None:
             failed[frame] = reason or "it failed"
         elif results.whole(frame):
             passed += 1
         else:
             waiting += 1
-    registered = tuple(frame for frame in frames if stored.get(frame) == OK)
+    registered = tuple(frame for frame in frames if frame in stored and stored[frame][0] == OK)
     lines = list(status.lines())
     first = "align" if aligned else "track"
     pace, last = pace_of(lines, first if waiting else "verdict")
@@ -90,12 +98,29 @@ def standing(run: Path | str, now: float | None = None) -> Standing:
     last_pass = named[-1] if named and passed and not waiting else None
     silence = None if last is None else max((time.time() if now is None else now) - last, 0.0)
     judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
-    if opened is not None and opened.verdict is not None:
-        for frame, level in zip(opened.frames.tolist(), opened.verdict.tolist()):
-            if level in judged and stored[frame] == OK:
-                judged[level][frame] = "; ".join(read_diagnostics(run, frame).get("reasons", ()))
+    for frame in registered:
+        if stored[frame][1] in judged:
+            judged[stored[frame][1]][frame] = "; ".join(read_diagnostics(run, frame).get("reasons", ()))
     told = judged[DOUBTFUL], judged[WRONG], failed, passed, waiting, pace, silence, last_pass
-    return Standing(str(config.get("capture")), tuple(frames), registered, *told)
+    return Standing(str(config.get("capture")), tuple(frames), registered, *told, earlier)
+
+
+def _stored(
+    run: Path, identity: Callable[[int], int] | None
+) -> tuple[dict[int, tuple[int, int | None]], tuple[int, ...]]:
+    """{frame: (done, verdict)} of what the run's store, and the one that grows beside it, have made of what is asked, all where
+    nothing tells; and the registered frames of the run's that were made of what was asked before."""
+    found: dict[int, tuple[int, int | None]] = {}
+    earlier: list[int] = []
+    for folder in (run / "work", run):
+        opened = open_run(folder) if is_run(folder) else None
+        for row, frame in enumerate([] if opened is None else opened.frames.tolist()):
+            done, level = int(opened.done[row]), None if opened.verdict is None else int(opened.verdict[row])
+            if identity is None or opened.identity is None or int(opened.identity[row]) == identity(frame):
+                found[frame] = done, level
+            elif folder == run and done == OK:
+                earlier.append(frame)
+    return found, tuple(frame for frame in earlier if frame not in found)
 
 
 def pace_of(lines: Iterable[dict[str, Any]], stage: str) -> tuple[float | None, float | None]:

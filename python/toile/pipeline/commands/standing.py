@@ -79,6 +79,8 @@ def words(run: Path | str, found: Standing, most: int = 20) -> list[str]:
             lines.append(f"  {ALONE}{f'; so far: {found.last_pass}' if found.last_pass else ''}")
         if found.silence is None:
             lines.append("  no frame has ended yet: what all frames need is being made")
+    if found.earlier:
+        lines.append(f"  of what was asked before {len(found.earlier)} frames can be read until these take their place")
     if not found.whole and found.silence is not None and found.silence > QUIET:
         lines.append(f"  nothing was written for {duration(found.silence)}: is it still running?")
     told = {"failed": found.failed, "wrong": found.wrong, "doubtful": found.doubtful}
