@@ -1,5 +1,7 @@
 """Meshes written and read again."""
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -113,4 +115,63 @@ def test_a_ply_of_text_that_ends_early_is_refused(tmp_path, lines, element):
     assert np.array_equal(read_mesh(tmp_path / "m.ply").faces, F)
     (tmp_path / "m.ply").write_text("\n".join(text[:lines]))
     with pytest.raises(UserError, match=f"m.ply: its header says . of element {element}, it holds"):
+        read_mesh(tmp_path / "m.ply")
+
+
+def polygons(path, faces, order="<", corner="i", vertex="float", count="B"):
+    """A binary PLY of eight vertices of a cube, with labels, and polygons; a value before and one behind each polygon's corners."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 2) for z in (0, 3)], np.float64)
+    real, kinds = {"float": "f", "double": "d"}[vertex], {"B": "uchar", "I": "uint", "i": "int", "h": "short"}
+    header = ["ply", f"format binary_{'little' if order == '<' else 'big'}_endian 1.0", "element vertex 8"]
+    header += [f"property {vertex} {axis}" for axis in "zyx"] + ["property uchar label", f"element face {len(faces)}"]
+    header += [
+        "property uchar flags",
+        f"property list {kinds[count]} {kinds[corner]} vertex_indices",
+        "property float area",
+    ]
+    data = b"".join(struct.pack(f"{order}3{real}B", *v[::-1], 1 + i % 2) for i, v in enumerate(corners))
+    for face in faces:
+        data += struct.pack(f"{order}B{count}{len(face)}{corner}f", 0, len(face), *face, 1.0)
+    path.write_bytes("\n".join([*header, "end_header\n"]).encode() + data)
+    return corners
+
+
+POLYGONS = {  # and the triangles that they are
+    "quads and triangles": ([[0, 1, 3, 2], [4, 6, 7], [0, 4, 5]], [[0, 1, 3], [0, 3, 2], [4, 6, 7], [0, 4, 5]]),
+    "as long as quads alone": (
+        [[0, 1, 3, 2], [4, 6, 7], [0, 4, 5, 1, 2]],
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [0, 4, 5], [0, 5, 1], [0, 1, 2]],
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "kinds", [{}, {"order": ">", "vertex": "double", "corner": "h", "count": "I"}], ids=["little", "big"]
+)
+@pytest.mark.parametrize("name", POLYGONS)
+def test_a_binary_ply_of_unlike_polygons_is_their_triangles_in_their_order(tmp_path, name, kinds):
+    faces, triangles = POLYGONS[name]
+    corners = polygons(tmp_path / "m.ply", faces, **kinds)
+    mesh = read_mesh(tmp_path / "m.ply")
+    assert np.array_equal(mesh.vertices, corners) and mesh.faces.tolist() == triangles
+    assert mesh.face_labels.tolist() == [1 + (b if b % 2 == c % 2 else a) % 2 for a, b, c in triangles]
+
+
+def test_a_binary_ply_of_unlike_polygons_that_is_cut_or_goes_on_is_refused(tmp_path):
+    polygons(tmp_path / "m.ply", POLYGONS["quads and triangles"][0])
+    whole = (tmp_path / "m.ply").read_bytes()
+    for data, said in (
+        (whole[:-9], "ends in the middle of its 3 of element face"),
+        (whole + b"\0", "1 bytes follow what its header"),
+    ):
+        (tmp_path / "m.ply").write_bytes(data)
+        with pytest.raises(UserError, match=rf"m\.ply: {said}"):
+            read_mesh(tmp_path / "m.ply")
+
+
+def test_strips_of_triangles_are_refused_by_what_they_are(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    header += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    (tmp_path / "m.ply").write_text(header + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    with pytest.raises(UserError, match=r"m\.ply: element tristrips: strips of triangles are not read"):
         read_mesh(tmp_path / "m.ply")

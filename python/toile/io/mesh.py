@@ -12,10 +12,12 @@ from ..kernels.arrays import Anything, as_faces, as_floats, as_vertices
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
+from .polygons import read_polygons, uneven
 
 MAX_FACES = 20_000_000
 OBJ_BYTES = 512 << 20
 KINDS = (".ply", ".obj", ".off", ".stl")
+HEAD = 64  # bytes in which a PLY says its format
 NO_UV = -1  # a face's corner without one
 FAR = 200  # times its own extent that a mesh may lie from the origin before float32 rounds away more than 1e-5 of it
 
@@ -68,11 +70,22 @@ def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
 
     if path.suffix.lower() == ".ply":
         with open(path, "rb") as file:
-            found = trimesh.exchange.ply.load_ply(file, fix_texture=False, skip_materials=True)
+            try:
+                found = trimesh.exchange.ply.load_ply(file, fix_texture=False, skip_materials=True)
+            except ValueError:  # as of a binary file whose length is not what as many corners for all faces make
+                file.seek(0)
+                if b"format ascii" in file.read(HEAD):
+                    raise
+                return read_polygons(path)
+        elements = found["metadata"]["_ply_raw"]
+        if "tristrips" in elements:
+            raise UserError(f"{path}: element tristrips: strips of triangles are not read: save it as faces")
         if "faces" not in found:
             return found["vertices"], np.zeros((0, 3)), {}
+        if uneven(elements):
+            return read_polygons(path)
         if np.ndim(found["faces"]) == 2 and np.shape(found["faces"])[1] == 3:
-            return found["vertices"], found["faces"], found["metadata"]["_ply_raw"]
+            return found["vertices"], found["faces"], elements
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
     return loaded.vertices, loaded.faces, (loaded.metadata or {}).get("_ply_raw", {})
 
