@@ -30,6 +30,32 @@ def test_an_obj_without_uvs_has_none(tmp_path):
     assert mesh.uv is None and np.array_equal(mesh.vertices, V) and np.array_equal(mesh.faces, F)
 
 
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "\ufeff" + SQUARE,
+        SQUARE.replace("\n", "\r\n"),
+        SQUARE.replace("\n", "\r"),
+        SQUARE.replace("\n", " # said\n"),
+        SQUARE.replace(" ", "\t"),
+        SQUARE.replace(" 0\n", " 0 255 0 0\n"),
+        SQUARE.replace("1 2 3 4", "-4// -3// -2// -1//"),
+        f"# ü\no a\n{SQUARE}usemtl b\nl 1 2\np 1\n",
+    ],
+    ids=["mark of its bytes", "of Windows", "of old Macs", "comments", "tabs", "colours", "from the end", "lines and points"],
+)  # fmt: skip
+def test_an_obj_is_the_same_in_every_dialect(tmp_path, written):
+    (tmp_path / "m.obj").write_bytes(written.encode())
+    mesh = read_mesh(tmp_path / "m.obj")
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]] and mesh.faces.tolist() == [
+        [0, 1, 2],
+        [0, 2, 3],
+    ]
+
+
 def test_a_ply_comes_back_in_its_order_as_float32(tmp_path):
     write_mesh(tmp_path / "m.ply", Mesh(V, F))
     mesh = read_mesh(tmp_path / "m.ply")

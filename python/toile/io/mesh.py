@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -181,8 +182,9 @@ class _Obj:
 
 def _read_obj(path: Path) -> Mesh:
     obj = _Obj()
-    for number, line in enumerate(read_bytes(path, OBJ_BYTES).decode("utf-8", errors="replace").split("\n"), 1):
-        words = line.split()
+    text = read_bytes(path, OBJ_BYTES).decode("utf-8-sig", errors="replace")
+    for number, line in enumerate(StringIO(text, newline=None), 1):
+        words = line.partition("#")[0].split()
         try:
             if words:
                 obj.read(number, words)
