@@ -87,3 +87,9 @@ def test_images_are_png_or_jpeg_whatever_their_name(tmp_path, kind):
     Image.new("RGB", (4, 4)).save(tmp_path / "x.png", kind)
     with pytest.raises(UserError, match="x.png: cannot be read as a PNG or JPEG"):
         read_rgba(tmp_path / "x.png")
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
+    for name, text, read in (("a.json", '{"a": 1}', read_json), ("a.toml", "a = 1\r\n", read_toml)):
+        (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + text.encode())
+        assert read(tmp_path / name) == {"a": 1}

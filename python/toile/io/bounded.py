@@ -52,9 +52,9 @@ def read_bytes(path: Path | str, most: int = TEXT_BYTES) -> bytes:
 
 
 def read_text(path: Path | str, most: int = TEXT_BYTES) -> str:
-    """UTF-8 text, its line ends as they are."""
+    """UTF-8 text without a byte order mark, which editors of Windows write, its line ends as they are."""
     try:
-        return read_bytes(path, most).decode("utf-8")
+        return read_bytes(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: not UTF-8 text: {error.reason} at byte {error.start}") from None
 
