@@ -149,6 +149,21 @@ def test_label_images_of_several_channels_are_refused_when_imported(tmp_path, mo
         imported(tmp_path / "their", tmp_path / "ours")
 
 
+def test_pictures_that_are_neither_png_nor_jpeg_are_said(tmp_path):
+    made = rig(tmp_path)
+    for number in (0, 2, 10):
+        save(tmp_path / "images" / "left" / f"{number}.TIF", (made[0].width, made[0].height))
+        (tmp_path / "images" / "left" / f"{number:06d}.jpg").unlink()
+    found = read_rig("lists", tmp_path, Options())
+    assert "left: 3 images that are neither PNG nor JPEG: left/0.TIF, left/10.TIF, left/2.TIF" in found.notes
+    for path in (tmp_path / "images").rglob("*.jpg"):
+        path.unlink()
+    with pytest.raises(
+        UserError, match="no pictures of the cameras .*; left: 3 images that are neither PNG nor JPEG: left/0.TIF"
+    ):
+        read_rig("lists", tmp_path, Options())
+
+
 def test_a_world_upside_down_is_turned_with_its_scans_and_said(tmp_path):
     made = rig(tmp_path / "their")
     found = read_rig("lists", tmp_path / "their", Options(up="-z"))

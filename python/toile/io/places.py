@@ -33,6 +33,7 @@ ENDINGS = {
     "scans": MESHES,
     "videos": (".mp4", ".mov", ".avi", ".mkv", ".m4v"),
 }
+PICTURES = (".tif", ".tiff", ".bmp", ".webp", ".heic", ".avif", ".jp2", ".exr", ".tga", ".dng")  # that are not read
 MOST = 1_000_000  # frame numbers have six digits
 CLOCK = re.compile(  # hours, minutes and seconds between marks, with a fraction perhaps; or behind a date
     r"(?<!\d)(?:[01]\d|2[0-3])(?:([-_.:])[0-5]\d\1|h[0-5]\dm)[0-5]\d(?:[.,]\d{3})?(?!\d)"
@@ -54,14 +55,15 @@ def folder_of(source: Path, kind: str) -> Path | None:
     return source if found is None and kind == "images" else found
 
 
-def files_of(folder: Path, kind: str) -> list[Path]:
-    """Files of a kind below a folder, in order; for pictures not those in folders of another kind."""
+def files_of(folder: Path, kind: str, endings: tuple[str, ...] = ()) -> list[Path]:
+    """Files of a kind below a folder, in order, or those of other endings; for pictures not those in folders of another kind."""
+    endings = endings or ENDINGS[kind]
     others = {name for other in FOLDERS if other != kind for name in FOLDERS[other]}
     found = []
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder).parts
         hidden = any(part.startswith(".") for part in inside)
-        if path.suffix.lower() in ENDINGS[kind] and not hidden and not others & set(inside[:-1]) and path.is_file():
+        if path.suffix.lower() in endings and not hidden and not others & set(inside[:-1]) and path.is_file():
             found.append(path)
     return found
 

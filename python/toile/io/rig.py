@@ -18,7 +18,7 @@ from .calibration.checked import SHOWN, few
 from .films import dropped, film_count, film_rate
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
-from .places import ENDINGS, Placed, files_of, folder_of, numbered, place, placed
+from .places import ENDINGS, PICTURES, Placed, files_of, folder_of, numbered, place, placed
 from .scene_file import METRES
 from .skeletons import SKELETONS
 
@@ -69,7 +69,8 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     _add_keypoints(frames, root, cameras, options, notes)
     films = _films(frames, root, cameras, options, notes)
     if not frames:
-        raise UserError(f"{root}: no pictures of the cameras {few(cameras)}: folders images/, CAM/ or videos/")
+        left = "".join(f"; {note}" for note in notes if note.startswith("left: "))
+        raise UserError(f"{root}: no pictures of the cameras {few(cameras)}: folders images/, CAM/ or videos/{left}")
     _add_scans(frames, root, metres, turn, options, notes)
     fps = options.fps or _rate(films)
     notes.append(f"frames a second: {fps or FPS:g}{'' if fps else ' (assumed, give them by --fps)'}")
@@ -116,6 +117,9 @@ def _placed(root: Path, what: str, cameras: dict[str, Camera], options: Options,
     if folder is None:
         return Placed()
     found = placed(folder, what, cameras)
+    if what != "keypoints" and (unread := files_of(folder, what, PICTURES)):
+        names = few(path.relative_to(folder).as_posix() for path in unread)
+        notes.append(f"left: {len(unread)} {what} that are neither PNG nor JPEG: {names}")
     strange = [path.relative_to(folder).as_posix() for path in found.strange]
     if found.strange and not found.files and what == "images" and folder != root:
         raise UserError(
