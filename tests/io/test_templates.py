@@ -1,12 +1,17 @@
 """Templates as exporters leave them: cleaned with a word of what was dropped, or refused by file and line."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from toile.errors import UserError
+from toile.io.capture import open_capture
 from toile.io.mesh import read_mesh
 from toile.io.template import read_template, texture_files
 
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
 
 
@@ -115,9 +120,30 @@ def textured(tmp_path, material="map_Kd -s 1 1 1 cloth.png", name="shirt.mtl"):
 def test_a_template_s_texture_is_the_picture_that_its_material_names(tmp_path):
     path = textured(tmp_path)
     assert texture_files(tmp_path, path) == (tmp_path / "shirt.mtl", tmp_path / "cloth.png")
+    assert texture_files(tmp_path, textured(tmp_path, r"map_Kd .\cloth.png")) == (
+        tmp_path / "shirt.mtl",
+        tmp_path / "cloth.png",
+    )
     assert texture_files(tmp_path, textured(tmp_path, "Kd 1 0 0")) == ()
     assert texture_files(tmp_path, textured(tmp_path, name="lost.mtl")) == ()
     assert texture_files(tmp_path, written(tmp_path, SQUARE)) == ()
+
+
+def test_a_texture_that_uvs_do_not_reach_is_said(tmp_path):
+    capture = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth", "00000[1-5]"))
+    scene = capture / "scene.toml"
+    scene.write_text(scene.read_text().replace('label = "tshirt"', 'label = "tshirt"\nprints = true'))
+    template = capture / "templates" / "tshirt.obj"
+    textured(template.parent)
+    template.write_text(f"mtllib shirt.mtl\n{template.read_text()}")
+    assert open_capture(capture).warnings == ()
+    lines = template.read_text().splitlines()
+    last = [word.split("/")[0] for word in lines.pop().split()]
+    template.write_text("\n".join([*lines, " ".join(last)]) + "\n")
+    (warning,) = open_capture(capture).warnings
+    assert (
+        warning == f"{template}: corners of faces of garment 'tshirt' have no UV: cloth.png is not taken for its print"
+    )
 
 
 @pytest.mark.parametrize(

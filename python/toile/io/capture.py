@@ -226,6 +226,11 @@ def open_capture(path: Path | str) -> Capture:
     files = tuple(path for path in (root / "scene.toml", *(root / name for name in (*named, VOTES))) if path.exists())
     votes = read_votes(root / VOTES, scene.labels) if os.path.lexists(root / VOTES) else ()
     textures = {name: paths[-1] for name, paths in drawn.items() if paths}
+    warnings += tuple(
+        f"{root / g.template}: corners of faces of garment '{g.name}' have no UV: {textures[g.name].name} is not taken for its print"
+        for g in with_file
+        if g.name in textures and templates[g.name].uv is None
+    )
     kept = {name: t.kept for name, t in found.items()}
     return Capture(root, scene, cameras, frames, templates, kept, files, warnings, textures, votes)
 

@@ -78,7 +78,7 @@ def _named(root: Path, file: Path, key: str, limit: int) -> Path | None:
         if len(words) == 2 and words[0] == key:
             name = words[1].strip()
             name = name.split()[-1] if name.startswith("-") else name  # options stand before it
-            found = Path(os.path.realpath(file.parent / name)) if name.isprintable() else None
+            found = Path(os.path.realpath(file.parent / name.replace("\\", "/"))) if name.isprintable() else None
             if found is None or not found.is_relative_to(os.path.realpath(root)):
                 raise UserError(f"{file}: {key}: {name!r} leaves the capture")
             return found
