@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, ImageCms
 
 from tests.support.inspected import PICTURED, texts
 from toile.measure.inspection import inspect
@@ -75,6 +75,16 @@ def test_pictures_that_other_programs_turn_are_named(capture):
         Image.open(path).save(path, exif=note)
     (told,) = [text for text in texts(capture, serious=False) if "EXIF" in text]
     assert told.startswith("cam1, cam3: their pictures ask to be turned (EXIF), and are read as they are stored")
+
+
+def test_pictures_in_other_colours_than_srgb_are_named_by_their_space(capture):
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    at = srgb.index(b"s\0R\0G\0B")  # of the description, two bytes a letter
+    for name, profile in (("cam1", srgb.replace(srgb[at : at + 7], b"W\0I\0D\0E")), ("cam2", srgb)):
+        path = capture / "frames" / "000000" / "images" / f"{name}.jpg"
+        Image.open(path).save(path, icc_profile=profile)
+    (told,) = [text for text in texts(capture, serious=False) if "sRGB" in text]
+    assert told.startswith("cam1: their pictures are in colours of 'WIDE")
 
 
 def test_a_frame_of_seven_digits_is_offered_no_number_of_another(tmp_path):

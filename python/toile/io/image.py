@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,16 @@ def turned(path: Path | str) -> bool:
 
     with _opened(path) as image:
         return image.getexif().get(ExifTags.Base.Orientation, 1) != 1
+
+
+def colour_profile(path: Path | str) -> str:
+    """The name of the colour space (ICC) that a picture says it is in; "" for none and for sRGB, by which pictures are read."""
+    from PIL import ImageCms
+
+    with _opened(path) as image:
+        profile = image.info.get("icc_profile")
+        name = ImageCms.getProfileDescription(ImageCms.getOpenProfile(BytesIO(profile))).strip() if profile else ""
+    return "" if "srgb" in name.lower() else name
 
 
 def one_channel(path: Path) -> Anything:

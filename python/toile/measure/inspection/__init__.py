@@ -35,7 +35,7 @@ from .cameras import (
     strangers,
 )
 from .doubts import asked, doubted
-from .files import bare, gaps, hollow, labels_seen, looks, repeated, uneven, unpadded, unread, upended
+from .files import bare, gaps, hollow, labels_seen, looks, profiled, repeated, uneven, unpadded, unread, upended
 from .fractions import fractions
 from .late import out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes
@@ -85,7 +85,7 @@ def inspect(path: Path) -> Inspection:
         return found
     found.findings += [Finding(warning, serious=False) for warning in capture.warnings]
     found.findings += gaps(capture.frames) + hollow(capture) + uneven(capture) + upended(capture) + unread(capture)
-    found.findings += bare(capture) + repeated(capture)
+    found.findings += profiled(capture) + bare(capture) + repeated(capture)
     found.findings += off_centre(capture.cameras.values())
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import filecmp
 import re
 from collections import Counter
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...io.capture import ALONE, KINDS, Capture, pictures_in
-from ...io.image import turned
+from ...io.image import colour_profile, turned
 from ...io.mesh import KINDS as MESHES
 from ...scene import frame_ranges
 from .cameras import Finding
@@ -83,21 +84,39 @@ def uneven(capture: Capture) -> list[Finding]:
 
 def upended(capture: Capture) -> list[Finding]:
     """Cameras whose pictures other programs turn as their headers ask, as the first frame with pictures tells; here they are not turned."""
-    folders = [folder for number in capture.frames if (folder := capture.folder(number) / "images").is_dir()]
-    paths = sorted(pictures_in(folders[0]), key=lambda path: path.name) if folders else []
-    names = [path.stem for path in paths if path.stem in capture.cameras and _turned(path)]
-    if not names:
-        return []
-    such = f"{', '.join(names[:MANY])}{'...' * (len(names) > MANY)}"
+    such = _cameras_of(path for path in _first_pictures(capture) if _asked(turned, path))
     text = f"{such}: their pictures ask to be turned (EXIF), and are read as they are stored: does the calibration mean them so?"
-    return [Finding(text, serious=False)]
+    return [Finding(text, serious=False)] if such else []
 
 
-def _turned(path: Path) -> bool:
+def profiled(capture: Capture) -> list[Finding]:
+    """Cameras whose pictures are in other colours than sRGB, as the first frame with pictures tells; a line a colour space."""
+    spaces: dict[str, list[Path]] = {}
+    for path in _first_pictures(capture):
+        if space := _asked(colour_profile, path):
+            spaces.setdefault(space, []).append(path)
+    text = "their pictures are in colours of '{}', and are read as if in sRGB: save them in sRGB"
+    return [Finding(f"{_cameras_of(paths)}: {text.format(space)}", serious=False) for space, paths in spaces.items()]
+
+
+def _first_pictures(capture: Capture) -> list[Path]:
+    """The pictures of the capture's cameras in the first frame that has some."""
+    folders = (folder for number in capture.frames if (folder := capture.folder(number) / "images").is_dir())
+    folder = next(folders, None)
+    return [path for path in pictures_in(folder) if path.stem in capture.cameras] if folder else []
+
+
+def _cameras_of(paths: Iterable[Path]) -> str:
+    """Names of the cameras of pictures, for a message."""
+    names = [path.stem for path in paths]
+    return f"{', '.join(names[:MANY])}{'...' * (len(names) > MANY)}"
+
+
+def _asked(ask: Callable[[Path], Any], path: Path) -> Any:
     try:
-        return turned(path)
+        return ask(path)
     except UserError:  # told where pictures are looked at
-        return False
+        return None
 
 
 def unread(capture: Capture) -> list[Finding]:
