@@ -83,6 +83,12 @@ def test_masks_scans_units_and_offsets_arrive(tmp_path):
     np.testing.assert_allclose(np.ptp(capture.frame(1).scan.vertices, axis=0), [0.1, 0, 1.7], atol=1e-6)
 
 
+def test_pictures_before_frame_0_are_said(tmp_path):
+    rig(tmp_path)
+    found = read_rig("lists", tmp_path, Options(offsets={"left": 99, "front": 1}))
+    assert "left: images before frame 0, as --offset says: 1 of front, 3 of left" in found.notes
+
+
 def in_palette(mask):
     image = Image.fromarray((mask > 0).astype(np.uint8)).convert("P")
     image.putpalette([20, 0, 0, 200, 255, 0])

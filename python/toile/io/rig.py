@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -127,6 +128,12 @@ def _placed(root: Path, what: str, cameras: dict[str, Camera], options: Options,
         )
     if found.strange and folder != root:
         notes.append(f"left: {len(found.strange)} {what} of no camera: {few(strange)}")
+    before = Counter(
+        camera for n, files in found.files.items() for camera in files if n < options.offsets.get(camera, 0)
+    )
+    if before:
+        each = few(f"{count} of {camera}" for camera, count in before.items())
+        notes.append(f"left: {what} before frame 0, as --offset says: {each}")
     if found.files:
         seen = {camera for files in found.files.values() for camera in files}
         ask = ", whose ids [labels] of scene.toml has to name" if what == "labels" else ""
