@@ -66,6 +66,24 @@ def test_labels_in_jpeg_are_refused_by_name_whatever_their_ending(tmp_path, name
         open_capture(capture).pictures(0)
 
 
+def test_a_palette_of_a_mask_is_read_by_its_colours_and_of_labels_by_its_indices(tmp_path):
+    from PIL import Image
+
+    capture = tmp_path / "indexed"
+    shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "00000[1-5]"))
+    before = open_capture(capture).pictures(0)
+    for kind, colours in (("masks", [0, 0, 0, 200, 0, 0]), ("labels", list(range(30)))):
+        for path in (capture / "frames" / "000000" / kind).iterdir():
+            ids = np.asarray(Image.open(path))
+            indexed = Image.fromarray((ids > 127).astype(np.uint8) if kind == "masks" else ids).convert("P")
+            indexed.putpalette(colours)
+            indexed.save(path)
+    after = open_capture(capture).pictures(0)
+    for kind in ("masks", "labels"):
+        then, now = getattr(before, kind), getattr(after, kind)
+        assert all(then[camera].any() and np.array_equal(then[camera], now[camera]) for camera in then)
+
+
 def test_centimetres_are_the_same_capture_in_metres(tmp_path):
     capture = tmp_path / "cm"
     shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "00000[1-5]"))

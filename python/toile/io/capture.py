@@ -16,7 +16,7 @@ from ..kernels.arrays import Anything
 from ..scene import Camera, Frame, Mesh, Scene, Vote
 from .body import model_in_capture
 from .camera import read_cameras
-from .image import check_image, check_labels, read_image
+from .image import check_image, read_image
 from .keypoints import read_keypoints, read_keypoints3d
 from .mesh import read_mesh
 from .scene_file import METRES, SEGMENTERS, inside, network_files, read_scene
@@ -25,7 +25,7 @@ from .votes import read_votes
 
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
 VOTES = "votes.json"
-MODES = {"labels": "L", "masks": "L", "images": "RGB"}  # of a frame's pictures, as Pillow names them
+MODES = {"labels": "P", "masks": "L", "images": "RGB"}  # of a frame's pictures, as `read_image` calls them
 KINDS = ("images", "masks", "labels")  # folders that a frame may have
 ALONE = ("scan.ply", "keypoints.json", "keypoints3d.json")  # files that a frame may have
 LITTER = ("thumbs.db", "ehthumbs.db", "desktop.ini", "@eadir", "__macosx")  # left by systems, besides hidden files
@@ -94,8 +94,6 @@ class Capture:
 
     def picture(self, kind: str, camera: str, path: Path) -> Anything:
         """One of a camera's images (h,w,3), masks or labels (h,w), uint8."""
-        if kind == "labels":
-            check_labels(path)
         image = read_image(path, self.cameras[camera].size, MODES[kind])
         if kind == "labels":
             self._check_ids(path, image)

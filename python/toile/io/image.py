@@ -56,27 +56,33 @@ def one_channel(path: Path) -> Anything:
     """(H,W) uint8 of a mask that was saved in colour, by a palette or as transparency: its alpha where that is not opaque
     throughout, else the brightest channel of each pixel's colour."""
     with _opened(path) as image:
-        pixels = np.array(image.convert("RGBA"))
+        return _brightest(image)
+
+
+def _brightest(image: Any) -> Anything:
+    pixels = np.array(image.convert("RGBA"))
     alpha = pixels[..., 3]
     return alpha if alpha.min() < 255 else pixels[..., :3].max(2)
 
 
 def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
-    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L". UserError for another size than (height, width)."""
+    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L", of a palette by its colours, and for "P", label ids, by its indices.
+    UserError for another size than (height, width)."""
     with _opened(path) as image:
         _check_size(path, image, size)
+        if mode == "P":
+            _check_labels(path, image)
+            return np.array(image.convert("L") if image.mode == "1" else image)
         if mode == "L":
             _check_channel(path, image)
-        as_it_is = image.mode == mode or (mode == "L" and image.mode == "P")
-        return np.array(image if as_it_is else image.convert(mode))
+            return _brightest(image) if image.mode == "P" else np.array(image.convert("L"))
+        return np.array(image if image.mode == mode else image.convert(mode))
 
 
 def check_labels(path: Path | str) -> None:
     """UserError unless a file's header says that it is a label image: of one channel, and not of a kind that changes ids."""
     with _opened(path) as image:
-        if image.format == "JPEG":
-            raise UserError(f"{path}: a JPEG, which changes label ids at their borders: expected a PNG")
-        _check_channel(path, image)
+        _check_labels(path, image)
 
 
 def check_image(path: Path, size: tuple[int, int]) -> None:
@@ -89,6 +95,12 @@ def _check_size(path: Path, image: Any, size: tuple[int, int]) -> None:
     width, height = image.size
     if (height, width) != tuple(size):
         raise UserError(f"{path}: {width} x {height} pixels, cameras.json says {size[1]} x {size[0]}")
+
+
+def _check_labels(path: Path | str, image: Any) -> None:
+    if image.format == "JPEG":
+        raise UserError(f"{path}: a JPEG, which changes label ids at their borders: expected a PNG")
+    _check_channel(path, image)
 
 
 def _check_channel(path: Path | str, image: Any) -> None:
