@@ -215,6 +215,12 @@ def test_keypoints_of_openpose_are_named_and_the_surest_person_is_taken(tmp_path
     assert read_person(path, "openpose25")[0].keys() == {"body.upperarm01.L", "body.upperleg01.R"}
 
 
+def test_a_confidence_in_percent_is_refused_by_file_and_field(tmp_path):
+    (tmp_path / "a.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [10.0, 20.0, 95.0] * 17}]}))
+    with pytest.raises(UserError, match=r"a\.json: people\.0\.pose_keypoints_2d: a confidence of 95, expected 0 to 1"):
+        read_person(tmp_path / "a.json")
+
+
 def test_pictures_of_films_are_decoded_with_their_offset(tmp_path):
     pytest.importorskip("av")
     from toile.io.video import VideoWriter

@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import UserError
 from ..kernels.arrays import Floats
 from .bounded import read_json
+from .keypoints import SUREST
 from .skeletons import FACES, HANDS, SKELETONS, skeleton_of
 
 LISTS = {"pose": "pose_keypoints_2d", "face": "face_keypoints_2d"}
@@ -57,6 +58,8 @@ def _rows(path: Path, i: int, person: dict[str, Any], key: str) -> Floats:
         raise UserError(f"{path}: people.{i}.{key}: expected u, v, confidence in a row") from None
     if not np.isfinite(rows).all():
         raise UserError(f"{path}: people.{i}.{key}: a number that is not finite")
+    if (rows[:, 2] > SUREST).any():
+        raise UserError(f"{path}: people.{i}.{key}: a confidence of {rows[:, 2].max():g}, expected 0 to 1")
     return rows
 
 
