@@ -21,6 +21,7 @@ from toile.io.importing import cameras_json, up_of, write_capture
 from toile.io.openpose import read_person
 from toile.io.places import place
 from toile.io.rig import Options, chosen, read_rig
+from toile.io.skeletons import SKELETONS
 
 LAYOUTS = {  # of a camera's frame
     "camera folders": "images/{camera}/{number:06d}.jpg",
@@ -206,13 +207,24 @@ def test_keypoints_of_openpose_are_named_and_the_surest_person_is_taken(tmp_path
         UserError, match=r"25 body points: say which list they are by --skeleton: openpose25, openpose25b"
     ):
         imported(tmp_path / "their", tmp_path / "ours")
-    with pytest.raises(UserError, match="--skeleton openpose99: expected one of coco17, openpose25, "):
+    with pytest.raises(UserError, match="--skeleton openpose99: expected one of coco17, openpose18, "):
         imported(tmp_path / "their", tmp_path / "ours", skeleton="openpose99")
     imported(tmp_path / "their", tmp_path / "ours", skeleton="openpose25b")
     keypoints = open_capture(tmp_path / "ours").frame(0).keypoints
     assert keypoints.names == ("body.upperarm01.L", "body.wrist.L")
     np.testing.assert_allclose(keypoints.points["front"], [[100.5, 50.5, 0.9], [120.5, 90.5, 0.8]])
     assert read_person(path, "openpose25")[0].keys() == {"body.upperarm01.L", "body.upperleg01.R"}
+
+
+def test_lists_of_openpose_and_halpe_of_other_lengths_hold_the_points_of_those_that_they_extend():
+    openpose25, halpe26, coco133 = (SKELETONS[name] for name in ("openpose25", "halpe26", "coco_wholebody133"))
+    assert SKELETONS["openpose18"] == (
+        *openpose25[:8],
+        *openpose25[9:19],
+    )  # without the middle of the hips and the feet
+    halpe136 = SKELETONS["halpe136"]
+    assert halpe136[1:26] == halpe26[1:] and halpe136[26:] == coco133[23:] and len(halpe136) == 136
+    assert len(set(filter(None, halpe136))) == len(list(filter(None, halpe136)))
 
 
 def test_a_confidence_in_percent_is_refused_by_file_and_field(tmp_path):

@@ -1,7 +1,7 @@
 """Lists of 2D keypoints as detectors number them, by the names of the packaged body model.
 
 What has no such name (eyes' centres, the middle of the hips) is left out. Sides are the person's. Sources: COCO-WholeBody
-(Jin et al. 2020), mmpose's dataset files, OpenPose's poseParameters, ViTPose, Sapiens, mediapipe's solutions. Nothing of
+(Jin et al. 2020), Halpe-FullBody (Fang et al. 2022), mmpose's dataset files, OpenPose's poseParameters, ViTPose, Sapiens, mediapipe's solutions. Nothing of
 toile is imported here: detectors in environments of their own read this file.
 """
 
@@ -20,6 +20,10 @@ MARKS = ("eye inner L", "eye L", "eye outer L", "eye inner R", "eye R", "eye out
 FEET = ("big_toe L", "small_toe L", "heel L", "big_toe R", "small_toe R", "heel R")
 BODIES = {
     "coco17": COCO,
+    "openpose18": (
+        "nose", "neck", "shoulder R", "elbow R", "wrist R", "shoulder L", "elbow L", "wrist L", "hip R", "knee R",
+        "ankle R", "hip L", "knee L", "ankle L", "eye R", "eye L", "ear R", "ear L",
+    ),
     "openpose25": (
         "nose", "neck", "shoulder R", "elbow R", "wrist R", "shoulder L", "elbow L", "wrist L", "hips", "hip R", "knee R",
         "ankle R", "hip L", "knee L", "ankle L", "eye R", "eye L", "ear R", "ear L", *FEET,
@@ -87,6 +91,9 @@ HANDS = {side: tuple(_hand(side)) for side in "LR"}
 # where a face has a list of its own, its nose is the finer one
 SKELETONS["coco_wholebody133"] = (
     *_without(_body((*COCO, *FEET)), "face.nose_tip"), *FACES[68], *HANDS["L"], *HANDS["R"],
+)  # fmt: skip
+SKELETONS["halpe136"] = (
+    *_without(SKELETONS["halpe26"], "face.nose_tip"), *FACES[68], *HANDS["L"], *HANDS["R"],
 )  # fmt: skip
 SKELETONS["mediapipe543"] = (
     *_without(SKELETONS["mediapipe33"], "face.nose_tip"), *_face(468, MESH), *HANDS["L"], *HANDS["R"],
