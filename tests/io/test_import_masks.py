@@ -1,0 +1,75 @@
+"""Masks beside a calibration, in every way in which programs save them."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.support.imported import imported, rig, save
+from toile.errors import UserError
+from toile.io.capture import open_capture
+
+
+def in_palette(mask):
+    image = Image.fromarray((mask > 0).astype(np.uint8)).convert("P")
+    image.putpalette([20, 0, 0, 200, 255, 0])
+    return image
+
+
+SAVED = {  # ways in which a mask of 0 and 255 is saved
+    "in colour": lambda mask: Image.fromarray(np.dstack([0 * mask, mask, mask])),
+    "in colour and opaque": lambda mask: Image.fromarray(np.dstack([mask, mask, mask, 0 * mask + 255])),
+    "in a palette": in_palette,
+    "as a picture's alpha": lambda mask: Image.fromarray(np.dstack([255 - mask // 2, mask, 0 * mask + 90, mask])),
+    "as alpha of grey": lambda mask: Image.fromarray(np.dstack([0 * mask + 255, mask])),
+}
+
+
+@pytest.mark.parametrize("way", SAVED)
+def test_a_mask_is_the_same_in_whatever_way_it_was_saved(tmp_path, way):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        mask = np.zeros((v.height, v.width), np.uint8)
+        mask[10:40, 20:50] = 255
+        path = tmp_path / "their" / "masks" / v.name / "0.png"
+        path.parent.mkdir(parents=True)
+        SAVED[way](mask).save(path)
+    imported(tmp_path / "their", tmp_path / "ours")
+    for mask in open_capture(tmp_path / "ours").frame(0).masks.values():
+        assert mask[10:40, 20:50].all() and mask.sum() == 900
+
+
+def test_masks_of_0_and_1_are_refused_by_name_but_not_an_empty_one_among_others(tmp_path):
+    made = rig(tmp_path / "their", numbers=(0,))
+    for v in made:
+        save(tmp_path / "their" / "masks" / v.name / "0.png", (v.width, v.height), 1, "L")
+    with pytest.raises(UserError, match=r"masks.*0\.png: a mask of 0 and 1, expected 0 and 255"):
+        imported(tmp_path / "their", tmp_path / "ours")
+    save(tmp_path / "their" / "masks" / made[0].name / "0.png", (made[0].width, made[0].height), 255, "L")
+    imported(tmp_path / "their", tmp_path / "ours")
+
+
+def test_masks_in_jpeg_arrive_and_labels_in_jpeg_are_refused_by_name(tmp_path):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        mask = np.zeros((v.height, v.width), np.uint8)
+        mask[16:48, 24:56] = 255
+        for kind in ("masks", "labels"):
+            path = tmp_path / "their" / kind / v.name / "0.jpg"
+            path.parent.mkdir(parents=True)
+            Image.fromarray(mask).save(path, quality=60)
+    with pytest.raises(
+        UserError, match=r"labels/cam 3/0\.jpg: a JPEG, which changes label ids at their borders: expected a PNG"
+    ):
+        imported(tmp_path / "their", tmp_path / "ours")
+    (tmp_path / "their" / "labels").rename(tmp_path / "their" / "videos")
+    imported(tmp_path / "their", tmp_path / "ours")
+    for mask in open_capture(tmp_path / "ours").frame(0).masks.values():
+        assert mask[16:48, 24:56].all() and mask.sum() == 32 * 32
+
+
+@pytest.mark.parametrize("mode", ["RGB", "LA"])
+def test_label_images_of_several_channels_are_refused_when_imported(tmp_path, mode):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        path = tmp_path / "their" / "labels" / v.name / "0.png"
+        path.parent.mkdir(parents=True)
+        Image.new(mode, (v.width, v.height)).save(path)
+    with pytest.raises(UserError, match=rf"labels/cam 3/0\.png: mode {mode}, expected one channel of 8 bits"):
+        imported(tmp_path / "their", tmp_path / "ours")
