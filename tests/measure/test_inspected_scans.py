@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from toile.io.capture import open_capture
+from toile.io.capture import Capture, open_capture
 from toile.measure.inspection.late import out_of_step
+from toile.measure.inspection.readings import misread
 from toile.measure.inspection.scans import astray, inside_out, short
+from toile.vision.visibility import DepthView
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -69,6 +71,20 @@ def test_scans_of_another_moment_than_the_pictures_are_said_with_how_far(step):
     assert out_of_step(capture, [replace(frame, scan=None) for frame in frames]) == []
 
 
+@pytest.mark.parametrize("step", (-1, 1))
+def test_a_camera_whose_masks_are_of_another_moment_is_said_with_its_offset(step, monkeypatch):
+    capture, files = open_capture(SAMPLE), Capture.picture_files
+
+    def late(self, number, kind):
+        return files(self, number, kind) | {"cam02": files(self, int(np.clip(number - step, 0, 5)), kind)["cam02"]}
+
+    monkeypatch.setattr(Capture, "picture_files", late)
+    (said,) = (finding.text for finding in out_of_step(capture, [capture.frame(n) for n in capture.frames]))
+    way = "late" if step > 0 else "ahead"
+    assert said.startswith("cam02: its masks of 1 frame") and f"is it 1 frame {way}?" in said
+    assert said.endswith(f"--offset cam02={step}")
+
+
 def test_whether_scans_are_late_is_told_without_masks_of_frames_that_may_not_be_read(monkeypatch):
     capture, read = open_capture(SAMPLE), []
     frames = [replace(capture.pictures(n), scan=capture.scan(n + 1)) for n in (0, 1, 2)]
@@ -81,11 +97,42 @@ def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(sc
     capture, frame = scanned
     V, F = frame.scan.vertices, frame.scan.faces
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 80), np.linspace(-1, 1, 80)))
-    floor = rescanned(frame, np.vstack([V, np.c_[x, y, 0 * x]]))
+    corner = np.flatnonzero((np.arange(6400) % 80 < 79) & (np.arange(6400) < 6320))[:, None] + len(V)
+    floor = rescanned(
+        frame, np.vstack([V, np.c_[x, y, 0 * x]]), np.vstack([F, corner + [0, 1, 80], corner + [1, 81, 80]])
+    )
     hole = rescanned(frame, faces=F[(V[F][:, :, 2] > 0.9).all(1)])
     second = rescanned(frame, np.vstack([V, V + [0.9, 0, 0]]), np.vstack([F, F + len(V)]))
     for one in (frame, floor, hole, second):
-        assert astray(capture.cameras, [one]) == []
+        assert astray(capture.cameras, [one]) == misread(capture.cameras, [one]) == []
+
+
+@pytest.mark.parametrize("axis, share", [(0, 0), (0, 1), (1, 1)], ids=["x about 0", "x about the person", "y"])
+@pytest.mark.parametrize("kind", ("masks", "label images"))
+def test_mirrored_scans_are_told_from_others_that_lie_elsewhere(scanned, axis, share, kind):
+    capture, frame = scanned
+    V = frame.scan.vertices.copy()
+    V[:, axis] = 2 * share * np.median(V[:, axis]) - V[:, axis]
+    frame = frame if kind == "masks" else replace(frame, masks={})
+    (found,) = misread(capture.cameras, [rescanned(frame, V, frame.scan.faces[:, ::-1])])
+    assert f"mirrored along {'xy'[axis]} they fit the {kind} better" in found.text and found.serious
+    for way in ELSEWHERE.keys() - {"mirrored"}:
+        assert misread(capture.cameras, [rescanned(frame, ELSEWHERE[way](frame.scan.vertices))]) == []
+
+
+@pytest.mark.parametrize("k", (-0.3, -0.2, 0.2))
+def test_lenses_whose_distortion_was_left_out_are_told_from_masks_that_are_wide_or_narrow(scanned, k):
+    import cv2
+
+    capture, frame = scanned
+    bent = {name: replace(c, distortion=c.distortion + [k, 0, 0, 0, 0]) for name, c in capture.cameras.items()}
+    masks = {name: DepthView(c, frame.scan.vertices, frame.scan.faces).face >= 0 for name, c in bent.items()}
+    (found,) = misread(capture.cameras, [replace(frame, masks=masks)])
+    assert f"distortion is {k:+.1f} more than in cameras.json" in found.text and not found.serious
+    assert misread(bent, [replace(frame, masks=masks)]) == []
+    for change in (cv2.erode, cv2.dilate):
+        other = {name: change(mask.astype(np.uint8), np.ones((7, 7))) > 0 for name, mask in frame.masks.items()}
+        assert misread(capture.cameras, [replace(frame, masks=other)]) == []
 
 
 def test_scans_that_are_all_shorter_than_a_person_are_said(scanned):

@@ -21,6 +21,7 @@ from ..measure.inspection.body import STANDING, check_up, upward
 from ..measure.inspection.doubts import doubted_on
 from ..measure.inspection.late import out_of_step
 from ..measure.inspection.outlines import exchanged
+from ..measure.inspection.readings import misread
 from ..measure.inspection.scans import inside_out
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
@@ -96,8 +97,10 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
     def found():
         samples, person, tracked, unfit = fitted()
         among = apart(capture.frames, config.holdout)
-        late = [finding.text for finding in out_of_step(capture, [frame for frame, _ in samples], among)]
-        said = [*unfit, *_said_of_scans(model, person, capture.scene.up, samples, tracked), *late]
+        frames = [frame for frame, _ in samples]
+        doubts = misread(capture.cameras, frames) or out_of_step(capture, frames, among)
+        of_scans = _said_of_scans(model, person, capture.scene.up, samples, tracked)
+        said = [*unfit, *of_scans, *(doubt.text for doubt in doubts)]
         _say(Status.of(run), "prepare", said)
         return person
 

@@ -39,8 +39,10 @@ from .files import bare, gaps, hollow, labels_seen, looks, profiled, repeated, u
 from .fractions import fractions
 from .late import out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes
+from .order import out_of_order
 from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
+from .readings import misread
 from .scans import astray, inside_out, short
 
 SAMPLED = 5  # frames whose pictures are read
@@ -91,7 +93,8 @@ def inspect(path: Path) -> Inspection:
     _look(found, capture)
     _detections(found, capture)
     if not found.wasted:  # by cameras that are wrong nothing is told of scans and labels
-        found.findings += astray(capture.cameras, found.frames) + out_of_step(capture, found.frames)
+        said = misread(capture.cameras, found.frames)  # which explains why scans lie elsewhere
+        found.findings += said or astray(capture.cameras, found.frames) + out_of_step(capture, found.frames)
         found.findings += [] if found.facts.get("stature m") else short(found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
@@ -161,6 +164,7 @@ def _detections(found: Inspection, capture: Capture) -> None:
     found.sighting, found.meeting, found.lines = sighting, meet(sighting), epipolar(sighting)
     found.facts["error px"] = found.meeting.typical()
     if not of_masks:
+        found.findings += out_of_order(found.meeting.points)
         _person(found, capture, found.meeting)
     _hulls(found, dict(zip((camera.name for camera in sighting.cameras), sighting.cameras)))
 

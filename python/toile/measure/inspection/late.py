@@ -1,9 +1,10 @@
-"""Scans against the masks of the frames before and after: whether they were taken at another moment than the pictures."""
+"""Scans against the masks of the frames before and after: whether they, or single cameras, were taken at another moment."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from statistics import median
+from collections.abc import Callable, Mapping, Sequence
+from statistics import mean, median
+from typing import NamedTuple
 
 from ...errors import UserError
 from ...io.capture import Capture
@@ -14,44 +15,92 @@ from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView
 from ..evidence import overlap
 from .cameras import Finding
+from .masks import overlap_aside
 
-STEPS = 3  # frames that scans may be late or early
-FRAMES, VIEWS = 5, 3  # whose scans are looked at, and cameras of each
+STEPS = 3  # frames that scans or cameras may be late or early
+FRAMES, VIEWS = 5, 8  # whose scans are looked at, and cameras of each
 SIDE = 256  # px, longer side, to which masks are thinned for this
 BETTER = 0.008  # of overlap, by which the masks of another frame must fit better
 
 
 def out_of_step(capture: Capture, frames: Sequence[Frame], among: Sequence[int] | None = None) -> list[Finding]:
-    """Scans that the masks of other frames fit better than those of their own, all of them by the same number of frames that have masks.
-    `among`: rising numbers of those whose masks may be read, by default all."""
+    """Scans that the masks of other frames fit better than those of their own, all of them by the same number of frames that have masks;
+    or else single cameras whose masks of other frames do, also where a scan that lies aside is moved upon them. `among`: rising numbers of those whose masks may be read, by default all."""
     masked = [number for number in among or capture.frames if len(capture.masked(number)) > 1]
     scanned = [frame for frame in frames if frame.scan is not None and frame.number in masked]
-    fits = [_fits(capture, frame, masked) for frame in evenly(scanned, FRAMES)] if scanned else []
+    views = [_views(capture, frame, masked) for frame in evenly(scanned, FRAMES)] if scanned else []
+    fits = [{name: _fits(view, overlap) for name, view in of.items()} for of in views]
+    if step := _better([_together(of) for of in fits]):
+        text = f"scans: they fit the masks of {step.words} better ({step.other:.3f}) than their own ({step.own:.3f})"
+        return [Finding(f"{text}: are they {step.many} {'late' if step.frames < 0 else 'early'}?", serious=False)]
+    found = []
+    for name in sorted({name for of in fits for name in of}):
+        step = _better([of[name] for of in fits if name in of])
+        aside = _better([_fits(of[name], overlap_aside) for of in views if name in of]) if step else None
+        if step and aside and aside.frames == step.frames:
+            text = f"{name}: its masks of {step.words} fit the scans better ({step.other:.3f}) than its own ({step.own:.3f})"
+            ask = f"is it {step.many} {'ahead' if step.frames < 0 else 'late'}?"
+            found.append(Finding(f"{text}: {ask} If so import with --offset {name}={step.frames}", serious=False))
+    return found
+
+
+class Lag(NamedTuple):
+    """Masks `frames` later (earlier: negative) overlap scans by `other`, those of the scans' own frames by `own`, in the median."""
+
+    frames: int
+    own: float
+    other: float
+
+    @property
+    def many(self) -> str:
+        return f"{abs(self.frames)} frame{'s' if abs(self.frames) > 1 else ''}"
+
+    @property
+    def words(self) -> str:
+        return f"{self.many} {'earlier' if self.frames < 0 else 'later'}"
+
+
+def _better(fits: Sequence[Mapping[int, float]]) -> Lag | None:
+    """The step by which the masks fit better than a frame's own, in all of several frames {step: overlap} that know it."""
     best, gained = 0, BETTER
     for step in range(-STEPS, STEPS + 1):
         gains = [of[step] - of[0] for of in fits if step in of and 0 in of]
-        if len(gains) > 1 and min(gains) > 0 and median(gains) > gained:
+        if len(gains) > 1 and min(gains) >= 0 and median(gains) > gained:
             best, gained = step, median(gains)
     if not best:
-        return []
+        return None
     own, other = (median(of[step] for of in fits if best in of and 0 in of) for step in (0, best))
-    many = f"{abs(best)} frame{'s' if abs(best) > 1 else ''}"
-    text = f"scans: they fit the masks of {many} {'earlier' if best < 0 else 'later'} better ({other:.3f}) than their own ({own:.3f})"
-    return [Finding(f"{text}: are they {many} {'late' if best < 0 else 'early'}?", serious=False)]
+    return Lag(best, own, other)
 
 
-def _fits(capture: Capture, frame: Frame, masked: list[int]) -> dict[int, float]:
-    """{step: mean overlap of a scan's silhouette with the masks of the frame so many frames on in `masked`}, where all are there."""
+def _together(fits: Mapping[str, Mapping[int, float]]) -> dict[int, float]:
+    """{step: mean overlap over the cameras} of {camera: {step: overlap}}, where all of them know it."""
+    common = set.intersection(*(set(of) for of in fits.values())) if fits else set()
+    return {step: mean(of[step] for of in fits.values()) for step in common}
+
+
+class Compared(NamedTuple):
+    """A scan's silhouette in a camera (H,W), and {step: the camera's mask of the frame so many frames on}."""
+
+    shown: Anything
+    masks: dict[int, Anything]
+
+
+def _views(capture: Capture, frame: Frame, masked: list[int]) -> dict[str, Compared]:
+    """{camera: Compared} of some cameras; frames are counted in `masked`, and masks that cannot be read are left out."""
     assert frame.scan is not None
-    names = evenly(sorted(capture.masked(frame.number)), VIEWS)
-    cameras = [thin_camera(capture.cameras[name], SIDE) for name in names]
-    shown = [DepthView(camera, frame.scan.vertices, frame.scan.faces).face >= 0 for camera in cameras]
     found, own = {}, masked.index(frame.number)
-    for step in range(max(-STEPS, -own), min(STEPS, len(masked) - 1 - own) + 1):
-        masks = [_mask(capture, masked[own + step], name) for name in names]
-        if all(mask is not None for mask in masks):
-            found[step] = sum(overlap(one, mask) for one, mask in zip(shown, masks)) / len(names)
+    for name in evenly(sorted(capture.masked(frame.number)), VIEWS):
+        shown = DepthView(thin_camera(capture.cameras[name], SIDE), frame.scan.vertices, frame.scan.faces).face >= 0
+        steps = range(max(-STEPS, -own), min(STEPS, len(masked) - 1 - own) + 1)
+        masks = {step: _mask(capture, masked[own + step], name) for step in steps}
+        found[name] = Compared(shown, {step: mask for step, mask in masks.items() if mask is not None})
     return found
+
+
+def _fits(view: Compared, overlap: Callable[[Anything, Anything], float]) -> dict[int, float]:
+    """{step: overlap of the silhouette with that mask}."""
+    return {step: float(overlap(view.shown, mask)) for step, mask in view.masks.items()}
 
 
 def _mask(capture: Capture, number: int, name: str) -> Anything | None:

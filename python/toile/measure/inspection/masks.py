@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...kernels.arrays import Anything, Floats
+from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Camera, Frame
+from ..evidence import overlap
 from .rays import Sighting, meet
 
 GRID = 56  # cells a side
 COVERED = 0.93  # share of the masks that the hull must explain
 MARGIN = 1.15
+ASIDE = 6  # px, even
 
 
 def silhouettes(frame: Frame) -> dict[str, Anything]:
@@ -73,6 +75,17 @@ def within(mask: Anything, uv: Floats, depth: Floats) -> Anything:
     x, y = np.floor(np.nan_to_num(uv, nan=-1, posinf=-1, neginf=-1)).clip(-1, 1e6).astype(int).T
     there = (x >= 0) & (x < w) & (y >= 0) & (y < h) & (depth > 0)
     return np.where(there, mask[y.clip(0, h - 1), x.clip(0, w - 1)], True)
+
+
+def overlap_aside(shown: Array, mask: Array) -> float:
+    """Intersection over union of a silhouette with a mask (H,W), the best of those moved aside by up to ASIDE pixels: what a scan
+    that lies elsewhere, or a principal point that is off, does not change."""
+    h, w = shown.shape
+    padded, best = np.pad(shown, ASIDE), 0.0
+    for y in range(0, 2 * ASIDE + 1, 2):
+        for x in range(0, 2 * ASIDE + 1, 2):
+            best = max(best, float(overlap(padded[y : y + h, x : x + w], mask)))
+    return best
 
 
 def covered(camera: Camera, mask: Anything, uv: Floats, depth: Floats, kept: Anything, step: float) -> float:

@@ -1,0 +1,130 @@
+"""Scans against masks, read another way than they are given: mirrored, or through lenses of another distortion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from statistics import median
+
+import numpy as np
+
+from ...kernels.arrays import Anything, Array, Floats
+from ...scene import Camera, Frame, Mesh
+from ...surface.sampling import evenly
+from ...vision.thin_pictures import thin_camera, thin_picture
+from ...vision.visibility import DepthView
+from .cameras import Finding
+from .masks import overlap_aside, silhouettes
+
+FRAMES, VIEWS = 3, 4  # that are looked at, and cameras of each
+SIDE = 256  # px, longer side, to which masks are thinned for this
+NEAR = 0.03  # of a mask's height, about it: farther away floors and clutter are no part of the person
+BENDS = (-0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5)  # added to k1
+ZOOMS = (
+    0.96,
+    0.97,
+    0.98,
+    0.99,
+    1.0,
+    1.01,
+    1.02,
+    1.03,
+    1.04,
+)  # of the focal length, as masks that are narrow or wide ask for
+BENT = 0.0065  # of overlap, by which another distortion must fit better than any focal length
+MIRRORED = 0.02  # of overlap, by which the mirrored scan must fit better
+FITS = 0.8  # of overlap, that another reading must reach: a scan that lies aside fits none
+
+Reading = tuple[str, float]  # what is read otherwise, and how
+Fits = list[dict[Reading, float]]  # overlaps, a frame each
+AS_GIVEN: Reading = ("bend", 0.0)
+
+
+def misread(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
+    """Scans that the masks (or label images) of all frames looked at fit clearly better if they are mirrored, which stops, or if the
+    lenses have another distortion. Nothing of a pose that is its own mirror image, nor where scans or masks are missing."""
+    seen = [frame for frame in frames if frame.scan is not None and any(m.any() for m in silhouettes(frame).values())]
+    fits = [_fits(cameras, frame) for frame in evenly(seen, FRAMES)] if seen else []
+    if not fits:
+        return []
+    shown = "masks" if any(frame.masks for frame in seen) else "label images"
+    return _mirrored_scans(fits, shown) or _bent_lenses(fits, shown)
+
+
+def _mirrored_scans(fits: Fits, shown: str) -> list[Finding]:
+    mirror = max(
+        (reading for reading in fits[0] if reading[0] in "xyz"), key=lambda reading: min(_gains(fits, reading))
+    )
+    own, better = (median(of[reading] for of in fits) for reading in (AS_GIVEN, mirror))
+    if min(_gains(fits, mirror)) <= MIRRORED or better <= FITS:
+        return []
+    text = f"scans: mirrored along {mirror[0]} they fit the {shown} better ({better:.3f}) than as they are ({own:.3f})"
+    return [Finding(f"{text}: which of them is mirrored?")]
+
+
+def _bent_lenses(fits: Fits, shown: str) -> list[Finding]:
+    """The distortion must be the best of those on either side of it, and better than any focal length."""
+    bend = max(BENDS, key=lambda k: median(_gains(fits, ("bend", k))))
+    own, better = (median(of[reading] for of in fits) for reading in (AS_GIVEN, ("bend", bend)))
+    beyond = [of["bend", bend] - max(of["zoom", zoom] for zoom in ZOOMS) for of in fits]
+    if bend in (BENDS[0], BENDS[-1]) or min(beyond) <= 0 or median(beyond) <= BENT or better <= FITS:
+        return []
+    text = f"scans: they fit the {shown} better ({better:.3f}) if k1 of the lenses' distortion is {bend:+.1f} more than in cameras.json ({own:.3f})"
+    why = "is it left out there?" if bend < 0 else "were these pictures undistorted?"
+    return [Finding(f"{text}: {why}", serious=False)]
+
+
+def _gains(fits: Fits, reading: Reading) -> list[float]:
+    """By how much each frame's masks are fitted better than as scan and cameras are given."""
+    return [of[reading] - of[AS_GIVEN] for of in fits]
+
+
+def _fits(cameras: Mapping[str, Camera], frame: Frame) -> dict[Reading, float]:
+    """{reading: mean overlap of the scan's silhouette with the masks, near these}."""
+    assert frame.scan is not None
+    masks = {name: mask for name, mask in silhouettes(frame).items() if mask.any()}
+    views = [
+        (thin_camera(cameras[name], SIDE), thin_picture(masks[name], SIDE)) for name in evenly(sorted(masks), VIEWS)
+    ]
+    found: dict[Reading, float] = {}
+    for reading, scan, change in _readings(frame.scan):
+        found[reading] = float(np.mean([_overlap(change(camera), mask, scan) for camera, mask in views]))
+    return found
+
+
+def _readings(scan: Mesh) -> Iterator[tuple[Reading, Mesh, Callable[[Camera], Camera]]]:
+    """(reading, the scan, what becomes of a camera)."""
+    for bend in BENDS:
+        yield ("bend", bend), scan, partial(_bent, k=bend)
+    for zoom in ZOOMS:
+        yield ("zoom", zoom), scan, partial(_zoomed, zoom=zoom)
+    for axis, name in enumerate("xyz"):
+        for share in (0.0, 1.0):  # about the origin, about the scan's own middle
+            yield (name, share), _mirrored(scan, axis, share), lambda camera: camera
+
+
+def _bent(camera: Camera, k: float) -> Camera:
+    return replace(camera, distortion=camera.distortion + k * np.eye(5)[0])
+
+
+def _zoomed(camera: Camera, zoom: float) -> Camera:
+    return replace(camera, K=camera.K * [[zoom, zoom, 1], [zoom, zoom, 1], [1, 1, 1]])
+
+
+def _mirrored(scan: Mesh, axis: int, share: float) -> Mesh:
+    """With one axis turned about, at `share` of the way from the origin to the median of its vertices."""
+    V: Floats = scan.vertices.copy()
+    V[:, axis] = 2 * share * np.median(V[:, axis]) - V[:, axis]
+    return Mesh(V, np.ascontiguousarray(scan.faces[:, ::-1]))
+
+
+def _overlap(camera: Camera, mask: Array, scan: Mesh) -> float:
+    """Of a scan's silhouette with a mask, within NEAR of it."""
+    import cv2
+
+    reach = max(2, round(NEAR * float(mask.any(1).sum())))
+    box = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    near: Anything = cv2.dilate(mask.astype(np.uint8), box) > 0
+    shown = DepthView(camera, scan.vertices, scan.faces).face >= 0
+    return overlap_aside(shown & near, mask)
