@@ -13,13 +13,14 @@ from tests.support.inspected import FRAMES, PICTURED, edited, person, posed, rec
 from tests.support.rig import ring_of_cameras
 from toile.io.importing import cameras_json
 from toile.measure.inspection import inspect
-from toile.measure.inspection.body import BONES, check_bones, check_names, check_units
+from toile.measure.inspection.body import BONES, check_bones, check_names, check_sides, check_units
 from toile.measure.inspection.cameras import agrees
 from toile.measure.inspection.page import write_inspection
 from toile.measure.inspection.rays import Sighting
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 OPENGL = np.diag([1.0, -1, -1, 1])
+LEG = ("upperleg01", "lowerleg01", "foot")
 
 
 def test_a_sound_capture_has_no_findings_and_its_stature(sound):
@@ -247,7 +248,21 @@ def test_left_and_right_that_are_exchanged_are_named_in_one_camera_and_in_all(wa
     assert said.startswith("cam2: ") and "they would not if it is one whose left and right are exchanged" in said
     edited(walk, lambda name, t, rows: rows[t][name][at] if name != "cam2" else rows[t][name])
     (said,) = texts(walk, serious=True)
-    assert said == "keypoints: left and right are exchanged: face and toes point backwards in nearly all frames"
+    assert (
+        said == "keypoints: left and right are exchanged: face, toes or bent knees point backwards in nearly all frames"
+    )
+
+
+def test_bent_knees_tell_left_from_right_where_neither_face_nor_toes_are_detected_and_straight_ones_do_not():
+    names = tuple(f"body.{joint}.{side}" for joint in ("upperarm01", *LEG) for side in "LR")
+    height, ahead = np.repeat([1.4, 0.9, 0.5, 0.1], 2), np.repeat([0.0, 0.0, 1.0, 0.0], 2)
+
+    def sides(bend, turn):
+        points = np.c_[np.tile([turn * 0.2, -turn * 0.2], 4), -bend * ahead, height]
+        return check_sides(names, np.tile(points, (6, 1, 1)))
+
+    assert sides(0.3, 1) is None and "are exchanged" in sides(0.3, -1).text
+    assert sides(0.05, 1) is sides(0.05, -1) is None
 
 
 def test_pictures_exchanged_between_two_cameras_stop_by_both_names(tmp_path):

@@ -19,6 +19,7 @@ STANDS = np.cos(np.radians(30))
 FACING = ("face.nose_tip", "face.ear.L", "face.ear.R")
 PAIRS = ("body.upperarm01", "body.upperleg01")  # whose sides are asked which way the person faces
 TOLD, MOST = 4, 0.9  # answers of frames, and the share of them that must agree
+BENT = np.radians(30)  # a knee of less may be bent by the noise of its keypoints
 BONES = {
     "thighs": ("body.upperleg01", "body.lowerleg01"),
     "shanks": ("body.lowerleg01", "body.foot"),
@@ -88,16 +89,18 @@ def upward(names: tuple[str, ...], points: Floats) -> Floats | None:
 
 
 def check_sides(names: tuple[str, ...], points: Floats) -> Finding | None:
-    """Against the way that the person's (T,K,3) face and toes point: her left is on the left of it."""
+    """Against the way that the person's (T,K,3) face and toes point, and that knees bend: her left is on the left of it."""
     up = _middle(names, points, ("body.upperarm01",)) - _middle(names, points, ("body.upperleg01",))
     left = [points[:, names.index(f"{j}.L")] - points[:, names.index(f"{j}.R")] for j in PAIRS if _sided(names, j)]
-    ways = [_toes(names, points), _nose(names, points)]
+    ways = [_toes(names, points), _nose(names, points), *(_knee(names, points, side) for side in "LR")]
     turns = [np.einsum("ti,ti->t", np.cross(up, way), side) for side in left for way in ways]
     told = np.concatenate(turns) if turns else np.zeros(0)
     told = told[np.isfinite(told)]
     if len(told) < TOLD or (told < 0).mean() < MOST:
         return None
-    return Finding("keypoints: left and right are exchanged: face and toes point backwards in nearly all frames")
+    return Finding(
+        "keypoints: left and right are exchanged: face, toes or bent knees point backwards in nearly all frames"
+    )
 
 
 def check_bones(names: tuple[str, ...], points: Floats) -> Finding | None:
@@ -127,6 +130,17 @@ def _nose(names: tuple[str, ...], points: Floats) -> Floats:
     if "face.nose_tip" not in names:
         return np.full((len(points), 3), np.nan)
     return points[:, names.index("face.nose_tip")] - _middle(names, points, ("face.ear",))
+
+
+def _knee(names: tuple[str, ...], points: Floats, side: str) -> Floats:
+    """From the line between hip and ankle (T,3) to the knee, where it is BENT; NaN elsewhere."""
+    ends = [f"body.{joint}.{side}" for joint in ("upperleg01", "lowerleg01", "foot")]
+    if not all(end in names for end in ends):
+        return np.full((len(points), 3), np.nan)
+    hip, knee, ankle = (points[:, names.index(end)] for end in ends)
+    thigh, shank = ((a - b) / np.linalg.norm(a - b, axis=1, keepdims=True) for a, b in ((knee, hip), (ankle, knee)))
+    bent = np.einsum("ti,ti->t", thigh, shank) < np.cos(BENT)
+    return np.where(bent[:, None], thigh - shank, np.nan)
 
 
 def _sided(names: tuple[str, ...], joint: str) -> bool:
