@@ -181,6 +181,16 @@ def test_its_model_reads_poses_as_far_apart_in_time_and_faces_as_they_differ_fro
     assert read["face"] is None
 
 
+def test_the_driver_of_a_lent_garment_is_read_once(monkeypatch):
+    read, driver = [], SimpleNamespace(latents=lambda track: {"shirt": "codes"})
+    monkeypatch.setattr(lending, "make_track", lambda *_: None)
+    monkeypatch.setattr(lending, "load_driver", lambda folder: read.append(folder) or (driver, 6, {"held_out": 0.2}))
+    lent = lending.Lent("shirt", Path("other"), SimpleNamespace(scene=SimpleNamespace(fps=30)), None, 0.0)
+    motion = Motion(np.arange(1), np.zeros((1, 3, 3)), np.zeros((1, 3)), None, 30.0)
+    assert lent.warnings == [] and lent.latents(motion, None) == lent.latents(motion, None) == "codes"
+    assert read == [Path("other")]
+
+
 def test_a_folder_without_an_avatar_is_refused(owner, sample_run, tmp_path):
     with pytest.raises(UserError, match="no such folder"):
         DrivenAvatar(owner, sample_run, garments={"tshirt": tmp_path / "nobody"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +37,14 @@ class Lent:
         """Those that it was taught with, see `training_poses`."""
         return training_poses(self.folder)
 
+    @cached_property
+    def driver(self):
+        """The lender's, see `load_driver`."""
+        return load_driver(self.folder)
+
     @property
     def warnings(self):
-        _, _, measured = load_driver(self.folder)
+        _, _, measured = self.driver
         found = [f"{self.name} of {self.folder}: {words}" for words in hardly_foretold(measured)]
         if self.strain <= TIGHT:
             return found
@@ -55,7 +61,7 @@ class Lent:
     def latents(self, motion, face_mean):
         """Codes (T,Z) for a Motion of a person of mean face (q,3) or None. Poses of a window lie apart in time as nearly as in
         the lender's training; the face moves from the lender's mean as it does from the person's."""
-        driver, stride, _ = load_driver(self.folder)
+        driver, stride, _ = self.driver
         face, own = motion.face, getattr(self.lender, "face_mean", None)
         if face is not None and own is not None:
             known = face_mean is not None and face_mean.shape == own.shape
