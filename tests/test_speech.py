@@ -13,20 +13,13 @@ import numpy as np
 import pytest
 import typer
 
+from tests.support.command_line import run_cli
 from toile import cli, speech
 from toile.console import SHELLS, ProgressLines
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "data_samples" / "tshirt-talk"
 SILENT = {"settings", "doctor", "completion"}  # commands that log nothing
-
-
-def toile(monkeypatch, *arguments):
-    """The exit code of `toile ARGUMENTS` in this process; what was printed is for capsys."""
-    monkeypatch.setattr("sys.argv", ["toile", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    return stop.value.code or 0
 
 
 def all_of_them():
@@ -112,19 +105,19 @@ def test_only_a_terminal_gets_colours_and_none_that_asks_for_none(monkeypatch, s
 
 @pytest.mark.parametrize("name", sorted(typer.main.get_command(cli.app).commands))
 def test_every_command_has_a_short_help_and_the_manners_of_speech(monkeypatch, capsys, name):
-    assert toile(monkeypatch, name, "-h") == 0
+    assert run_cli(monkeypatch, name, "-h") == 0
     said = capsys.readouterr().out
     assert f"Usage: toile {name}" in said
     assert name in SILENT or all(option in said for option in ("--quiet", "--verbose", "--json"))
 
 
 def test_a_command_speaks_as_it_is_asked_to(monkeypatch, capsys):
-    assert toile(monkeypatch, "plan", SAMPLE) == 0
+    assert run_cli(monkeypatch, "plan", SAMPLE) == 0
     words = capsys.readouterr()
     assert words.err == f"next: toile register {SAMPLE} run\n"
-    assert toile(monkeypatch, "plan", SAMPLE, "--quiet") == 0
+    assert run_cli(monkeypatch, "plan", SAMPLE, "--quiet") == 0
     assert capsys.readouterr() == (words.out, "")
-    assert toile(monkeypatch, "plan", SAMPLE, "--json") == 0
+    assert run_cli(monkeypatch, "plan", SAMPLE, "--json") == 0
     said = capsys.readouterr()
     lines = [json.loads(line) for line in said.out.splitlines()]
     assert said.err == "" and "\n".join(line["text"] for line in lines[:-1]) == words.out.strip()
@@ -133,10 +126,10 @@ def test_a_command_speaks_as_it_is_asked_to(monkeypatch, capsys):
 
 def test_an_error_is_told_to_machines_too_and_verbose_says_where_it_stems_from(monkeypatch, capsys, tmp_path):
     missing = tmp_path / "none"
-    assert toile(monkeypatch, "plan", missing, "--json") == 1
+    assert run_cli(monkeypatch, "plan", missing, "--json") == 1
     said = capsys.readouterr()
     assert json.loads(said.out) == {"event": "error", "text": said.err[len("toile: ") : -1], "exit": 1}
-    assert toile(monkeypatch, "plan", missing, "--verbose") == 1
+    assert run_cli(monkeypatch, "plan", missing, "--verbose") == 1
     verbose = capsys.readouterr().err
     assert "open_capture" in verbose and verbose.endswith(said.err)
 
@@ -155,7 +148,7 @@ def test_an_error_is_told_to_machines_too_and_verbose_says_where_it_stems_from(m
     ids=lambda arguments: " ".join(map(str, arguments[::2])),
 )
 def test_with_json_stdout_says_the_error_of_every_command_whichever_part_of_it_raised(monkeypatch, capsys, arguments):
-    assert toile(monkeypatch, *arguments, "--json") == 1
+    assert run_cli(monkeypatch, *arguments, "--json") == 1
     said = capsys.readouterr()
     assert json.loads(said.out) == {"event": "error", "text": said.err[len("toile: ") : -1], "exit": 1}
 
@@ -200,14 +193,14 @@ def test_what_a_newcomer_gets_wrong_is_one_line_that_says_what_to_do(monkeypatch
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "scene.toml").write_text('[scene]\nname = "bare"\n')
     before = sorted(tmp_path.rglob("*"))
-    assert toile(monkeypatch, *arguments.split()) == 1
+    assert run_cli(monkeypatch, *arguments.split()) == 1
     message = capsys.readouterr()
     assert message.err.startswith(f"toile: {said}") and message.err.count("\n") == 1 and message.out == ""
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_toile_alone_shows_its_help_as_it_stands(monkeypatch, capsys):
-    assert toile(monkeypatch) == 1
+    assert run_cli(monkeypatch) == 1
     said = capsys.readouterr()
     assert said.err == "" and "\nCommands:\n" in said.out
 
@@ -265,7 +258,7 @@ def test_zsh_reads_its_completion_without_a_word(tmp_path):
     ],
 )
 def test_what_the_other_shells_ask_is_answered(monkeypatch, capsys, tmp_path, shell, asked):
-    assert toile(monkeypatch, "completion", shell) == 0
+    assert run_cli(monkeypatch, "completion", shell) == 0
     script = capsys.readouterr().out
     assert shell in SHELLS and all(name in script for name in asked)  # the script asks so
     found = subprocess.run(["toile"], capture_output=True, text=True, env=complete(tmp_path, **asked), timeout=300)

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 import toile.align.run
 import toile.io.run
 from tests.support.blas import most_blas_threads
+from tests.support.stored import arrays
 from toile import cli
 from toile.align.report import _section, _Textures, drawn_out, torn
 from toile.align.run import align
@@ -65,11 +66,6 @@ def undisturbed(two_blocks, tmp_path_factory):
 def unreported(monkeypatch):
     """Pictures of the textures cost more than the alignment of three frames."""
     monkeypatch.setattr("toile.align.run.write_report", lambda *_: None)
-
-
-def arrays(run):
-    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
 
 
 def assert_same_bits(once, twice):

@@ -8,21 +8,13 @@ import numpy as np
 import pytest
 
 import toile
-from toile import cli
+from tests.support.command_line import run_cli
 from toile.config import Config, listed, preset
 from toile.config.command import every, page
 from toile.errors import UserError
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "data_samples" / "tshirt-talk"
-
-
-def run_cli(monkeypatch, *arguments):
-    """The exit code of `toile ARGUMENTS` in this process; what was printed is for capsys."""
-    monkeypatch.setattr("sys.argv", ["toile", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    return stop.value.code or 0
 
 
 def test_the_page_of_the_documentation_is_the_settings_own():

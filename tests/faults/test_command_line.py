@@ -10,18 +10,11 @@ from pathlib import Path
 import pytest
 import typer
 
+from tests.support.command_line import run_cli
 from tests.support.processes import PATIENCE, hears_ctrl_c, wait_until
 from toile import cli
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
-
-
-def run_cli(monkeypatch, *arguments):
-    """The exit code of `toile ARGUMENTS` in this process; what was printed is for capsys."""
-    monkeypatch.setattr("sys.argv", ["toile", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    return stop.value.code or 0
 
 
 def commands(monkeypatch, capsys):

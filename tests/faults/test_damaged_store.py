@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zarr
 
-from tests.support.stored import cut, flip, lose
+from tests.support.stored import arrays, cut, flip, lose
 from toile.config import preset
 from toile.errors import UserError
 from toile.io.run import open_run
@@ -17,11 +16,6 @@ from toile.pipeline.run import register
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 CONFIG = preset("draft").model_copy(update={"preparation_frames": 1})
 FRAMES = (0, 3)  # no temporal state between them
-
-
-def arrays(run):
-    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zarr
+
+from tests.support.stored import arrays
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 FRAMES = (0, 3)  # no temporal state between them
@@ -42,11 +43,6 @@ def register(run, kill_at=0):
     done = subprocess.run([sys.executable, "-c", PROGRAM, SAMPLE, run, str(kill_at), log], timeout=600)
     assert done.returncode == (-signal.SIGKILL if kill_at else 0)
     return log.read_text().splitlines() if log.exists() else []
-
-
-def arrays(run):
-    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-import zarr
 
 from tests.support.processes import PATIENCE, hears_ctrl_c, wait_until
+from tests.support.stored import arrays
 from toile import cli, console
 from toile.config import preset
 from toile.errors import UserError
@@ -30,11 +30,6 @@ from toile.stages import inner
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 CONFIG = preset("draft").model_copy(update={"preparation_frames": 1})
 FRAMES = (48, 49, 50, 51)  # two blocks of temporal state
-
-
-def arrays(run):
-    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
 
 
 def assert_same_bits(once, twice):

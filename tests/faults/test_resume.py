@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import zarr
 
+from tests.support.stored import arrays
 from toile import cli
 from toile.config import changed, preset
 from toile.config.stages import Config
@@ -23,11 +24,6 @@ from toile.stages import dress, inner, segment, track
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 CONFIG = preset("draft").model_copy(update={"preparation_frames": 1})
 FRAMES = (0, 2)  # no temporal state between them
-
-
-def arrays(run):
-    group = zarr.open_group(str(run / "registered.zarr"), mode="r")
-    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
 
 
 def assert_same_bits(once, twice, but=()):

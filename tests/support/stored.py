@@ -1,4 +1,4 @@
-"""Files of a run's store that come to harm."""
+"""What a run's store holds, and its files that come to harm."""
 
 from pathlib import Path
 
@@ -6,6 +6,12 @@ import numpy as np
 import zarr
 
 from toile.io.run import file_of
+
+
+def arrays(run):
+    """{name: array} of all that the store of a run holds."""
+    group = zarr.open_group(str(Path(run) / "registered.zarr"), mode="r")
+    return {name: item[...] for name, item in group.members(max_depth=None) if isinstance(item, zarr.Array)}
 
 
 def stored_file(run, key, row=0):
