@@ -21,17 +21,7 @@ FRAMES, VIEWS = 3, 4  # that are looked at, and cameras of each
 SIDE = 256  # px, longer side, to which masks are thinned for this
 NEAR = 0.03  # of a mask's height, about it: farther away floors and clutter are no part of the person
 BENDS = (-0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5)  # added to k1
-ZOOMS = (
-    0.96,
-    0.97,
-    0.98,
-    0.99,
-    1.0,
-    1.01,
-    1.02,
-    1.03,
-    1.04,
-)  # of the focal length, as masks that are narrow or wide ask for
+ZOOMS = (0.96, 0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03, 1.04)  # of the focal length, as narrow or wide masks ask for
 BENT = 0.0065  # of overlap, by which another distortion must fit better than any focal length
 MIRRORED = 0.02  # of overlap, by which the mirrored scan must fit better
 FITS = 0.8  # of overlap, that another reading must reach: a scan that lies aside fits none
