@@ -386,7 +386,7 @@ def spoil(path, old, new):
         ("metashape", "cameras.xml", "<k1>", "<k4>0.1</k4><k1>", r"camera 'left': k4 are not zero"),
         ("metashape", "cameras.xml", "<scale>0", "<scale>-0", r"cameras\.xml: transform\.scale: -0\.37, expected a positive"),
         ("metashape", "cameras.xml", "</chunk>", "</chunk><chunk />", r"cameras\.xml: 2 chunks: export one"),
-        ("colmap-text", "cameras.txt", "OPENCV", "OPENCV_FISHEYE", r"camera model OPENCV_FISHEYE is not read"),
+        ("colmap-text", "cameras.txt", "OPENCV", "OPENCV_FISHEYE", r"camera 'left': camera model OPENCV_FISHEYE: a fisheye: such lenses are not read: undistort"),
         ("colmap-text", "images.txt", " 1 left", " 7 left", r"images\.txt: left\.png: no camera 7 in cameras\.txt"),
         ("json", "calibration.json", '"intrinsics"', '"lens"', r"calibration\.json: camera 'left': K is missing"),
         ("json", "calibration.json", '"left"', '"../left"', r"its name cannot be a file's"),
@@ -428,9 +428,13 @@ def test_a_mirrored_rotation_and_lenses_beyond_five_coefficients_are_refused(tmp
 @pytest.mark.parametrize(
     "field, value, message",
     [
-        ("model", "OPENCV_FISHEYE", "model: fisheye lenses are not read: undistort"),
-        ("distortion_model", "equidistant", "distortion_model: fisheye lenses are not read"),
-        ("fisheye", True, "fisheye: fisheye lenses are not read"),
+        (
+            "model",
+            "OPENCV_FISHEYE",
+            "model: a fisheye: such lenses are not read: undistort the pictures first, or by --undistort",
+        ),
+        ("distortion_model", "equidistant", "distortion_model: a fisheye: such lenses are not read"),
+        ("fisheye", True, "fisheye: a fisheye: such lenses are not read"),
         ("distortions", [0.1, 0, 0, 0], "distortions: coefficients are read from dist, D, .* alone"),
         ("k1", -0.2, "k1: coefficients are read from dist"),
     ],
@@ -442,7 +446,7 @@ def test_a_lens_that_is_not_taken_is_refused_and_not_left(tmp_path, field, value
     data["left"] |= harmless
     path.write_text(json.dumps(data))
     assert set(read_calibration(kind, path)) == {"a", "front", "cam 3"}
-    data["front"][field] = value
+    data["front"] |= {"dist": data["front"]["dist"][:4], field: value}
     path.write_text(json.dumps(data))
     with pytest.raises(UserError, match=f"calibration.json: camera 'front': {message}"):
         read_calibration(kind, path)
@@ -453,7 +457,14 @@ def test_opencv_s_own_file_of_a_fisheye_lens_is_refused(tmp_path):
     spoil(path, "image_width", "fisheye_model: 0\nimage_width")
     assert read_calibration("opencv", path)
     spoil(path, "fisheye_model: 0", "fisheye_model: 1")
-    with pytest.raises(UserError, match=r"left\.yml: fisheye_model: fisheye lenses are not read"):
+    with pytest.raises(
+        UserError, match=r"left\.yml: distortion: 5 numbers, a fisheye \(fisheye_model\) has k1 k2 k3 k4"
+    ):
+        read_calibration("opencv", path)
+    storage(path, {"camera_matrix": np.eye(3), "D": np.zeros(4), "R": np.eye(3), "T": np.ones(3), "fisheye_model": 1})
+    with pytest.raises(
+        UserError, match=r"left\.yml: camera 'left': fisheye_model: a fisheye: such lenses are not read"
+    ):
         read_calibration("opencv", path)
 
 

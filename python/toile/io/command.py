@@ -41,6 +41,10 @@ def import_capture(
     cropped: Annotated[
         bool, typer.Option("--cropped", help="pictures were cut at the right or below after calibrating")
     ] = False,
+    undistort: Annotated[
+        bool,
+        typer.Option("--undistort", help="resample pictures of fisheyes and of lenses of more than five coefficients"),
+    ] = False,
     copy: Annotated[bool, typer.Option("--copy", help="copy pictures in place of linking them")] = False,
 ):
     """Make a capture of somebody else's: a calibration and what lies about it, or a data set. Pictures are linked."""
@@ -49,18 +53,22 @@ def import_capture(
     from ..console import frame_numbers
     from ..errors import UserError
     from .calibration import KINDS
+    from .calibration.lenses import refuse_bent
     from .datasets import DATASETS
     from .importing import write_capture
     from .rig import Options, chosen, read_rig
 
     folders = dict(images=images, masks=masks, labels=labels, keypoints=keypoints, scans=scans, videos=videos)
     if kind in KINDS:
-        found = read_rig(kind, source, Options(folders, units, up, skeleton, offsets_of(offset or []), fps, cropped))
+        found = read_rig(
+            kind, source, Options(folders, units, up, skeleton, offsets_of(offset or []), fps, cropped, undistort)
+        )
     elif kind in DATASETS:
-        given = [*folders.values(), units, skeleton, offset, cropped]
+        given = [*folders.values(), units, skeleton, offset, cropped, undistort]
         if any(given):
             raise UserError(f"toile import {kind}: a data set takes --up, --fps, --frames, --step and --copy alone")
         found = DATASETS[kind](source, up)
+        refuse_bent(source, found.cameras.values())
         found = found if fps is None else replace(found, fps=fps)
     else:
         raise UserError(f"toile import {kind}: expected one of {', '.join([*KINDS, *DATASETS])}")

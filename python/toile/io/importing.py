@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,11 @@ import numpy as np
 from ..errors import UserError
 from ..kernels.arrays import Anything, Floats
 from ..scene import Camera, frame_ranges
+from .calibration.checked import few
+from .calibration.lenses import Bent
 from .files import whole_folder
 from .films import decoded, film_size
+from .flattening import Flattening, flatten_keypoints
 from .image import check_labels, image_header, one_channel, write_image
 from .mesh import read_mesh, write_mesh
 
@@ -48,29 +51,41 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
     if not found.frames:
         raise UserError(f"{head}: no frame with pictures, keypoints or a scan")
     found = replace(found, cameras=_sized(found))
+    flat = {name: Flattening(camera) for name, camera in found.cameras.items() if isinstance(camera, Bent)}
+    pinholes = {name: flattening.camera for name, flattening in flat.items()}
     _check_masks(found)
     with whole_folder(out) as part:
         for number in sorted(found.frames):
-            _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, copy)
-        lacking = [note for camera in found.films if (note := _write_film(part / "frames", found, camera))]
-        found = replace(found, notes=(*found.notes, *lacking))
+            _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, flat, copy)
+        said = [note for camera in found.films if (note := _write_film(part / "frames", found, camera, flat))]
+        said += _sizes_said(found.cameras, pinholes)
+        found = replace(found, cameras=found.cameras | pinholes, notes=(*found.notes, *said))
         (part / "scene.toml").write_text(_scene(found, out.resolve().name, head), encoding="utf-8")
         (part / "cameras.json").write_text(cameras_json(found.cameras), encoding="utf-8")
     return found
 
 
-def _write_film(frames: Path, found: Found, camera: str) -> str:
+def _sizes_said(before: Mapping[str, Camera], pinholes: Mapping[str, Camera]) -> list[str]:
+    size = lambda camera: f"{camera.width} x {camera.height}"
+    each = few(f"{name} from {size(before[name])} pixels to {size(camera)}" for name, camera in pinholes.items())
+    return [f"undistorted: {len(pinholes)} cameras: {each}"] if pinholes else []
+
+
+def _write_film(frames: Path, found: Found, camera: str, flat: Mapping[str, Flattening]) -> str:
     """A film's pictures of all frames; what is to be said of those that it lacks, "" where it has all."""
     film, first = found.films[camera]
     left = set(found.frames)
     for index, picture in decoded(film, [number + first for number in found.frames]):
         _check_size(film, picture.shape[:2], found.cameras[camera])
+        picture = flat[camera].resampled(picture, "images") if camera in flat else picture
         write_image(frames / f"{index - first:06d}" / "images" / f"{camera}.jpg", picture)
         left.remove(index - first)
     return f"{film.name}: no pictures of {len(left)} frames: {frame_ranges(sorted(left), MANY)}" if left else ""
 
 
-def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Camera], copy: bool) -> None:
+def _write_frame(
+    folder: Path, sources: dict[str, Source], cameras: dict[str, Camera], flat: Mapping[str, Flattening], copy: bool
+) -> None:
     folder.mkdir(parents=True)
     for name, source in sources.items():
         path = folder / name
@@ -87,10 +102,12 @@ def _write_frame(folder: Path, sources: dict[str, Source], cameras: dict[str, Ca
             _check_size(where, size, camera)
             if kind == "labels":
                 check_labels(written)
-            if kind == "masks" and mode not in ("L", "1"):
-                grey = one_channel(path)
-                path.unlink()  # a link: what it points to stays
-                write_image(path, grey)
+            if camera.name in flat:  # written anew, as a link is: what it points to stays
+                write_image(path, flat[camera.name].read(written, kind))
+            elif kind == "masks" and mode not in ("L", "1"):
+                write_image(path, one_channel(path))
+    if flat and (folder / "keypoints.json").exists():
+        flatten_keypoints(folder / "keypoints.json", flat)
 
 
 def _check_masks(found: Found) -> None:

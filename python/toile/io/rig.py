@@ -16,6 +16,7 @@ from ..kernels.arrays import Floats
 from ..scene import Camera, frame_ranges
 from .calibration import KINDS, find_calibration, read_calibration
 from .calibration.checked import SHOWN, few
+from .calibration.lenses import Bent
 from .films import dropped, film_count, film_rate
 from .importing import Found, Source, moved, moved_scan, text_of, turned_up, up_of
 from .openpose import read_person
@@ -40,6 +41,7 @@ class Options:
     offsets: Mapping[str, int] = field(default_factory=dict)  # camera: its file number of frame 0
     fps: float | None = None  # frames a second, by default those of the films
     cropped: bool = False  # pictures lack columns at the right or rows below that the calibration has
+    undistort: bool = False  # pictures of lenses that a Camera does not know become a pinhole camera's
 
 
 def read_rig(kind: str, source: Path, options: Options) -> Found:
@@ -47,7 +49,7 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     path = find_calibration(kind, source)
     root = source if source.is_dir() else path.parent
     said: list[str] = []
-    cameras = read_calibration(kind, path, said)
+    cameras = read_calibration(kind, path, said, options.undistort)
     for name in options.offsets:
         if name not in cameras:
             raise UserError(f"--offset {name}: no such camera in {path.name}: {few(cameras)}")
@@ -58,7 +60,10 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     notes.append(
         f"up: {options.up or 'told by the cameras'}{'' if np.trace(turn) == 3 else ', turned by half a turn to ' + up}"
     )
-    straight = [name for name, camera in cameras.items() if not np.any(camera.distortion)]
+    bent = [name for name, camera in cameras.items() if isinstance(camera, Bent)]
+    if options.undistort and not bent:
+        notes.append("undistort: no lens asks for it, distortion of five coefficients is kept")
+    straight = [name for name, camera in cameras.items() if not np.any(camera.distortion) and name not in bent]
     if straight:
         which = "any camera" if len(straight) == len(cameras) else few(straight)
         notes.append(f"distortion: none of {which}: such pictures are taken as they are")

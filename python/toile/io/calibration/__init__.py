@@ -13,6 +13,7 @@ from pathlib import Path
 from ...errors import UserError
 from ...scene import Camera
 from . import colmap, lists, metashape, opencv, pose2sim, qualisys
+from .lenses import refuse_bent
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,14 @@ def find_calibration(kind: str, source: Path) -> Path:
     raise UserError(f"{source}: no calibration of kind '{kind}' ({', '.join(KINDS[kind].names)})")
 
 
-def read_calibration(kind: str, path: Path, notes: list[str] | None = None) -> dict[str, Camera]:
+def read_calibration(
+    kind: str, path: Path, notes: list[str] | None = None, undistort: bool = False
+) -> dict[str, Camera]:
     """{name: Camera} of a calibration file, translations in its own unit; what it leaves is added to `notes`. UserError names the
-    file and the field."""
+    file and the field, of cameras that are Bent too, unless `undistort`."""
     cameras = KINDS[kind].read(path, [] if notes is None else notes)
     if not cameras:
         raise UserError(f"{path}: no camera in it")
+    if not undistort:
+        refuse_bent(path, cameras.values())
     return cameras

@@ -14,9 +14,11 @@ from ...errors import UserError
 from ...kernels.arrays import Anything, Floats
 from ...scene import Camera
 from ..image import MAX_PIXELS
+from .lenses import COUNTS, Bent, Lens, fisheye, polynomial
 
 ROUNDED = 2e-3  # how far a rotation may be from orthonormal: files round to four digits
-OTHER_LENS = re.compile("fish|equidist|kannala|omnidir|double.?sphere", re.IGNORECASE)
+FISHEYE = re.compile("fish|equidist|kannala", re.IGNORECASE)
+OTHER_LENS = re.compile("omnidir|double.?sphere", re.IGNORECASE)
 COEFFICIENTS = re.compile(r"dist(?!ance)|radial|tangential|[kp]\d$", re.IGNORECASE)  # what a field of them is called
 SHOWN = 3  # names in a message
 HALF = 0.5  # from pixel centres at whole numbers (OpenCV) to centres at halves
@@ -78,19 +80,28 @@ def intrinsics(fx: float, fy: float, cx: float, cy: float, skew: float = 0.0) ->
 
 
 def make_camera(
-    path: Path, name: str, size: tuple[int, int], K: Anything, distortion: Any, T_camera_world: Anything
+    path: Path,
+    name: str,
+    size: tuple[int, int],
+    K: Anything,
+    distortion: Any,
+    T_camera_world: Anything,
+    lens: Lens | None = None,
 ) -> Camera:
-    """A Camera whose K has pixel centres at halves, its name in NFC; `size` (height, width), zeros where unknown. Coefficients beyond
-    OpenCV's first five must be zero."""
+    """A Camera whose K has pixel centres at halves, its name in NFC; `size` (height, width), zeros where unknown. Bent where it has a
+    `lens`, which stands for `distortion`, or where of OpenCV's coefficients others than the first five are not zero."""
     name = normalize("NFC", name)
     if name != Path(name).name or name.startswith(".") or not name.isprintable():
         raise UserError(f"{path}: camera {name!r}: its name cannot be a file's")
     where = f"{path}: camera '{name}'"
     given = numbers(path, f"camera '{name}': distortion", distortion, (np.size(distortion),))
-    if np.any(given[5:]):
-        raise UserError(f"{where}: distortion {given[5:].tolist()} beyond k1 k2 p1 p2 k3: undistort the pictures first")
+    if lens is None and np.any(given[5:]):
+        if len(given) > COUNTS[-1]:
+            raise UserError(f"{where}: distortion: {len(given)} numbers, at most {COUNTS[-1]} are known")
+        lens = Lens(polynomial(given), f"distortion {given[5:].tolist()} beyond k1 k2 p1 p2 k3")
     bend = np.zeros(5)
-    bend[: min(len(given), 5)] = given[:5]
+    if lens is None:
+        bend[: min(len(given), 5)] = given[:5]
     height, width = (int(n) for n in size)
     if K[0, 0] <= 0 or K[1, 1] <= 0 or abs(K[2, 2] - 1) > 1e-9 or np.any(K[2, :2]) or K[1, 0]:
         raise UserError(f"{where}: K: not an intrinsic matrix of positive focal lengths whose last row is 0 0 1")
@@ -100,19 +111,34 @@ def make_camera(
         raise UserError(f"{where}: {width} x {height} pixels, at most {MAX_PIXELS} are read")
     if not all(np.isfinite(a).all() for a in (K, T_camera_world)):
         raise UserError(f"{where}: K or its pose is not finite")
-    return Camera(name, width, height, np.asarray(K, float), bend, np.asarray(T_camera_world, float))
+    fields = name, width, height, np.asarray(K, float), bend, np.asarray(T_camera_world, float)
+    return Camera(*fields) if lens is None else Bent(*fields, lens)
 
 
-def check_lens(path: Path, where: str, fields: Mapping[str, Any], read: Collection[str]) -> None:
-    """UserError for fields, numbers and words, that speak of a lens that bends otherwise than by OpenCV's polynomial, and for
-    coefficients that are not zero and not among the fields that are `read`."""
+def check_lens(path: Path, where: str, fields: Mapping[str, Any], read: Collection[str]) -> str:
+    """The field, if any, that says that the lens is a fisheye. UserError for fields, numbers and words, that speak of a lens of yet
+    another kind, and for coefficients that are not zero and not among the fields that are `read`."""
+    told = ""
     for key, value in fields.items():
         word = value if isinstance(value, str) else ""
         said = not word and bool(np.any(value))
         if OTHER_LENS.search(word) or (said and OTHER_LENS.search(key)):
-            raise UserError(f"{path}: {where}{key}: fisheye lenses are not read: undistort the pictures first")
-        if COEFFICIENTS.match(key) and key not in read and said:
+            raise UserError(f"{path}: {where}{key}: lenses of this kind are not known: undistort the pictures first")
+        if FISHEYE.search(word) or (said and FISHEYE.search(key)):
+            told = key
+        elif COEFFICIENTS.match(key) and key not in read and said:
             raise UserError(f"{path}: {where}{key}: coefficients are read from {', '.join(read)} alone")
+    return told
+
+
+def fisheye_lens(path: Path, where: str, coefficients: Any, told: str) -> Lens | None:
+    """The fisheye that the field `told` speaks of, "" for none, of up to four coefficients."""
+    if not told:
+        return None
+    given = numbers(path, f"{where}distortion", coefficients, (np.size(coefficients),))
+    if np.any(given[4:]):
+        raise UserError(f"{path}: {where}distortion: {len(given)} numbers, a fisheye ({told}) has k1 k2 k3 k4")
+    return Lens(fisheye(given[:4]), f"{told}: a fisheye")
 
 
 def add(path: Path, cameras: dict[str, Camera], camera: Camera) -> None:

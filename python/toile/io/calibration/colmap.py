@@ -2,8 +2,8 @@
 
 A picture is a camera: it is called by its name without ending, or by its folder where pictures lie in folders, unless no two of a
 folder have the same pose, as in `images/CAM.png` and `FRAME/CAM.png`. Pictures of one camera must have one pose and lens; that
-several cameras of a folder share a lens is said, since they may be one that moved. Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
-FULL_OPENCV without its denominators. Refused: other lenses. Left: points, observations, rigs, frames. The scale is COLMAP's
+several cameras of a folder share a lens is said, since they may be one that moved. Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL,
+RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE. Refused: other lenses. Left: points, observations, rigs, frames. The scale is COLMAP's
 own, unless the model was scaled: say metres a unit by `--units`.
 """
 
@@ -20,17 +20,18 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_bytes, read_text
-from .checked import few, intrinsics, make_camera, numbers, rigid
+from .checked import few, fisheye_lens, intrinsics, make_camera, numbers, rigid
 
 NAMES = ("cameras.bin", "cameras.txt")
 BYTES = 2 << 30
 # by the number that binary files give; parameters, and where k1 k2 p1 p2 k3 k4 k5 k6 stand among those after c
 MODELS = {
     0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
-    6: ("FULL_OPENCV", 12),
+    5: ("OPENCV_FISHEYE", 8), 6: ("FULL_OPENCV", 12), 8: ("SIMPLE_RADIAL_FISHEYE", 4), 9: ("RADIAL_FISHEYE", 5),
 }  # fmt: skip
 COUNTS = dict(MODELS.values())
-SINGLE = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")  # one focal length
+SINGLE = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")  # one focal length
+BENT = np.array([[0.5, 0.2], [-0.1, 0.4]])  # ideal normalised coordinates, by which lenses are compared
 SAME = 1e-6  # difference of two poses of one camera
 
 
@@ -55,7 +56,10 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
         model, size, parameters = lenses[lens]
         K, bend = _lens(path, model, parameters)
         own = by_folder and place.parent.name
-        camera = make_camera(images, own or place.stem, size, K, bend, T)
+        told = f"camera model {model}" if model.endswith("FISHEYE") else ""
+        camera = make_camera(
+            images, own or place.stem, size, K, bend, T, fisheye_lens(path, f"camera {lens}: ", bend, told)
+        )
         before = cameras.setdefault(camera.name, camera)
         _check_same(
             f"{images}: {place}: camera '{camera.name}'{', called by its folder,' if own else ''}", before, camera
@@ -88,7 +92,7 @@ def _check_same(where: str, before: Camera, camera: Camera) -> None:
     """UserError unless two pictures' cameras are one."""
     if np.abs(before.T_camera_world - camera.T_camera_world).max() > SAME:
         raise UserError(f"{where} has another pose than before: a moving camera is not read")
-    lenses = [np.r_[c.size, c.K.ravel(), c.distortion] for c in (before, camera)]
+    lenses = [np.r_[c.size, c.K.ravel(), c.distort(BENT).ravel()] for c in (before, camera)]
     if np.abs(lenses[0] - lenses[1]).max() > SAME:
         raise UserError(f"{where} has another lens than before: calibrate with one lens a folder")
 

@@ -5,8 +5,8 @@
   are in SPELLINGS. The file may say `"pixel_centre": 0.5`; without it pixel centres are whole numbers, as OpenCV's.
 - Middlebury multi-view stereo `*_par.txt`: `name.png K (9) R (9) t (3)`, whole pixel centres.
 
-World to camera, unless it is called camera_to_world. Left: every other field; refused are those that tell of a fisheye lens
-and coefficients of other names.
+World to camera, unless it is called camera_to_world. Where a field tells of a fisheye lens, `dist` is k1 k2 k3 k4 of one. Left:
+every other field; refused are those that tell of yet other lenses and coefficients of other names.
 """
 
 from __future__ import annotations
@@ -20,7 +20,19 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_json, read_text
-from .checked import HALF, add, check_lens, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
+from .checked import (
+    HALF,
+    add,
+    check_lens,
+    fisheye_lens,
+    intrinsics,
+    inverse,
+    make_camera,
+    numbers,
+    placed,
+    rigid,
+    rotation,
+)
 
 NAMES = ("*_par.txt", "*.json")
 SPELLINGS = {
@@ -64,7 +76,7 @@ def _camera(path: Path, name: str, fields: dict[str, Any], half: float) -> Camer
             raise UserError(f"{path}: camera '{name}': {word} is missing")
         return numbers(path, f"camera '{name}': {word}", given[word], *shapes)
 
-    check_lens(path, f"camera '{name}': ", fields, SPELLINGS["dist"])
+    told = check_lens(path, f"camera '{name}': ", fields, SPELLINGS["dist"])
     K = needed("K", (3, 3))
     K = intrinsics(K[0, 0], K[1, 1], K[0, 2] + half, K[1, 2] + half, K[0, 1])
     word = next((w for w in ("camera_to_world", "RT") if given[w] is not None), None)
@@ -75,7 +87,8 @@ def _camera(path: Path, name: str, fields: dict[str, Any], half: float) -> Camer
         T = inverse(T) if word == "camera_to_world" else T
     size = [int(numbers(path, f"camera '{name}': {side}", given[side] or 0, (1,))[0]) for side in ("height", "width")]
     bend = np.zeros(5) if given["dist"] is None else np.ravel(given["dist"])
-    return make_camera(path, name, (size[0], size[1]), K, bend, T)
+    lens = fisheye_lens(path, f"camera '{name}': ", bend, told)
+    return make_camera(path, name, (size[0], size[1]), K, bend, T, lens)
 
 
 def _middlebury(path: Path) -> dict[str, Camera]:

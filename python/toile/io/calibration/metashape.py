@@ -3,24 +3,27 @@
 The principal point (cx, cy) is an offset from the picture's middle (w/2, h/2), in which pixel centres are at halves; p1 and
 p2 stand the other way round than OpenCV's:
 
-    x' = x (1 + k1 r2 + k2 r4 + k3 r6) + p1 (r2 + 2 x2) + 2 p2 x y      u = w/2 + cx + x' (f + b1) + y' b2
-    y' = y (1 + k1 r2 + k2 r4 + k3 r6) + p2 (r2 + 2 y2) + 2 p1 x y      v = h/2 + cy + y' f
+    x' = x (1 + k1 r2 + k2 r4 + k3 r6 + k4 r8) + (p1 (r2 + 2 x2) + 2 p2 x y) (1 + p3 r2 + p4 r4)     u = w/2 + cx + x' (f + b1) + y' b2
+    y' = y (1 + k1 r2 + k2 r4 + k3 r6 + k4 r8) + (p2 (r2 + 2 y2) + 2 p1 x y) (1 + p3 r2 + p4 r4)     v = h/2 + cy + y' f
 
-(Metashape Professional manual, appendix "Camera models"). A camera's `transform` takes its frame to the chunk's, the
+(Metashape Professional manual, appendix "Camera models"). Before it a fisheye takes x, y to t / r of them, or 2 sin(t / 2) / r where it
+is equisolid, t = atan r. A camera's `transform` takes its frame to the chunk's, the
 component's or chunk's `transform` (scale, rotation, translation) that to the world's.
 
 A camera of a multi-camera system has a `master_id` and no transform. Its sensor's `rotation` (3x3) and `location` (`translation` in
 older files) take its frame to that of the master sensor, in units of the chunk, so that the camera's transform is the master's
 times the offset. A master's sensor need not be the one that the sensors' `master_id` names: offsets are taken between the two.
 
-Taken: sensors of type frame, cameras with a transform or with a master that has one. Left, and said: other cameras. Left:
-markers, references. Refused: k4, p3, p4 that are not zero, other lens types, several chunks, and several components unless each
+Taken: sensors of type frame and fisheye, cameras with a transform or with a master that has one. Left, and said: other cameras. Left:
+markers, references. Refused: other lens types, several chunks, and several components unless each
 has its transform: nothing tells how they stand to one another.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -32,9 +35,18 @@ from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_xml
 from .checked import add, few, intrinsics, inverse, make_camera, numbers, placed, rigid, rotation
+from .lenses import Lens
 
 NAMES = ("*.xml",)
 WORLD = ("scale", "rotation", "translation")
+REACHES: dict[
+    str, Callable[[Floats], Floats]
+] = {  # how far from the middle a point lies, of its r before the polynomial
+    "frame": lambda r: r,
+    "fisheye": np.arctan,
+    "equidistant_fisheye": np.arctan,
+    "equisolid_fisheye": lambda r: 2 * np.sin(np.arctan(r) / 2),
+}
 ENDING = re.compile(r"(?i)\.(jpe?g|png|tiff?|bmp|exr|dng|raw|cr[23]|nef|arw)$")  # of pictures; "cam.1" has none
 
 
@@ -66,7 +78,7 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
             T = T @ inverse(offsets[master.get("sensor_id")][1]) @ offsets[camera.get("sensor_id")][1]
         scale, R, t = worlds[master.get("component_id")]
         pose = rigid(R @ T[:3, :3], scale * R @ T[:3, 3] + t)
-        add(path, cameras, make_camera(path, name, *_lens(path, name, sensor), inverse(pose)))
+        add(path, cameras, _camera(path, name, sensor, inverse(pose)))
     notes += [f"left: {len(names)} cameras {why}: {few(names)}" for why, names in left.items()]
     return cameras
 
@@ -119,10 +131,10 @@ def _worlds(path: Path, chunk: Element, aligned: list[Element]) -> dict[str | No
     return {component: _world(path, own.get(component, chunk.find("transform"))) for component in first}
 
 
-def _lens(path: Path, name: str, sensor: Element) -> tuple[tuple[int, int], Floats, Floats]:
-    """(height, width), K, distortion of a sensor."""
-    if sensor.get("type", "frame") != "frame":
-        raise UserError(f"{path}: camera '{name}': a sensor of type {sensor.get('type')!r} is not read, only 'frame'")
+def _camera(path: Path, name: str, sensor: Element, T_camera_world: Floats) -> Camera:
+    kind = sensor.get("type", "frame")
+    if kind not in REACHES:
+        raise UserError(f"{path}: camera '{name}': a sensor of type {kind!r} is not read, only {', '.join(REACHES)}")
     adjusted = [c for c in sensor.findall("calibration") if c.get("class", "adjusted") == "adjusted"]
     if not adjusted:
         raise UserError(f"{path}: camera '{name}': its sensor has no adjusted calibration")
@@ -136,11 +148,24 @@ def _lens(path: Path, name: str, sensor: Element) -> tuple[tuple[int, int], Floa
     def of(field: str) -> Any:
         return numbers(path, f"camera '{name}': {field}", adjusted[0].findtext(field, "0"), (1,))[0]
 
-    beyond = [field for field in ("k4", "p3", "p4") if of(field)]
-    if beyond:
-        raise UserError(f"{path}: camera '{name}': {', '.join(beyond)} are not zero: export undistorted pictures")
     K = intrinsics(of("f") + of("b1"), of("f"), width / 2 + of("cx"), height / 2 + of("cy"), of("b2"))
-    return (height, width), K, np.array([of(field) for field in ("k1", "k2", "p2", "p1", "k3")])
+    beyond = [field for field in ("k4", "p3", "p4") if of(field)]
+    told = f"a sensor of type {kind!r}" if kind != "frame" else f"{', '.join(beyond)} are not zero" if beyond else ""
+    k, p = ([of(f"{letter}{i}") for i in range(1, 5)] for letter in "kp")
+    bend = np.array([k[0], k[1], p[1], p[0], k[2]])
+    lens = Lens(partial(_bent, reach=REACHES[kind], k=k, p=p), told) if told else None
+    return make_camera(path, name, (height, width), K, bend, T_camera_world, lens)
+
+
+def _bent(xy: Floats, reach: Callable[[Floats], Floats], k: list[float], p: list[float]) -> Floats:
+    """Ideal normalised coordinates (..., 2) to distorted ones, by the equations above."""
+    r = np.linalg.norm(xy, axis=-1, keepdims=True)
+    xy = xy * np.where(r > 0, reach(r) / np.where(r > 0, r, 1), 1)
+    x, y = xy[..., :1], xy[..., 1:]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
+    aside = np.concatenate([p[0] * (r2 + 2 * x * x) + 2 * p[1] * x * y, p[1] * (r2 + 2 * y * y) + 2 * p[0] * x * y], -1)
+    return xy * radial + aside * (1 + r2 * (p[2] + r2 * p[3]))
 
 
 def _world(path: Path, element: Element | None) -> tuple[float, Floats, Floats]:

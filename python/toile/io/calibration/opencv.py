@@ -5,8 +5,8 @@
 - A file a camera, in one folder: `camera_matrix`, `distortion_coefficients`, `image_width`, `image_height` as OpenCV's own
   calibration writes them, and `R` (3x3 or Rodrigues), `T`, world to camera.
 
-Left: everything else in the files. Refused: coefficients beyond k1 k2 p1 p2 k3 that are not zero, or of other names, fisheye
-lenses where the file tells of them, cameras without a pose.
+Where `fisheye_model` or another field tells of a fisheye lens, its coefficients are k1 k2 k3 k4. Left: everything else in the files.
+Refused: coefficients of other names, cameras without a pose.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ...errors import UserError
 from ...kernels.arrays import Floats
 from ...scene import Camera
 from ..bounded import read_text, reason_of
-from .checked import HALF, add, check_lens, intrinsics, make_camera, numbers, rigid, rotation
+from .checked import HALF, add, check_lens, fisheye_lens, intrinsics, make_camera, numbers, rigid, rotation
 
 NAMES = ("intri.yml", "*.yml", "*.yaml", "*.xml", "*.json")
 BYTES = 16 << 20
@@ -73,14 +73,15 @@ def _single(path: Path) -> Camera:
             raise UserError(f"{path}: {keys[0]} is missing")
         return key
 
-    check_lens(path, "", {key: _plain(file.getNode(key)) for key in file.root().keys()}, DISTORTION)
+    told = check_lens(path, "", {key: _plain(file.getNode(key)) for key in file.root().keys()}, DISTORTION)
     matrix, bend, turn, place = named(MATRIX), named(DISTORTION, False), named(ROTATION), named(TRANSLATION)
     K = _intrinsics(path, matrix, file.getNode(matrix))
     coefficients = np.zeros(5) if bend is None else _matrix(path, bend, file.getNode(bend)).ravel()
     size = int(file.getNode("image_height").real()), int(file.getNode("image_width").real())
     R = rotation(path, turn, _matrix(path, turn, file.getNode(turn)))
     t = numbers(path, place, _matrix(path, place, file.getNode(place)), (3,))
-    return make_camera(path, path.stem, size, K, coefficients, rigid(R, t))
+    lens = fisheye_lens(path, "", coefficients, told)
+    return make_camera(path, path.stem, size, K, coefficients, rigid(R, t), lens)
 
 
 def _intrinsics(path: Path, field: str, node: Any) -> Floats:

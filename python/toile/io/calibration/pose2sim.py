@@ -1,7 +1,7 @@
 """TOML of Pose2Sim, aniposelib and FreeMoCap: a table a camera with `name, size [w, h], matrix, distortions, rotation`
 (Rodrigues) and `translation`, world to camera; pixel centres are whole numbers, as OpenCV calibrates.
 
-Left: `[metadata]`, and a table's other fields (`fisheye = true` is refused). Pose2Sim writes metres, FreeMoCap millimetres.
+Left: `[metadata]`, and a table's other fields. With `fisheye = true` distortions are k1 k2 k3 k4 of a fisheye. Pose2Sim writes metres, FreeMoCap millimetres.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from ...errors import UserError
 from ...scene import Camera
 from ..bounded import read_toml
-from .checked import HALF, add, intrinsics, make_camera, numbers, rigid, rotation
+from .checked import HALF, add, fisheye_lens, intrinsics, make_camera, numbers, rigid, rotation
 
 NAMES = ("*.toml",)
 OTHERS = ("Config.toml",)  # Pose2Sim's settings, at the root of its projects
@@ -26,8 +26,6 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
         for field in ("size", "rotation", "translation"):
             if field not in fields:
                 raise UserError(f"{path}: {table}.{field} is missing")
-        if fields.get("fisheye"):
-            raise UserError(f"{path}: {table}.fisheye: fisheye lenses are not read: undistort the pictures first")
         K = numbers(path, f"{table}.matrix", fields["matrix"], (3, 3))
         K = intrinsics(K[0, 0], K[1, 1], K[0, 2] + HALF, K[1, 2] + HALF, K[0, 1])
         width, height = numbers(path, f"{table}.size", fields["size"], (2,))
@@ -35,5 +33,6 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
         t = numbers(path, f"{table}.translation", fields["translation"], (3,))
         name = str(fields.get("name", table))
         bend = fields.get("distortions", [0.0] * 5)
-        add(path, cameras, make_camera(path, name, (int(height), int(width)), K, bend, rigid(R, t)))
+        lens = fisheye_lens(path, f"{table}.", bend, f"{table}.fisheye" if fields.get("fisheye") else "")
+        add(path, cameras, make_camera(path, name, (int(height), int(width)), K, bend, rigid(R, t), lens))
     return cameras
