@@ -1,6 +1,7 @@
 """Following a sequence: a fast limb is not lost, a lost one is found again, nothing drifts."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -81,3 +82,16 @@ def test_after_reset_and_after_pickling_a_sequence_gives_the_same_bits():
 def test_options_that_are_the_tracker_s_own_are_refused():
     with pytest.raises(TypeError, match="rebase is the tracker's own"):
         NricpTracker(BENT(0), F, rebase=True)
+
+
+def test_a_scan_is_refused_while_another_thread_fits_one_and_leaves_no_trace():
+    tracker, alone = NricpTracker(BENT(0), F, preset="draft"), NricpTracker(BENT(0), F, preset="draft")
+    first, second = scan(0.3), scan(0.5)
+    with ThreadPoolExecutor(1) as pool:
+        fitting = pool.submit(tracker.next, *first)
+        while not tracker._turn.locked() and not fitting.done():
+            pass
+        with pytest.raises(kernels.InputError, match="nricp: another thread is at work on this object"):
+            tracker.next(*second)
+        np.testing.assert_array_equal(fitting.result().V, alone.next(*first).V)
+    np.testing.assert_array_equal(tracker.next(*second).V, alone.next(*second).V)

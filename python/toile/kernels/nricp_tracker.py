@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from functools import cache
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from .._core import NricpResult
+from .._core import InputError, NricpResult
 from .arrays import Array, Floats, as_faces, as_vertices
 from .geometry import SurfaceIndex, face_areas
 from .nricp import NricpSolver
@@ -47,6 +48,7 @@ class NricpTracker(Rebuilt):
         self._follow = NricpSolver(V, F, preset, large_motion=False, **options | nodes_alone)
         self._search = NricpSolver(V, F, preset, **options | nodes_alone)
         self._anchor = NricpSolver(V, F, preset, large_motion=False, **soft | options)
+        self._turn = Lock()
         self._reach = REACH * float(np.sqrt(face_areas(V, F).sum()))
         self.reset()
         self._keep(V, F, preset, **options)
@@ -59,7 +61,17 @@ class NricpTracker(Rebuilt):
 
     def next(self, scan_V: Array, scan_F: Array) -> NricpResult:
         """Fits the next scan (p,3) [m], (t,3). The result is that of `NricpSolver.solve`; its `stop` is "no_overlap" where
-        no start found the scan, which leaves the state as it was."""
+        no start found the scan, which leaves the state as it was. InputError where another thread is in `next`."""
+        if not self._turn.acquire(blocking=False):
+            raise InputError(
+                "nricp: another thread is at work on this object, which follows one sequence: make one for each"
+            )
+        try:
+            return self._next(scan_V, scan_F)
+        finally:
+            self._turn.release()
+
+    def _next(self, scan_V: Array, scan_F: Array) -> NricpResult:
         scan = as_vertices("nricp", "scan_V", scan_V), as_faces("nricp", "scan_F", scan_F)
         surface = cache(lambda: SurfaceIndex(*scan))  # once a solver has taken the scan, or refused it by name
         if self._last:
