@@ -178,3 +178,19 @@ def test_without_such_a_lens_nothing_is_resampled_and_it_is_said(tmp_path):
     found = read_rig("lists", tmp_path, Options(up="z", undistort=True))
     assert any(note.startswith("undistort: no lens asks for it") for note in found.notes)
     assert all(np.any(camera.distortion) for camera in found.cameras.values())
+
+
+def test_pictures_of_films_are_undistorted_too(tmp_path):
+    pytest.importorskip("av")
+    from toile.io.video import VideoWriter
+
+    made = views()
+    in_json(tmp_path, made)
+    for v in made:
+        with VideoWriter(tmp_path / "videos" / f"{v.name}.mp4", 30) as film:
+            film.add(spreading(v))
+    imported(tmp_path, tmp_path / "ours", undistort=True)
+    capture = open_capture(tmp_path / "ours")
+    for name, camera in read_calibration("lists", tmp_path / "calibration.json", undistort=True).items():
+        expected = Flattening(camera).resampled(spreading(next(v for v in made if v.name == name)), "images")
+        assert np.abs(capture.frame(0).images[name].astype(int) - expected).mean() < 4  # of compression
