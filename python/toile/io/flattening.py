@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from .image import one_channel, read_image
 WIDEST = 2.0
 ALONG = 65  # points of each side of the picture that are asked where the lens showed them
 OUTWARDS = 256  # and of each way from the middle to them, along which a lens must not turn back
-HALVINGS = 40
+HALVINGS = 24
 NEWTON = 30  # steps of the inverse, which converges in five where the lens is not at its limit
 STEP, EXACT = 1e-6, 1e-7  # of normalised coordinates: of a difference quotient, and of an inverse that was found
 
@@ -52,22 +51,19 @@ class Flattening:
         return Camera(b.name, width, height, K, np.zeros(5), b.T_camera_world)
 
     @cached_property
-    def _maps(self) -> tuple[Any, Any]:
-        """Where each pixel lies in the lens' picture, as cv2.remap takes it: pixel centres at whole numbers."""
-        import cv2
-
+    def _sources(self) -> Anything:
+        """Where each pixel lies in the lens' picture (H,W,2), pixel centres at whole numbers, as cv2.remap takes it."""
         camera, b = self.camera, self.bent
         v, u = np.mgrid[: camera.height, : camera.width] + 0.5
         at = b.distort((np.stack([u, v], -1) - camera.K[:2, 2]) / np.diag(camera.K)[:2])
-        pixels = (at @ b.K[:2, :2].T + b.K[:2, 2] - 0.5).astype(np.float32)
-        return cv2.convertMaps(pixels, None, cv2.CV_16SC2)
+        return (at @ b.K[:2, :2].T + b.K[:2, 2] - 0.5).astype(np.float32)
 
     def resampled(self, pixels: Anything, kind: str) -> Anything:
         """A picture, mask or label image (H,W,...) uint8, as the pinhole camera's; `kind`: images, masks or labels."""
         import cv2
 
         how = {"images": cv2.INTER_CUBIC, "masks": cv2.INTER_LINEAR, "labels": cv2.INTER_NEAREST}[kind]
-        found: Anything = cv2.remap(pixels, *self._maps, how, borderMode=cv2.BORDER_REPLICATE)
+        found: Anything = cv2.remap(pixels, self._sources, None, how, borderMode=cv2.BORDER_REPLICATE)
         return np.where(found > 127, 255, 0).astype(np.uint8) if kind == "masks" else found
 
     def read(self, path: Path, kind: str) -> Anything:
