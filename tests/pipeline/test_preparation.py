@@ -14,12 +14,14 @@ from toile.errors import UserError
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
 from toile.io.status import Status
-from toile.pipeline.preparation import _fitted, _said, _said_of_scans, _say
+from toile.pipeline.preparation import _fitted, _said, _said_of_masks, _said_of_scans, _say
 from toile.scene import Frame, Mesh, Person, Points3D, Tracked
 from toile.stages.track import Unmatched
+from toile.vision.thin_pictures import thin_pictures
 
 MODEL = load_body_model()
 PERSON = Person(np.zeros(0), MODEL.v_template, MODEL.J)
+SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
 
 def sample(turn=(0, 0, 0), faces=MODEL.skin_faces):
@@ -52,6 +54,16 @@ def test_scans_that_look_inwards_are_named():
     assert found.startswith("scan.ply of frame 3: 100 % of its faces look inwards")
 
 
+@pytest.mark.parametrize("side", (2048, 150))
+def test_mirrored_scans_are_said_however_far_pictures_are_thinned(side):
+    capture = open_capture(SAMPLE)
+    frame = thin_pictures(capture.frame(0), side)
+    mirrored = Mesh(frame.scan.vertices * [-1, 1, 1], frame.scan.faces[:, ::-1].copy())
+    config = preset("draft").model_copy(update={"picture_side": side})
+    (found,) = _said_of_masks(capture, config, [replace(frame, scan=mirrored)])
+    assert found.startswith("scans: mirrored along x they fit the masks better")
+
+
 def standing(number, lost=False):
     """A frame whose keypoints show the body at rest, as does its scan, unless that is a ball metres away."""
     names, n = MODEL.keypoint_names, len(MODEL.keypoint_names)
@@ -77,7 +89,7 @@ def test_which_frames_fit_no_body_is_known_from_another_process():
 
 
 def test_pictures_exchanged_between_two_cameras_are_said():
-    capture = open_capture(Path(__file__).parents[2] / "data_samples" / "tshirt-talk")
+    capture = open_capture(SAMPLE)
     shown = [capture.pictures(number) for number in (0, 5)]
     other = {"cam00": "cam03", "cam03": "cam00"}
     images = [{name: frame.images[other.get(name, name)] for name in frame.images} for frame in shown]

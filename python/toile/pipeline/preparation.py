@@ -96,12 +96,9 @@ def prepare(capture, run, config, identities, progress=lambda *_: None) -> Prepa
 
     def found():
         samples, person, tracked, unfit = fitted()
-        among = apart(capture.frames, config.holdout)
-        frames = [frame for frame, _ in samples]
-        doubts = misread(capture.cameras, frames) or out_of_step(capture, frames, among)
         of_scans = _said_of_scans(model, person, capture.scene.up, samples, tracked)
-        said = [*unfit, *of_scans, *(doubt.text for doubt in doubts)]
-        _say(Status.of(run), "prepare", said)
+        of_masks = _said_of_masks(capture, config, [frame for frame, _ in samples])
+        _say(Status.of(run), "prepare", [*unfit, *of_scans, *of_masks])
         return person
 
     person = kept(folder / "person.npz", Person, found, identities.stages["person"])
@@ -182,6 +179,13 @@ def _said_of_scans(model, person, up, samples, tracked):
     along = upward(tuple(f"body.{role}" for role in roles), np.array(places)[:, [model.joint(role) for role in roles]])
     lies = check_up(along, up)
     return [finding.text for finding in (*inside_out([frame for frame, *_ in samples]), *([lies] if lies else []))]
+
+
+def _said_of_masks(capture, config, frames):
+    """What to warn of the scans of sampled frames, whose pictures are thinned, against masks; none of those held out is read."""
+    cameras = thin_cameras(capture.cameras, config.picture_side)
+    doubts = misread(cameras, frames) or out_of_step(capture, frames, apart(capture.frames, config.holdout))
+    return [doubt.text for doubt in doubts]
 
 
 def _said(scene, model, cameras, samples, cloth, config):
