@@ -1,5 +1,6 @@
 """What `inspect` says of scans: which way they look, where, when and how large they are."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,6 +84,28 @@ def test_a_camera_whose_masks_are_of_another_moment_is_said_with_its_offset(step
     way = "late" if step > 0 else "ahead"
     assert said.startswith("cam02: its masks of 1 frame") and f"is it 1 frame {way}?" in said
     assert said.endswith(f"--offset cam02={step}")
+
+
+def test_a_camera_that_sees_nobody_does_not_hide_that_scans_are_late_nor_put_it_upon_the_others(monkeypatch):
+    capture, read = open_capture(SAMPLE), Capture.picture
+    frames = [replace(capture.pictures(n), scan=capture.scan(n + 1)) for n in (0, 1, 2, 3)]
+    monkeypatch.setattr(
+        Capture, "picture", lambda self, kind, name, path: read(self, kind, name, path) * (name != "cam00")
+    )
+    (said,) = (finding.text for finding in out_of_step(capture, frames))
+    assert said.startswith("scans: they fit the masks of 1 frame later better")
+
+
+def test_an_offset_is_counted_in_frame_numbers_where_only_every_fifth_was_taken(tmp_path):
+    capture = tmp_path / "fifths"
+    shutil.copytree(SAMPLE, capture, ignore=shutil.ignore_patterns("truth", "images", "labels", "keypoints.json"))
+    for folder in sorted((capture / "frames").iterdir(), reverse=True):
+        before = SAMPLE / "frames" / f"{max(int(folder.name) - 1, 0):06d}" / "masks" / "cam02.png"
+        shutil.copy(before, folder / "masks" / "cam02.png")
+        folder.rename(folder.with_name(f"{5 * int(folder.name):06d}"))
+    late = open_capture(capture)
+    (said,) = (finding.text for finding in out_of_step(late, [late.frame(n) for n in late.frames]))
+    assert said.startswith("cam02: its masks of 5 frames later") and said.endswith("--offset cam02=5")
 
 
 def test_whether_scans_are_late_is_told_without_masks_of_frames_that_may_not_be_read(monkeypatch):

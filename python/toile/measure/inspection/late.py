@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from statistics import mean, median
+from itertools import pairwise
+from statistics import mean, median, median_low
 from typing import NamedTuple
 
 from ...errors import UserError
@@ -17,16 +18,17 @@ from ..evidence import overlap
 from .cameras import Finding
 from .masks import overlap_aside
 
-STEPS = 3  # frames that scans or cameras may be late or early
+STEPS = 3  # frames that scans or cameras may be late or early, of those that have masks
 FRAMES, VIEWS = 5, 8  # whose scans are looked at, and cameras of each
 SIDE = 256  # px, longer side, to which masks are thinned for this
 BETTER = 0.008  # of overlap, by which the masks of another frame must fit better
 
 
 def out_of_step(capture: Capture, frames: Sequence[Frame], among: Sequence[int] | None = None) -> list[Finding]:
-    """Scans that the masks of other frames fit better than those of their own, all of them by the same number of frames that have masks;
-    or else single cameras whose masks of other frames do, also where a scan that lies aside is moved upon them. `among`: rising numbers of those whose masks may be read, by default all."""
-    masked = [number for number in among or capture.frames if len(capture.masked(number)) > 1]
+    """Scans that the masks of other frames fit better than those of their own, all of them by as many frame numbers; or else single
+    cameras whose masks of other frames do, also where a scan that lies aside is moved upon them. `among`: rising numbers of the
+    frames whose masks may be read, by default all."""
+    masked = [number for number in (capture.frames if among is None else among) if len(capture.masked(number)) > 1]
     scanned = [frame for frame in frames if frame.scan is not None and frame.number in masked]
     views = [_views(capture, frame, masked) for frame in evenly(scanned, FRAMES)] if scanned else []
     fits = [{name: _fits(view, overlap) for name, view in of.items()} for of in views]
@@ -45,7 +47,7 @@ def out_of_step(capture: Capture, frames: Sequence[Frame], among: Sequence[int] 
 
 
 class Lag(NamedTuple):
-    """Masks `frames` later (earlier: negative) overlap scans by `other`, those of the scans' own frames by `own`, in the median."""
+    """Masks of `frames` numbers later (earlier: negative) overlap scans by `other`, those of their own frames by `own`, in the median."""
 
     frames: int
     own: float
@@ -61,15 +63,15 @@ class Lag(NamedTuple):
 
 
 def _better(fits: Sequence[Mapping[int, float]]) -> Lag | None:
-    """The step by which the masks fit better than a frame's own, in all of several frames {step: overlap} that know it."""
+    """The step by which the masks fit better than a frame's own, in all of several frames {step: overlap} that know it, at least 0."""
     best, gained = 0, BETTER
-    for step in range(-STEPS, STEPS + 1):
-        gains = [of[step] - of[0] for of in fits if step in of and 0 in of]
+    for step in sorted({step for of in fits for step in of}):
+        gains = [of[step] - of[0] for of in fits if step in of]
         if len(gains) > 1 and min(gains) >= 0 and median(gains) > gained:
             best, gained = step, median(gains)
     if not best:
         return None
-    own, other = (median(of[step] for of in fits if best in of and 0 in of) for step in (0, best))
+    own, other = (median(of[step] for of in fits if best in of) for step in (0, best))
     return Lag(best, own, other)
 
 
@@ -80,21 +82,23 @@ def _together(fits: Mapping[str, Mapping[int, float]]) -> dict[int, float]:
 
 
 class Compared(NamedTuple):
-    """A scan's silhouette in a camera (H,W), and {step: the camera's mask of the frame so many frames on}."""
+    """A scan's silhouette in a camera (H,W), and {step: the camera's mask of the frame whose number is by so much higher}."""
 
     shown: Anything
     masks: dict[int, Anything]
 
 
 def _views(capture: Capture, frame: Frame, masked: list[int]) -> dict[str, Compared]:
-    """{camera: Compared} of some cameras; frames are counted in `masked`, and masks that cannot be read are left out."""
+    """{camera: Compared} of some of the cameras that show the person in the frame; masks that cannot be read are left out."""
     assert frame.scan is not None
-    found, own = {}, masked.index(frame.number)
+    apart = median_low([later - number for number, later in pairwise(masked)] or [1])
+    steps = [k * apart for k in range(-STEPS, STEPS + 1) if frame.number + k * apart in masked]
+    found = {}
     for name in evenly(sorted(capture.masked(frame.number)), VIEWS):
-        shown = DepthView(thin_camera(capture.cameras[name], SIDE), frame.scan.vertices, frame.scan.faces).face >= 0
-        steps = range(max(-STEPS, -own), min(STEPS, len(masked) - 1 - own) + 1)
-        masks = {step: _mask(capture, masked[own + step], name) for step in steps}
-        found[name] = Compared(shown, {step: mask for step, mask in masks.items() if mask is not None})
+        masks = {step: _mask(capture, frame.number + step, name) for step in steps}
+        if masks[0] is not None:
+            shown = DepthView(thin_camera(capture.cameras[name], SIDE), frame.scan.vertices, frame.scan.faces).face >= 0
+            found[name] = Compared(shown, {step: mask for step, mask in masks.items() if mask is not None})
     return found
 
 
