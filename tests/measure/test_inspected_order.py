@@ -28,6 +28,12 @@ def test_a_person_who_stands_still_or_a_motion_that_repeats_is_in_order():
     assert out_of_order(np.concatenate([cycle, cycle[::-1], cycle])) == []
 
 
+def test_a_step_to_a_frame_that_is_the_same_has_no_length():
+    straight = np.repeat(np.arange(20) * [[0.02], [0], [0]], 2, axis=1).T[:, None]
+    (said,) = out_of_order(straight[np.random.default_rng(1).permutation(40)])
+    assert out_of_order(straight) == [] and "would need steps of 10;" in said.text  # 19 of 20 mm among 39
+
+
 def test_unknown_keypoints_and_frames_are_left_out():
     points = walking(30)
     points[4:9] = np.nan

@@ -8,6 +8,7 @@ from ...kernels.arrays import Floats
 from .cameras import Finding
 
 SHORTEST = 6  # frames: of fewer no order is told
+SAME = 1e-6  # m: frames no farther apart
 LONGEST = 0.5  # m: farther, a keypoint is one that was mistaken
 AS_ANY = 0.75  # times the mean distance of any two frames: in order of time neighbours are nearer, unless hardly anything moves
 LONGER = 1.5  # times the shortest way between all frames: where hardly anything moves, every way is as long
@@ -45,4 +46,5 @@ def _shortest(apart: Floats) -> float:
     """Mean edge [m] of the minimum spanning tree, than which no way through all frames is shorter."""
     from scipy.sparse.csgraph import minimum_spanning_tree
 
-    return float(minimum_spanning_tree(apart).data.sum() / (len(apart) - 1))
+    edges = np.maximum(apart, SAME)  # 0 is no edge to scipy
+    return float(minimum_spanning_tree(edges).data.sum() / (len(apart) - 1))
