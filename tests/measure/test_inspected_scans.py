@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from trimesh.remesh import subdivide
 
 from toile.io.capture import Capture, open_capture
+from toile.measure.inspection import readings
 from toile.measure.inspection.late import out_of_step
 from toile.measure.inspection.readings import misread
 from toile.measure.inspection.scans import astray, inside_out, short
@@ -141,6 +143,15 @@ def test_mirrored_scans_are_told_from_others_that_lie_elsewhere(scanned, axis, s
     assert f"mirrored along {'xy'[axis]} they fit the {kind} better" in found.text and found.serious
     for way in ELSEWHERE.keys() - {"mirrored"}:
         assert misread(capture.cameras, [rescanned(frame, ELSEWHERE[way](frame.scan.vertices))]) == []
+
+
+def test_scans_of_many_faces_are_told_mirrored_by_fewer(scanned, monkeypatch):
+    capture, frame = scanned
+    V, F = subdivide(*subdivide(frame.scan.vertices * [-1, 1, 1], frame.scan.faces[:, ::-1]))
+    shown = []
+    monkeypatch.setattr(readings, "DepthView", lambda camera, V, F: shown.append(len(F)) or DepthView(camera, V, F))
+    (found,) = misread(capture.cameras, [rescanned(frame, V, F.astype(np.int32))])
+    assert "mirrored along x" in found.text and len(F) > readings.DENSE > max(shown)
 
 
 @pytest.mark.parametrize("k", (-0.3, -0.2, 0.2))

@@ -12,6 +12,7 @@ import numpy as np
 from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Camera, Frame, Mesh
 from ...surface.sampling import evenly
+from ...surface.thinning import thinned
 from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView
 from .cameras import Finding
@@ -19,6 +20,8 @@ from .masks import overlap_aside, silhouettes
 
 FRAMES, VIEWS = 3, 4  # that are looked at, and cameras of each
 SIDE = 256  # px, longer side, to which masks are thinned for this
+DENSE = 200_000  # faces: a scan of more is thinned
+SPACING = 0.005  # m, of what is left of it: a pixel shows about a centimetre
 NEAR = 0.03  # of a mask's height, about it: farther away floors and clutter are no part of the person
 BENDS = (-0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5)  # added to k1
 ZOOMS = (0.96, 0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03, 1.04)  # of the focal length, as narrow or wide masks ask for
@@ -77,9 +80,10 @@ def _fits(cameras: Mapping[str, Camera], frame: Frame) -> dict[Reading, float]:
     views = [
         (thin_camera(cameras[name], SIDE), thin_picture(masks[name], SIDE)) for name in evenly(sorted(masks), VIEWS)
     ]
+    scan = thinned(frame.scan, SPACING if len(frame.scan.faces) > DENSE else 0)
     found: dict[Reading, float] = {}
-    for reading, scan, change in _readings(frame.scan):
-        found[reading] = float(np.mean([_overlap(change(camera), mask, scan) for camera, mask in views]))
+    for reading, read, change in _readings(scan):
+        found[reading] = float(np.mean([_overlap(change(camera), mask, read) for camera, mask in views]))
     return found
 
 
