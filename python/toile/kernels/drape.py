@@ -24,8 +24,9 @@ class DrapeSolver(Rebuilt):
     them by `self_intersections`.
 
     Options: gravity=(0, 0, -9.81) [m/s^2]; density=0.2 [kg/m^2]; stretch=500 [N/m]; bending=1e-5 [N m]; friction=0.6, Coulomb's
-    coefficient; margin=0.002 [m] between cloth and body; drag=0 [1/s], the share of its velocity that cloth loses; dry_drag=0 [m/s^2],
-    the deceleration of all that moves, however slowly, as by friction inside the cloth; substep=1/1500 [s], the longest; max_depth=0.05 [m], an open body has no inside deeper than this. An unknown name is a TypeError.
+    coefficient; margin=0.002 [m] between cloth and body; drag=0 [1/s], the share of its velocity that cloth loses;
+    dry_drag=0 [m/s^2], the deceleration of all that moves, however slowly, as by friction inside the cloth; substep=1/1500 [s],
+    the longest; max_depth=0.05 [m], an open body has no inside deeper than this. An unknown name is a TypeError.
 
     The same bits for any number of threads. A copy has to be started anew. InputError where two threads are in `start` or `step` at once.
     """
