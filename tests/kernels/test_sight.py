@@ -137,6 +137,19 @@ def test_soft_labels_are_opencvs_blur_of_each_indicator(blur):
     assert soft.shape == (*labels.shape, 3) and np.abs(soft - expected).max() < 1e-6
 
 
+@pytest.mark.parametrize("ids", [[1, 300], np.array([1, 300]), np.array([1, -1]), np.array([1.0, 2.5])])
+def test_a_label_id_that_no_picture_holds_is_refused_and_not_taken_for_another(ids):
+    for kernel, call in (
+        ("soft_labels", lambda: kernels.soft_labels(labels_of(0), ids, 1.0)),
+        (
+            "evidence_picture",
+            lambda: kernels.evidence_picture(labels_of(0), ids, labels_of(0) < 0, None, None, 1.0, 1.0),
+        ),
+    ):
+        with pytest.raises(kernels.InputError, match=f"^{kernel}: ids"):
+            call()
+
+
 def test_an_evidence_picture_lays_its_channels_side_by_side():
     labels, ids, rng = labels_of(4), np.array([1, 2, 3], np.uint8), np.random.default_rng(4)
     clear, rgb = rng.random(labels.shape) < 0.5, rng.integers(0, 256, (*labels.shape, 3)).astype(np.uint8)

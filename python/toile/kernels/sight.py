@@ -60,9 +60,9 @@ def bilinear(image: Array, uv: Array) -> Pixels:
 
 def soft_labels(image: Array, ids: Array, blur: float) -> Pixels:
     """Blurred indicator (H,W,L) float32 of each of the labels `ids` (L,) in a picture (H,W) uint8 of label ids; `blur` [px] is
-    the Gaussian's sigma, cut at four of them. Beyond its border the picture is mirrored. InputError: no pixel, no id, a
-    blur of 0 or beyond 1000."""
-    return _core.soft_labels(_as_bytes("labels", image), _as_ids(ids), blur)
+    the Gaussian's sigma, cut at four of them. Beyond its border the picture is mirrored. InputError: no pixel, no id,
+    an id beyond 255, a blur of 0 or beyond 1000."""
+    return _core.soft_labels(_as_bytes("soft_labels", "image", image), _as_ids("soft_labels", ids), blur)
 
 
 def evidence_picture(
@@ -72,27 +72,33 @@ def evidence_picture(
 
     likelihood (k,L): the labels' log likelihoods by colour at the k pixels that are `clear` (H,W), row by row; rgb (H,W,3)
     uint8; what is None is zero. `blur` and `empty_blur` [px] are of the labels' shares and of label 0, which is none; see
-    `soft_labels`. InputError for sizes that differ."""
+    `soft_labels`. InputError for sizes that differ, and as there."""
+    name = "evidence_picture"
     return _core.evidence_picture(
-        _as_bytes("labels", labels),
-        _as_ids(ids),
+        _as_bytes(name, "labels", labels),
+        _as_ids(name, ids),
         np.ascontiguousarray(clear, bool),
         None if likelihood is None else np.ascontiguousarray(likelihood, np.float32),
-        None if rgb is None else _as_bytes("rgb", rgb),
+        None if rgb is None else _as_bytes(name, "rgb", rgb),
         blur,
         empty_blur,
     )
 
 
-def _as_bytes(name: str, values: Array) -> Any:
+def _as_bytes(kernel: str, name: str, values: Array) -> Any:
     values = np.asarray(values)
     if values.dtype != np.uint8:
-        raise InputError(f"soft_labels: {name} has dtype {values.dtype}, expected uint8")
+        raise InputError(f"{kernel}: {name} has dtype {values.dtype}, expected uint8")
     return np.ascontiguousarray(values)
 
 
-def _as_ids(ids: Array) -> list[int]:
-    return list(np.asarray(ids, np.uint8).tolist())
+def _as_ids(kernel: str, ids: Array) -> list[int]:
+    """Label ids, which pictures hold as uint8."""
+    found = as_indices(kernel, "ids", ids).tolist()
+    for i, label in enumerate(found):
+        if not 0 <= label <= 255:
+            raise InputError(f"{kernel}: ids[{i}] is {label}, expected 0 to 255")
+    return found
 
 
 class View:
