@@ -77,6 +77,7 @@ def test_a_camera_s_name_is_the_same_in_either_form_of_its_accents(tmp_path, for
         ("cam100/3.jpg", None, 0), ("xcam1/3.jpg", None, 0), ("cam1_12-30-05.png", "cam1", 0), ("cam1_12h30m05.png", "cam1", 0),
         ("cam1_20261128_123005.png", "cam1", 0), ("cam1_2026-11-28T123005.123.png", "cam1", 0), ("cam1_12-30-05_000012.png", "cam1", 12),
         ("12_30_05/cam1/7.png", "cam1", 7), ("cam1_12-30-65.png", "cam1", 65), ("cam1_012-030-005.png", "cam1", 5),
+        ("cam1_20261128_000012.png", "cam1", 12), ("cam1_2026-11-28-000159.png", "cam1", 159), ("cam1_20261128001530.png", "cam1", 0),
     ],
 )  # fmt: skip
 def test_names_tell_camera_and_frame(path, camera, number):

@@ -35,9 +35,9 @@ ENDINGS = {
 }
 PICTURES = (".tif", ".tiff", ".bmp", ".webp", ".heic", ".avif", ".jp2", ".exr", ".tga", ".dng")  # that are not read
 MOST = 1_000_000  # frame numbers have six digits
-CLOCK = re.compile(  # hours, minutes and seconds between marks, with a fraction perhaps; or behind a date
+CLOCK = re.compile(  # hours, minutes and seconds between marks, with a fraction perhaps; or behind a date, where 000012 is a frame
     r"(?<!\d)(?:[01]\d|2[0-3])(?:([-_.:])[0-5]\d\1|h[0-5]\dm)[0-5]\d(?:[.,]\d{3})?(?!\d)"
-    r"|(?<!\d)(?:19|20)\d\d([-_]?)(?:0[1-9]|1[0-2])\2(?:[0-2]\d|3[01])[-_T]?(?:[01]\d|2[0-3])[0-5]\d[0-5]\d(?:[.,]\d{3})?(?!\d)"
+    r"|(?<!\d)(?:19|20)\d\d([-_]?)(?:0[1-9]|1[0-2])\2(?:[0-2]\d|3[01])(?:[-_T]?(?:0[1-9]|1\d|2[0-3])|T?00)[0-5]\d[0-5]\d(?:[.,]\d{3})?(?!\d)"
 )
 
 
