@@ -14,7 +14,7 @@ from .rays import Sighting, meet
 GRID = 56  # cells a side
 COVERED = 0.93  # share of the masks that the hull must explain
 MARGIN = 1.15
-ASIDE = 6  # px, even
+ASIDE = 6  # px, even, by which a silhouette may be moved upon a mask
 
 
 def silhouettes(frame: Frame) -> dict[str, Anything]:

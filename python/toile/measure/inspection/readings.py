@@ -25,7 +25,7 @@ SPACING = 0.005  # m, of what is left of it: a pixel shows about a centimetre
 NEAR = 0.03  # of a mask's height, about it: farther away floors and clutter are no part of the person
 BENDS = (-0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5)  # added to k1
 ZOOMS = (0.96, 0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03, 1.04)  # of the focal length, as narrow or wide masks ask for
-BENT = 0.0065  # of overlap, by which another distortion must fit better than any focal length
+DISTORTED = 0.0065  # of overlap, by which another distortion must fit better than any focal length
 MIRRORED = 0.02  # of overlap, by which the mirrored scan must fit better
 FITS = 0.8  # of overlap, that another reading must reach: a scan that lies aside fits none
 
@@ -61,7 +61,7 @@ def _bent_lenses(fits: Fits, shown: str) -> list[Finding]:
     bend = max(BENDS, key=lambda k: median(_gains(fits, ("bend", k))))
     own, better = (median(of[reading] for of in fits) for reading in (AS_GIVEN, ("bend", bend)))
     beyond = [of["bend", bend] - max(of["zoom", zoom] for zoom in ZOOMS) for of in fits]
-    if bend in (BENDS[0], BENDS[-1]) or min(beyond) <= 0 or median(beyond) <= BENT or better <= FITS:
+    if bend in (BENDS[0], BENDS[-1]) or min(beyond) <= 0 or median(beyond) <= DISTORTED or better <= FITS:
         return []
     text = f"scans: they fit the {shown} better ({better:.3f}) if k1 of the lenses' distortion is {bend:+.1f} more than in cameras.json ({own:.3f})"
     why = "is it left out there?" if bend < 0 else "were these pictures undistorted?"
