@@ -1,6 +1,7 @@
 """Workers, shards, kills and second tries: the same bits whoever did the work, and nothing done twice."""
 
 import itertools
+import json
 import os
 import shutil
 import signal
@@ -138,6 +139,16 @@ def test_the_standing_counts_what_was_made_of_the_settings_that_were_asked_last(
     assert pipeline.register(capture, run, None, shard=(2, 2)).ok == FRAMES
     found = standing(run)
     assert found.whole and (found.registered, found.earlier) == (FRAMES, ())
+
+
+@pytest.mark.parametrize("changed", [{"votes": 3}, {"votes": [[1, [2], 3]]}, {"facts": {}}, {"stages": {}}])
+def test_a_damaged_note_of_what_was_asked_is_named_and_is_written_anew(capture, undisturbed, tmp_path, changed):
+    run = Path(shutil.copytree(undisturbed, tmp_path / "run"))
+    path = run / "inputs" / "scene.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+    with pytest.raises(UserError, match=r"scene\.json: stages, facts, votes: not as they were written"):
+        standing(run)
+    assert pipeline.register(capture, run, None).ok == FRAMES and standing(run).whole
 
 
 def test_a_clock_that_jumps_changes_no_bit_and_nothing_is_made_again(capture, undisturbed, tmp_path, monkeypatch):

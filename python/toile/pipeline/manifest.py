@@ -119,12 +119,21 @@ def write_request(run: Path, capture: Capture, config: Config, request: Asked) -
 
 
 def asked_last(run: Path) -> tuple[Identities, str] | None:
-    """The identities that a run was asked for last, and the stage that ends its first pass; None where an older version kept less."""
+    """The identities that a run was asked for last, and the stage that ends its first pass; None where an older version kept less.
+    UserError: the file was changed."""
     note = read_json(_noted(run), dict) if _noted(run).exists() else {}
     if "votes" not in note:
         return None
-    votes = (Vote(label, np.array(V), prefer, frames and tuple(frames)) for label, V, prefer, frames in note["votes"])
-    return Identities(run, note["stages"], votes=tuple(votes)), "dress" if note["facts"]["garments"] else "track"
+    try:
+        votes = [
+            Vote(label, np.array(V), prefer, frames and tuple(frames)) for label, V, prefer, frames in note["votes"]
+        ]
+        stages = {name: str(note["stages"][name]) for name in STAGES}
+        return Identities(run, stages, votes=tuple(votes)), "dress" if note["facts"]["garments"] else "track"
+    except (KeyError, TypeError, ValueError):
+        raise UserError(
+            f"{_noted(run)}: stages, facts, votes: not as they were written; toile register writes them anew"
+        ) from None
 
 
 def place_of(run: Path, capture: Path) -> dict[str, str]:
