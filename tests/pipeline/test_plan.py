@@ -5,7 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from toile.cli import app
 from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.pipeline.plan import plan
@@ -78,3 +80,16 @@ def test_smoothing_is_a_stage_where_frames_follow_one_another(capture):
     assert steps(capture)["motion"].runs
     shutil.rmtree(capture / "frames" / "000001")
     assert not steps(capture)["motion"].runs
+
+
+@pytest.mark.parametrize("command", [["plan"], ["register", "run", "--check"]], ids=" ".join)
+def test_frames_and_folders_of_names_that_are_not_read_are_said_before_a_run(capture, command):
+    told = lambda: CliRunner().invoke(app, [command[0], str(capture), *command[1:]]).stderr
+    assert "not read" not in told()
+    frames = capture / "frames"
+    (frames / "000001").rename(frames / "12")
+    (frames / "000000" / "images").rename(frames / "000000" / "Images")
+    assert [line.split(": ", 1)[1] for line in told().splitlines() if "not read" in line] == [
+        "frames: 1 folders such as frames/12 are not read; six digits: frames/000012",
+        "frames/000000/Images: not read, expected images",
+    ]

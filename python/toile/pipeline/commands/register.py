@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +30,7 @@ from ...errors import UserError
 from ...io.capture import Capture
 from ...io.faults import faults
 from ...scene import frame_ranges
-from .standing import go_on
+from .standing import go_on, warn_of_unread
 
 
 def register(
@@ -91,6 +92,7 @@ def register(
         note_moved(run, opened)
         return speech.result(f"{run}: its capture is {capture}")
     numbers = frame_numbers(frames, opened.frames, step)
+    warn_of_unread(replace(opened, frames=tuple(numbers)))
     if check:
         return check_frames(opened, numbers, run)
     own = {"template_from_scan": list(template_from_scan)} if template_from_scan else {}

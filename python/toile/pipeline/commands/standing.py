@@ -12,6 +12,7 @@ import typer
 
 from ... import speech
 from ...console import duration
+from ...io.capture import Capture
 from ...io.run_folder import read_config
 from ..outcome import Outcome
 from ..standing import Standing, standing
@@ -29,6 +30,7 @@ def plan(capture: Path):
     opened = open_capture(capture)
     for warning in opened.warnings:
         speech.warn(warning)
+    warn_of_unread(opened)
     cameras = len(opened.cameras)
     speech.result(
         f"{opened.scene.name}: {len(opened.frames)} frames, {cameras} cameras", frames=opened.frames, cameras=cameras
@@ -40,6 +42,14 @@ def plan(capture: Path):
     words = f"  {count} temporal block{'s' * (count > 1)}: more workers or shards than that have nothing to track"
     speech.result(words, blocks=count)
     speech.next_step("register", capture, "run")
+
+
+def warn_of_unread(capture: Capture) -> None:
+    """A line a sort of what lies about a capture's frames and is not read; only names are looked at."""
+    from ...measure.inspection.files import unpadded, unread
+
+    for finding in unpadded(capture.root) + unread(capture):
+        speech.warn(finding.text)
 
 
 def status(
