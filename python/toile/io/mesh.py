@@ -13,7 +13,8 @@ from ..kernels.arrays import Anything, as_faces, as_floats, as_vertices
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
-from .polygons import read_polygons, uneven
+from .polygons import polygons_in, read_polygons, triangles_in
+from .triangulation import triangles_of
 
 MAX_FACES = 20_000_000
 OBJ_BYTES = 512 << 20
@@ -83,10 +84,12 @@ def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
             raise UserError(f"{path}: element tristrips: strips of triangles are not read: save it as faces")
         if "faces" not in found:
             return found["vertices"], np.zeros((0, 3)), {}
-        if uneven(elements):
+        polygons = polygons_in(found)
+        if polygons is None:
             return read_polygons(path)
-        if np.ndim(found["faces"]) == 2 and np.shape(found["faces"])[1] == 3:
-            return found["vertices"], found["faces"], elements
+        if np.shape(polygons)[1:] == (3,):
+            return found["vertices"], polygons, elements
+        return found["vertices"], triangles_in(found["vertices"], polygons), elements
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
     return loaded.vertices, loaded.faces, (loaded.metadata or {}).get("_ply_raw", {})
 
@@ -140,13 +143,13 @@ def _ply_property(data: Any, name: str) -> Any:
 
 
 class _Obj:
-    """The `v`, `vt` and `f` lines of an OBJ as they are read; polygons become fans."""
+    """The `v`, `vt` and `f` lines of an OBJ as they are read."""
 
     def __init__(self) -> None:
         self.v: list[list[float]] = []
         self.vt: list[list[float]] = []
-        self.f: list[list[int]] = []
-        self.ft: list[list[int]] = []
+        self.f: list[tuple[int, int]] = []  # vertex and UV of each corner of all polygons
+        self.sides: list[int] = []  # how many corners each has
         self.v_line: list[int] = []  # line numbers, for refusals
         self.vt_line: list[int] = []
         self.f_line: list[int] = []
@@ -160,23 +163,22 @@ class _Obj:
             self.vt.append([float(words[k]) for k in (1, 2)])
             self.vt_line.append(number)
         elif words[0] == "f":
-            corners = [_corner(w, len(self.v), len(self.vt)) for w in words[1:]]
-            for a, b in zip(corners[1:], corners[2:]):
-                self.f.append([corners[0][0], a[0], b[0]])
-                self.ft.append([corners[0][1], a[1], b[1]])
-                self.f_line.append(number)
+            self.f += [_corner(w, len(self.v), len(self.vt)) for w in words[1:]]
+            self.sides.append(len(words) - 1)
+            self.f_line.append(number)
 
     def mesh(self, path: Path) -> Mesh:
         v, vt = np.array(self.v, np.float64).reshape(-1, 3), np.array(self.vt, np.float64).reshape(-1, 2)
-        f, ft = np.array(self.f, np.int64).reshape(-1, 3), np.array(self.ft, np.int64).reshape(-1, 3)
+        corners, sides = np.array(self.f, np.int64).reshape(-1, 2), np.array(self.sides, np.int64)
+        triangles = triangles_of(v, corners[:, 0], sides)
+        lines = np.repeat(self.f_line, np.maximum(sides - 2, 0))
+        f, ft = corners[triangles, 0], corners[triangles, 1]
         has_uv = len(vt) > 0 and (ft != NO_UV).all()
         _refuse(path, self.v_line, ~np.isfinite(v).all(1), "a vertex that is not finite")
         _refuse(path, self.vt_line, ~np.isfinite(vt).all(1), "a UV that is not finite")
-        _refuse(
-            path, self.f_line, _outside(f, len(v)), f"the face names a vertex that is not there ({len(v)} vertices)"
-        )
+        _refuse(path, lines, _outside(f, len(v)), f"the face names a vertex that is not there ({len(v)} vertices)")
         if has_uv:
-            _refuse(path, self.f_line, _outside(ft, len(vt)), f"the face names a UV that is not there ({len(vt)} UVs)")
+            _refuse(path, lines, _outside(ft, len(vt)), f"the face names a UV that is not there ({len(vt)} UVs)")
         return Mesh(v, f.astype(np.int32), vt if has_uv else None, ft.astype(np.int32) if has_uv else None)
 
 

@@ -1,4 +1,4 @@
-"""Binary PLY whose faces have unlike numbers of corners, which trimesh takes for as many as the first has."""
+"""Polygons of PLY, also of binary ones whose faces have unlike numbers of corners, which trimesh takes for as many as the first has."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError
-from ..kernels.arrays import Anything, Ints
+from ..kernels.arrays import Anything
 from .bounded import MESH_BYTES, read_bytes
+from .triangulation import triangles_of
 
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
@@ -20,15 +21,26 @@ CORNERS = ("vertex_indices", "vertex_index")
 Properties = dict[str, tuple[np.dtype, ...]]  # {property: its type, or those of a list's length and its items}
 
 
-def uneven(elements: Any) -> bool:
-    """Whether faces that trimesh read from a binary file have another number of corners than the first."""
-    data = elements.get("face", {}).get("data")
-    name = next((name for name in CORNERS if name in (getattr(data, "dtype", None) and data.dtype.names or ())), None)
-    return name is not None and bool((data[name]["f0"] != data[name]["f0"][:1]).any())
+def polygons_in(found: Any) -> Any:
+    """The corners of each face of a PLY as trimesh's `load_ply` found it, (m,k) or lists of unlike lengths; None where it read as many for all
+    from a binary file as the first has, and others have another number."""
+    data = found["metadata"]["_ply_raw"].get("face", {}).get("data")
+    names = data if isinstance(data, dict) else getattr(getattr(data, "dtype", None), "names", None) or ()
+    rows = next((data[name] for name in CORNERS if name in names), found["faces"])
+    if rows.dtype.names is None:
+        return rows
+    return None if (rows["f0"] != rows["f0"][:1]).any() else rows["f1"]
 
 
-def read_polygons(path: Path) -> tuple[Anything, Ints, dict[str, dict[str, Any]]]:
-    """Vertices (n,3), triangles (m,3), which are fans of the polygons in their order, and the elements as trimesh gives them.
+def triangles_in(vertices: Anything, polygons: Any) -> Anything:
+    """Triangles (m,3) of polygons, each its corners, in their order."""
+    corners = np.concatenate([np.zeros(0, np.int64), *polygons]).astype(np.int64)
+    counts = np.array([len(polygon) for polygon in polygons], np.int64)
+    return corners[triangles_of(vertices, corners, counts)]
+
+
+def read_polygons(path: Path) -> tuple[Anything, Anything, dict[str, dict[str, Any]]]:
+    """Vertices (n,3), triangles (m,3) of the polygons in their order, and the elements as trimesh gives them.
     UserError: the file ends too early, or goes on."""
     data = read_bytes(path, MESH_BYTES)
     elements: dict[str, dict[str, Any]] = {}
@@ -43,8 +55,8 @@ def read_polygons(path: Path) -> tuple[Anything, Ints, dict[str, dict[str, Any]]
         raise UserError(f"{path}: {len(data) - at} bytes follow what its header says")
     vertex, face = elements["vertex"]["data"], elements["face"]["data"]
     polygons = next(face[name] for name in CORNERS if name in face)
-    fans = [[polygon[0], b, c] for polygon in polygons for b, c in zip(polygon[1:], polygon[2:])]
-    return np.stack([vertex[axis] for axis in "xyz"], 1), np.array(fans, dtype=np.int32).reshape(-1, 3), elements
+    vertices = np.stack([vertex[axis] for axis in "xyz"], 1)
+    return vertices, triangles_in(vertices, polygons), elements
 
 
 def _header(text: str) -> list[tuple[str, int, Properties]]:
