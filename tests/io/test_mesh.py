@@ -44,8 +44,9 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
         SQUARE.replace(" 0\n", " 0 255 0 0\n"),
         SQUARE.replace("1 2 3 4", "-4// -3// -2// -1//"),
         f"# ü\no a\n{SQUARE}usemtl b\nl 1 2\np 1\n",
+        "# from C:\\models\\\n" + SQUARE.replace("2 3 4", "2 \\\n 3\\\n 4"),
     ],
-    ids=["mark of its bytes", "of Windows", "of old Macs", "comments", "tabs", "colours", "from the end", "lines and points"],
+    ids=["mark of its bytes", "of Windows", "of old Macs", "comments", "tabs", "colours", "from the end", "lines and points", "carried on"],
 )  # fmt: skip
 def test_an_obj_is_the_same_in_every_dialect(tmp_path, written):
     (tmp_path / "m.obj").write_bytes(written.encode())

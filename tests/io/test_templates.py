@@ -129,7 +129,7 @@ def test_a_template_s_texture_is_the_picture_that_its_material_names(tmp_path):
     assert texture_files(tmp_path, written(tmp_path, SQUARE)) == ()
 
 
-def test_a_texture_that_uvs_do_not_reach_is_said(tmp_path):
+def test_a_texture_that_uvs_do_not_reach_or_whose_material_is_lost_is_said(tmp_path):
     capture = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth", "00000[1-5]"))
     scene = capture / "scene.toml"
     scene.write_text(scene.read_text().replace('label = "tshirt"', 'label = "tshirt"\nprints = true'))
@@ -144,6 +144,9 @@ def test_a_texture_that_uvs_do_not_reach_is_said(tmp_path):
     assert (
         warning == f"{template}: corners of faces of garment 'tshirt' have no UV: cloth.png is not taken for its print"
     )
+    (template.parent / "shirt.mtl").unlink()
+    (warning,) = open_capture(capture).warnings
+    assert warning == f"{template}: mtllib: no file 'shirt.mtl': no picture is taken for the print of garment 'tshirt'"
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,14 @@ import numpy as np
 
 from ..errors import UserError, first_line
 from ..kernels.arrays import Anything
-from ..scene import Camera, Frame, Mesh, Scene, Vote
+from ..scene import Camera, Frame, Garment, Mesh, Scene, Vote
 from .body import model_in_capture
 from .camera import read_cameras
 from .image import check_image, read_image
 from .keypoints import read_keypoints, read_keypoints3d
 from .mesh import read_mesh
 from .scene_file import METRES, SEGMENTERS, inside, network_files, read_scene
-from .template import read_template, texture_files
+from .template import lost_material, read_template, texture_files
 from .votes import read_votes
 
 HEIGHT = (0.3, 3.0)  # of a scanned person [m]; outside, the units are wrong
@@ -224,13 +224,23 @@ def open_capture(path: Path | str) -> Capture:
     files = tuple(path for path in (root / "scene.toml", *(root / name for name in (*named, VOTES))) if path.exists())
     votes = read_votes(root / VOTES, scene.labels) if os.path.lexists(root / VOTES) else ()
     textures = {name: paths[-1] for name, paths in drawn.items() if paths}
-    warnings += tuple(
-        f"{root / g.template}: corners of faces of garment '{g.name}' have no UV: {textures[g.name].name} is not taken for its print"
-        for g in with_file
-        if g.name in textures and templates[g.name].uv is None
-    )
+    warnings += tuple(_pictureless_prints(root, scene.garments, templates, textures))
     kept = {name: t.kept for name, t in found.items()}
     return Capture(root, scene, cameras, frames, templates, kept, files, warnings, textures, votes)
+
+
+def _pictureless_prints(
+    root: Path, garments: Sequence[Garment], templates: dict[str, Mesh], textures: dict[str, Path]
+) -> Iterator[str]:
+    """Why the pictures that templates of printed garments name are not taken, a line each."""
+    for g in garments:
+        if g.name in textures and templates[g.name].uv is None:
+            why = (
+                f"corners of faces of garment '{g.name}' have no UV: {textures[g.name].name} is not taken for its print"
+            )
+            yield f"{root / g.template}: {why}"
+        elif g.prints and g.template and (lost := lost_material(root, root / g.template)):
+            yield f"{root / g.template}: mtllib: no file '{lost.name}': no picture is taken for the print of garment '{g.name}'"
 
 
 def check_capture(capture: Capture, frames: Sequence[int]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -185,14 +186,28 @@ class _Obj:
 def _read_obj(path: Path) -> Mesh:
     obj = _Obj()
     text = read_bytes(path, OBJ_BYTES).decode("utf-8-sig", errors="replace")
-    for number, line in enumerate(StringIO(text, newline=None), 1):
-        words = line.partition("#")[0].split()
+    for number, statement in _statements(text):
+        words = statement.split()
         try:
             if words:
                 obj.read(number, words)
         except (ValueError, IndexError):
-            raise UserError(f"{path}: line {number}: {line.strip()[:60]!r} is not OBJ") from None
+            raise UserError(f"{path}: line {number}: {statement.strip()[:60]!r} is not OBJ") from None
     return obj.mesh(path)
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """(number of its last line, statement) of an OBJ without comments; a backslash at the end of a line carries it on to the next."""
+    begun = ""
+    for number, line in enumerate(StringIO(text, newline=None), 1):
+        begun += line.partition("#")[0].rstrip()
+        if begun.endswith("\\"):
+            begun = f"{begun[:-1]} "
+        else:
+            yield number, begun
+            begun = ""
+    if begun:
+        yield number, begun
 
 
 def _corner(word: str, vertices: int, uvs: int) -> tuple[int, int]:

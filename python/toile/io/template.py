@@ -60,7 +60,7 @@ def read_template(path: Path, garment: str) -> Any:
 def texture_files(root: Path, path: Path) -> tuple[Path, ...]:
     """The material file and the picture that an OBJ names, `mtllib` and its first `map_Kd`; () where it names none, or a
     material file that is not there. UserError: a path that leaves the capture `root`, or a picture that is not there."""
-    material = _named(root, path, "mtllib", OBJ_BYTES) if path.suffix.lower() == ".obj" else None
+    material = _material(root, path)
     if material is None or not material.is_file():
         return ()
     picture = _named(root, material, "map_Kd", MATERIAL_BYTES)
@@ -69,6 +69,16 @@ def texture_files(root: Path, path: Path) -> tuple[Path, ...]:
     if not picture.is_file():
         raise UserError(f"{material}: map_Kd: no file '{picture.name}'")
     return material, picture
+
+
+def lost_material(root: Path, path: Path) -> Path | None:
+    """The material file that an OBJ names and that is not there; None where it names none, or one that is."""
+    material = _material(root, path)
+    return None if material is None or material.is_file() else material
+
+
+def _material(root: Path, path: Path) -> Path | None:
+    return _named(root, path, "mtllib", OBJ_BYTES) if path.suffix.lower() == ".obj" else None
 
 
 def _named(root: Path, file: Path, key: str, limit: int) -> Path | None:
