@@ -301,6 +301,25 @@ def test_labels_of_metashape_lose_the_ending_of_a_picture_alone(tmp_path):
     assert list(read_calibration(kind, path)) == ["cam.1", "cam.2", "cam 3"]
 
 
+def test_cameras_of_metashape_whose_labels_repeat_are_called_by_their_groups_or_it_is_said_what_to_do(tmp_path):
+    made, path, kind, _ = written_as(tmp_path, "metashape")
+    for v in made:
+        spoil(path, f'label="{v.name}.jpg"', 'label="0001.jpg"')
+    with pytest.raises(
+        UserError, match=r"two cameras are called '0001': group each in Metashape under the name of its pic"
+    ):
+        read_calibration(kind, path)
+    tree = ElementTree.parse(path)
+    cameras = tree.find("chunk/cameras")
+    for i, (v, camera) in enumerate(zip(made, list(cameras))):
+        cameras.remove(camera)
+        ElementTree.SubElement(cameras, "group", id=str(i), label=v.name, type="folder").append(camera)
+    tree.write(path)
+    notes = []
+    check(read_calibration(kind, path, notes), made, within=1e-3)
+    assert notes[0] == "cameras are called by their groups, as labels repeat: left, front, cam 3"
+
+
 @pytest.mark.parametrize("word", ["pose", "lens"])
 def test_pictures_of_a_colmap_folder_that_are_not_one_camera_s_are_refused(tmp_path, word):
     _, path, kind, _ = written_as(tmp_path, "colmap-text")

@@ -51,7 +51,7 @@ ENDING = re.compile(r"(?i)\.(jpe?g|png|tiff?|bmp|exr|dng|raw|cr[23]|nef|arw)$") 
 
 
 def read(path: Path, notes: list[str]) -> dict[str, Camera]:
-    """{label without a picture's ending: Camera}, in units of the chunk's world (metres where it has a scale)."""
+    """{what `_names` calls it: Camera}, in units of the chunk's world (metres where it has a scale)."""
     chunks = read_xml(path).findall("chunk")
     if len(chunks) != 1:
         found = f"{len(chunks)} chunks: export one" if chunks else "no <chunk>: not a camera export of Metashape"
@@ -61,11 +61,12 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
     every = list(chunk.iter("camera"))
     aligned = [camera for camera in every if camera.find("transform") is not None]
     masters, offsets = {camera.get("id"): camera for camera in aligned}, _offsets(path, sensors)
-    worlds = _worlds(path, chunk, aligned)
+    names = _names(chunk, every, notes)
+    worlds = _worlds(path, chunk, {camera: names[camera] for camera in aligned})
     cameras: dict[str, Camera] = {}
     left: dict[str, list[str]] = {}
     for camera in every:
-        name = _name(camera)
+        name = names[camera]
         master, why = (camera, "") if camera in aligned else _master(camera, masters, offsets)
         if master is None:
             left.setdefault(why, []).append(name)
@@ -73,18 +74,30 @@ def read(path: Path, notes: list[str]) -> dict[str, Camera]:
         sensor = sensors.get(camera.get("sensor_id"))
         if sensor is None:
             raise UserError(f"{path}: camera '{name}': no sensor {camera.get('sensor_id')}")
-        T = placed(path, f"camera '{_name(master)}': transform", master.findtext("transform", "").split())
+        T = placed(path, f"camera '{names[master]}': transform", master.findtext("transform", "").split())
         if master is not camera:
             T = T @ inverse(offsets[master.get("sensor_id")][1]) @ offsets[camera.get("sensor_id")][1]
         scale, R, t = worlds[master.get("component_id")]
         pose = rigid(R @ T[:3, :3], scale * R @ T[:3, 3] + t)
+        if name in cameras:
+            raise UserError(
+                f"{path}: two cameras are called '{name}': group each in Metashape under the name of its pictures' folder, and export again"
+            )
         add(path, cameras, _camera(path, name, sensor, inverse(pose)))
-    notes += [f"left: {len(names)} cameras {why}: {few(names)}" for why, names in left.items()]
+    notes += [f"left: {len(those)} cameras {why}: {few(those)}" for why, those in left.items()]
     return cameras
 
 
-def _name(camera: Element) -> str:
-    return ENDING.sub("", camera.get("label", ""))
+def _names(chunk: Element, cameras: list[Element], notes: list[str]) -> dict[Element, str]:
+    """Labels of cameras without a picture's ending; where labels repeat, the names of the groups that cameras stand in."""
+    names = {camera: ENDING.sub("", camera.get("label", "")) for camera in cameras}
+    groups = {
+        camera: name for group in chunk.iter("group") for camera in group.iter("camera") if (name := group.get("label"))
+    }
+    if not groups or len(set(names.values())) == len(names):
+        return names
+    notes.append(f"cameras are called by their groups, as labels repeat: {few(groups.values())}")
+    return names | groups
 
 
 def _master(
@@ -116,11 +129,11 @@ def _offsets(path: Path, sensors: dict[str | None, Element]) -> dict[str | None,
     return offsets
 
 
-def _worlds(path: Path, chunk: Element, aligned: list[Element]) -> dict[str | None, tuple[float, Floats, Floats]]:
-    """{component: its frame in the world}, of those that have cameras; the chunk's where a component has none of its own."""
+def _worlds(path: Path, chunk: Element, aligned: dict[Element, str]) -> dict[str | None, tuple[float, Floats, Floats]]:
+    """{component: its frame in the world}, of those that have cameras, given with their names; the chunk's where a component has none of its own."""
     first: dict[str | None, str] = {}
-    for camera in aligned:
-        first.setdefault(camera.get("component_id"), _name(camera))
+    for camera, name in aligned.items():
+        first.setdefault(camera.get("component_id"), name)
     own = {c.get("id"): t for c in chunk.iter("component") if (t := c.find("transform")) is not None}
     loose = [component for component in first if component not in own]
     if loose and len(first) > 1:
