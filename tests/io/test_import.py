@@ -167,6 +167,37 @@ def test_cropped_pictures_are_taken_when_said(tmp_path):
     np.testing.assert_allclose(camera.K, made[0].K_half)
 
 
+@pytest.mark.parametrize("ratio", [0.5, 1 / 3, 1.5, 0.2031])
+def test_points_lie_on_scaled_pictures_where_they_lay_times_the_ratio_of_the_sides(tmp_path, ratio):
+    made, points = rig(tmp_path / "their", numbers=()), np.random.default_rng(1).uniform(-0.3, 0.3, (20, 3))
+    sizes = {v.name: (round(ratio * v.width), round(ratio * v.height)) for v in made}
+    for name, size in sizes.items():
+        save(tmp_path / "their" / "images" / name / "0.jpg", size)
+    with pytest.raises(
+        UserError, match=r"the calibration of camera .* is for .*: --cropped; were they scaled since: --sc"
+    ):
+        imported(tmp_path / "their", tmp_path / "ours")
+    notes = imported(tmp_path / "their", tmp_path / "ours", scaled=True).notes
+    (width, height), said = sizes["left"], "calibration scaled to the pictures: left from 480 x 360 to"
+    assert any(note.startswith(f"{said} {width} x {height}, ") for note in notes)
+    for v in made:
+        camera = open_capture(tmp_path / "ours").cameras[v.name]
+        assert (camera.width, camera.height) == sizes[v.name]
+        expected = v.pixels(points) * np.divide(sizes[v.name], (v.width, v.height))
+        np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-3)
+
+
+def test_pictures_of_another_shape_are_no_scaled_ones(tmp_path):
+    made = rig(tmp_path / "their", numbers=())
+    for v in made:
+        save(tmp_path / "their" / "images" / v.name / "0.jpg", (240, 178))
+    for options in ({}, {"scaled": True}):
+        with pytest.raises(UserError, match=r"240 x 178 pixels, .*: --cropped; scaled they were not by one factor"):
+            imported(tmp_path / "their", tmp_path / "ours", **options)
+    with pytest.raises(UserError, match="--cropped, --scaled: of pictures that were cut and scaled nothing tells"):
+        imported(tmp_path / "their", tmp_path / "ours", scaled=True, cropped=True)
+
+
 def test_the_command_makes_a_capture_that_plan_opens(tmp_path):
     from typer.testing import CliRunner
 

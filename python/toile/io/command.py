@@ -41,6 +41,9 @@ def import_capture(
     cropped: Annotated[
         bool, typer.Option("--cropped", help="pictures were cut at the right or below after calibrating")
     ] = False,
+    scaled: Annotated[
+        bool, typer.Option("--scaled", help="pictures were scaled after calibrating: the calibration is, too")
+    ] = False,
     undistort: Annotated[
         bool,
         typer.Option("--undistort", help="resample pictures of fisheyes and of lenses of more than five coefficients"),
@@ -60,11 +63,11 @@ def import_capture(
 
     folders = dict(images=images, masks=masks, labels=labels, keypoints=keypoints, scans=scans, videos=videos)
     if kind in KINDS:
-        found = read_rig(
-            kind, source, Options(folders, units, up, skeleton, offsets_of(offset or []), fps, cropped, undistort)
-        )
+        offsets = offsets_of(offset or [])
+        options = Options(folders, units, up, skeleton, offsets, fps, cropped, scaled, undistort)
+        found = read_rig(kind, source, options)
     elif kind in DATASETS:
-        given = [*folders.values(), units, skeleton, offset, cropped, undistort]
+        given = [*folders.values(), units, skeleton, offset, cropped, scaled, undistort]
         if any(given):
             raise UserError(f"toile import {kind}: a data set takes --up, --fps, --frames, --step and --copy alone")
         found = DATASETS[kind](source, up)

@@ -40,6 +40,7 @@ class Found:
     labels: dict[str, int] = field(default_factory=dict)
     films: dict[str, tuple[Path, int]] = field(default_factory=dict)  # camera: film, its picture of frame 0
     cropped: bool = False  # pictures may be smaller than the calibration says
+    scaled: bool = False  # pictures may be the calibration's by another factor each
     notes: tuple[str, ...] = ()  # what was taken, turned, left: said, and kept in scene.toml
 
 
@@ -50,7 +51,8 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
         raise UserError(f"{out}: is there already")
     if not found.frames:
         raise UserError(f"{head}: no frame with pictures, keypoints or a scan")
-    found = replace(found, cameras=_sized(found))
+    cameras = _sized(found)
+    found = replace(found, cameras=cameras, notes=(*found.notes, *_scaled_cameras(found, cameras)))
     flat = {name: Flattening(camera) for name, camera in found.cameras.items() if isinstance(camera, Bent)}
     pinholes = {name: flattening.camera for name, flattening in flat.items()}
     _check_masks(found)
@@ -123,11 +125,22 @@ def _check_masks(found: Found) -> None:
 
 
 def _check_size(path: Path, size: tuple[int, ...], camera: Camera) -> None:
-    if tuple(size) != camera.size:
-        raise UserError(
-            f"{path}: {size[1]} x {size[0]} pixels, the calibration of camera '{camera.name}' is for "
-            f"{camera.width} x {camera.height} (were they cut at the right or below: --cropped)"
-        )
+    if tuple(size) == camera.size:
+        return
+    scaled = "were they scaled since: --scaled" if _same_shape(size, camera) else "scaled they were not by one factor"
+    raise UserError(
+        f"{path}: {size[1]} x {size[0]} pixels, the calibration of camera '{camera.name}' is for "
+        f"{camera.width} x {camera.height} (were they cut at the right or below: --cropped; {scaled})"
+    )
+
+
+def _same_shape(size: tuple[int, ...], camera: Camera) -> bool:
+    """Whether both sides of a picture have one ratio to the calibration's, within half a pixel."""
+    height, width = size
+    return (
+        abs(height - camera.height * width / camera.width) <= 0.5
+        or abs(width - camera.width * height / camera.height) <= 0.5
+    )
 
 
 def link(source: Path, path: Path, copy: bool) -> None:
@@ -143,27 +156,51 @@ def link(source: Path, path: Path, copy: bool) -> None:
 
 def _sized(found: Found) -> dict[str, Camera]:
     """The cameras with the sizes that their first pictures have, where the calibration says none; with `cropped` also
-    where it says more, which were cut off at the right and below."""
+    where it says more, which were cut off at the right and below; with `scaled` also where it says others of the same shape."""
     cameras = {}
     for name, camera in found.cameras.items():
+        size = _picture_size(found, name) or camera.size
+        if not any(size):
+            continue  # nothing is known of it and nothing was taken by it
         if not camera.width or found.cropped:
-            pictures = (
-                sources.get(f"images/{name}{end}") for sources in found.frames.values() for end in (".jpg", ".png")
-            )
-            first = next((path for path in pictures if isinstance(path, Path)), None)
-            if first is None and name in found.films:
-                size = film_size(found.films[name][0])
-            elif first is not None:
-                size = image_header(first)[0]
-            elif camera.width:
-                size = camera.size
-            else:
-                continue  # nothing is known of it and nothing was taken by it
             if camera.width and (size[0] > camera.height or size[1] > camera.width):
                 _check_size(Path(f"camera '{name}'"), size, camera)
             camera = replace(camera, width=size[1], height=size[0])
+        elif found.scaled and size != camera.size:
+            camera = _scaled(camera, size)
         cameras[name] = camera
     return cameras
+
+
+def _picture_size(found: Found, camera: str) -> tuple[int, ...] | None:
+    """Height and width of a camera's first picture, None where it has none."""
+    endings = (".jpg", ".png")
+    pictures = (sources.get(f"images/{camera}{end}") for sources in found.frames.values() for end in endings)
+    first = next((path for path in pictures if isinstance(path, Path)), None)
+    if first is not None:
+        return image_header(first)[0]
+    return film_size(found.films[camera][0]) if camera in found.films else None
+
+
+def _scaled_cameras(found: Found, cameras: dict[str, Camera]) -> list[str]:
+    """A line that says which cameras were scaled to their pictures, with `scaled`; none where none was."""
+    before = {name: found.cameras[name] for name in cameras if found.scaled and found.cameras[name].width}
+    each = [
+        f"{name} from {before[name].width} x {before[name].height} to {cameras[name].width} x {cameras[name].height}"
+        for name in before
+        if before[name].size != cameras[name].size
+    ]
+    return [f"calibration scaled to the pictures: {few(each)}"] if each else []
+
+
+def _scaled(camera: Camera, size: tuple[int, ...]) -> Camera:
+    """The camera for pictures of another size (height, width): K, whose pixel centres are at halves, times the ratio of the sides.
+    Its distortion bends directions, which stay."""
+    height, width = size
+    if not _same_shape(size, camera):
+        _check_size(Path(f"camera '{camera.name}'"), size, camera)
+    K = np.diag([width / camera.width, height / camera.height, 1.0]) @ camera.K
+    return replace(camera, width=width, height=height, K=K)
 
 
 def _scene(found: Found, name: str, head: str) -> str:

@@ -41,11 +41,14 @@ class Options:
     offsets: Mapping[str, int] = field(default_factory=dict)  # camera: its file number of frame 0
     fps: float | None = None  # frames a second, by default those of the films
     cropped: bool = False  # pictures lack columns at the right or rows below that the calibration has
+    scaled: bool = False  # pictures were scaled since their calibration, both sides by one factor
     undistort: bool = False  # pictures of lenses that a Camera does not know become a pinhole camera's
 
 
 def read_rig(kind: str, source: Path, options: Options) -> Found:
     """What a calibration of a kind and the files about it make. UserError names the file or the option."""
+    if options.cropped and options.scaled:
+        raise UserError("--cropped, --scaled: of pictures that were cut and scaled nothing tells by how much")
     path = find_calibration(kind, source)
     root = source if source.is_dir() else path.parent
     said: list[str] = []
@@ -80,7 +83,8 @@ def read_rig(kind: str, source: Path, options: Options) -> Found:
     _add_scans(frames, root, metres, turn, options, notes)
     fps = options.fps or _rate(films)
     notes.append(f"frames a second: {fps or FPS:g}{'' if fps else ' (assumed, give them by --fps)'}")
-    return Found(cameras, frames, up, fps or FPS, films=films, cropped=options.cropped, notes=tuple(notes))
+    made = Found(cameras, frames, up, fps or FPS, films=films, notes=tuple(notes))
+    return replace(made, cropped=options.cropped, scaled=options.scaled)
 
 
 def _rate(films: Mapping[str, tuple[Path, int]]) -> float:
