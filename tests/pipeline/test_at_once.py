@@ -1,9 +1,11 @@
-"""Two processes that begin a run at the same moment."""
+"""Two processes that begin a run at the same moment, and what is left of one that was removed meanwhile."""
 
 import time
 import tomllib
 from pathlib import Path
 from threading import Thread, current_thread
+
+import pytest
 
 from toile.errors import UserError
 from toile.pipeline import run as pipeline
@@ -46,3 +48,14 @@ def test_of_two_that_ask_for_different_things_one_is_refused_and_clears_nothing_
     assert isinstance(ends["draft"], UserError) and "another process works at it, and something else is" in str(
         ends["draft"]
     )
+
+
+def test_what_a_run_made_after_it_was_removed_is_named_as_what_to_remove(tmp_path):
+    run = tmp_path / "run"
+    (run / "work" / "frames").mkdir(parents=True)
+    (run / "status.jsonl").write_text("")
+    with pytest.raises(UserError, match=r"run: holds no run, but what one left .*: remove status\.jsonl, work there"):
+        pipeline.register(SAMPLE, run)
+    (run / "notes.txt").write_text("mine")
+    with pytest.raises(UserError, match=r"run: the folder is not empty and holds no run"):
+        pipeline.register(SAMPLE, run)

@@ -21,6 +21,7 @@ from ..io.capture import Capture
 from ..io.files import write_text
 from ..io.holdout import apart, words_of
 from ..io.inputs import contents, stamps
+from ..io.layout import STORE
 from ..io.locks import locked
 from ..io.run import is_run, open_run
 from ..io.run_folder import capture_folder, config_file, read_config
@@ -29,6 +30,7 @@ from .identity import STAGES, Identities, facts_of, note_of, stages_of
 from .scanning import lacks_scan
 
 OWN = (".lock", ".busy", ".config.toml", "inputs")  # what a run that was killed at once may have left
+MADE = ("status.jsonl", "work", "prepared", "diagnostics", "scans", STORE)  # by a run, once it has its config.toml
 SCENE = "scene"
 PLACE = "capture", "capture_from_here"  # what `place_of` says
 
@@ -58,8 +60,14 @@ def check_own(run: Path) -> None:
     """UserError: there is something that is no run."""
     if run.exists() and not run.is_dir():
         raise UserError(f"{run}: is no folder")
-    if run.exists() and not config_file(run).exists() and any(not p.name.startswith(OWN) for p in run.iterdir()):
-        raise UserError(f"{run}: the folder is not empty and holds no run")
+    if run.exists() and not config_file(run).exists():
+        there = sorted(p.name for p in run.iterdir() if not p.name.startswith(OWN))
+        if there and set(there) <= set(MADE):
+            raise UserError(
+                f"{run}: holds no run, but what one left that was removed while it was worked at: remove {', '.join(there)} there"
+            )
+        if there:
+            raise UserError(f"{run}: the folder is not empty and holds no run")
 
 
 def config_of(run: Path) -> Config | None:
