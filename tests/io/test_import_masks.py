@@ -73,3 +73,12 @@ def test_label_images_of_several_channels_are_refused_when_imported(tmp_path, mo
         Image.new(mode, (v.width, v.height)).save(path)
     with pytest.raises(UserError, match=rf"labels/cam 3/0\.png: mode {mode}, expected one channel of 8 bits"):
         imported(tmp_path / "their", tmp_path / "ours")
+
+
+def test_a_mask_of_another_size_than_its_pictures_is_refused_by_both(tmp_path):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        save(tmp_path / "their" / "masks" / v.name / "0.png", (v.width // 2, v.height // 2), 200, mode="L")
+    with pytest.raises(
+        UserError, match=r"masks/cam 3/0\.png: \d+ x \d+ pixels, expected \d+ x \d+, as camera 'cam 3' has$"
+    ):
+        imported(tmp_path / "their", tmp_path / "ours")

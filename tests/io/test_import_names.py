@@ -19,6 +19,7 @@ LAYOUTS = {  # of a camera's frame
     "frame folders, unpadded": "images/{number}/{camera}.jpg",
     "one folder": "images/{camera}_{number:04d}.jpg",
     "beside the calibration": "{camera}/img_{number}.jpg",
+    "of Windows": "Images/{camera}/{number:06d}.JPG",
     "words between": "rgbs/{camera}/{camera}_rgb{number:06d}.jpg",
 }
 
@@ -34,8 +35,18 @@ def test_pictures_are_found_and_linked_in_every_layout(tmp_path, layout):
         frame = capture.frame(number)
         assert list(frame.images) == [v.name for v in made]
         assert all(abs(int(image[0, 0, 0]) - 10 - number) < 4 for image in frame.images.values())
-    theirs, ours = (tmp_path / "their").rglob("*.jpg"), (tmp_path / "ours").rglob("*.jpg")
+    theirs = [path for ending in ("jpg", "JPG") for path in (tmp_path / "their").rglob(f"*.{ending}")]
+    ours = (tmp_path / "ours").rglob("*.jpg")
     assert {p.stat().st_ino for p in ours} == {p.stat().st_ino for p in theirs}  # not a byte was copied
+
+
+def test_folders_are_found_in_whatever_case_they_are_called_and_hold_nothing_of_another_kind(tmp_path):
+    rig(tmp_path / "their", "{camera}/{number}.jpg", numbers=(0,))
+    for v in views():
+        save(tmp_path / "their" / "Masks" / v.name / "0.png", (v.width, v.height), 200, mode="L")
+    imported(tmp_path / "their", tmp_path / "ours")
+    frame = open_capture(tmp_path / "ours").frame(0)
+    assert set(frame.images) == set(frame.masks) == {v.name for v in views()}
 
 
 def test_pictures_before_frame_0_are_said(tmp_path):

@@ -101,7 +101,7 @@ def _write_frame(
             where = source if isinstance(source, Path) else Path(folder.name) / name
             written = source if isinstance(source, Path) else path
             size, mode = image_header(written)
-            _check_size(where, size, camera)
+            _check_size(where, size, camera, kind)
             if kind == "labels":
                 check_labels(written)
             if camera.name in flat:  # written anew, as a link is: what it points to stays
@@ -124,9 +124,12 @@ def _check_masks(found: Found) -> None:
             return
 
 
-def _check_size(path: Path, size: tuple[int, ...], camera: Camera) -> None:
+def _check_size(path: Path, size: tuple[int, ...], camera: Camera, kind: str = "images") -> None:
     if tuple(size) == camera.size:
         return
+    if kind != "images":
+        expected = f"expected {camera.width} x {camera.height}, as camera '{camera.name}' has"
+        raise UserError(f"{path}: {size[1]} x {size[0]} pixels, {expected}")
     scaled = "were they scaled since: --scaled" if _same_shape(size, camera) else "scaled they were not by one factor"
     raise UserError(
         f"{path}: {size[1]} x {size[0]} pixels, the calibration of camera '{camera.name}' is for "

@@ -50,8 +50,11 @@ class Placed:
 
 
 def folder_of(source: Path, kind: str) -> Path | None:
-    """The folder in `source` that is called after what it holds; for pictures also `source` itself."""
-    found = next((source / name for name in FOLDERS[kind] if (source / name).is_dir()), None)
+    """The folder in `source` that is called after what it holds, in whatever case; for pictures also `source` itself."""
+    there = {
+        path.name.lower(): path for path in sorted(source.iterdir()) if path.is_dir()
+    }  # "images" takes the place of "Images"
+    found = next((there[name] for name in FOLDERS[kind] if name in there), None)
     return source if found is None and kind == "images" else found
 
 
@@ -63,7 +66,12 @@ def files_of(folder: Path, kind: str, endings: tuple[str, ...] = ()) -> list[Pat
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder).parts
         hidden = any(part.startswith(".") for part in inside)
-        if path.suffix.lower() in endings and not hidden and not others & set(inside[:-1]) and path.is_file():
+        if (
+            path.suffix.lower() in endings
+            and not hidden
+            and not others & {part.lower() for part in inside[:-1]}
+            and path.is_file()
+        ):
             found.append(path)
     return found
 
