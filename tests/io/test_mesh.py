@@ -63,6 +63,16 @@ def test_a_ply_comes_back_in_its_order_as_float32(tmp_path):
     assert np.array_equal(mesh.vertices, V.astype(np.float32)) and np.array_equal(mesh.faces, F)
 
 
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
+def test_triangles_of_an_stl_share_the_vertices_at_one_place_in_its_order(tmp_path, kind):
+    import trimesh
+
+    trimesh.Trimesh(V, F, process=False).export(tmp_path / "m.stl", file_type=kind)
+    mesh = read_mesh(tmp_path / "m.stl")
+    np.testing.assert_allclose(mesh.vertices, V, atol=1e-6)
+    assert mesh.faces.tolist() == F.tolist()
+
+
 def test_a_ply_far_from_the_origin_keeps_what_float32_would_round_away(tmp_path):
     far = V + [4.5e5, 5.4e6, 0]
     write_mesh(tmp_path / "m.ply", Mesh(far, F, confidence=np.ones(4)))

@@ -92,7 +92,16 @@ def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
             return found["vertices"], polygons, elements
         return found["vertices"], triangles_in(found["vertices"], polygons), elements
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    if path.suffix.lower() == ".stl":
+        return *_welded(np.asarray(loaded.vertices), np.asarray(loaded.faces)), {}
     return loaded.vertices, loaded.faces, (loaded.metadata or {}).get("_ply_raw", {})
+
+
+def _welded(V: Anything, F: Anything) -> tuple[Anything, Anything]:
+    """Corners at one place as one vertex, in the order in which they come: an STL says of no two triangles that they share one."""
+    _, first, place = np.unique(V, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return V[first[order]], np.argsort(order)[place.ravel()][F]
 
 
 def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:
