@@ -62,3 +62,17 @@ def test_scans_of_no_frame_are_refused_with_the_numbers_of_both(tmp_path):
     (tmp_path / "scans" / "body101.ply").write_bytes(b"")
     with pytest.raises(UserError, match=r"scans: no scan of the frames 1-3: its numbers are 101"):
         read_rig("lists", tmp_path, Options())
+
+
+def test_the_only_scan_of_the_only_frame_needs_no_number(tmp_path):
+    import trimesh
+
+    their = tmp_path / "their"
+    rig(their, "{camera}.jpg", numbers=(0,))
+    (their / "scans").mkdir()
+    trimesh.creation.box((0.5, 0.4, 1.7)).export(their / "scans" / "body.obj")
+    imported(their, tmp_path / "ours")
+    assert np.ptp(open_capture(tmp_path / "ours").frame(0).scan.vertices, axis=0)[2] == pytest.approx(1.7)
+    trimesh.creation.box((0.5, 0.4, 1.7)).export(their / "scans" / "other.obj")
+    with pytest.raises(UserError, match=r"scans: no scan of the frames 0: no \.ply, .* with a number"):
+        read_rig("lists", their, Options())

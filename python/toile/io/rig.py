@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -227,7 +227,7 @@ def _add_scans(
     folder = _folder(root, "scans", options)
     if folder is None:
         return
-    found = numbered(folder, "scans")
+    found = numbered(folder, "scans") or _sole_scan(folder, frames)
     scans = {number: path for number, path in found.items() if number in frames}
     if not scans:
         there = (
@@ -241,6 +241,12 @@ def _add_scans(
     notes.append(f"scans: {len(scans)} in {folder.name}/")
     if left := sorted(set(found) - set(scans)):
         notes.append(f"left: {len(left)} scans of other frames: {frame_ranges(left, SHOWN)}")
+
+
+def _sole_scan(folder: Path, frames: Iterable[int]) -> dict[int, Path]:
+    """The only scan of the only frame, which needs no number."""
+    numbers, files = list(frames), files_of(folder, "scans")
+    return dict(zip(numbers, files)) if len(numbers) == len(files) == 1 else {}
 
 
 def chosen(found: Found, numbers: Any) -> Found:
