@@ -130,6 +130,17 @@ def test_a_job_whose_folder_is_removed_as_it_completes_ends_with_an_error(tmp_pa
         run_job(job, FRAMES, (job.folder / "whole.json").exists, partial(complete_and_remove, job))
 
 
+def remove_and_fail(job, *_):
+    job.folder.rename(job.folder.with_name("aside"))
+    (job.folder / "made.npz").read_bytes()
+
+
+def test_an_error_after_a_job_s_folder_was_removed_is_told_as_that(tmp_path):
+    job = job_in(tmp_path / "job")
+    with pytest.raises(UserError, match="job: was removed or replaced while it was worked at"):
+        run_job(job, FRAMES, (job.folder / "whole.json").exists, partial(remove_and_fail, job))
+
+
 def test_the_last_shard_completes_what_all_have_made(tmp_path):
     job = job_in(tmp_path / "shards")
     assert list(run(job, shard=(2, 2))) == [50, 51, 53, 99] and not (tmp_path / "shards" / "whole.json").exists()

@@ -47,7 +47,7 @@ def at_work(folder: Path, alone: bool, refusal: str) -> Iterator[None]:
 @contextmanager
 def staying(folder: Path) -> Iterator[Callable[[], None]]:
     """Gives what raises a UserError once a folder, made when it is not there, is no longer the one that it was, whatever has been made
-    under its name since."""
+    under its name since. It is called where an exception ends what is done there, too: that explains it."""
     folder.mkdir(parents=True, exist_ok=True)
     held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # while it is open its inode goes to no other
 
@@ -63,6 +63,9 @@ def staying(folder: Path) -> Iterator[Callable[[], None]]:
 
     try:
         yield check
+    except Exception:
+        check()
+        raise
     finally:
         os.close(held)
 
