@@ -1,5 +1,7 @@
 """Films beside a calibration: decoded in step, and those that lack pictures said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,27 @@ def film(path, view, times, rate=30):
             picture.pts = time
             container.mux(stream.encode(picture))
         container.mux(stream.encode())
+
+
+def test_films_that_were_scaled_since_their_calibration_are_taken_when_said(tmp_path):
+    pytest.importorskip("av")
+    made = views()
+    (tmp_path / "their").mkdir()
+    write_json(tmp_path / "their", made)
+    for v in made:
+        film(
+            tmp_path / "their" / "videos" / f"{v.name}.mp4",
+            replace(v, width=v.width // 2, height=v.height // 2),
+            range(2),
+        )
+    with pytest.raises(UserError, match=r"\.mp4: .* were they scaled since: --scaled"):
+        imported(tmp_path / "their", tmp_path / "ours")
+    imported(tmp_path / "their", tmp_path / "ours", scaled=True)
+    capture = open_capture(tmp_path / "ours")
+    assert {name: image.shape[:2] for name, image in capture.frame(1).images.items()} == {
+        v.name: (v.height // 2, v.width // 2) for v in made
+    }
+    np.testing.assert_allclose(capture.cameras["left"].K[:2], made[0].K_half[:2] / 2)
 
 
 def test_a_film_that_dropped_pictures_or_ends_early_says_so(tmp_path):
