@@ -93,6 +93,13 @@ def test_a_frame_of_seven_digits_is_offered_no_number_of_another(tmp_path):
     assert "frames/1000009 are not read" in found.text and "000009;" not in found.text and found.serious
 
 
+def test_a_folder_whose_number_another_has_in_six_digits_is_not_to_take_its_name_unasked(tmp_path):
+    for name in ("12", "000012", "000013"):
+        (tmp_path / "frames" / name).mkdir(parents=True)
+    (found,) = unpadded(tmp_path)
+    assert found.text.endswith("six digits: frames/000012, which is there too: which of them is frame 12?")
+
+
 def test_files_of_a_frame_that_nothing_reads_are_named_with_what_is_expected(capture):
     for number in PICTURED:
         folder = capture / "frames" / f"{number:06d}"

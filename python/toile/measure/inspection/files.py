@@ -35,8 +35,9 @@ def unpadded(root: Path) -> list[Finding]:
         return []
     last = odd[-1]
     digits = re.findall(r"\d+", last)[-1]
-    text = f"frames: {len(odd)} folders such as frames/{last} are not read"
-    text += f"; six digits: frames/{int(digits):06d}" if len(digits) <= 6 else "; numbers have six digits, no more"
+    text, wanted = f"frames: {len(odd)} folders such as frames/{last} are not read", f"{int(digits):06d}"
+    there = f", which is there too: which of them is frame {int(digits)}?" if wanted in names else ""
+    text += f"; six digits: frames/{wanted}{there}" if len(digits) <= 6 else "; numbers have six digits, no more"
     return [Finding(text, serious=len(odd) * 2 > len(names))]
 
 
