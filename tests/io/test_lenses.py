@@ -194,3 +194,20 @@ def test_pictures_of_films_are_undistorted_too(tmp_path):
     for name, camera in read_calibration("lists", tmp_path / "calibration.json", undistort=True).items():
         expected = Flattening(camera).resampled(spreading(next(v for v in made if v.name == name)), "images")
         assert np.abs(capture.frame(0).images[name].astype(int) - expected).mean() < 4  # of compression
+
+
+def test_pictures_that_were_scaled_since_are_undistorted_by_the_scaled_calibration(tmp_path):
+    made = views()
+    in_json(tmp_path, made)
+    for v in made:
+        path = tmp_path / "images" / v.name / "0.png"
+        path.parent.mkdir(parents=True)
+        Image.fromarray(spreading(v)).resize((v.width // 2, v.height // 2)).save(path)
+    imported(tmp_path, tmp_path / "ours", undistort=True, scaled=True)
+    for v in made:
+        camera = open_capture(tmp_path / "ours").cameras[v.name]
+        np.testing.assert_allclose(np.diag(camera.K)[:2], np.diag(v.K)[:2] / 2)
+        pixels = open_capture(tmp_path / "ours").frame(0).images[v.name][camera.height // 2, camera.width // 2]
+        ray = (np.array([camera.width // 2, camera.height // 2]) + 0.5 - camera.K[:2, 2]) / np.diag(camera.K)[:2]
+        lens = cv2.fisheye.distortPoints(ray[None, None], v.K, FISHEYE)[0, 0]
+        assert np.abs(pixels[:2] - 255 * lens / [v.width, v.height]).max() < 2
