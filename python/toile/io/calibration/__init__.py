@@ -35,14 +35,8 @@ KINDS = {
     "pose2sim": Kind(pose2sim.NAMES, pose2sim.read, "m", but=pose2sim.OTHERS),
     "lists": Kind(lists.NAMES, lists.read),
 }
-PLACES = (
-    "",
-    "calibration",
-    "calib",
-    "cameras",
-    "sparse/[0-9]*",
-    "sparse",
-)  # patterns, below a folder that holds a capture
+# Patterns, below a folder that holds a capture.
+PLACES = ("", "calibration", "calib", "cameras", "sparse/[0-9]*", "sparse")
 
 
 def find_calibration(kind: str, source: Path) -> Path:
