@@ -3,8 +3,8 @@
 A picture is a camera: it is called by its name without ending, or by its folder where pictures lie in folders, unless no two of a
 folder have the same pose, as in `images/CAM.png` and `FRAME/CAM.png`. Pictures of one camera must have one pose and lens; that
 several cameras of a folder share a lens is said, since they may be one that moved. Taken: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL,
-RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE. Refused: other lenses. Left: points, observations, rigs, frames. The scale is COLMAP's
-own, unless the model was scaled: say metres a unit by `--units`.
+RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE. Refused: other lenses.
+Left: points, observations, rigs, frames. The scale is COLMAP's own, unless the model was scaled: say metres a unit by `--units`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """TOML of Pose2Sim, aniposelib and FreeMoCap: a table a camera with `name, size [w, h], matrix, distortions, rotation`
 (Rodrigues) and `translation`, world to camera; pixel centres are whole numbers, as OpenCV calibrates.
 
-Left: `[metadata]`, and a table's other fields. With `fisheye = true` distortions are k1 k2 k3 k4 of a fisheye. Pose2Sim writes metres, FreeMoCap millimetres.
+Left: `[metadata]`, and a table's other fields. With `fisheye = true` distortions are k1 k2 k3 k4 of a fisheye. Pose2Sim writes
+metres, FreeMoCap millimetres.
 """
 
 from __future__ import annotations
