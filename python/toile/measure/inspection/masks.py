@@ -8,7 +8,6 @@ import numpy as np
 
 from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Camera, Frame
-from ..evidence import overlap
 from .rays import Sighting, meet
 
 GRID = 56  # cells a side
@@ -81,10 +80,12 @@ def overlap_aside(shown: Array, mask: Array) -> float:
     """Intersection over union of a silhouette with a mask (H,W), the best of those moved aside by up to ASIDE pixels: what a scan
     that lies elsewhere, or a principal point that is off, does not change."""
     h, w = shown.shape
-    padded, best = np.pad(shown, ASIDE), 0.0
+    padded, seen, best = np.pad(shown, ASIDE), np.count_nonzero(mask), 0.0
     for y in range(0, 2 * ASIDE + 1, 2):
         for x in range(0, 2 * ASIDE + 1, 2):
-            best = max(best, float(overlap(padded[y : y + h, x : x + w], mask)))
+            aside = padded[y : y + h, x : x + w]
+            both = np.count_nonzero(aside & mask)
+            best = max(best, both / max(np.count_nonzero(aside) + seen - both, 1))
     return best
 
 
