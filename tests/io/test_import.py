@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from tests.io.test_calibrations import write_json, write_toml
+from tests.support.calibrations import write_json, write_toml
 from tests.support.cube import views
 from tests.support.imported import imported, rig, save
 from toile.cli import app

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.io.test_calibrations import write_json
+from tests.support.calibrations import write_json
 from tests.support.cube import views
 from tests.support.imported import imported, rig
 from toile.errors import UserError

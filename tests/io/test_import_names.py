@@ -6,7 +6,7 @@ from unicodedata import normalize
 
 import pytest
 
-from tests.io.test_calibrations import write_json
+from tests.support.calibrations import write_json
 from tests.support.cube import check, views
 from tests.support.imported import imported, rig, save
 from toile.errors import UserError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.io.test_calibrations import storage, write_colmap_text, write_json, write_metashape, write_toml
+from tests.support.calibrations import storage, write_colmap_text, write_json, write_metashape, write_toml
 from tests.support.cube import CORNERS, views
 from tests.support.imported import imported
 from toile.errors import UserError

@@ -2,7 +2,7 @@
 
 from PIL import Image
 
-from tests.io.test_calibrations import write_json
+from tests.support.calibrations import write_json
 from tests.support.cube import views
 from toile.io.importing import write_capture
 from toile.io.rig import Options, read_rig
