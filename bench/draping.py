@@ -105,7 +105,7 @@ def at_rest(s, dry_drag, frame, teach):
     Y = hung(s, solver_of(s, dry_drag, teach), s.X[first], bodies)[frame - first :]
     speed = 1e3 * np.linalg.norm(np.diff(Y, axis=0), axis=2)
     print("| after [s] | mean | 95 % | most |\n|---|---|---|---|")
-    for t in (1, 2, 3, 6):
+    for t in (1, 2, 3, 4, 6):
         still = speed[t * FPS - 1]
         print(f"| {t} | {still.mean():.2f} | {np.percentile(still, 95):.2f} | {still.max():.1f} |")
 

@@ -14,9 +14,9 @@ struct DrapeOptions {
     double friction = 0.6;             ///< Coulomb's coefficient between cloth and body
     double margin = 0.002;             ///< kept between the cloth's vertices and the body [m]
     double drag = 0;                   ///< share of its velocity that the cloth loses [1/s]
-    double dry_drag = 0;          ///< deceleration of all that moves, however slowly: inner friction of cloth [m/s^2]
-    double substep = 1.0 / 1500;  ///< longest time between two sweeps over the constraints [s]
-    double max_depth = 0.05;      ///< an open body has no inside deeper than this [m]
+    double dry_drag = 0;               ///< deceleration of all that moves, by friction inside the cloth [m/s^2]
+    double substep = 1.0 / 1500;       ///< longest time between two sweeps over the constraints [s]
+    double max_depth = 0.05;           ///< an open body has no inside deeper than this [m]
 };
 
 struct DrapeResult {
@@ -30,7 +30,8 @@ struct DrapeResult {
 /// velocities of the cloth. One sequence at a time: InputError where two threads are at work at once.
 ///
 /// Each substep of h seconds (Macklin, Storey, Lu et al. 2019: many small steps, one sweep each) predicts x + h v + h^2 g,
-/// with v less its drags, then solves each constraint C in turn with its compliance a (Macklin, Mueller and Chentanez 2016, equation 18):
+/// its v shorter by what drags take, then solves each constraint C in turn with its compliance a (Macklin, Mueller and
+/// Chentanez 2016, equation 18):
 ///   lambda = -C / (sum_i w_i |grad_i C|^2 + a / h^2),   x_i += w_i grad_i C lambda,   w_i = 1 / mass_i.
 /// Constraints: edges, C = |x_i - x_j| - length, a = length^2 / (stretch area), with the area of the edge's faces (Van
 /// Gelder 1998); hinges of two faces, C = sum of cotangents times corners (Bergou et al. 2006), a = area / (3 bending).

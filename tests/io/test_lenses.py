@@ -148,10 +148,9 @@ def test_undistorted_pictures_masks_labels_and_keypoints_are_those_of_the_pinhol
         for picture, value in ((frame.masks[v.name], 1), (frame.labels[v.name], 7)):
             assert set(np.unique(picture)) == {0, value}
             assert np.abs(np.argwhere(picture == value).mean(0)[::-1] + 0.5 - at).max() < 2
-    assert (
-        "undistorted: 3 cameras: left from 480 x 360 pixels to 503 x 377, "
-        in (tmp_path / "ours" / "scene.toml").read_text()
-    )
+    said = (tmp_path / "ours" / "scene.toml").read_text()
+    assert "undistorted: 3 cameras: left from 480 x 360 pixels to 503 x 377, " in said
+    assert "undistorted: 3 keypoints lie beyond the new pictures and are unseen now" in said
     assert np.array_equal(np.array(Image.open(tmp_path / "their/images/left/0.png")), spreading(made[0]))  # as it was
 
 

@@ -99,12 +99,16 @@ def _shown(b: Bent, share: float) -> bool:
     return bool(inside and (np.diff(np.linalg.norm(ways, axis=-1), axis=0) > 0).all())
 
 
-def flatten_keypoints(path: Path, flattenings: Mapping[str, Flattening]) -> None:
-    """keypoints.json with the points of these cameras where the pinhole cameras show them, of confidence 0 where they do not."""
-    data = read_json(path, dict)
+def flatten_keypoints(path: Path, flattenings: Mapping[str, Flattening]) -> int:
+    """Rewrites keypoints.json with the points of these cameras where the pinhole cameras show them, of confidence 0 where they do not;
+    gives how many that had been seen are not now."""
+    data, lost = read_json(path, dict), 0
     for name in flattenings.keys() & data["points"].keys():
         rows = np.array(data["points"][name], np.float64).reshape(-1, 3)
         rows[:, :2] = flattenings[name].points(rows[:, :2])
-        rows[~np.isfinite(rows).all(1)] = 0
+        gone = ~np.isfinite(rows).all(1)
+        lost += int((rows[gone, 2] > 0).sum())
+        rows[gone] = 0
         data["points"][name] = np.round(rows, 4).tolist()
     replace_file(path, lambda part: part.write_text(json.dumps(data), encoding="utf-8"))
+    return lost

@@ -60,7 +60,7 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
         for number in sorted(found.frames):
             _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, flat, copy)
         said = [note for camera in found.films if (note := _write_film(part / "frames", found, camera, flat))]
-        said += _sizes_said(found.cameras, pinholes)
+        said += _sizes_said(found.cameras, pinholes) + _flattened_keypoints(part / "frames", flat)
         found = replace(found, cameras=found.cameras | pinholes, notes=(*found.notes, *said))
         (part / "scene.toml").write_text(_scene(found, out.resolve().name, head), encoding="utf-8")
         (part / "cameras.json").write_text(cameras_json(found.cameras), encoding="utf-8")
@@ -71,6 +71,12 @@ def _sizes_said(before: Mapping[str, Camera], pinholes: Mapping[str, Camera]) ->
     size = lambda camera: f"{camera.width} x {camera.height}"
     each = few(f"{name} from {size(before[name])} pixels to {size(camera)}" for name, camera in pinholes.items())
     return [f"undistorted: {len(pinholes)} cameras: {each}"] if pinholes else []
+
+
+def _flattened_keypoints(frames: Path, flat: Mapping[str, Flattening]) -> list[str]:
+    """Moves the keypoints of all frames to the pinhole cameras' pictures; says how many of these lie in none."""
+    lost = sum(flatten_keypoints(path, flat) for path in sorted(frames.glob("*/keypoints.json"))) if flat else 0
+    return [f"undistorted: {lost} keypoints lie beyond the new pictures and are unseen now"] if lost else []
 
 
 def _write_film(frames: Path, found: Found, camera: str, flat: Mapping[str, Flattening]) -> str:
@@ -108,8 +114,6 @@ def _write_frame(
                 write_image(path, flat[camera.name].read(written, kind))
             elif kind == "masks" and mode not in ("L", "1"):
                 write_image(path, one_channel(path))
-    if flat and (folder / "keypoints.json").exists():
-        flatten_keypoints(folder / "keypoints.json", flat)
 
 
 def _check_masks(found: Found) -> None:
