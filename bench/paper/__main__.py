@@ -16,7 +16,7 @@ from .study import Paper, machine
 ROOT = Path(__file__).parents[2]
 SUBJECTS = ("loose", "fitted", "logo")
 FIRST_SEED = 8117  # of the first subject's capture; the others follow
-TABLE = {  # what is asked without a capture: the fair table of docs/measurements/avatars.md, six to seven and a half hours of two cores
+TABLE = {  # asked without a capture: docs/measurements/avatars/first-tables.md, six to seven and a half hours of two cores
     "registration": "draft", "quality": "draft", "holdout": "320-399", "align": "all", "window": 3,
     "set": ['data.crop="garment"', "data.image=[224,224]", "body_steps=300", "garment_steps=300", "joint_steps=1000"],
 }  # fmt: skip
