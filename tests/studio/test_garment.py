@@ -174,7 +174,7 @@ def test_borders_are_turned_in_under_the_skin_for_what_is_worn_over_them(body, t
 
 
 @pytest.mark.parametrize(
-    "kind, openings", [("shorts", 3), ("skirt", 2), ("dress", 4), ("longsleeve", 4), ("tank", 4)]
+    "kind, openings", [("shorts", 3), ("skirt", 2), ("dress", 4), ("longsleeve", 4), ("baselayer", 4), ("tank", 4)]
 )  # fmt: skip
 def test_what_is_cut_from_the_body_has_its_openings_and_touches_nothing(body, kind, openings):
     from toile.studio.cut import cut_garment

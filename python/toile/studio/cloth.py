@@ -8,15 +8,18 @@ SUBSTEPS = 40  # x 1 iteration: 8 x 8 does not converge (the cloth sags by a fif
 RADIUS = 0.005  # m: contact distance; 4 mm is the smallest that kept body features from poking through faces
 OVER_CLOTH = 0.008  # m: contact distance of what is worn over another garment, whose folds are sharper than the body
 GAP = 0.012  # m: contacts are looked for up to the contact distance + GAP
+SELF_CONTACT = {  # m: the distance of cloth from cloth, and how much farther off contacts are looked for
+    "particle_self_contact_margin": 0.003, "particle_self_contact_gap": 0.0018,
+}  # fmt: skip
 REACH = 3.0  # m: half the collision box of the body, which newton takes from the first pose
 
 
 class ClothSimulation:
-    """One garment (V, F; V is also its rest shape) over moving surfaces [m, s], z up: `body_F` is a list of triangles,
-    one array a surface, of vertices body_V. Surfaces are closed, or lie so that the cloth never sees their borders.
-    Vertices `held` (h,) go where each frame is told."""
+    """One garment or several (V, F; V is also the rest shape) over moving surfaces [m, s], z up: `body_F` is a list of
+    triangles, one array a surface, of vertices body_V. Surfaces are closed, or lie so that the cloth never sees their
+    borders. Vertices `held` (h,) go where each frame is told. Cloth that `meets_itself` may not begin crossed."""
 
-    def __init__(self, V, F, body_V, body_F, mu=0.3, held=()):
+    def __init__(self, V, F, body_V, body_F, mu=0.3, held=(), meets_itself=False):
         import newton
         import warp as wp
 
@@ -57,7 +60,11 @@ class ClothSimulation:
             self.pipeline = newton.CollisionPipeline(self.model, soft_contact_gap=GAP)
             self.contacts = self.pipeline.contacts()
             self.solver = newton.solvers.SolverVBD(
-                self.model, iterations=1, integrate_with_external_rigid_solver=True, particle_enable_self_contact=False
+                self.model,
+                iterations=1,
+                integrate_with_external_rigid_solver=True,
+                particle_enable_self_contact=meets_itself,
+                **(SELF_CONTACT if meets_itself else {}),
             )
             self.state, self.next = self.model.state(), self.model.state()
             self.control = self.model.control()

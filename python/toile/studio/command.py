@@ -48,7 +48,7 @@ def studio(
     no_garment: Annotated[bool, typer.Option("--no-garment", help="the bare body only")] = False,
     trousers: Annotated[bool, typer.Option("--trousers", help="a garment of their own, cut from the body")] = False,
     wear: Annotated[
-        str, typer.Option(help="garments joined by +, inner to outer: tank+tshirt, trousers+longsleeve, dress, ...")
+        str, typer.Option(help="garments joined by +, inner to outer: baselayer+tshirt, trousers+tank, dress, ...")
     ] = "",
     truth: Annotated[str, typer.Option(help="plain, hard, or parts of it joined by +")] = "hard",
     template: Annotated[str, typer.Option(help="other, scan, settled, or a foreign garment as .obj")] = "other",

@@ -158,6 +158,7 @@ CUTS = {
     ),
     "dress": Cut(lambda body: shirt_field(body, hem=lowest(body)), OFFSET, drop=0.35, flare=0.15),
     "longsleeve": Cut(long_sleeve_field, 0.018),
+    "baselayer": Cut(long_sleeve_field, OFFSET),  # to be worn under a shirt: a wider one bunches in the armpits
     "tank": Cut(tank_field, 0.009),
 }
 

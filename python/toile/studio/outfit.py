@@ -113,18 +113,45 @@ class LayersBelow:
         return np.concatenate([body_V, *(lip.vertices(V, body_V) for lip, V in zip(self.lips, garments))])
 
 
+def runs_of_shirts(settled):
+    """The garments, inner to outer, in lists: shirts over one another, which no waistband holds, in one."""
+    runs = []
+    for s in settled:
+        if runs and not len(s.held) and not len(runs[-1][-1].held):
+            runs[-1].append(s)
+        else:
+            runs.append([s])
+    return runs
+
+
+def joined(shirts):
+    """Several shirts as one Settled, over what the innermost lies on."""
+    if len(shirts) == 1:
+        return shirts[0]
+    flat, rest, cloth_rest, vertices, velocities = (
+        np.concatenate([getattr(s, name) for s in shirts])
+        for name in ("flat", "rest", "cloth_rest", "vertices", "velocities")
+    )
+    name, faces, under = "+".join(s.name for s in shirts), joined_faces(shirts), shirts[0]
+    worn_over = under.first_body, under.body
+    return Settled(name, flat, rest, faces, cloth_rest, *worn_over, vertices, velocities, under.held)
+
+
 class Outfit:
-    """The simulations of all garments of a sequence, as they stand when everything has settled on the body."""
+    """The simulations of all garments of a sequence, as they stand when everything has settled on the body. Shirts over
+    one another move together: in an armpit their folds lie between each other, and neither is a wall to the other."""
 
     def __init__(self, settled, body_V, skin_faces, trunk_faces):
         """On a body in its rest pose; `trunk_faces`: the part of its skin that holds waistbands."""
-        self.settled = settled
-        self.under = [LayersBelow(body_V, skin_faces, settled[:i]) for i in range(len(settled))]
-        held = [s.vertices[s.held].astype(np.float64) for s in settled]
+        runs = runs_of_shirts(settled)
+        self.settled = [joined(run) for run in runs]
+        self.under = [LayersBelow(body_V, skin_faces, self.settled[:i]) for i in range(len(self.settled))]
+        held = [s.vertices[s.held].astype(np.float64) for s in self.settled]
         self.bands = [AttachedPoints(points, body_V, trunk_faces, HOLDING) for points in held]
         self.sims = []
-        for s, under in zip(settled, self.under):
-            sim = ClothSimulation(s.cloth_rest, s.faces, s.first_body, under.faces, held=s.held)
+        for run, s, under in zip(runs, self.settled, self.under):
+            cloth = s.cloth_rest, s.faces, s.first_body, under.faces
+            sim = ClothSimulation(*cloth, held=s.held, meets_itself=len(run) > 1)
             sim.go_on_from(s.vertices, s.velocities, s.body)
             self.sims.append(sim)
 

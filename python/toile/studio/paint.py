@@ -8,7 +8,7 @@ from .surface import smooth_noise
 
 LABELS = {
     "skin": 1, "hair": 2, "tshirt": 3, "trousers": 4, "shoes": 5,
-    "longsleeve": 6, "tank": 7, "dress": 8, "shorts": 9, "skirt": 10,
+    "longsleeve": 6, "tank": 7, "dress": 8, "shorts": 9, "skirt": 10, "baselayer": 11,
 }  # fmt: skip
 PAINTED = ("skin", "hair", "trousers", "shoes")  # on the body itself
 LOWER = ("trousers", "shorts", "skirt", "dress")  # under which legs are bare

@@ -11,13 +11,14 @@ import numpy as np
 from ...scene import blend_skinning
 from ...surface.operators import smooth_on
 from ..body import make_body
-from ..cut import CUTS, cut_garment, hung, shirt_field
+from ..cut import cut_garment, hung, shirt_field
 from ..motions import MOTIONS
 from ..surface import smooth_noise, vertex_normals
 from ..truth import random_frame
 from . import CLASSES
 
 TOPS, BOTTOMS = ("tshirt", "longsleeve", "tank"), ("trousers", "shorts", "skirt")
+GARMENTS = (*TOPS, *BOTTOMS, "dress")
 MOVED = ("walk", "rom", "talk", "fast", "sit")
 FRAMES = 90  # of each motion, of which some are taken
 WORN = 0.4  # share of people whose cloth was simulated, where captures are given
@@ -93,7 +94,7 @@ class Wardrobe:
 
     def __init__(self, subject, rng):
         self.rng, self.body = rng, make_body(subject, rng)
-        self.garments = {name: self._garment(name) for name in CUTS}
+        self.garments = {name: self._garment(name) for name in GARMENTS}
         names = self.body.model.joint_names
         limb = [n.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")) for n in names]
         head = [n in ("head", "neck03") for n in names]
@@ -122,7 +123,7 @@ class Wardrobe:
             return ("dress",), True, True
         top = rng.choice([*TOPS, "painted", "bare"], p=[0.4, 0.17, 0.17, 0.14, 0.12])
         bottom = rng.choice([*BOTTOMS, "painted", "bare"], p=[0.18, 0.18, 0.13, 0.46, 0.05])
-        worn = tuple(str(name) for name in (bottom, top) if name in CUTS)
+        worn = tuple(str(name) for name in (bottom, top) if name in GARMENTS)
         tights = bottom == "painted" or (bottom in ("trousers", "skirt") and rng.uniform() < LEGGED)
         return worn, not tights, top != "painted"
 
