@@ -28,9 +28,23 @@ ENGINE = {
 MIXAMO = {
     f"mixamorig:{name}": role for name, role in CMU.items() if name in ("Hips", "LeftUpLeg", "RightArm", "Spine1")
 }
+GROUNDED = {"root": "ground"} | ENGINE
+SHINS = {
+    "Hips": "root", "LeftLeg": "upperleg01.L", "LeftShin": "lowerleg01.L", "LeftFoot": "foot.L", "RightLeg": "upperleg01.R",
+    "RightShin": "lowerleg01.R", "Chest": "spine02", "LeftArm": "upperarm01.L", "LeftToes": "toe1-1.L",
+}  # fmt: skip
+NUMBERED = {f"Character1_{name}": role for name, role in CMU.items() if role != name}
+BIPED = {
+    "Bip01": "Bip01", "Bip01 Pelvis": "root", "Bip01 Spine": "spine04", "Bip01 L Thigh": "upperleg01.L",
+    "Bip01 R Calf": "lowerleg01.R", "Bip01 L UpperArm": "upperarm01.L", "Bip01 R Forearm": "lowerarm01.R", "Bip01 Head": "head",
+}  # fmt: skip
+COMMON = {
+    "smpl": SMPL, "cmu": CMU, "poser": POSER, "engine": ENGINE, "mixamo": MIXAMO, "engine with a root": GROUNDED,
+    "thighs called legs": SHINS, "motionbuilder": NUMBERED, "biped": BIPED,
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("names", [SMPL, CMU, POSER, ENGINE, MIXAMO], ids=["smpl", "cmu", "poser", "engine", "mixamo"])
+@pytest.mark.parametrize("names", COMMON.values(), ids=COMMON)
 def test_names_of_common_skeletons(names):
     assert dict(zip(names, joint_roles(tuple(names)))) == names
 
@@ -44,3 +58,10 @@ def test_the_packaged_model_s_names_are_the_roles():
 
 def test_a_role_goes_to_one_joint_and_unknown_names_stay():
     assert joint_roles(("hips", "pelvis", "tail", "Ⅲ")) == ("root", "pelvis", "tail", "Ⅲ")
+
+
+def test_what_several_names_begin_with_is_theirs_where_hips_are_found():
+    names = ("Hips", "upper_arm.L", "upper_arm.R")
+    assert joint_roles(names) == ("root", "upperarm01.L", "upperarm01.R")
+    assert joint_roles(("Character1_Hips", "Character1_Tail", "Character1_Head")) == ("root", "Character1_Tail", "head")
+    assert joint_roles(("stem", "L_arm", "L_hand")) == ("stem", "upperarm01.L", "wrist.L")

@@ -1,4 +1,4 @@
-"""Motion from BVH files (y up), retargeted by the roles of joints onto a body model.
+"""Motion from BVH files, retargeted by the roles of joints onto a body model.
 
 It is retargeted with x left, y back, z up (`stance`), whatever the axes are in which the file and the model stand at rest.
 """
@@ -6,7 +6,7 @@ It is retargeted with x left, y back, z up (`stance`), whatever the axes are in 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ SIDED = ("clavicle", "upperarm01", "lowerarm01", "wrist", "upperleg01", "lowerle
 BONES = {"upperarm01": "lowerarm01", "lowerarm01": "wrist", "upperleg01": "lowerleg01", "lowerleg01": "foot"}
 LEG = ("upperleg01.L", "lowerleg01.L", "foot.L")
 LEAP, LONE = np.radians(15), 3.0  # from a calibration pose: so far at least, and so many times as far as a frame later
+UPRIGHT = 0.7  # of a trunk's length along the axis that is up, in most frames
 ENDS = {"wrist": "lowerarm01", "foot": "lowerleg01"}  # end joints follow their limb
 
 
@@ -31,9 +32,13 @@ class Bvh:
     names: tuple[str, ...]
     parents: tuple[int, ...]
     offsets: np.ndarray  # (j,3)
+    tips: dict[int, np.ndarray]  # {joint: (3,) OFFSET of its End Site}
     rotations: np.ndarray  # (T,j,3,3) world rotations
-    root: np.ndarray  # (T,3)
+    places: np.ndarray  # (T,j,3)
     frame_time: float  # s
+
+    def __len__(self):
+        return len(self.places)
 
 
 def read_bvh(path):
@@ -43,7 +48,7 @@ def read_bvh(path):
     if not found or "HIERARCHY" not in head:
         raise UserError(f"{path}: not a BVH file, HIERARCHY or MOTION is missing")
     try:
-        names, parents, offsets, channels = hierarchy(head.split())
+        names, parents, offsets, tips, channels = hierarchy(head.split())
         words = tail.split()
         count, frame_time = int(words[1]), float(words[4])
         values = np.array(words[5:], dtype=np.float64)
@@ -60,13 +65,13 @@ def read_bvh(path):
             raise ValueError(f"frame {frame}, channel {channel}: {values[frame * width + channel]}")
     except (ValueError, IndexError, KeyError) as reason:
         raise UserError(f"{path}: broken BVH: {reason}") from reason
-    rotations, root = play(values.reshape(count, width), parents, channels)
-    return Bvh(names, parents, offsets, rotations, root, frame_time)
+    rotations, places = play(values.reshape(count, width), parents, offsets, channels)
+    return Bvh(names, parents, offsets, tips, rotations, places, frame_time)
 
 
 def hierarchy(words):
-    """Joint names, parents, offsets (j,3) and channel names from the HIERARCHY section."""
-    names, parents, offsets, channels, stack = [], [], [], [], []
+    """Joint names, parents, offsets (j,3), those of End Sites {joint: (3,)}, and channel names from the HIERARCHY section."""
+    names, parents, offsets, tips, channels, stack = [], [], [], {}, [], []
     i, ending = 0, False
     while i < len(words):
         word = words[i]
@@ -88,8 +93,7 @@ def hierarchy(words):
             ending = False
             i += 1
         elif word == "OFFSET":
-            if not ending:
-                offsets[stack[-1]] = [float(w) for w in words[i + 1 : i + 4]]
+            (tips if ending else offsets)[stack[-1]] = np.array(words[i + 1 : i + 4], dtype=np.float64)
             i += 4
         elif word == "CHANNELS":
             n = int(words[i + 1])
@@ -102,55 +106,95 @@ def hierarchy(words):
     for name, offset in zip(names, offsets):
         if not np.isfinite(offset).all():
             raise ValueError(f"joint {name}: its OFFSET is missing or not finite")
-    return tuple(names), tuple(parents), np.array(offsets), channels
+    return tuple(names), tuple(parents), np.array(offsets), tips, channels
 
 
-def play(values, parents, channels):
-    """World rotations (T,j,3,3) and root positions (T,3)."""
+def play(values, parents, offsets, channels):
+    """World rotations (T,j,3,3) and places (T,j,3) of joints. Any joint may have channels of its place, which stand for its OFFSET:
+    of many files a joint above the hips rests at the origin, and the hips walk."""
     from scipy.spatial.transform import Rotation
 
-    T = len(values)
-    world, root, at = np.empty((T, len(parents), 3, 3)), np.zeros((T, 3)), 0
+    T, at = len(values), 0
+    world, places = np.empty((T, len(parents), 3, 3)), np.empty((T, len(parents), 3))
     for j, names in enumerate(channels):
-        local = np.broadcast_to(np.eye(3), (T, 3, 3))
+        turn, place = np.broadcast_to(np.eye(3), (T, 3, 3)), np.tile(offsets[j], (T, 1))
         for name in names:
-            axis = "XYZ".index(name[0].upper())
+            axis = "XYZ".index(name[0])
             if name.endswith("position"):
-                root[:, axis] += values[:, at] * (parents[j] < 0)
+                place[:, axis] = values[:, at]
             else:
-                local = local @ Rotation.from_rotvec(np.radians(values[:, at, None]) * np.eye(3)[axis]).as_matrix()
+                turn = turn @ Rotation.from_rotvec(np.radians(values[:, at, None]) * np.eye(3)[axis]).as_matrix()
             at += 1
-        world[:, j] = local if parents[j] < 0 else world[:, parents[j]] @ local
-    return world, root
+        above = parents[j]
+        world[:, j] = turn if above < 0 else world[:, above] @ turn
+        places[:, j] = place if above < 0 else places[:, above] + np.einsum("tij,tj->ti", world[:, above], place)
+    return world, places
+
+
+def roles_of(bvh):
+    """{role: index of the BVH's joint}, of several the first."""
+    return {role: i for i, role in reversed(list(enumerate(joint_roles(bvh.names))))}
 
 
 def matches(bvh):
-    """{role: index of the BVH's joint}, and the roles that the file lacks."""
-    at = {role: i for i, role in reversed(list(enumerate(joint_roles(bvh.names))))}
+    """{role: index of the BVH's joint} of what is retargeted, and the roles that the file lacks."""
+    at = roles_of(bvh)
     wanted = [*MIDDLE, *(f"{role}.{side}" for role in SIDED for side in "LR")]
     return {role: at[role] for role in wanted if role in at}, [role for role in wanted if role not in at]
 
 
-def check_rest(path, bvh, found):
-    """UserError: the trunk does not rise along y from the hips at rest, or a limb's bone has no length and so no direction."""
+def standing(path, bvh, found):
+    """The Bvh, turned to y up where it rests and moves along another axis. UserError: it rests along an axis along which it does not
+    move, a limb's bone has no length and so no direction, or the feet point backwards."""
+    bvh = upright(path, bvh, found)
     places = rest_places(bvh)
-    top = next((role for role in reversed(MIDDLE) if role in found), "root")
-    rise = places[found[top]] - places[found["root"]]
-    axis = np.abs(rise).argmax()
-    if rise.any() and (axis != 1 or rise[1] < 0):
-        along = ("-" if rise[axis] < 0 else "") + "xyz"[axis]
-        names = " to ".join(bvh.names[found[role]] for role in ("root", top))
-        raise UserError(f"{path}: at rest {names} leads along {along}: a BVH file is taken to be y up: write it so")
     for role in found:
         joint, dot, side = role.partition(".")
         end = f"{BONES.get(joint)}{dot}{side}"
         if end in found and np.array_equal(places[found[role]], places[found[end]]):
             raise UserError(f"{path}: the bone from {bvh.names[found[role]]} to {bvh.names[found[end]]} has no length")
+    feet = {role: foot_at_rest(bvh, role, found) for role in ("foot.L", "foot.R")}
+    if all(foot is not None and foot[1] > 0.5 * np.linalg.norm(foot) for foot in feet.values()):
+        names = " and ".join(bvh.names[found[role]] for role in feet)
+        raise UserError(f"{path}: at rest {names} point backwards: left and right are swapped, or the file is mirrored")
+    return bvh
+
+
+def upright(path, bvh, found):
+    """The Bvh with y up, by where its trunk leads at rest: Blender writes z up. UserError: most frames lead it elsewhere."""
+    top = next((role for role in reversed(MIDDLE) if role in found), "root")
+    rest, posed = (p[..., found[top], :] - p[..., found["root"], :] for p in (rest_places(bvh), bvh.places))
+    axis = np.abs(rest).argmax()
+    sign = np.sign(rest[axis])
+    if not sign or (axis == 1 and sign > 0):
+        return bvh
+    if np.median(sign * posed[:, axis] / np.maximum(np.linalg.norm(posed, axis=1), 1e-12)) < UPRIGHT:
+        along = ("-" if sign < 0 else "") + "xyz"[axis]
+        names = " to ".join(bvh.names[found[role]] for role in ("root", top))
+        raise UserError(
+            f"{path}: at rest {names} leads along {along}, and in most frames does not: it has to rest standing"
+        )
+    flip = np.ones(3)
+    flip[[axis, axis - 1]] = sign  # two, so that nothing is mirrored
+    turn = np.roll(np.diag(flip), 1 - axis, axis=0)
+    tips = {joint: tip @ turn.T for joint, tip in bvh.tips.items()}
+    turned = turn @ bvh.rotations @ turn.T
+    return replace(bvh, offsets=bvh.offsets @ turn.T, tips=tips, rotations=turned, places=bvh.places @ turn.T)
+
+
+def foot_at_rest(bvh, role, found):
+    """(3,) from the ankle `role` to its toes, or to its End Site, x left, y back, z up; None where the file has neither."""
+    toes, ankle = roles_of(bvh).get(role.replace("foot", "toe1-1")), found.get(role)
+    if ankle is None or (toes is None and ankle not in bvh.tips):
+        return None
+    places = rest_places(bvh)
+    foot = bvh.tips[ankle] if toes is None else places[toes] - places[ankle]
+    return foot @ stance_of_file(bvh, found)
 
 
 def starts_at(bvh):
     """The first frame that is not a lone calibration pose: 1 where a joint leaps from frame 0 to 1 and none does so from there on."""
-    if len(bvh.root) < 3:
+    if len(bvh) < 3:
         return 0
     leap, after = (turn(bvh.rotations[i], bvh.rotations[i + 1]).max() for i in (0, 1))
     return int(leap > max(LEAP, LONE * after))
@@ -251,8 +295,9 @@ def shortest(a, b):
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis = np.cross(a, b)
     s = np.linalg.norm(axis)
-    angle = np.arctan2(s, a @ b)
-    return Rotation.from_rotvec(axis / s * angle if s > 1e-9 else np.zeros(3)).as_matrix()
+    if s < 1e-9:  # the same, or opposite: then about any axis across
+        axis = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+    return Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arctan2(s, a @ b)).as_matrix()
 
 
 def raised(G, above, bone, lowest):
@@ -272,12 +317,21 @@ def raised(G, above, bone, lowest):
 
 
 def floor_path(bvh, pick, model, J, found):
-    """Root shifts (T,3) [m] from the first of `pick`, z up, scaled by leg length; zero where the file or the model has no legs."""
+    """Root shifts (T,3) [m] from where the body stands, z up, scaled by leg length: the first of `pick` is there, or as much lower as
+    the file's hips are than at rest, which may sit. Zero where the file or the model has no legs."""
     if not set(LEG) <= set(model.joint_roles) & found.keys():
         return np.zeros((len(pick), 3))
     length = lambda joints: np.linalg.norm(np.diff(joints, axis=0), axis=1).sum()
-    ours, theirs = J[[model.joint(role) for role in LEG]], rest_places(bvh)[[found[role] for role in LEG]]
+    rest = rest_places(bvh)
+    ours, theirs = J[[model.joint(role) for role in LEG]], rest[[found[role] for role in LEG]]
+    path = clip_places(bvh, pick, found)[:, found["root"]]
+    height = lambda places: places[found["root"], 1] - places[:, 1].min()
+    lower = max(height(rest) - height(bvh.places[pick[0]]), 0.0)
+    return length(ours) / length(theirs) * (path - path[0] - [0, 0, lower])
+
+
+def clip_places(bvh, pick, found):
+    """Joints (T,j,3) in the frames `pick` as `facing` turns them, in the file's unit."""
     S = stance_of_file(bvh, found)
-    path = length(ours) / length(theirs) * (bvh.root[pick] - bvh.root[pick[0]]) @ S
     first = S.T @ bvh.rotations[pick[0], found["root"]] @ S
-    return path @ rotate_z(-heading(first)).T
+    return bvh.places[pick] @ S @ rotate_z(-heading(first)).T

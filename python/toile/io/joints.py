@@ -3,6 +3,7 @@ joint names ("upperarm01.L"), so that one table of spreads, one list of hands an
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -26,11 +27,12 @@ BONES = {  # of either side, in skeletons that name bones
     "lowerarm01": ("forearm", "lowerarm"),
     "wrist": ("hand", "wrist"),
     "upperleg01": ("upleg", "thigh", "upperleg"),
-    "lowerleg01": ("leg", "shin", "lowerleg", "calf"),
+    "lowerleg01": ("shin", "lowerleg", "calf", "leg"),
     "foot": ("foot",),
-    "toe1-1": ("toebase", "toe", "ball"),
+    "toe1-1": ("toebase", "toe", "toes", "ball"),
     "eye": ("eye", "eyesmplhf"),
 }
+SHANKS = BONES["lowerleg01"][:-1]  # beside one of these a "leg" is the thigh
 LIMBS = {  # of either side, in skeletons that name the joints between bones, as SMPL does
     "clavicle": ("collar", "clavicle"),
     "upperarm01": ("shoulder",),
@@ -59,11 +61,29 @@ SIDES = (
 
 def joint_roles(names: Sequence[str]) -> tuple[str, ...]:
     """A role for each of the joints' names (K,): of those in MIDDLE, BONES and LIMBS every role goes to one joint; a finger,
-    toe, spine or neck besides is called so; what is not known keeps its own name. Sided roles end in ".L" or ".R"."""
-    split = [_split(name.rpartition(":")[2]) for name in names]
+    toe, spine or neck besides is called so; what is not known keeps its own name. Sided roles end in ".L" or ".R". What stands before
+    every name, as "Character1_", counts where no hips are found with it."""
+    spelled = [name.rpartition(":")[2] for name in names]
+    roles, bare = _roles(spelled, names), _roles(_without_prefix(spelled), names)
+    return bare if "root" in bare and "root" not in roles else roles
+
+
+def _without_prefix(names: list[str]) -> list[str]:
+    """Names less what all of them, but perhaps the first, begin with up to a space or sign."""
+    prefix = re.match(r".*[\W_]|", os.path.commonprefix(names[1:]))[0]  # type: ignore[index]
+    return [name.removeprefix(prefix) for name in names]
+
+
+def _roles(spelled: list[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Roles of joints that are spelled so; their names where that tells none."""
+    split = [_split(word) for word in spelled]
     stems = {stem for stem, side in split if side}
     sided = LIMBS if stems & {"elbow", "knee"} else BONES
-    roles = [name if OWN.fullmatch(name) else None for name in names]
+    if stems.intersection(SHANKS) and "leg" in stems:
+        sided = sided | {"upperleg01": (*BONES["upperleg01"], "leg")}
+    roles = [word if OWN.fullmatch(word) else None for word in spelled]
+    if "root" in roles and {("hips", ""), ("hip", ""), ("pelvis", "")}.intersection(split):
+        roles[roles.index("root")] = "ground"  # of game engines: it stays where the person started
     wanted = [(role, words, "") for role, words in MIDDLE.items()]
     wanted += [(f"{role}.{side}", words, side) for role, words in sided.items() for side in "LR"]
     for role, words, side in wanted:

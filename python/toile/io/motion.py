@@ -11,8 +11,10 @@ import numpy as np
 from ..errors import RoomError, UserError
 from ..kernels.arrays import Anything
 from ..scene import BodyModel
+from .between_frames import ROUNDED, BetweenFrames
 from .bounded import read_npz
-from .bvh import check_rest, facing, floor_path, matches, read_bvh, retarget, stance_of_model, starts_at
+from .bvh import facing, floor_path, matches, read_bvh, retarget, stance_of_model, standing, starts_at
+from .bvh_followed import strays
 from .memory import free_memory
 from .run import is_run, open_run
 
@@ -27,7 +29,7 @@ LARGEST_BEND = 2 * np.pi  # [rad] of any other joint's
 class Motion:
     """Poses of a body model in a row, `fps` a second; `frames` numbers them.
 
-    `missing` names joints that the source lacks and that rest.
+    `missing` names joints that the source lacks and that rest, `strays` says which bones lie otherwise than the source leads them.
     """
 
     frames: np.ndarray  # (T,) int
@@ -36,6 +38,7 @@ class Motion:
     face: np.ndarray | None  # (T,q,3) facial keypoints in the head joint's frame [m], NaN where unseen
     fps: float
     missing: tuple[str, ...] = ()
+    strays: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -59,18 +62,20 @@ def read_motion(
     `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,
     started facing as the model does at rest with the root's translation `translation` (3,) [m]), or a .npz
     `{rotations (T,K,3), translation (T,3), face (T,q,3)?, fps, frames (T,)?, up?}` (in the model's axes; frames counted
-    from 0, as far apart as `frames` numbers them, taken at the nearest instants of `fps`). UserError names the file and the
-    field.
+    from 0, as far apart as `frames` numbers them). Instants of `fps` between two of a file's frames are turned and moved between
+    these. UserError names the file and the field.
     """
     path = Path(path)
     if is_run(path):
         return _of_run(path, model.joint_names, up)
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
-    if not path.is_file():
-        raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
     bvh = path.suffix.lower() == ".bvh"
-    return _sane(path, _of_bvh(path, model, J, fps, translation, up) if bvh else _of_npz(path, len(J), fps, up))
+    if not path.is_file() or (not bvh and path.suffix.lower() != ".npz"):
+        raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
+    if bvh:
+        return _sane(path, _of_bvh(path, model, J, fps, translation, up))
+    return _of_npz(path, len(J), fps, up)
 
 
 def _sane(path, motion):
@@ -112,14 +117,21 @@ def _of_bvh(path, model, J, fps, translation, up):
     found, missing = matches(bvh)
     if "root" not in found:
         raise UserError(f"{path}: no joint named like Hips")
-    check_rest(path, bvh, found)
+    bvh = standing(path, bvh, found)
     start = starts_at(bvh)
-    pick = start + _instants(path, len(bvh.root) - start, 1 / bvh.frame_time, fps, len(J))
+    count = len(bvh) - start
+    at = BetweenFrames.of(_instants(path, count, 1 / bvh.frame_time, fps, len(J)), np.arange(count))
     S = stance_of_model(model, J, up)
-    R = retarget(facing(bvh, pick, found), bvh, model, J @ S, found)
-    local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(len(pick), -1, 3) @ S.T
-    path_of_root = translation + floor_path(bvh, pick, model, J, found) @ S.T
-    return Motion(np.arange(len(pick)), local, path_of_root, None, fps, tuple(missing))
+    poses = lambda pick: retarget(facing(bvh, pick, found), bvh, model, J @ S, found)
+    moves = lambda pick: translation + floor_path(bvh, pick, model, J @ S, found) @ S.T
+    vectors = lambda R: Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:3]) @ S.T
+    below, above = at.below + start, at.above + start
+    R = poses(below)
+    apart = strays(bvh, below, found, model, J @ S, R)
+    rotations, shifts = vectors(R), moves(below)
+    if at.share.any():
+        rotations, shifts = at.turned(rotations, vectors(poses(above))), at.moved(shifts, moves(above))
+    return Motion(np.arange(len(below)), rotations, shifts, None, fps, tuple(missing), tuple(apart))
 
 
 def check_up(path, found, up):
@@ -149,11 +161,15 @@ def _of_npz(path, joints, fps, up):
     if "up" in fields:
         check_up(path, str(fields["up"]), up)
     numbers = _numbers(path, fields.get("frames", np.arange(T)), T)
-    instants = _instants(path, numbers[-1] + 1, own, fps, joints)
-    pick = np.searchsorted((numbers[1:] + numbers[:-1]) / 2, instants)  # the nearest, of two the earlier
-    face = fields["face"][pick].astype(np.float64) if "face" in fields else None
-    rotations, translation = (fields[name][pick].astype(np.float64) for name in ("rotations", "translation"))
-    return Motion(np.arange(len(pick)), rotations, translation, face, fps)
+    at = BetweenFrames.of(_instants(path, numbers[-1] + 1, own, fps, joints), numbers)
+    given = {name: fields[name].astype(np.float64) for name in shapes if name != "fps"}
+    _sane(
+        path, Motion(numbers, given["rotations"], given["translation"], None, own)
+    )  # turns between them hide too large ones
+    about = {name: (values[at.below], values[at.above]) for name, values in given.items()}
+    face = at.moved(*about["face"]) if "face" in about else None
+    frames = np.arange(len(at.below))
+    return Motion(frames, at.turned(*about["rotations"]), at.moved(*about["translation"]), face, fps)
 
 
 def _numbers(path, frames, T):
@@ -164,13 +180,13 @@ def _numbers(path, frames, T):
 
 
 def _instants(path, count, own, fps, joints):
-    """Of `count` frames at `own` a second, those nearest to the instants 0, 1/fps, 2/fps, ... UserError: these are too many, in
-    themselves or for the memory that is free."""
-    last = int((count - 1) * fps / own + 0.01)  # files round their frame time
+    """Instants 0, 1/fps, 2/fps, ... of `count` frames at `own` a second, in frames. UserError: these are too many, in themselves or for
+    the memory that is free."""
+    last = int((count - 1) * fps / own + ROUNDED)
     words = f"{path}: {count} frames at {own:g} a second are {last + 1:.3g} at {fps:g}"
     if last >= MAX_FRAMES:
         raise UserError(f"{words}, expected at most {MAX_FRAMES}")
     free, needed = free_memory(), (last + 1) * joints * ROOM
     if free is not None and needed > free:
         raise RoomError(f"{words}: they take {needed / 2**30:.0f} GiB of memory, {free / 2**30:.0f} are free")
-    return np.minimum(np.rint(np.arange(last + 1) * own / fps).astype(int), count - 1)
+    return np.minimum(np.arange(last + 1) * own / fps, count - 1)

@@ -21,10 +21,11 @@ def bvh_motion(path, body, frames):
     found, missing = io.matches(bvh)
     if "root" not in found:
         raise UserError(f"{path}: no joint named like Hips")
+    bvh = io.standing(path, bvh, found)
     start, step = io.starts_at(bvh), 1 / (FPS * bvh.frame_time)
     pick = start + np.rint(np.arange(frames) * step).astype(int)
-    if pick[-1] >= len(bvh.root):
-        have = int((len(bvh.root) - 1 - start) / step) + 1
+    if pick[-1] >= len(bvh):
+        have = int((len(bvh) - 1 - start) / step) + 1
         raise UserError(f"{path}: {have} frames at {FPS:g} fps, {frames} are needed with the ramp")
     R = io.retarget(io.facing(bvh, pick, found), bvh, body.model, body.J, found, LOWERING)
     local = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(frames, -1, 3)

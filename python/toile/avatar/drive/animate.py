@@ -132,6 +132,7 @@ class DrivenAvatar:
         found = []
         if self.motion.missing:
             found.append(f"the motion lacks {', '.join(self.motion.missing)}: they rest")
+        found += self.motion.strays
         found += self._far_from(poses, "the training's poses")
         lean = leans(self.motion.rotations[self.rows], poses["rotations"], self.avatar.up.cpu().numpy())
         found += leaning(self.motion.frames[self.rows], lean, "the training's poses")

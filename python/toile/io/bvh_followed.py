@@ -1,0 +1,51 @@
+"""Whether a body that a BVH file drives lies as the file's own joints do, told by where both have their joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .bvh import BONES, clip_places, roles_of
+
+TRUNK = ("root", "neck01")
+FEET = {f"foot.{side}": f"toe1-1.{side}" for side in "LR"}
+ASTRAY = {
+    "limb": 5.0,
+    "trunk": 20.0,
+    "foot": 50.0,
+}  # degrees beyond which a bone is told of: bodies differ in where joints lie
+
+
+def strays(bvh, pick, found, model, J, R):
+    """Which limbs, trunk and feet of the body `model` with rest joints J (K,3) and local rotations R (T,K,3,3), x left, y back, z up,
+    lie otherwise than the frames `pick` of the file lead them, and by how much."""
+    ours, theirs, at = body_places(model, J, R), clip_places(bvh, pick, found), roles_of(bvh)
+    limbs = {f"{role}.{side}": f"{end}.{side}" for role, end in BONES.items() for side in "LR"}
+    bones = (
+        [(*bone, "limb") for bone in limbs.items()] + [(*TRUNK, "trunk")] + [(*bone, "foot") for bone in FEET.items()]
+    )
+    said = []
+    for role, end, kind in bones:
+        if not {role, end} <= set(model.joint_roles) & at.keys():
+            continue
+        off = angles(ours[:, model.joint(end)] - ours[:, model.joint(role)], theirs[:, at[end]] - theirs[:, at[role]])
+        if off.max() > ASTRAY[kind]:
+            worst, bone = int(off.argmax()), f"{bvh.names[at[role]]} to {bvh.names[at[end]]}"
+            said.append(
+                f"{bone} lies up to {off[worst]:.0f} degrees off where the motion leads it, most in frame {worst}"
+            )
+    return said
+
+
+def body_places(model, J, R):
+    """Joints (T,K,3) of a body with local rotations R (T,K,3,3), from its root."""
+    world, places = np.empty_like(R), np.zeros(R.shape[:3])
+    for k, p in enumerate(model.parents):
+        world[:, k] = R[:, k] if p < 0 else world[:, p] @ R[:, k]
+        if p >= 0:
+            places[:, k] = places[:, p] + world[:, p] @ (J[k] - J[p])
+    return places
+
+
+def angles(a, b):
+    """Degrees (T,) between vectors (T,3)."""
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ti,ti->t", a, b)))
