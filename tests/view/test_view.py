@@ -18,6 +18,7 @@ from tests.support.browser import Browser
 from tests.support.synthetic_run import SAMPLE, copy_capture, true_run
 from toile.errors import UserError
 from toile.io.run import open_run
+from toile.view.command import view
 from toile.view.server import serve
 from toile.view.shown import FARTHEST, Shown
 
@@ -119,6 +120,7 @@ class Puppet:
     """The bending clip, which "lift" raises by a metre at 90 degrees."""
 
     turns = ["lift"]
+    warnings = ("the motion lacks wings: they rest",)
 
     def __init__(self):
         self.clip = bending_clip()
@@ -126,6 +128,23 @@ class Puppet:
     def vertices(self, frame, turns):
         lift = [0, 0, turns.get("lift", 0.0) / (np.pi / 2)]
         return {layer.name: layer.at(frame) + lift for layer in self.clip.layers}
+
+
+def test_what_the_page_cannot_show_is_said(run, tmp_path, monkeypatch, capsys):
+    assert Shown(run).warnings == [] and Shown(SAMPLE).warnings == []
+    moved = shutil.copytree(run, tmp_path / "moved")
+    (moved / "config.toml").write_text('capture = "/not/there"\n')
+    zarr.open_group(str(moved / "registered.zarr"), mode="r+")["done"][5] = 0
+    pending, gone = Shown(moved).warnings
+    assert pending == f"{moved}: 1 of 6 frames are not registered yet: they are not shown"
+    assert gone.startswith(
+        "scans, cameras and pictures are not shown: /not/there: the capture is gone; where it was moved"
+    )
+    monkeypatch.setattr("toile.view.command.posable", lambda *_, **__: Puppet())
+    monkeypatch.setattr("toile.view.server.serve", lambda *_: (_ for _ in ()).throw(UserError("served")))
+    with pytest.raises(UserError, match="served"):
+        view(tmp_path, browser=False)
+    assert "warning: the motion lacks wings: they rest" in capsys.readouterr().err
 
 
 def test_a_clip_is_played_as_long_as_it_lasts_whatever_the_step_of_its_frames(tmp_path):

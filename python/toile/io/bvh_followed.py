@@ -16,24 +16,21 @@ ASTRAY = {
 
 
 def strays(bvh, pick, found, model, J, R):
-    """Which limbs, trunk and feet of the body `model` with rest joints J (K,3) and local rotations R (T,K,3,3), x left, y back, z up,
-    lie otherwise than the frames `pick` of the file lead them, and by how much."""
+    """{limb, trunk or foot of the file: degrees (T,)} by which the body `model` with rest joints J (K,3) and local rotations R
+    (T,K,3,3), x left, y back, z up, lies otherwise than the frames `pick` of the file lead it; 0 where both agree as far as bodies do."""
     ours, theirs, at = body_places(model, J, R), clip_places(bvh, pick, found), roles_of(bvh)
     limbs = {f"{role}.{side}": f"{end}.{side}" for role, end in BONES.items() for side in "LR"}
     bones = (
         [(*bone, "limb") for bone in limbs.items()] + [(*TRUNK, "trunk")] + [(*bone, "foot") for bone in FEET.items()]
     )
-    said = []
+    told = {}
     for role, end, kind in bones:
         if not {role, end} <= set(model.joint_roles) & at.keys():
             continue
         off = angles(ours[:, model.joint(end)] - ours[:, model.joint(role)], theirs[:, at[end]] - theirs[:, at[role]])
         if off.max() > ASTRAY[kind]:
-            worst, bone = int(off.argmax()), f"{bvh.names[at[role]]} to {bvh.names[at[end]]}"
-            said.append(
-                f"{bone} lies up to {off[worst]:.0f} degrees off where the motion leads it, most in frame {worst}"
-            )
-    return said
+            told[f"{bvh.names[at[role]]} to {bvh.names[at[end]]}"] = np.where(off > ASTRAY[kind], off, 0.0)
+    return told
 
 
 def body_places(model, J, R):

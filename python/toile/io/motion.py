@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,8 @@ LARGEST_BEND = 2 * np.pi  # [rad] of any other joint's
 class Motion:
     """Poses of a body model in a row, `fps` a second; `frames` numbers them.
 
-    `missing` names joints that the source lacks and that rest, `strays` says which bones lie otherwise than the source leads them.
+    `missing` names joints that the source lacks and that rest. `strays` {bone of the source: degrees (T,)}: the body lies so far
+    otherwise than the source leads it, see `bvh_followed`.
     """
 
     frames: np.ndarray  # (T,) int
@@ -38,7 +39,7 @@ class Motion:
     face: np.ndarray | None  # (T,q,3) facial keypoints in the head joint's frame [m], NaN where unseen
     fps: float
     missing: tuple[str, ...] = ()
-    strays: tuple[str, ...] = ()
+    strays: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -52,6 +53,18 @@ class Motion:
             there = f"{self.frames[0]} to {self.frames[-1]}"
             raise UserError(f"--frames: the motion has frames {there}, none of those asked for")
         return rows
+
+    def unfollowed(self, rows: list[int]) -> list[str]:
+        """What a user should know of joints that do not follow the source in these rows."""
+        said = [f"the motion lacks {', '.join(self.missing)}: they rest"] if self.missing else []
+        for bone, off in self.strays.items():
+            worst = rows[int(off[rows].argmax())]
+            if off[worst] > 0:
+                frame = self.frames[worst]
+                said.append(
+                    f"{bone} lies up to {off[worst]:.0f} degrees off where the motion leads it, most in frame {frame}"
+                )
+        return said
 
 
 def read_motion(
@@ -131,7 +144,7 @@ def _of_bvh(path, model, J, fps, translation, up):
     rotations, shifts = vectors(R), moves(below)
     if at.share.any():
         rotations, shifts = at.turned(rotations, vectors(poses(above))), at.moved(shifts, moves(above))
-    return Motion(np.arange(len(below)), rotations, shifts, None, fps, tuple(missing), tuple(apart))
+    return Motion(np.arange(len(below)), rotations, shifts, None, fps, tuple(missing), apart)
 
 
 def check_up(path, found, up):

@@ -38,6 +38,8 @@ def view(
         Shown(path, posable(path, motion, garments, apart)),
         *([Shown(beside, posable(beside, motion, apart=apart))] if beside else []),
     ]
+    for warning in (warning for one in shown for warning in one.warnings):
+        speech.warn(warning)
     server = serve(shown, port)
     address = f"http://127.0.0.1:{server.server_address[1]}/"
     speech.result(f"{address}  (only from this machine; Ctrl-C ends it)", address=address)

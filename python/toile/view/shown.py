@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, first_line
 from ..io.animation import is_animation
 from ..io.bounded import read_bytes
 from ..io.capture import open_capture
@@ -19,7 +19,7 @@ from ..io.export.clip import Clip
 from ..io.export.glb import split_layer
 from ..io.export.source import open_clip
 from ..io.image import read_rgba
-from ..io.layout import FAILED, VERDICTS
+from ..io.layout import FAILED, PENDING, VERDICTS
 from ..io.run import is_run, open_run
 from ..kernels import SurfaceIndex
 from ..kernels.arrays import Floats
@@ -39,6 +39,7 @@ class Posed(Protocol):
 
     clip: Clip
     turns: Sequence[str]  # names of what can be turned
+    warnings: Sequence[str]  # what a user should know of how it follows its motion
 
     def vertices(self, frame: int, turns: dict[str, float]) -> dict[str, Floats]: ...
 
@@ -48,7 +49,7 @@ class Shown:
     names."""
 
     def __init__(self, path: Path, posed: Posed | None = None):
-        self.path, self.posable = Path(path), posed
+        self.path, self.posable, self.gone = Path(path), posed, ""
         self.run = open_run(path) if posed is None and is_run(path) else None
         if posed is not None:
             self.clip = posed.clip
@@ -71,13 +72,30 @@ class Shown:
             return None if is_animation(self.path) else open_capture(self.path)
         try:
             return self.run.capture
-        except UserError:
+        except UserError as error:
+            self.gone = first_line(error)
             return None
 
     @cached_property
     def truth(self):
         """The Truth of a studio capture, None without."""
         return open_truth(self.capture) if self.capture else None
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What of this the page cannot show."""
+        if self.posable is not None:
+            return list(self.posable.warnings)
+        if self.run is None:
+            return []
+        found, pending = [], int((self.run.done == PENDING).sum())
+        if pending:
+            found.append(
+                f"{self.path}: {pending} of {len(self.run.done)} frames are not registered yet: they are not shown"
+            )
+        if self.capture is None:
+            found.append(f"scans, cameras and pictures are not shown: {self.gone}")
+        return found
 
     def facts(self) -> dict:
         """What the page asks first."""

@@ -129,10 +129,7 @@ class DrivenAvatar:
 
     def _warnings(self, poses):
         """What a user should know of this motion: joints it lacks, and how far it leaves the training poses."""
-        found = []
-        if self.motion.missing:
-            found.append(f"the motion lacks {', '.join(self.motion.missing)}: they rest")
-        found += self.motion.strays
+        found = self.motion.unfollowed(self.rows)
         found += self._far_from(poses, "the training's poses")
         lean = leans(self.motion.rotations[self.rows], poses["rotations"], self.avatar.up.cpu().numpy())
         found += leaning(self.motion.frames[self.rows], lean, "the training's poses")

@@ -47,7 +47,7 @@ class PosedAvatar:
             self.driven = DrivenAvatar(folder, motion_of, garments=garments)
         else:
             self.driven = DrivenAvatar(folder, motion, garments=garments, apart=apart)
-        self.motion = self.driven.motion
+        self.motion, self.warnings = self.driven.motion, self.driven.warnings
         self.flowing = None if motion is None else self.driven.latents  # of garments that follow the motion over time
         self.model, avatar = self.driven.model, self.driven.avatar
         self.turns = [name for name, (role, _) in TURNS.items() if self.model.joint(role) is not None]
