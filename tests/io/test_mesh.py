@@ -79,6 +79,13 @@ def test_a_ply_far_from_the_origin_keeps_what_float32_would_round_away(tmp_path)
     assert np.array_equal(read_mesh(tmp_path / "m.ply").vertices, far)
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1e-9, 1e-200, 1.0, 1e6])
+def test_an_obj_of_any_unit_keeps_a_millionth_of_its_extent(tmp_path, unit):
+    V = unit * np.array([[0.1234567, 0, 0], [1, 0, 0.7654321], [0, 1.7, 0]])
+    write_mesh(tmp_path / "a.obj", Mesh(V, np.array([[0, 1, 2]])))
+    assert np.abs(read_mesh(tmp_path / "a.obj").vertices - V).max() < 1e-6 * unit
+
+
 @pytest.mark.parametrize("ending", ["ply", "obj"])
 def test_a_cloud_of_points_is_called_so(tmp_path, ending):
     import trimesh

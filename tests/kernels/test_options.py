@@ -65,3 +65,12 @@ def test_the_reasons_to_stop_are_those_of_the_core():
     assert [stop.value for stop in kernels.Stop] == _core.stop_names
     result = kernels.mrf(np.zeros((2, 2)), [[0, 1]], [1.0])
     assert result.stop == "converged" and result.stop == kernels.Stop.converged
+
+
+def test_a_tensor_that_numpy_cannot_read_is_refused_by_its_argument():
+    import torch
+
+    with pytest.raises(kernels.InputError, match="vertex_normals: V is not an array: .*requires grad"):
+        kernels.vertex_normals(torch.tensor(V, requires_grad=True), F)
+    plain = torch.tensor(V), torch.tensor(F)
+    assert np.array_equal(kernels.vertex_normals(*plain), kernels.vertex_normals(V, F))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError
-from ..kernels.arrays import Anything, as_faces, as_floats, as_vertices
+from ..kernels.arrays import Anything, Floats, as_faces, as_floats, as_vertices
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
@@ -243,8 +243,8 @@ def _refuse(path: Path, lines: Any, bad: Any, what: str) -> None:
 
 
 def write_mesh(path: Path | str, mesh: Mesh) -> None:
-    """Writes a mesh as a whole file: `.obj` (7 decimals, with its UVs, 6 decimals) or `.ply` (binary, float32 positions, its
-    faces' labels and its vertices' confidence, no UVs; float64 positions for a mesh hundreds of times its extent from the origin).
+    """Writes a mesh as a whole file: `.obj` (7 decimals, more for a mesh smaller than a centimetre, with its UVs, 6 decimals) or `.ply`
+    (binary, float32 positions, its faces' labels and its vertices' confidence, no UVs; float64 positions for a mesh hundreds of times its extent from the origin).
     UserError: another ending, or what `read_mesh` would refuse. InputError: vertices or faces of another shape or type."""
     path = Path(path)
     write = {".obj": _obj, ".ply": _ply}.get(path.suffix.lower())
@@ -277,7 +277,8 @@ def _uvs(path: Path, mesh: Mesh, m: int) -> tuple[Any, Any]:
 
 
 def _obj(mesh: Mesh) -> bytes:
-    lines = [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in mesh.vertices]
+    decimals = _decimals(mesh.vertices)
+    lines = [f"v {x:.{decimals}f} {y:.{decimals}f} {z:.{decimals}f}" for x, y, z in mesh.vertices]
     if mesh.uv is None or mesh.face_uv is None:
         lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     else:
@@ -285,6 +286,12 @@ def _obj(mesh: Mesh) -> bytes:
         corners = np.stack([mesh.faces, mesh.face_uv], 2).reshape(-1, 6) + 1
         lines += ["f {}/{} {}/{} {}/{}".format(*corner) for corner in corners]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _decimals(V: Floats) -> int:
+    """7, a tenth of a micrometre; more for a mesh below a centimetre, which may count in kilometres, so that none is rounded away."""
+    extent = float(np.ptp(V, axis=0).max(initial=0)) if len(V) else 0.0
+    return 7 if extent >= 0.01 or extent == 0 else min(7 - int(np.floor(np.log10(extent))), 300)
 
 
 def _ply(mesh: Mesh) -> Any:

@@ -97,7 +97,7 @@ def _as_array(kernel: str, name: str, values: Array) -> Anything:
         raise InputError(f"{kernel}: {name} is a masked array")
     try:
         return np.asarray(values)
-    except ValueError as error:
+    except (ValueError, TypeError, RuntimeError) as error:  # the last two of torch: on a GPU, or with a gradient
         raise InputError(f"{kernel}: {name} is not an array: {error}") from None
 
 
