@@ -1,11 +1,15 @@
 """A trial before a long job: which frames, what the job takes, what held-out cameras and the template's loops say."""
 
 import json
+import multiprocessing
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from tests.support.synthetic_run import copy_capture, true_run
+from toile.config import preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
 from toile.io.run import open_run
@@ -14,7 +18,7 @@ from toile.pipeline.tuning import tune
 from toile.pipeline.tuning.fit import LoopFit, diagnosis
 from toile.pipeline.tuning.forecast import in_one_process, on_workers
 from toile.pipeline.tuning.heldout import agreement, witnesses
-from toile.pipeline.tuning.trial import Cost, Trial, alone, first_at_each_place, sampled
+from toile.pipeline.tuning.trial import Cost, Trial, alone, first_at_each_place, sampled, tried
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -120,6 +124,25 @@ def test_a_folder_that_holds_something_is_not_touched(tmp_path):
     with pytest.raises(UserError, match="mine: it is there already"):
         tune(open_capture(SAMPLE), tmp_path / "mine", (0, 1))
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+def test_a_trial_whose_process_is_ended_from_outside_says_so(tmp_path):
+    def end():
+        while not (begun := multiprocessing.active_children()):
+            time.sleep(0.01)
+        begun[0].kill()
+
+    threading.Thread(target=end).start()
+    with pytest.raises(
+        UserError, match="run: the process that registered was ended from outside, for want of memory perh"
+    ):
+        tried(open_capture(SAMPLE), tmp_path / "run", preset("draft"), (0,))
+
+
+def test_an_error_of_a_trial_is_that_of_registering(tmp_path):
+    with pytest.raises(UserError, match="frames: no frame 99"):
+        tried(open_capture(SAMPLE), tmp_path / "run", preset("draft"), (99,))
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.slow(seconds=90)

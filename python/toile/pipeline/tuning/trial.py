@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing import get_context
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ... import kernels
 from ...config import Config
+from ...errors import UserError
 from ...io.capture import Capture
 from ...io.run import open_run
 from ...surface.sampling import evenly
@@ -70,9 +71,34 @@ def alone(numbers: Sequence[int]) -> set[int]:
 
 
 def tried(capture: Capture, run: Path, config: Config, frames: Sequence[int]) -> Trial:
-    """Registers the frames into the folder `run` and returns the Trial. Errors are those of `register`."""
-    with ProcessPoolExecutor(1, get_context("spawn")) as alone_there:
-        return alone_there.submit(_registered, capture, run, config, tuple(frames), kernels.threads()).result()
+    """Registers the frames into the folder `run` and returns the Trial. Errors are those of `register`. UserError: the process was
+    ended from outside. Where this one is stopped, that one is too."""
+    spawned = get_context("spawn")
+    here, there = spawned.Pipe(duplex=False)
+    process = spawned.Process(target=_tell, args=(there, capture, run, config, tuple(frames), kernels.threads()))
+    process.start()
+    there.close()  # so that its end over there is heard here
+    try:
+        trial, error = here.recv()
+    except EOFError:
+        ended = "the process that registered was ended from outside, for want of memory perhaps"
+        raise UserError(f"{run}: {ended}: try fewer --frames, or a machine with more memory") from None
+    finally:
+        process.kill()
+        process.join()
+    if error is not None:
+        raise error
+    return trial
+
+
+def _tell(there, *given):
+    """Sends (Trial, None), or (None, what went wrong)."""
+    try:
+        told = _registered(*given), None
+    except BaseException as error:
+        error.add_note(traceback.format_exc())  # where it was, which is lost on the way
+        told = None, error
+    there.send(told)
 
 
 def _registered(capture, run, config, frames, threads):
