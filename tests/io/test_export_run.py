@@ -43,6 +43,13 @@ def test_the_body_and_the_garments_of_registered_frames_are_handed_on(run, ask, 
     assert len(list((tmp_path / "out").iterdir())) == 2
 
 
+def test_frames_that_failed_are_named_where_they_were_asked_for(run, ask, tmp_path):
+    words = "warning: {}: 1 frames failed or are not registered, and are left out: 2"
+    for frames in ((), ("--frames", "1-3")):
+        assert words.format(run) in " ".join(ask(run, tmp_path / "out.npz", *frames).output.split())
+    assert "left out" not in ask(run, tmp_path / "out.npz", "--frames", "3-5").output
+
+
 def test_layers_and_frames_are_those_asked_for(run, ask, tmp_path):
     done = ask(run, tmp_path / "out.npz", "--layers", "tshirt,track", "--frames", "1-3")
     assert done.exit_code == 0, done.output

@@ -231,7 +231,7 @@ def animate(
         if physics:
             from .drive.cloths import ensure_worn
 
-            check_asked(avatar, motion, numbers, camera, height)
+            check_asked(avatar, motion, numbers, camera, height, garments)
             ensure_worn(avatar, garments, progress, settings.cloth)
         options = dict(seed=seed, progress=progress, workers=workers, scheduler=scheduler, physics=physics)
         options |= dict(garments=garments, apart=apart)

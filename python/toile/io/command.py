@@ -127,8 +127,21 @@ def export(
     speech.result(f"{out}: {len(clip.frames)} frames of {names}", frames=clip.frames)
     for note in notes:
         speech.result(f"  {note}")
-    if is_run(path) and (words := open_run(path).judgement):
-        speech.warn(words)
+    for warning in left_out(open_run(path), frames) if is_run(path) else ():
+        speech.warn(warning)
+
+
+def left_out(run, frames):
+    """What a user should know of a Run's frames that were asked for: those that are not there, and those judged doubtful or wrong."""
+    from ..console import frame_numbers
+    from ..scene import frame_ranges
+
+    absent = sorted(set(frame_numbers(frames, run.frames.tolist())) - set(run.ok))
+    found = [run.judgement] if run.judgement else []
+    if absent:
+        words = f"{len(absent)} frames failed or are not registered, and are left out"
+        found.insert(0, f"{run.path}: {words}: {frame_ranges(absent, most=5)}")
+    return found
 
 
 def offsets_of(given):

@@ -246,6 +246,7 @@ def test_the_baseline_is_driven_by_one_drawn_code(sample_avatar, sample_run):
         ({"camera": [(1, 1)]}, "--camera, --height: pictures of 1 x 1 pixels, expected at least 2 a side"),
         ({"camera": [(1, 400)], "height": 16}, "pictures of 0 x 16 pixels"),
         ({"camera": [(9000, 100)], "height": 8192}, "737280 x 8192 pixels, .* at most 100000000 pixels in all"),
+        ({"garments": {"jacket": "own"}}, "--garment jacket=.*: no garment jacket there: it has tshirt"),
     ],
 )
 def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, tmp_path_factory, options, said):
@@ -256,10 +257,12 @@ def test_what_does_not_fit_is_refused(avatar_folder, sample_run, tmp_path, tmp_p
         file = tmp_path_factory.mktemp("asked") / "cameras.json"
         file.write_text(json.dumps({"cameras": cameras}))
         options = options | {"camera": str(file)}
+    if "garments" in options:
+        options = {"garments": {"jacket": avatar_folder}}
     with pytest.raises(UserError, match=said):
         animate(avatar_folder, sample_run, tmp_path / "out", **options)
     with pytest.raises(UserError, match=said):  # before any long work
-        check_asked(avatar_folder, sample_run, *(options.get(name) for name in ("frames", "camera", "height")))
+        check_asked(avatar_folder, sample_run, *map(options.get, ("frames", "camera", "height", "garments")))
     assert not list(tmp_path.iterdir())
 
 

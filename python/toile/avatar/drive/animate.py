@@ -272,7 +272,7 @@ def animate(
     if camera and Path(camera).is_file():
         camera = str(everywhere(Path(camera), scheduler))
     with whole_folder(out) as out:
-        check_asked(folder, motion, frames, camera, height)
+        check_asked(folder, motion, frames, camera, height, garments)
         hangs = physics
         if hangs is None:
             hangs = any(worn_cloths(one, load_avatar(one).layers, None) for one in (folder, *dict(garments).values()))
@@ -300,11 +300,15 @@ def animate(
     return done
 
 
-def check_asked(folder, motion, frames, camera, height=None):
-    """What can be refused before any long work. UserError: the motion is none for this avatar, has none of these frames, or a camera is
-    asked for that is not there, or whose pictures `height` pixels high cannot be drawn."""
-    asked_cameras(load_avatar(folder).cameras, camera, height)
+def check_asked(folder, motion, frames, camera, height=None, garments=()):
+    """What can be refused before any long work. UserError: the motion is none for this avatar, has none of these frames, a garment of
+    another avatar cannot be worn, or a camera is asked for that is not there, or whose pictures `height` pixels high cannot be drawn."""
+    avatar = load_avatar(folder)
+    asked_cameras(avatar.cameras, camera, height)
     motion_of(folder, motion).rows_of(frames)
+    if garments:
+        model = body_model_of(read_facts(folder)["run"], avatar.scene.body_model, avatar.scene.up)
+        lend(avatar, dict(garments), folder, model.skin_faces)
 
 
 def seen_of(decoded, camera):
