@@ -145,6 +145,12 @@ def test_a_bvh_turns_its_own_joints_and_reports_those_it_lacks(model, tmp_path):
         ("Frames: 3", "Frames: 0", "Frames: 0"),
         ("Frames: 3", "Frames: 4", "27 numbers for 4 frames of 9 channels"),
         ("0 90 0 0 0 0 0 0", "0 90 nan 0 0 0 0 0", "frame 0, channel 2: nan"),
+        (
+            "CHANNELS 3 Zrotation",
+            "CHANNELS 3 Zscale",
+            "joint Spine: channel Zscale: expected positions and rotations about",
+        ),
+        ("Frame Time", "Time", "after MOTION expected 'Frames: N' and 'Frame Time: SECONDS'"),
     ],
 )
 def test_a_broken_bvh_is_refused_by_what_is_wrong(model, tmp_path, old, new, said):

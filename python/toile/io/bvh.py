@@ -16,6 +16,7 @@ from .bounded import read_bytes
 from .joints import joint_roles
 
 MAX_BYTES = 200_000_000
+CLIP = re.compile(r"\s*Frames?:\s*([-+\d]+)\s+Frame\s*Time:\s*(\S+)")
 LONGEST = 2.0  # s that a frame may last: 4 ms, a fast system's, read as seconds, are more
 
 MIDDLE = ("root", "spine04", "spine02", "neck01", "head")  # roles (io.joints) that a file's joints are looked for in
@@ -49,9 +50,11 @@ def read_bvh(path):
         raise UserError(f"{path}: not a BVH file, HIERARCHY or MOTION is missing")
     try:
         names, parents, offsets, tips, channels = hierarchy(head.split())
-        words = tail.split()
-        count, frame_time = int(words[1]), float(words[4])
-        values = np.array(words[5:], dtype=np.float64)
+        clip = CLIP.match(tail)
+        if not clip:
+            raise ValueError("after MOTION expected 'Frames: N' and 'Frame Time: SECONDS'")
+        count, frame_time = int(clip[1]), float(clip[2])
+        values = np.array(tail[clip.end() :].split(), dtype=np.float64)
         width = sum(map(len, channels))
         if count < 1:
             raise ValueError(f"Frames: {count}")
@@ -98,8 +101,11 @@ def hierarchy(words):
         elif word == "CHANNELS":
             n = int(words[i + 1])
             channels[-1] = words[i + 2 : i + 2 + n]
-            if not all(re.fullmatch("[XYZ](position|rotation)", name) for name in channels[-1]):
-                raise ValueError(f"channels {' '.join(channels[-1])[:60]}")
+            for name in channels[-1]:
+                if not re.fullmatch("[XYZ](position|rotation)", name):
+                    raise ValueError(
+                        f"joint {names[-1]}: channel {name[:30]}: expected positions and rotations about X, Y, Z"
+                    )
             i += 2 + n
         else:
             i += 1
