@@ -305,7 +305,7 @@ def test_bvh_holds_the_pose_and_fills_gaps(clip, tmp_path):
     skeleton = clip.with_y_up().skeleton
     for row, frame in enumerate([3, 4, 5, 5, 7]):
         R, x = joint_transforms(skeleton.parents, skeleton.J, *skeleton.pose(frame))
-        assert np.abs(found.rotations[row] - R).max() < NEAR and np.abs(found.root[row] - x[0]).max() < NEAR
+        assert np.abs(found.rotations[row] - R).max() < NEAR and np.abs(found.places[row] - x).max() < NEAR
     assert np.abs(found.offsets[1:] - skeleton.offsets[1:]).max() < NEAR
 
 
