@@ -9,7 +9,6 @@ from tests.support.rig import ring_of_cameras
 from tests.support.shapes import sphere
 from toile import kernels
 from toile.config import VerdictSettings
-from toile.io.body import load_body_model
 from toile.io.files import load_record, save_record
 from toile.io.layout import DOUBTFUL, GOOD, WRONG
 from toile.io.run import open_run
@@ -23,7 +22,6 @@ from toile.measure.verdicts import (
     _openings,
     agreement,
     beyond_people,
-    limbs_shown,
     severity,
     verdict,
 )
@@ -162,27 +160,6 @@ def test_a_person_of_no_person_s_stature_is_doubtful():
 def test_little_of_a_body_that_only_the_scan_shows_is_doubtful():
     assert verdict(FINE | {"observed": 0.2}, SETTINGS)[0] == DOUBTFUL
     assert verdict(FINE | {"observed": 0.2, "keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
-
-
-def test_a_limb_that_nothing_shows_or_that_lies_in_the_body_is_doubtful():
-    for limb in ({"limb_observed": 0.02}, {"limb_inside": 0.1}):
-        assert verdict(FINE | limb, SETTINGS)[0] == DOUBTFUL
-        assert verdict(FINE | limb | {"keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
-
-
-def test_a_limb_is_told_by_its_own_share_of_the_scan_and_by_its_place_in_the_body():
-    model = load_body_model("anny")
-    looks = np.flatnonzero(~model.inside)
-    seen = np.full(len(model.v_template), 2, np.uint8)
-    whole = JudgedLayer("body", None, model.v_template, model.skin_faces, seen, looks)
-    assert limbs_shown(model, whole) == {"limb_observed": 1, "limb_inside": 0}
-    elbow, wrist = (model.J[model.joint(f"{role}.L")] for role in ("lowerarm01", "wrist"))
-    forearm = np.linalg.norm(model.v_template - wrist, axis=1) < 0.9 * np.linalg.norm(elbow - wrist)
-    unseen = dataclasses.replace(whole, confidence=np.where(forearm, 0, seen))
-    assert limbs_shown(model, unseen)["limb_observed"] < 0.05 and unseen.confidence[looks].mean() > 1.5
-    trunk = model.J[model.joint("spine03")]
-    moved = model.v_template + np.outer(forearm, trunk - wrist)
-    assert limbs_shown(model, dataclasses.replace(whole, vertices=moved))["limb_inside"] > 0.3
 
 
 def test_a_garment_that_was_hardly_found_is_no_good_whatever_shows_the_body():

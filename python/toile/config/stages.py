@@ -117,12 +117,13 @@ class VerdictSettings(Settings):
     limb_observed: Falling = setting(
         (0.05, 0.0),
         "1",
-        "the same of a forearm with its hand, a shank with its foot and the head, the least: alone it makes no frame wrong",
+        "share of a forearm with its hand, a shank with its foot or the head that the scan or pictures show, the least: alone it makes "
+        "no frame wrong",
     )
     limb_inside: Rising = setting(
         (0.05, 0.5),
         "1",
-        "share of a forearm or a shank that lies 2 cm and more in the rest of the body, where nothing else shows it",
+        "share of a forearm or a shank that lies 2 cm and more in the rest of the body, where no picture shows it",
     )
     garment_observed: Falling = setting(
         (0.3, 0.1), "1", "share of a garment's vertices found on the labelled scan, at least"

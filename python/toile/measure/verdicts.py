@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from .. import kernels
@@ -11,6 +9,8 @@ from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
 from ..surface.loops import loop_length
 from .evidence import keypoint_errors, overlap, parted
+from .judged import JudgedLayer
+from .limbs import limbs_shown
 
 VERTICES = 2000  # of a surface, that look for the scan
 # how the posed body lies before it is bent to the scan, and facial keypoints
@@ -19,23 +19,7 @@ APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a 
 PEOPLE = (1.0, 2.3)  # m, statures from a small child's to a giant's
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
-# roles at which begins what only a whole limb shows
-LIMBS = ("lowerarm01.L", "lowerarm01.R", "lowerleg01.L", "lowerleg01.R")
-DEEP = 0.02  # m: so far in the rest of the body is no limb that touches it
-POINTS = 150  # of a limb, that are looked for in the rest of the body
 STEP = 4  # every so many faces are asked for their stretch
-
-
-@dataclass(frozen=True)
-class JudgedLayer:
-    """A surface that a frame was registered as. `label`: of the scan's points that are its own; None for all of them."""
-
-    name: str
-    label: int | None
-    vertices: np.ndarray  # (n,3) [m]
-    faces: np.ndarray  # (m,3)
-    confidence: np.ndarray  # (n,)
-    looks: np.ndarray  # indices (k,) of the vertices that a scan can show
 
 
 def judge(
@@ -48,8 +32,8 @@ def judge(
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
     layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     measures = agreement(seen, cameras, model, joints, body, layers)
-    if len(seen.points) and not _pictured(measures):
-        measures |= limbs_shown(model, body)
+    if len(seen.points):
+        measures |= limbs_shown(seen, cameras, model, body)
     measures["stature_off_m"] = beyond_people(person.rest)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
@@ -125,32 +109,6 @@ def beyond_people(rest) -> float:
     return max(PEOPLE[0] - tall, tall - PEOPLE[1], 0.0)
 
 
-def limbs_shown(model, body) -> dict[str, float]:
-    """limb_observed: share of a forearm with its hand, a shank with its foot, or the head that was found on the scan, the least of
-    the five. limb_inside: share of the former four that lies DEEP and more in the rest of the body, the largest. {} of a model
-    that does not name them."""
-    parts = [_below(model, role) for role in (*LIMBS, "head") if model.joint(role) is not None]
-    own = [body.looks[part[body.looks]] for part in parts]
-    if len(parts) <= len(LIMBS) or not all(map(len, own)):
-        return {}
-    inside = []
-    for part, looks in zip(parts[: len(LIMBS)], own):
-        points = body.vertices[looks[:: max(len(looks) // POINTS, 1)]]
-        rest = body.faces[~part[body.faces].any(1)]
-        inside.append((kernels.signed_distance(points, body.vertices, rest) < -DEEP).mean())
-    least = min((body.confidence[looks] == OBSERVED).mean() for looks in own)
-    return {"limb_observed": float(least), "limb_inside": float(max(inside))}
-
-
-def _below(model, role):
-    """bool (n,): vertices that the joint of that role and those beyond it skin most."""
-    beyond = np.arange(len(model.parents)) == model.joint(role)
-    for k, parent in enumerate(model.parents):  # which stand before their children
-        beyond[k] |= parent >= 0 and beyond[parent]
-    most = np.argmax(model.weights_val, axis=1)
-    return beyond[np.asarray(model.weights_idx)[np.arange(len(most)), most]]
-
-
 def verdict(measures, settings) -> tuple[int, list[str]]:
     """GOOD, DOUBTFUL or WRONG by the settings' limits, and the reasons in words, the gravest first."""
     found = []
@@ -191,12 +149,7 @@ def _said_by_others(key, measures, settings):
     ]
     if key in ("two_sided_mm", "apart", "astray"):
         return all(agree)
-    return key in ("observed", "limb_observed", "limb_inside") and _pictured(measures)
-
-
-def _pictured(measures):
-    """Does anything but the scan show where the body is?"""
-    return "keypoint_mm" in measures or "silhouette_iou" in measures
+    return key == "observed" and ("keypoint_mm" in measures or "silhouette_iou" in measures)
 
 
 def _limits(s):
@@ -219,9 +172,9 @@ def _limits(s):
         "observed": (*s.observed, "{} of the surface was found on the scan, and nothing else shows it"),
         "limb_observed": (
             *s.limb_observed,
-            "{} of an arm, a leg or the head was found on the scan, and nothing else shows it",
+            "{} of an arm, a leg or the head is shown by the scan or by pictures: it is guessed",
         ),
-        "limb_inside": (*s.limb_inside, "{} of an arm or a leg lies within the body, and nothing else shows it"),
+        "limb_inside": (*s.limb_inside, "{} of an arm or a leg lies within the body, and no picture shows it"),
         "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
         "opening_observed": (*s.opening_observed, "{} of the openings that other frames show were seen"),

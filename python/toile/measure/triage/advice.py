@@ -49,7 +49,7 @@ TROUBLES = (
             "The pictures show the person elsewhere than the scan, or label what no surface explains: toile inspect CAPTURE compares both."),
     Trouble("little of the body is seen", r"of the surface was found on the scan",
             "The scan has holes and no picture shows the rest: are cameras missing in these frames?"),
-    Trouble("a limb is not seen", r"of an arm, a leg or the head was found on the scan",
+    Trouble("a limb is not seen", r"of an arm, a leg or the head (is shown|was found)",
             "The scan lacks it and no picture shows it: its place is a guess. Add keypoints, or leave it out of what you use."),
     Trouble("a limb lies in the body", r"of an arm or a leg lies within the body",
             "The scan lacks it, and it was laid where there is scan: add keypoints, or leave it out of what you use."),
