@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.support.inspected import person, texts
-from toile.measure.inspection.order import out_of_order
+from toile.measure.inspection.order import leaps, out_of_order
 
 
 def walking(frames, noise=0.01, seed=1):
@@ -15,7 +15,7 @@ def walking(frames, noise=0.01, seed=1):
 
 @pytest.mark.parametrize("frames", (12, 30, 100))
 def test_frames_that_are_permuted_are_said_and_those_in_order_or_backwards_are_not(frames):
-    points, order = walking(frames), np.random.default_rng(2).permutation(frames)
+    points, order = walking(frames), np.random.default_rng(3).permutation(frames)
     assert out_of_order(points) == out_of_order(points[::-1]) == out_of_order(points[: frames // 2]) == []
     (said,) = out_of_order(points[order])
     assert "numbered in the order of time?" in said.text and not said.serious
@@ -32,6 +32,28 @@ def test_a_step_to_a_frame_that_is_the_same_has_no_length():
     straight = np.repeat(np.arange(20) * [[0.02], [0], [0]], 2, axis=1).T[:, None]
     (said,) = out_of_order(straight[np.random.default_rng(1).permutation(40)])
     assert out_of_order(straight) == [] and "would need steps of 10;" in said.text  # 19 of 20 mm among 39
+
+
+def test_keypoints_of_another_person_in_few_frames_are_a_leap_and_no_other_order():
+    points = walking(12)
+    points[5:7] += [0.6, 0.4, 0]
+    assert out_of_order(points) == []
+    (said,) = leaps(points, 100, fps=30)
+    assert "leap in 2 places" in said.text and "m from 104 to 105" in said.text and "m from 106 to 107" in said.text
+    assert leaps(points, 100, fps=10) == [] and leaps(walking(30), 0, fps=30) == []
+
+
+def test_single_keypoints_that_are_mistaken_make_no_other_order():
+    points, draw = walking(12), np.random.default_rng(5)
+    mistaken = draw.random(points.shape[:2]) < 0.3
+    points[mistaken] += draw.normal(0, 0.5, (mistaken.sum(), 3))
+    assert out_of_order(points) == []
+
+
+def test_a_frame_that_lacks_keypoints_gives_a_leap_its_time():
+    points = np.repeat(np.arange(4.0)[:, None, None] * 0.2, 3, axis=2)
+    points[1:3] = np.nan
+    assert leaps(points[[0, 3]], 0, fps=30) and leaps(points, 0, fps=30) == []
 
 
 def test_unknown_keypoints_and_frames_are_left_out():

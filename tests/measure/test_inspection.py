@@ -234,25 +234,6 @@ def test_a_camera_whose_k_is_of_another_size_is_named(walk):
     )
 
 
-def exchanged_sides(names):
-    other = {"L": "R", "R": "L"}
-    swapped = [f"{n[:-1]}{other[n[-1]]}" if n.endswith((".L", ".R")) else n for n in names]
-    swapped = [n.replace("left", "*").replace("right", "left").replace("*", "right") for n in swapped]
-    return [list(names).index(n) for n in swapped]
-
-
-def test_left_and_right_that_are_exchanged_are_named_in_one_camera_and_in_all(walk):
-    at = exchanged_sides(person(0)[0])
-    edited(walk, lambda name, t, rows: rows[t][name][at] if name == "cam2" else rows[t][name])
-    (said,) = texts(walk)
-    assert said.startswith("cam2: ") and "they would not if it is one whose left and right are exchanged" in said
-    edited(walk, lambda name, t, rows: rows[t][name][at] if name != "cam2" else rows[t][name])
-    (said,) = texts(walk, serious=True)
-    assert (
-        said == "keypoints: left and right are exchanged: face, toes or bent knees point backwards in nearly all frames"
-    )
-
-
 def test_bent_knees_tell_left_from_right_where_neither_face_nor_toes_are_detected_and_straight_ones_do_not():
     names = tuple(f"body.{joint}.{side}" for joint in ("upperarm01", *LEG) for side in "LR")
     height, ahead = np.repeat([1.4, 0.9, 0.5, 0.1], 2), np.repeat([0.0, 0.0, 1.0, 0.0], 2)

@@ -162,6 +162,20 @@ def test_little_of_a_body_that_only_the_scan_shows_is_doubtful():
     assert verdict(FINE | {"observed": 0.2, "keypoint_mm": 10.0}, SETTINGS)[0] == GOOD
 
 
+def test_a_camera_that_looks_elsewhere_with_an_empty_mask_changes_no_silhouette():
+    (V, F), here = ball(), ring_of_cameras(1)["cam0"]
+    V = V + [0, 0, 1]
+    away = dataclasses.replace(here, T_camera_world=np.diag([-1.0, 1, -1, 1]) @ here.T_camera_world)
+    mask = DepthView(here, V, F).face >= 0
+    assert mask.any() and not (DepthView(away, V, F).face >= 0).any()
+    cameras = {"here": here, "away": away}
+    for masks in ({"here": mask}, {"here": mask, "away": np.zeros_like(mask)}):
+        found = agreement(glimpse(Frame(0, Mesh(V, F), masks=masks)), cameras, None, None, layer(V, F))
+        assert found["silhouette_iou"] > 0.98
+    nobody = Frame(0, Mesh(V, F), masks={"away": np.zeros_like(mask)})
+    assert "silhouette_iou" not in agreement(glimpse(nobody), cameras, None, None, layer(V, F))
+
+
 def test_a_garment_that_was_hardly_found_is_no_good_whatever_shows_the_body():
     shown = FINE | {"keypoint_mm": 10.0, "silhouette_iou": 0.97}
     assert verdict(shown | {"shirt.garment_observed": 0.6}, SETTINGS)[0] == GOOD

@@ -18,7 +18,7 @@ def evidence(frame, cameras, model, vertices, joints, confidence, outside):
     observed: share of the outside vertices that the tracking found on the scan. surface_to_scan_mm: all outside vertices,
     hidden ones and those over the scan's holes too, to the scan's surface. scan_to_surface_mm: the scan's vertices, clutter
     too, to the tracked skin. keypoint_px: the model's keypoints to those detected, over all cameras together.
-    silhouette_iou: of the tracked skin and the masks, mean over the cameras that have one.
+    silhouette_iou: of the tracked skin and the masks, mean over the cameras that have one and see her by either.
     """
     out = nothing() | {"observed": float((confidence[outside] == OBSERVED).mean())}
     if frame.scan is not None:
@@ -31,7 +31,8 @@ def evidence(frame, cameras, model, vertices, joints, confidence, outside):
         out["keypoint_px"] = _spread(pixels, "median")
     if frame.masks:
         shown = {name: DepthView(cameras[name], vertices, model.skin_faces).face >= 0 for name in frame.masks}
-        out["silhouette_iou"] = float(np.mean([overlap(shown[name], mask) for name, mask in frame.masks.items()]))
+        told = [overlap(shown[n], mask) for n, mask in frame.masks.items() if mask.any() or shown[n].any()]
+        out["silhouette_iou"] = float(np.mean(told)) if told else None
     return out
 
 

@@ -88,8 +88,13 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
 
 
 def _outlined(seen, cameras, body, garments):
-    """What `agreement` says of masks, or where there are none of label images."""
-    shown = list(_silhouettes(seen, cameras, (body, *garments)))
+    """What `agreement` says of masks, or where there are none of label images. A camera that looks elsewhere, whose empty mask is
+    right, tells nothing."""
+    shown = [
+        (layer, mask, side)
+        for layer, mask, side in _silhouettes(seen, cameras, (body, *garments))
+        if mask.any() or (layer >= 0).any()
+    ]
     if not shown:
         return {}
     if seen.of_labels:

@@ -34,16 +34,18 @@ from .cameras import (
     steps,
     strangers,
 )
+from .detections import at_origin, blind
 from .doubts import asked, doubted
 from .files import bare, gaps, hollow, labels_seen, looks, profiled, repeated, uneven, unpadded, unread, upended
 from .fractions import fractions
 from .late import out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes
-from .order import out_of_order
+from .order import leaps, out_of_order
 from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
 from .readings import misread
 from .scans import astray, inside_out, short
+from .sides import exchanged_sides
 
 SAMPLED = 5  # frames whose pictures are read
 LABELLED = 2  # frames besides, where few have label images and none of those has one
@@ -146,6 +148,9 @@ def _detections(found: Inspection, capture: Capture) -> None:
     if together := in_one_place(sighting.cameras):
         found.findings += together
         return
+    if not of_masks:  # first, as exchanged sides look like another calibration, or like another order of frames
+        said, sighting = exchanged_sides(sighting, found.first, capture.scene.fps)
+        found.findings += said
     what = "middles of masks" if of_masks else "keypoints"
     convention, errors = convention_of(sighting.thinned(DETECTIONS))
     if convention:
@@ -164,7 +169,8 @@ def _detections(found: Inspection, capture: Capture) -> None:
     found.sighting, found.meeting, found.lines = sighting, meet(sighting), epipolar(sighting)
     found.facts["error px"] = found.meeting.typical()
     if not of_masks:
-        found.findings += out_of_order(found.meeting.points)
+        points = found.meeting.points
+        found.findings += out_of_order(points) or leaps(points, found.first, capture.scene.fps)
         _person(found, capture, found.meeting)
     _hulls(found, dict(zip((camera.name for camera in sighting.cameras), sighting.cameras)))
 
@@ -231,6 +237,8 @@ def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int
             if camera in keypoints.points:
                 uv[i, number - first, at] = keypoints.points[camera][rows, :2]
                 weight[i, number - first, at] = keypoints.points[camera][rows, 2]
+    found.findings += at_origin(cameras, uv, weight) + blind(cameras, weight)
+    weight[(uv == 0).all(-1)] = 0
     return Sighting(tuple(capture.cameras[name] for name in cameras), tuple(names), uv, weight), first
 
 

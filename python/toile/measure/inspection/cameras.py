@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -62,9 +61,6 @@ CONVENTIONS: dict[
     ),
     "pictures that are mirrored, left for right": (_same, True),
 }
-
-
-EXCHANGED = "one whose left and right are exchanged"
 
 
 @dataclass(frozen=True)
@@ -215,9 +211,10 @@ def offsets(sighting: Sighting, meeting: Meeting) -> dict[int, Floats]:
 
 def strangers(sighting: Sighting, meeting: Meeting) -> dict[int, str]:
     """{camera: the reading that fits, "" for none} of cameras that disagree with the others."""
-    errors = np.array([meeting.typical(i) for i in range(len(sighting.cameras))])
+    told = ~np.isnan(meeting.error).all(axis=(1, 2))
+    errors = np.array([meeting.typical(i) if told[i] else np.nan for i in range(len(told))])
     found: dict[int, str] = {}
-    for i in np.argsort(-errors):
+    for i in (i for i in np.argsort(-errors) if told[i]):  # a camera that saw nothing disagrees with nobody
         if errors[i] < max(OFF * np.nanmin(errors), LEAST * diagonal(sighting)):
             break  # the best of the others is not so much better
         keep = [k for k in range(len(errors)) if k != i and k not in found]
@@ -229,17 +226,6 @@ def strangers(sighting: Sighting, meeting: Meeting) -> dict[int, str]:
         readings = {
             name: meet(read_as(sighting, name, int(i)).only([*keep, int(i)])).typical(len(keep)) for name in CONVENTIONS
         }
-        readings[EXCHANGED] = meet(_sides_exchanged(sighting, int(i)).only([*keep, int(i)])).typical(len(keep))
         best = min(readings, key=lambda name: readings[name])
         found[int(i)] = best if readings[best] < BETTER * readings[""] else ""
     return found
-
-
-def _sides_exchanged(sighting: Sighting, camera: int) -> Sighting:
-    """With what one camera calls left called right, and the other way round."""
-    other = {"L": "R", "R": "L", "left": "right", "right": "left"}
-    names = [re.sub(r"left|right|(?<=\.)[LR]$", lambda found: other[found[0]], name) for name in sighting.names]
-    at = [sighting.names.index(name) if name in sighting.names else k for k, name in enumerate(names)]
-    uv, weight = sighting.uv.copy(), sighting.weight.copy()
-    uv[camera], weight[camera] = uv[camera][:, at], weight[camera][:, at]
-    return replace(sighting, uv=uv, weight=weight)

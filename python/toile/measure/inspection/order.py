@@ -1,6 +1,9 @@
-"""Whether frames follow one another in time: a person who moves goes a shorter way from frame to frame than between any two."""
+"""Whether frames follow one another in time: a person who moves goes a shorter way from frame to frame than between any two, and
+nobody leaps."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,6 +14,8 @@ SHORTEST = 6  # frames: of fewer no order is told
 SAME = 1e-6  # m: frames no farther apart
 LONGEST = 0.5  # m: farther, a keypoint is one that was mistaken
 AS_ANY = 0.75  # times the mean distance of any two frames: in order of time neighbours are nearer, unless hardly anything moves
+SPRINT = 12.5  # m/s: nobody ran faster
+LEAPS = 3  # in a message
 LONGER = 1.5  # times the shortest way between all frames: where hardly anything moves, every way is as long
 
 
@@ -21,8 +26,10 @@ def out_of_order(points: Floats) -> list[Finding]:
     if len(known) < SHORTEST:
         return []
     apart = _distances(known)
-    step = float(np.diagonal(apart, 1).mean())
-    any_two = float(apart[np.triu_indices(len(apart), 1)].mean())
+    step = float(
+        np.median(np.diagonal(apart, 1))
+    )  # of single frames whose keypoints are another person's no other order comes
+    any_two = float(np.median(apart[np.triu_indices(len(apart), 1)]))
     shortest = _shortest(apart)
     if step <= max(AS_ANY * any_two, LONGER * shortest):
         return []
@@ -31,14 +38,28 @@ def out_of_order(points: Floats) -> list[Finding]:
     return [Finding(f"{text}: {ask}", serious=False)]
 
 
+def leaps(points: Floats, first: int, fps: float) -> list[Finding]:
+    """Frames between which half of the keypoints in space (T,K,3) [m] go farther than anybody runs; `first`: number of the first."""
+    known = np.flatnonzero(np.isfinite(points).all(-1).any(1))
+    told = []
+    for one, other in pairwise(known.tolist()):
+        ways = np.linalg.norm(points[other] - points[one], axis=-1)
+        if np.isfinite(ways).any() and (way := float(np.nanmedian(ways))) > SPRINT * (other - one) / fps:
+            told.append(f"{way:.2f} m from {first + one} to {first + other}")
+    if not told:
+        return []
+    shown = f"{', '.join(told[:LEAPS])}{', ...' * (len(told) > LEAPS)}"
+    text = f"keypoints: they leap in {len(told)} places, faster than anybody runs at {fps:g} frames a second: {shown}"
+    return [Finding(f"{text}: are they another person's there, or fps another?", serious=False)]
+
+
 def _distances(points: Floats) -> Floats:
-    """(T,T) [m] of frames, root mean squares over the keypoints that both have; LONGEST where they share none."""
-    apart = np.zeros((len(points), len(points)))
+    """(T,T) [m] of frames, medians over the keypoints that both have, up to LONGEST, and that where they share none."""
+    apart = np.full((len(points), len(points)), LONGEST)
     for own, row in zip(points, apart):
-        squares = np.minimum(np.sum((points - own) ** 2, axis=-1), LONGEST**2)
-        both = np.isfinite(squares)
-        row[:] = np.sqrt(np.where(both, squares, 0).sum(1) / np.maximum(both.sum(1), 1))
-        row[~both.any(1)] = LONGEST
+        lengths = np.linalg.norm(points - own, axis=-1)
+        both = np.isfinite(lengths).any(1)
+        row[both] = np.minimum(np.nanmedian(lengths[both], axis=1), LONGEST)
     return apart
 
 

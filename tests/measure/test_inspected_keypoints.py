@@ -1,0 +1,72 @@
+"""Keypoints that are of the other side, of nothing or of nobody, as inspect tells them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.support.inspected import FRAMES, edited, person, texts
+from toile.measure.inspection.sides import other_side
+
+AT = other_side(tuple(person(0)[0]))
+ALL = "keypoints: left and right are exchanged: face, toes or bent knees point backwards in nearly all frames"
+EXCHANGED = {"cam2": range(FRAMES), "cam0": (3, 4, 11)}
+
+
+def turned_where(root, when):
+    """Left and right are exchanged in the pictures of which `when(camera, frame)` says so."""
+    edited(root, lambda name, t, rows: rows[t][name][AT] if when(name, t) else rows[t][name])
+
+
+def test_the_other_side_of_a_name_is_found_in_each_way_of_writing_it_and_the_middle_is_its_own():
+    names = ("body.wrist.L", "body.wrist.R", "hand_left.x.L", "hand_right.x.R", "face.nose_tip", "body.foot.L")
+    assert other_side(names).tolist() == [1, 0, 3, 2, 4, 5]
+
+
+def test_pictures_whose_sides_are_exchanged_are_named_with_their_frames_and_stop_nothing(walk):
+    turned_where(walk, lambda name, t: t in EXCHANGED.get(name, ()))
+    assert not texts(walk, serious=True)
+    one, other = sorted(texts(walk))
+    assert one.startswith("cam0: left and right are exchanged in 3 of its 30 frames") and one.endswith(": 3-4, 11")
+    assert other.startswith("cam2: left and right are exchanged in 30 of its 30 frames") and other.endswith(": 0-29")
+
+
+def test_sides_exchanged_in_most_cameras_leave_the_few_named_and_the_person_backwards(walk):
+    turned_where(walk, lambda name, t: name != "cam2")
+    assert texts(walk, serious=True) == [ALL]
+    assert any(text.startswith("cam2: left and right are exchanged") for text in texts(walk))
+
+
+def test_frames_whose_sides_are_exchanged_in_all_cameras_are_named_and_no_other_order_is_asked_for(walk):
+    turned_where(walk, lambda name, t: t in (6, 7, 20))
+    (said,) = texts(walk)
+    assert said == "keypoints: left and right are exchanged in 3 frames, against those before and after: 6-7, 20"
+
+
+@pytest.mark.parametrize("fps, told", [(30, True), (2, False)])
+def test_who_may_have_turned_about_meanwhile_has_no_sides_exchanged(walk, fps, told):
+    scene = walk / "scene.toml"
+    scene.write_text(scene.read_text().replace("[scene]", f"[scene]\nfps = {fps}"))
+    turned_where(walk, lambda name, t: t in (6, 7, 20))
+    assert any("left and right" in text for text in texts(walk)) == told
+
+
+def test_unseen_keypoints_that_are_written_as_the_corner_with_a_confidence_are_said_and_no_camera_is_blamed(walk):
+    edited(walk, lambda name, t, rows: rows[t][name] * np.where(np.arange(len(AT)) % 3, 1, 0)[:, None] + [0, 0, 0.9])
+    (said,) = texts(walk)
+    assert "% of those with a confidence lie at (0, 0), in cam0, cam1, cam2, cam3, ...: give" in said
+
+
+def test_a_camera_that_sees_no_keypoint_is_asked_about_and_disagrees_with_nobody(walk):
+    edited(walk, lambda name, t, rows: rows[t][name] * [1, 1, name != "cam3"])
+    (said,) = texts(walk)
+    assert said == "cam3: no keypoint is seen there in any frame: does it show the person?"
+    assert not texts(walk, serious=True)
+
+
+def test_a_camera_that_no_frame_lists_is_not_asked_about(walk):
+    for file in walk.glob("frames/*/keypoints.json"):
+        data = json.loads(file.read_text())
+        data["points"].pop("cam3")
+        file.write_text(json.dumps(data))
+    assert not texts(walk)
