@@ -18,6 +18,7 @@ from toile.measure.glimpse import Glimpse, glimpse, outlines
 from toile.measure.triage.advice import trouble_of
 from toile.measure.verdicts import (
     JudgedLayer,
+    _bare,
     _excess,
     _openings,
     agreement,
@@ -334,12 +335,36 @@ def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them(
     """A hem that is tucked in throughout has no length, and is no fault; a neck that other frames show has one."""
     names = ("neck", "hem")
     shirt = GarmentTemplate("shirt", 1, *(None,) * 5, loops=(None, None), loop_names=names)
-    said = {f"loop_observed.{name}": share for name, share in zip(names, (0.6, 0.1))}
+    said = {f"loop_observed.{name}": share for name, share in zip(names, (0.2, 0.1))}
     said |= {f"loop_mm.{name}": 1.0 for name in names}
     judged = lambda **known: verdict(_openings(shirt, said | known) | LOOKED, SETTINGS)
     assert judged() == (GOOD, [])
+    said["loop_observed.neck"] = 0.6
     level, reasons = judged(**{"loop_length.neck": 1.0})
     assert level == DOUBTFUL and "0.6 of the openings" in reasons[0]
     said["loop_observed.neck"] = 0.9
     assert judged(**{"loop_length.neck": 1.0}) == (GOOD, [])
     assert judged(**{"loop_length.neck": 1.0, "loop_length.hem": 1.0})[0] == DOUBTFUL
+
+
+def test_an_opening_of_which_every_frame_shows_half_is_not_tucked_in():
+    """As where all cameras stand on one side: no frame shows any opening whole, and each a part of all."""
+    names = ("neck", "hem")
+    shirt = GarmentTemplate("shirt", 1, *(None,) * 5, loops=(None, None), loop_names=names)
+    half = {f"loop_observed.{name}": 0.5 for name in names} | {f"loop_mm.{name}": 1.0 for name in names}
+    level, (reason,) = verdict(_openings(shirt, half) | LOOKED, SETTINGS)
+    assert level == DOUBTFUL and "0.5 of the openings" in reason and trouble_of(reason).title == "openings are not seen"
+
+
+def test_an_opening_that_nothing_shows_is_guessed_where_there_is_no_scan_and_tucked_in_where_there_is():
+    V, F = ball()
+    equator = np.flatnonzero(np.abs(V[:, 2]) < 0.03)
+    shirt = GarmentTemplate("shirt", 1, None, F, *(None,) * 3, loops=(equator,), loop_names=("hem",))
+    unseen, part = {"loop_observed.hem": 0.0}, {"loop_observed.hem": 0.5}
+    whole, top = frame(V, F), frame(V, F[(V[F][:, :, 2] > 0.2).all(1)])
+    assert _bare(glimpse(whole), shirt, V, unseen) == {"shirt.opening_bare": 0}
+    assert _bare(glimpse(top), shirt, V, part) == _bare(glimpse(top), shirt, V, unseen | {"loop_length.hem": 1}) == {}
+    bare = _bare(glimpse(top), shirt, V, unseen)
+    assert bare == {"shirt.opening_bare": 1}
+    level, (reason,) = verdict(LOOKED | bare, SETTINGS)
+    assert level == DOUBTFUL and trouble_of(reason).title == "an opening is guessed"

@@ -132,7 +132,14 @@ class VerdictSettings(Settings):
         (10.0, 30.0), "mm", "a garment and the labelled scan, mean distance from the side that is nearer"
     )
     opening_observed: Falling = setting(
-        (0.75, 0.25), "1", "share of a garment's openings that were seen, of those that the preparation's frames show"
+        (0.75, 0.25),
+        "1",
+        "share of a garment's openings that were seen, of those that the preparation's frames show whole or the frame in part",
+    )
+    opening_bare: Rising = setting(
+        (0.5, 1.0),
+        "1",
+        "share of an opening that is seen nowhere and lies 2 cm and more from any scan: alone it makes no frame wrong",
     )
     loop_mm: Rising = setting((20.0, 40.0), "mm", "a loop to the opening that was seen, the worst")
     loop_length: Rising = setting(

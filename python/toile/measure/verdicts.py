@@ -18,6 +18,7 @@ OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 PEOPLE = (1.0, 2.3)  # m, statures from a small child's to a giant's
 PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
+HARDLY = 0.25  # of an opening: so much is taken for it where it is tucked in
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
 STEP = 4  # every so many faces are asked for their stretch
 
@@ -38,6 +39,7 @@ def judge(
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics) | _excess(template, V, made.diagnostics)
+        measures |= _bare(seen, template, V, made.diagnostics)
         measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)
     if worn:
         measures["pairs_left"] = float(pairs_left)
@@ -182,7 +184,11 @@ def _limits(s):
         "limb_inside": (*s.limb_inside, "{} of an arm or a leg lies within the body, and no picture shows it"),
         "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
         "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
-        "opening_observed": (*s.opening_observed, "{} of the openings that other frames show were seen"),
+        "opening_observed": (*s.opening_observed, "{} of the openings that are not hidden throughout were seen"),
+        "opening_bare": (
+            *s.opening_bare,
+            "{} of an opening that no frame shows lies where there is no scan: it is guessed",
+        ),
         "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
         "loop_length": (*s.loop_length, "{} times as long as the sampled frames show the opening, or as short"),
         "loop_share": (
@@ -216,11 +222,11 @@ CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 
 def _openings(template, diagnostics):
-    """What dressing said of a garment's loops: the share seen, that of those whose opening the preparation's frames showed
-    (what is tucked in or covered throughout is no fault of a frame), the largest distance, openings that belong to none, and
-    of each how its length departs from its opening's, and from what the cloth about it leads to expect."""
+    """What dressing said of a garment's loops: the share seen, that of those that are no _hidden ones (what is tucked in or covered
+    throughout is no fault of a frame), the largest distance, openings that belong to none, and of each how its length departs from
+    its opening's, and from what the cloth about it leads to expect."""
     seen = [diagnostics[f"loop_observed.{name}"] for name in template.loop_names]
-    shown = [f"loop_length.{name}" in diagnostics for name in template.loop_names]
+    shown = [not _hidden(diagnostics, name) for name in template.loop_names]
     off = [diagnostics[f"loop_mm.{name}"] for name in template.loop_names]  # -1 where none was seen
     return {
         f"{template.name}.loop_observed": float(np.mean(seen)),
@@ -238,6 +244,20 @@ def _openings(template, diagnostics):
             if (key := f"loop_share.{name}") in diagnostics
         },
     }
+
+
+def _hidden(diagnostics, name):
+    """Whether the preparation's frames show an opening nowhere whole, and this one hardly anything of it: it is tucked in, or lost."""
+    return f"loop_length.{name}" not in diagnostics and diagnostics[f"loop_observed.{name}"] < HARDLY
+
+
+def _bare(seen, template, V, diagnostics):
+    """Of the openings that are hidden the largest share that lies APART from any scan: one that is tucked in has what covers it there."""
+    loops = [loop for name, loop in zip(template.loop_names, template.loops) if _hidden(diagnostics, name)]
+    if not loops or not len(seen.points):
+        return {}
+    far = [_to_points(seen, None, JudgedLayer(template.name, None, V, template.faces, None, loop)) for loop in loops]
+    return {f"{template.name}.opening_bare": float(max((1e3 * of > APART).mean() for of in far))}
 
 
 def _excess(template, V, diagnostics):

@@ -1,8 +1,9 @@
-"""Pictures against masks: whether a camera's picture shows the outline of its own mask, or that of another camera's."""
+"""Pictures against masks: whether a camera's picture shows the outline of its own mask, of that turned or mirrored, or of another
+camera's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import median
 
 import numpy as np
@@ -24,9 +25,18 @@ AS_OTHERS = 0.65  # of the fit that is usual: an outline that fits as well as ma
 BETTER = 1.5  # times the fit of any other outline
 PAIRS = 2000  # of pictures and masks that are compared: of many cameras fewer frames are
 
+TURNS: dict[str, Callable[[Array], Array]] = {  # of a mask, against its picture
+    "turned by half a turn": lambda mask: mask[::-1, ::-1],
+    "turned to the left": np.rot90,
+    "turned to the right": lambda mask: np.rot90(mask, -1),
+    "mirrored, left for right": lambda mask: mask[:, ::-1],
+    "mirrored, top for bottom": lambda mask: mask[::-1],
+}
+
 
 def exchanged(frames: Sequence[Frame]) -> list[Finding]:
-    """Cameras whose pictures show, in most frames, the outline of another camera's mask (or label image) and not their own."""
+    """Cameras whose pictures show, in most frames, the outline of another camera's mask (or label image) and not their own, or that of
+    their own turned or mirrored."""
     told: dict[tuple[str, str], list[float]] = {}
     cameras = max((len(frame.images) for frame in frames), default=1)
     for frame in evenly(frames, max(1, PAIRS // max(1, cameras**2))):
@@ -38,17 +48,22 @@ def exchanged(frames: Sequence[Frame]) -> list[Finding]:
     usual = median(max(of.values()) for of in fits.values()) if fits else 0.0
     found = []
     for name, of in fits.items() if usual > FITS else ():
-        first, *others = sorted(of, key=lambda other: -of[other])
-        if name in others and of[first] > max(FITS, AS_OTHERS * usual, BETTER * of[others[0]]):
-            kind = "masks" if any(name in frame.masks for frame in frames) else "label images"
+        kind = "masks" if any(name in frame.masks for frame in frames) else "label images"
+        first, *others = sorted(of.keys() - TURNS.keys(), key=lambda other: -of[other])
+        turn = max(of.keys() & TURNS.keys(), key=lambda turn: of[turn], default=first)
+        clear = max(FITS, AS_OTHERS * usual)
+        if name in others and of[first] > max(clear, BETTER * of[others[0]]):
             text = f"{name}: its pictures show the outlines of {first}'s {kind}, not of its own"
             found.append(Finding(f"{text}: were they exchanged?"))
+        elif name in of and of[turn] > max(clear, BETTER * of[first]):
+            text = f"{name}: its pictures show the outlines of its {kind} {turn}"
+            found.append(Finding(f"{text}: turn the pictures, or the {kind}, as the calibration means them"))
     return found
 
 
 def _fits(frame: Frame) -> dict[tuple[str, str], float]:
-    """{(camera of a picture, camera of a mask of the same size): how many times the contrast across the mask's outline is that
-    across the outline moved aside}."""
+    """{(camera of a picture, camera of a mask of the same size or one of TURNS of its own): how many times the contrast across the
+    mask's outline is that across the outline moved aside}."""
     import cv2
 
     shown = silhouettes(frame)
@@ -59,10 +74,18 @@ def _fits(frame: Frame) -> dict[tuple[str, str], float]:
         for name, image in frame.images.items() if lines else ():
             if image.shape[:2] == size:
                 soft = cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32)
-                contrast = _contrasts(soft, *(np.stack(part) for part in zip(*lines.values())))
+                asked = lines | (_turned(shown[name], size) if name in lines else {})
+                contrast = _contrasts(soft, *(np.stack(part) for part in zip(*asked.values())))
                 fit = contrast[:, 0] / np.maximum(contrast[:, 1:].mean(1), 1e-6)
-                found |= {(name, other): float(value) for other, value in zip(lines, fit)}
+                found |= {(name, other): float(value) for other, value in zip(asked, fit)}
     return found
+
+
+def _turned(mask: Array, size: tuple[int, ...]) -> dict[str, tuple[Floats, Floats]]:
+    """{one of TURNS: the outline of a mask that was turned so}, of those that still have the picture's size (H,W)."""
+    turned = {how: np.ascontiguousarray(turn(mask)) for how, turn in TURNS.items()}
+    lines = {how: _outline(of) for how, of in turned.items() if of.shape == size}
+    return {how: line for how, line in lines.items() if line is not None}
 
 
 def _outline(mask: Array) -> tuple[Floats, Floats] | None:
