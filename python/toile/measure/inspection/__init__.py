@@ -36,6 +36,7 @@ from .cameras import (
 )
 from .detections import at_origin, blind
 from .doubts import asked, doubted
+from .exposure import exposures
 from .files import bare, gaps, hollow, labels_seen, looks, profiled, repeated, uneven, unpadded, unread, upended
 from .fractions import fractions
 from .late import out_of_step
@@ -133,7 +134,7 @@ def _look(found: Inspection, capture: Capture) -> None:
     except UserError as error:
         found.findings.append(Finding(str(error)))
     found.labels, said = labels_seen(capture, found.frames)
-    found.findings += looks(found.frames) + said
+    found.findings += exposures(found.frames) + looks(found.frames) + said
 
 
 def _detections(found: Inspection, capture: Capture) -> None:

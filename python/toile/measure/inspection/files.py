@@ -18,11 +18,10 @@ from ...io.image import colour_profile, turned
 from ...io.mesh import KINDS as MESHES
 from ...scene import frame_ranges
 from .cameras import Finding
+from .exposure import DARK
 
 MANY = 4  # numbers in a message
 COMPARED = 200  # frames whose files are held against those of the frame before
-DARK = 4.0  # mean of a picture that is black
-STOPS = 1.0  # of brightness that a camera may differ
 BLURRED = 0.15  # of the other frames' sharpness, of one camera
 
 
@@ -219,10 +218,9 @@ def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str
 
 
 def looks(frames: list[Any]) -> list[Finding]:
-    """Black pictures, cameras much brighter or darker than the others, masks that are empty or show the corners, blurred frames."""
+    """Masks that are empty or show the corners, blurred frames."""
     import cv2
 
-    bright: dict[str, list[float]] = {}
     sharp: dict[str, dict[int, float]] = {}
     found = []
     masks = [mask for frame in frames for mask in frame.masks.values()]
@@ -238,24 +236,15 @@ def looks(frames: list[Any]) -> list[Finding]:
         for name, image in frame.images.items():
             grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
             mask = frame.masks.get(name)
-            if grey.mean() < DARK and (mask is None or mask.any()):
-                found.append(Finding(f"{name}: frame {frame.number} is black", serious=False))
+            if grey.mean() < DARK:
                 continue
             part = grey[mask] if mask is not None and mask.any() else grey
-            bright.setdefault(name, []).append(float(part.mean()))
             sharp.setdefault(name, {})[frame.number] = (
                 float(cv2.Laplacian(grey, cv2.CV_32F).var()) / float(part.mean() + 1) ** 2
             )
         empty = [name for name, mask in frame.masks.items() if not mask.any()]
         if empty and anyone:
             found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
-    if len(bright) > 2:
-        middle = float(np.median([np.median(values) for values in bright.values()]))
-        for name, values in bright.items():
-            stops = float(np.log2(max(np.median(values), 0.5) / max(middle, 0.5)) * 2.2)  # sRGB's exponent
-            if abs(stops) > STOPS:
-                text = f"{name}: about {abs(stops):.1f} stops {'brighter' if stops > 0 else 'darker'} than the other cameras"
-                found.append(Finding(text, serious=False))
     for name, values in sharp.items():
         usual = float(np.median(list(values.values())))
         for number, value in values.items():
