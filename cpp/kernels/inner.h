@@ -3,12 +3,12 @@
 // Both solve for displacements d (n,3) with one scalar matrix for the three coordinates,
 //
 //   E(d) = length^4 |L d|^2_{M^-1} + sum_v m_v ( skin g_v |d_v - o_v|^2 + prior |d_v|^2
-//                                              + out [n.d_v - b_v]_+^2 + fit rho(b_v - n.d_v) )
+//                                   + (1 - g_v) (out [n.d_v - b_v]_+^2 + f_v rho(t_v - n.d_v)) )
 //
 // m areas, L cotangent Laplacian; o what the tracked surface shows where it is skin (g falls to 0 beside the cloth);
 // b how far along the normal n the cloth lies less `gap`, but no deeper than a share of the body's thickness: the body
-// must stay inside (out), and where cloth is close, lies against it (fit, Geman-McClure: loose cloth says nothing). After
-// Zhang et al. 2017 (arXiv 1703.04454), own form.
+// must stay inside (out); t where the cloth's swing over the frames tells the body to be, and f, `fit` at most, how much
+// that is believed (rho: Geman-McClure, as loose cloth says nothing). After Zhang et al. 2017 (arXiv 1703.04454), own form.
 #pragma once
 #include <cstdint>
 #include <memory>
