@@ -328,6 +328,16 @@ def test_a_sleeve_far_from_the_faces_that_carry_it_is_refused(scene):
         Dresser(model, person, template, DressSettings()).dress(frame, far, segmented, dark(frame))
 
 
+def test_without_a_scan_a_sleeve_that_finds_nothing_stays_as_it_is_posed(scene):
+    model, person, frame, tracked, segmented, _, _ = scene
+    template = prepare(model, person, SLEEVE, 2, Mesh(*sleeve(0.115)), [], DressSettings())
+    far = replace(tracked, translation=tracked.translation + [5.0, 0, 0])
+    bare = replace(frame, scan=None)
+    result = Dresser(model, person, template, DressSettings()).dress(bare, far, segmented, dark(frame))
+    posed = model.skin(model.v_template, model.J, far.rotations, far.translation)
+    assert np.abs(result.vertices.mean(0) - posed.mean(0)).max() < 0.1 and result.confidence.max() == 0
+
+
 def test_cut_keeps_the_area_above_the_level():
     V, F = tube(40, 64, 0.2, 0.6)
     W, G = cut(V, F, V[:, 2], 0.251)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from .. import kernels
+from ..kernels.arrays import Bools, Floats
+
+COVERED = 0.1  # m: so far a garment may hang off what it covers
 
 
 @dataclass(frozen=True)
@@ -17,3 +23,25 @@ class JudgedLayer:
     faces: np.ndarray  # (m,3)
     confidence: np.ndarray  # (n,)
     looks: np.ndarray  # indices (k,) of the vertices that a scan can show
+
+
+def uncovered(garments: Sequence[JudgedLayer]) -> list[JudgedLayer]:
+    """Garments, inner to outer, of which those vertices look that no garment farther out covers; all where none is left."""
+    out = []
+    for i, layer in enumerate(garments):
+        bare = np.ones(len(layer.vertices), bool)
+        for over in garments[i + 1 :]:
+            bare &= ~_covered(layer.vertices, over)
+        out.append(replace(layer, looks=np.flatnonzero(bare)) if bare.any() else layer)
+    return out
+
+
+def _covered(V: Floats, over: JudgedLayer) -> Bools:
+    """Which points V (n,3) lie within COVERED behind a garment: their closest point of it is none of its border."""
+    face, point, weight, _ = kernels.SurfaceIndex(over.vertices, over.faces).closest(V, COVERED)
+    found = face >= 0
+    border = np.zeros(len(over.vertices), bool)
+    border[np.concatenate(kernels.boundary_loops(over.faces))] = True
+    behind = np.einsum("ni,ni->n", V - point, kernels.face_normals(over.vertices, over.faces)[face]) < 0
+    at_border = ((weight > 0) & ~border[over.faces[face]]).sum(1) == 0
+    return found & behind & ~at_border

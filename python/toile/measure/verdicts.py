@@ -9,7 +9,7 @@ from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
 from ..surface.loops import loop_length
 from .evidence import keypoint_errors, overlap, parted
-from .judged import JudgedLayer
+from .judged import JudgedLayer, uncovered
 from .limbs import limbs_shown
 
 VERTICES = 2000  # of a surface, that look for the scan
@@ -31,7 +31,9 @@ def judge(
     outside = np.flatnonzero(~model.inside)
     body = JudgedLayer("body", None, tracked.vertices, model.skin_faces, tracked.confidence, outside)
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
-    layers = [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
+    layers = uncovered(
+        [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
+    )
     measures = agreement(seen, cameras, model, joints, body, layers)
     if len(seen.points):
         measures |= limbs_shown(seen, cameras, model, body)

@@ -237,13 +237,14 @@ class Dresser:
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
         cloth = Mesh(V, F[inside], confidence=scan.confidence)
         to_cloth = partial(cloth.index.closest, radius=s.observed_distance)
-        vertices = self._fitted(self.solver, cloth, start, first)
+        scanned = frame.scan is not None
+        vertices = self._fitted(self.solver, cloth, start, first, scanned)
         if traced:
             vertices = continued(t.rest, t.faces, vertices, self._free(vertices, to_cloth))
             garment = Mesh(vertices, t.faces)
             trace = lambda of: trace_opening(garment, of[0], evidence, rivals, of[1], s.loop)
             matches = parallel_map(trace, zip(t.loops, matches))
-            vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches)
+            vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches, scanned)
         confidence, distance = self._confidence(vertices, to_cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
@@ -284,10 +285,13 @@ class Dresser:
         move = np.concatenate([m.target - vertices[l] for m, l in zip(matches, self.template.loops)])
         return vertices + self.biharmonic.solve(move)
 
-    def _fitted(self, solver, cloth, start, matches):
-        """Vertices (n,3) from `start` onto the labelled scan."""
+    def _fitted(self, solver, cloth, start, matches, scanned):
+        """Vertices (n,3) from `start` onto the labelled scan. Where it is not `scanned` but a guess, what finds nothing of it
+        stays at `start`."""
         boundary, confidence = self._boundary(matches), cloth.confidence
         fit = solver.solve(cloth.vertices, cloth.faces, start=start, boundary=boundary, scan_confidence=confidence)
+        if fit.stop == "no_overlap" and not scanned:
+            return start
         if fit.stop == "no_overlap":
             raise UserError(
                 f"dress: garment {self.template.name} lies nowhere near the scan's faces that carry its label: is it hidden under another? "
