@@ -191,7 +191,9 @@ def say_cloths(avatar):
 
 def animate(
     avatar: Annotated[Path, typer.Argument(help="made by toile train --temporal, or its baseline/")],
-    motion: Annotated[Path, typer.Argument(help="a run, a .bvh file, or an .npz of rotations, translation and fps")],
+    motion: Annotated[
+        Path, typer.Argument(help="a run, a .bvh file, or an .npz: toile's own, or of AMASS (SMPL, SMPL-H, SMPL-X)")
+    ],
     out: Annotated[Path, typer.Argument(help="a new folder: pictures/, meshes/, animation.mp4")],
     frames: Annotated[str | None, typer.Option(help="numbers of the motion's frames: 1-50,60")] = None,
     camera: Annotated[

@@ -25,7 +25,12 @@ BONES = {"upperarm01": "lowerarm01", "lowerarm01": "wrist", "upperleg01": "lower
 LEG = ("upperleg01.L", "lowerleg01.L", "foot.L")
 LEAP, LONE = np.radians(15), 3.0  # from a calibration pose: so far at least, and so many times as far as a frame later
 UPRIGHT = 0.7  # of a trunk's length along the axis that is up, in most frames
-ENDS = {"wrist": "lowerarm01", "foot": "lowerleg01"}  # end joints follow their limb
+ENDS = {
+    "wrist": "lowerarm01",
+    "hand": "lowerarm01",
+    "foot": "lowerleg01",
+    "toe1-1": "lowerleg01",
+}  # end joints follow their limb
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class Bvh:
     rotations: np.ndarray  # (T,j,3,3) world rotations
     places: np.ndarray  # (T,j,3)
     frame_time: float  # s
+    roles: tuple[str, ...] = ()  # of the joints; without them their names tell
 
     def __len__(self):
         return len(self.places)
@@ -139,7 +145,7 @@ def play(values, parents, offsets, channels):
 
 def roles_of(bvh):
     """{role: index of the BVH's joint}, of several the first."""
-    return {role: i for i, role in reversed(list(enumerate(joint_roles(bvh.names))))}
+    return {role: i for i, role in reversed(list(enumerate(bvh.roles or joint_roles(bvh.names))))}
 
 
 def matches(bvh):
@@ -267,10 +273,10 @@ def rotate_z(angle):
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
-def retarget(world, bvh, model, J, found, lowest=None):
+def retarget(world, bvh, model, J, found, lowest=None, ends=ENDS):
     """Local rotations (T,K,3,3) of a body `model` with rest joints J (K,3), x left, y back, z up: limbs take the file's bone
     directions, trunk and head its turns from its rest. `lowest` [rad]: upper arms are lifted to hang at most so far below
-    their rest."""
+    their rest. `ends` {joint: the limb whose rest it is turned with}: others turn as the file's from their rest."""
     names, parents, T = model.joint_roles, model.parents, len(world)
     places = rest_places(bvh) @ stance_of_file(bvh, found)
     G, align = np.empty((T, len(names), 3, 3)), {}
@@ -284,7 +290,7 @@ def retarget(world, bvh, model, J, found, lowest=None):
             ours = J[names.index(f"{BONES[joint]}.{side}")] - J[k]
             theirs = places[found[f"{BONES[joint]}.{side}"]] - places[found[name]]
             align[name] = shortest(ours, theirs)
-        G[:, k] = world[:, found[name]] @ align.get(f"{ENDS.get(joint, joint)}.{side}", np.eye(3))
+        G[:, k] = world[:, found[name]] @ align.get(f"{ends.get(joint, joint)}.{side}", np.eye(3))
         if joint == "upperarm01" and lowest is not None and f"lowerarm01.{side}" in names:
             G[:, k] = raised(G[:, k], above, J[names.index(f"lowerarm01.{side}")] - J[k], lowest)
     local = G.copy()

@@ -1,9 +1,9 @@
-"""Motions that drive an avatar: a registered run, a BVH file, or an `.npz` without pickles."""
+"""Motions that drive an avatar: a registered run, a BVH file, or an `.npz` without pickles, toile's own or of the SMPL family."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,18 @@ from .bvh import facing, floor_path, matches, read_bvh, retarget, stance_of_mode
 from .bvh_followed import strays
 from .memory import free_memory
 from .run import is_run, open_run
+from .smpl_motion import (
+    FIELDS,
+    figure_of,
+    followed,
+    is_smpl,
+    not_followed,
+    retarget_with_fingers,
+    smpl_motion,
+    with_smpl_roles,
+)
 
+OWN = ("rotations", "translation", "face", "fps", "frames", "up")  # fields of toile's own .npz
 MAX_FRAMES = 1_000_000
 ROOM = 1024  # bytes of memory that driving an avatar takes a joint and frame
 FARTHEST = 1e4  # [m] from the origin: beyond, single precision places a person by millimetres
@@ -29,7 +40,7 @@ LARGEST_BEND = 2 * np.pi  # [rad] of any other joint's
 class Motion:
     """Poses of a body model in a row, `fps` a second; `frames` numbers them.
 
-    `missing` names joints that the source lacks and that rest. `strays` {bone of the source: degrees (T,)}: the body lies so far
+    `missing` names joints that the source lacks and that rest, `notes` says what else of the source is to be known. `strays` {bone of the source: degrees (T,)}: the body lies so far
     otherwise than the source leads it, see `bvh_followed`.
     """
 
@@ -40,6 +51,7 @@ class Motion:
     fps: float
     missing: tuple[str, ...] = ()
     strays: dict[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -57,6 +69,7 @@ class Motion:
     def unfollowed(self, rows: list[int]) -> list[str]:
         """What a user should know of joints that do not follow the source in these rows."""
         said = [f"the motion lacks {', '.join(self.missing)}: they rest"] if self.missing else []
+        said += self.notes
         for bone, off in self.strays.items():
             worst = rows[int(off[rows].argmax())]
             if off[worst] > 0:
@@ -75,7 +88,8 @@ def read_motion(
     `path`: a run (its registered frames, as they are numbered), a .bvh file (retargeted by joint names, played at `fps`,
     started facing as the model does at rest with the root's translation `translation` (3,) [m]), or a .npz
     `{rotations (T,K,3), translation (T,3), face (T,q,3)?, fps, frames (T,)?, up?}` (in the model's axes; frames counted
-    from 0, as far apart as `frames` numbers them). Instants of `fps` between two of a file's frames are turned and moved between
+    from 0, as far apart as `frames` numbers them), or a .npz of the SMPL family (`poses`, `trans`, `mocap_framerate`), which is
+    retargeted as a .bvh file is. Instants of `fps` between two of a file's frames are turned and moved between
     these. UserError names the file and the field.
     """
     path = Path(path)
@@ -88,16 +102,19 @@ def read_motion(
         raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
     if bvh:
         return _sane(path, _of_bvh(path, model, J, fps, translation, up))
-    return _of_npz(path, len(J), fps, up)
+    fields = read_npz(path, names=(*OWN, *FIELDS))
+    if "rotations" not in fields and is_smpl(fields):
+        return _sane(path, _of_smpl(path, fields, model, J, fps, translation, up))
+    return _of_npz(path, fields, len(J), fps, up)
 
 
-def _sane(path, motion):
-    """The Motion. UserError: it has places or turns that are no person's."""
+def _sane(path, motion, places="translation", turned="rotations"):
+    """The Motion. UserError: it has places or turns, which the file calls so, that are no person's."""
     turns = np.linalg.norm(motion.rotations, axis=2)
     for name, values, largest, unit in (
-        ("translation", np.abs(motion.translation).max(1), FARTHEST, "m"),
-        ("rotations", turns[:, 0], LARGEST_TURN, "rad"),
-        ("rotations", turns[:, 1:].max(1, initial=0), LARGEST_BEND, "rad (are they in degrees?)"),
+        (places, np.abs(motion.translation).max(1), FARTHEST, "m"),
+        (turned, turns[:, 0], LARGEST_TURN, "rad"),
+        (turned, turns[:, 1:].max(1, initial=0), LARGEST_BEND, "rad (are they in degrees?)"),
     ):
         if (values > largest).any():
             row = int(values.argmax())
@@ -124,18 +141,34 @@ def _of_run(path, joint_names, up):
 
 
 def _of_bvh(path, model, J, fps, translation, up):
-    from scipy.spatial.transform import Rotation
-
     bvh = read_bvh(path)
     found, missing = matches(bvh)
     if "root" not in found:
         raise UserError(f"{path}: no joint named like Hips")
-    bvh = standing(path, bvh, found)
+    motion = _followed(path, standing(path, bvh, found), found, retarget, model, J, fps, translation, up)
+    return replace(motion, missing=tuple(missing))
+
+
+def _of_smpl(path, fields, model, J, fps, translation, up):
+    given, model = smpl_motion(path, fields), with_smpl_roles(model)
+    asked = Motion(np.arange(len(given.trans)), given.rotations, given.trans, None, given.fps)
+    _sane(path, asked, "trans", "poses")
+    _instants(path, len(asked), given.fps, fps, len(J))  # refused before the figure takes memory
+    figure, said = figure_of(path, given, model, J @ stance_of_model(model, J, up))
+    found, missing = followed(figure, model)
+    motion = _followed(path, figure, found, retarget_with_fingers, model, J, fps, translation, up)
+    return replace(motion, missing=missing, notes=(*said, *not_followed(given, figure, found, model)))
+
+
+def _followed(path, bvh, found, by, model, J, fps, translation, up):
+    """The Motion of a body that follows a figure, `found` {role: its joint}, `by` one of the retargetings."""
+    from scipy.spatial.transform import Rotation
+
     start = starts_at(bvh)
     count = len(bvh) - start
     at = BetweenFrames.of(_instants(path, count, 1 / bvh.frame_time, fps, len(J)), np.arange(count))
     S = stance_of_model(model, J, up)
-    poses = lambda pick: retarget(facing(bvh, pick, found), bvh, model, J @ S, found)
+    poses = lambda pick: by(facing(bvh, pick, found), bvh, model, J @ S, found)
     moves = lambda pick: translation + floor_path(bvh, pick, model, J @ S, found) @ S.T
     vectors = lambda R: Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:3]) @ S.T
     below, above = at.below + start, at.above + start
@@ -144,7 +177,7 @@ def _of_bvh(path, model, J, fps, translation, up):
     rotations, shifts = vectors(R), moves(below)
     if at.share.any():
         rotations, shifts = at.turned(rotations, vectors(poses(above))), at.moved(shifts, moves(above))
-    return Motion(np.arange(len(below)), rotations, shifts, None, fps, tuple(missing), apart)
+    return Motion(np.arange(len(below)), rotations, shifts, None, fps, strays=apart)
 
 
 def check_up(path, found, up):
@@ -153,9 +186,10 @@ def check_up(path, found, up):
         raise UserError(f"{path}: up is {found} there, {up} in the avatar's scene: its turns are about other axes")
 
 
-def _of_npz(path, joints, fps, up):
-    fields = read_npz(path, names=("rotations", "translation", "face", "fps", "frames", "up"))
-    for name in ("rotations", "translation", "fps"):
+def _of_npz(path, fields, joints, fps, up):
+    if "rotations" not in fields:
+        raise UserError(f"{path}: rotations is missing, and so is poses, as of AMASS")
+    for name in ("translation", "fps"):
         if name not in fields:
             raise UserError(f"{path}: {name} is missing")
     T = len(np.atleast_1d(fields["translation"]))

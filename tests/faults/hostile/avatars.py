@@ -42,6 +42,21 @@ for name, changes in [
     ("pickled", {"rotations": np.array([{}], object)}),
 ]:
     add(f"motion {name}", "motion", archive("motion.npz", **changes), DRIVE, "motion.npz")
+AMASS = {"rotations": None, "poses": np.zeros((3, 156)), "trans": np.zeros((3, 3)), "mocap_framerate": 120.0}
+for name, changes in [
+    ("lies", {"poses": np.tile([0, 0, 1.5, *[0] * 153], (3, 1))}),
+    ("width", {"poses": np.zeros((3, 100))}),
+    ("no rate", {"mocap_framerate": None}),
+    ("rate nan", {"mocap_framerate": NAN}),
+    ("nan", {"trans": np.full((3, 3), NAN)}),
+    ("none", {"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}),
+    ("degrees", {"poses": np.full((3, 156), 40.0)}),
+    ("huge", {"poses": np.full((3, 156), 1e300)}),
+    ("surface", {"surface_model_type": np.zeros(3)}),
+    ("up", {"up": np.zeros(2)}),
+    ("pickled", {"poses": np.array([{}], object)}),
+]:
+    add(f"motion of AMASS {name}", "motion", archive("motion.npz", **AMASS | changes), DRIVE, "motion.npz")
 for name, old, new in [
     ("channel", "Zrotation", "Wrotation"),
     ("time inf", "Frame Time: 0.033", "Frame Time: inf"),
