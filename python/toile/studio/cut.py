@@ -27,6 +27,7 @@ STRETCHED, HANGING = 0.2, 0.7  # m of what hangs that is drawn down, and at most
 LIMB = ("upperarm", "lowerarm", "wrist", "finger", "metacarpal")
 LEG_OFFSET = 0.009  # m: the thighs leave little room
 LEG_WIDE, WIDENING = 0.015, 0.3  # m that trousers stand off more at the ankle, from so far above it: a calf passes
+SLEEVE_EASE = 0.03  # share that a close sleeve is larger than the cut: an elbow needs cloth where it bends
 LEG_EASE = 0.05  # share that trousers are larger than the cut: a seat needs cloth where a thigh is raised
 
 
@@ -158,7 +159,7 @@ CUTS = {
     ),
     "dress": Cut(lambda body: shirt_field(body, hem=lowest(body)), OFFSET, drop=0.35, flare=0.15),
     "longsleeve": Cut(long_sleeve_field, 0.018),
-    "baselayer": Cut(long_sleeve_field, OFFSET),  # to be worn under a shirt: a wider one bunches in the armpits
+    "baselayer": Cut(long_sleeve_field, OFFSET, ease=SLEEVE_EASE),  # under a shirt; a wider one bunches in the armpits
     "tank": Cut(tank_field, 0.009),
 }
 
