@@ -9,6 +9,7 @@ import pytest
 
 from toile.io.capture import open_capture
 from toile.measure.inspection.outlines import exchanged
+from toile.scene import Frame
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -67,3 +68,16 @@ def test_a_mask_that_fits_its_picture_badly_names_no_other_camera(talk, how):
     for name in talk[0].images:
         said = exchanged([replace(f, masks=f.masks | {name: WORSE[how](f.masks[name])}) for f in talk])
         assert not any("exchanged" in finding.text for finding in said) and (not said or how == "mirrored")
+
+
+@pytest.mark.parametrize(
+    "how, back", [("turned by half a turn", lambda m: m[::-1, ::-1]), ("turned to the left", np.rot90)]
+)
+def test_of_turns_that_fit_alike_always_the_same_is_named(how, back):
+    """A shape of two like halves shows the same outline mirrored or turned; the order of a set of words is another in each process."""
+    bar, cross = np.zeros((2, 256, 256), bool)
+    bar[96:160, 30:226], cross[40:200, 98:158], cross[60:90, 60:196] = True, True, True
+    for mask in (bar,) if how.endswith("left") else (cross, cross.T):
+        picture = np.where(back(mask)[..., None], 200, 40).astype(np.uint8).repeat(3, 2)
+        (said,) = exchanged([Frame(0, None, images={"cam": picture}, masks={"cam": mask})])
+        assert f"outlines of its masks {how}:" in said.text

@@ -49,8 +49,8 @@ def exchanged(frames: Sequence[Frame]) -> list[Finding]:
     found = []
     for name, of in fits.items() if usual > FITS else ():
         kind = "masks" if any(name in frame.masks for frame in frames) else "label images"
-        first, *others = sorted(of.keys() - TURNS.keys(), key=lambda other: -of[other])
-        turn = max(of.keys() & TURNS.keys(), key=lambda turn: of[turn], default=first)
+        first, *others = sorted((other for other in of if other not in TURNS), key=lambda other: -of[other])
+        turn = max((turn for turn in TURNS if turn in of), key=lambda turn: of[turn], default=first)
         clear = max(FITS, AS_OTHERS * usual)
         if name in others and of[first] > max(clear, BETTER * of[others[0]]):
             text = f"{name}: its pictures show the outlines of {first}'s {kind}, not of its own"
