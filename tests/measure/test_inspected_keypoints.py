@@ -70,3 +70,28 @@ def test_a_camera_that_no_frame_lists_is_not_asked_about(walk):
         data["points"].pop("cam3")
         file.write_text(json.dumps(data))
     assert not texts(walk)
+
+
+@pytest.mark.parametrize("seeing", [("cam0",), ("cam0", "cam1")])
+def test_where_one_camera_or_two_see_keypoints_the_others_are_asked_about_and_no_calibration_is_blamed(walk, seeing):
+    edited(walk, lambda name, t, rows: rows[t][name] * [1, 1, name in seeing])
+    (said,) = texts(walk)
+    assert said.endswith("no keypoint is seen there in any frame: does it show the person?")
+
+
+def test_keypoints_that_all_lie_at_the_corner_are_said_to_and_no_calibration_is_blamed(walk):
+    edited(walk, lambda name, t, rows: rows[t][name] * [0, 0, 1])
+    (said,) = texts(walk)
+    assert said.startswith("keypoints: 100 % of those with a confidence lie at (0, 0)")
+
+
+def test_of_two_cameras_against_two_the_same_are_named_in_every_frame(walk):
+    edited(
+        walk,
+        lambda name, t, rows: (
+            (rows[t][name][AT] if name in ("cam2", "cam3") else rows[t][name]) * [1, 1, name != "cam4"]
+        ),
+    )
+    blind, *told = texts(walk)
+    assert blind.startswith("cam4: no keypoint")
+    assert [text[:5] for text in told] == ["cam2:", "cam3:"] and all(text.endswith(": 0-29") for text in told)

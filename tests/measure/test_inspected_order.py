@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.support.inspected import person, texts
+from tests.support.inspected import person, posed, recalibrated, texts
 from toile.measure.inspection.order import leaps, out_of_order
 
 
@@ -71,3 +71,10 @@ def test_inspect_says_that_the_frames_of_a_capture_are_permuted(walk):
     for folder, to in zip(folders, np.random.default_rng(2).permutation(len(folders))):
         folder.with_name(f"_{folder.name}").rename(folders[to])
     assert [text[:7] for text in texts(walk)] == ["frames:"]
+
+
+def test_lengths_of_another_unit_are_said_and_make_no_leaps(walk):
+    millimetres = np.array([[1, 1, 1, 1000.0]] * 3 + [[1, 1, 1, 1]])
+    recalibrated(walk, posed(lambda T: T * millimetres))
+    (said,) = texts(walk)
+    assert said.startswith("units: ")

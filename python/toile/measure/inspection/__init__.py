@@ -23,6 +23,7 @@ from ...surface.sampling import evenly
 from ..evidence import UNSEEN
 from .body import FACING, check_bones, check_names, check_sides, check_units, check_up, stature, upward
 from .cameras import (
+    CONVENTIONS,
     Finding,
     agrees,
     convention_of,
@@ -138,13 +139,14 @@ def _look(found: Inspection, capture: Capture) -> None:
 
 
 def _detections(found: Inspection, capture: Capture) -> None:
-    """Cameras against keypoints, or where there are none against the middles of masks."""
-    sighting, found.first = _sighting(found, capture)
-    of_masks = sighting is None
-    if sighting is None:
+    """Cameras against keypoints, or where fewer than two cameras see any against the middles of masks."""
+    given, found.first = _sighting(found, capture)
+    of_masks = given is None
+    if given is None:
         masks = [silhouettes(frame) for frame in found.frames]
-        sighting = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
-    if len(sighting.cameras) < 2 or not sighting.uv.size:
+        given = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
+    sighting = given.only(given.seeing)
+    if len(sighting.cameras) < 2:
         return
     if together := in_one_place(sighting.cameras):
         found.findings += together
@@ -170,10 +172,9 @@ def _detections(found: Inspection, capture: Capture) -> None:
     found.sighting, found.meeting, found.lines = sighting, meet(sighting), epipolar(sighting)
     found.facts["error px"] = found.meeting.typical()
     if not of_masks:
-        points = found.meeting.points
-        found.findings += out_of_order(points) or leaps(points, found.first, capture.scene.fps)
         _person(found, capture, found.meeting)
-    _hulls(found, dict(zip((camera.name for camera in sighting.cameras), sighting.cameras)))
+    read, _ = CONVENTIONS[convention]
+    _hulls(found, {camera.name: read(camera) for camera in given.cameras})
 
 
 def _doubts(found: Inspection, capture: Capture) -> None:
@@ -240,7 +241,8 @@ def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int
                 weight[i, number - first, at] = keypoints.points[camera][rows, 2]
     found.findings += at_origin(cameras, uv, weight) + blind(cameras, weight)
     weight[(uv == 0).all(-1)] = 0
-    return Sighting(tuple(capture.cameras[name] for name in cameras), tuple(names), uv, weight), first
+    sighting = Sighting(tuple(capture.cameras[name] for name in cameras), tuple(names), uv, weight)
+    return (sighting, first) if len(sighting.seeing) > 1 else (None, 0)
 
 
 def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
@@ -278,7 +280,11 @@ def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
     assert found.sighting is not None
     tall = stature(found.sighting.names, meeting.points)
     found.facts["stature m"] = tall if np.isfinite(tall) else None
-    checks = [check_units(tall, capture.scene.units)]
+    units, order = check_units(tall, capture.scene.units), out_of_order(meeting.points)
+    if not order and not (units and units.serious):  # by another unit everybody leaps
+        order = leaps(meeting.points, found.first, capture.scene.fps)
+    found.findings += order
+    checks = [units]
     checks.append(check_up(upward(found.sighting.names, meeting.points), capture.scene.up))
     checks += [check(found.sighting.names, meeting.points) for check in (check_sides, check_bones)]
     found.findings += [finding for finding in checks if finding is not None]

@@ -25,10 +25,15 @@ class Sighting:
     uv: Floats
     weight: Floats
 
+    @property
+    def seeing(self) -> list[int]:
+        """Of the cameras those that see anything."""
+        return np.flatnonzero((self.weight > SURE).any((1, 2))).tolist()
+
     def only(self, keep: Sequence[int]) -> Sighting:
         """Of some cameras."""
-        cameras = tuple(self.cameras[i] for i in keep)
-        return replace(self, cameras=cameras, uv=self.uv[list(keep)], weight=self.weight[list(keep)])
+        cameras, keep = tuple(self.cameras[i] for i in keep), np.array(keep, dtype=int)
+        return replace(self, cameras=cameras, uv=self.uv[keep], weight=self.weight[keep])
 
     def thinned(self, most: int) -> Sighting:
         """With fewer of its points, evenly picked, so that there are about `most` detections."""

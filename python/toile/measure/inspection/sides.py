@@ -102,7 +102,7 @@ def _alike(sighting: Sighting) -> Floats:
 
 def _parties(alike: Floats) -> Bools:
     """(C,T): the smaller of two parties of each frame's pictures that agree best within and least between: pictures change over, one
-    by one, as long as that gains."""
+    by one, as long as that gains. Of two as large it is in every frame the one without the first camera."""
     found = np.zeros((alike.shape[1], len(alike)), bool)
     for t, gain in enumerate(alike):
         side = np.where(np.linalg.eigh(gain)[1][:, -1] < 0, -1.0, 1.0)
@@ -111,7 +111,10 @@ def _parties(alike: Floats) -> Bools:
             if loss.min() >= 0:
                 break
             side[loss.argmin()] *= -1
-        found[:, t] = side < 0 if (side < 0).sum() * 2 <= len(side) else side > 0
+        told = gain.any(1)
+        side *= side[told.argmax()]
+        other, rest = told & (side < 0), told & (side > 0)
+        found[:, t] = other if other.sum() <= rest.sum() else rest
     return found
 
 
