@@ -24,9 +24,10 @@ class BetweenFrames:
         """Of instants (n,), in frames, among rows that are numbered so (T,)."""
         below = np.searchsorted(numbers, instants, side="right") - 1
         above = np.minimum(below + 1, len(numbers) - 1)
-        share = (instants - numbers[below]) / np.maximum(numbers[above] - numbers[below], 1)
-        below = np.where(share > 1 - ROUNDED, above, below)
-        share = np.where((share > 1 - ROUNDED) | (share < ROUNDED), 0.0, share)
+        gap = np.maximum(numbers[above] - numbers[below], 1)
+        share, rounded = (instants - numbers[below]) / gap, ROUNDED / gap
+        below = np.where(share > 1 - rounded, above, below)
+        share = np.where((share > 1 - rounded) | (share < rounded), 0.0, share)
         return cls(below, np.where(share == 0, below, above), share)
 
     def moved(self, a: Floats, b: Floats) -> Floats:
