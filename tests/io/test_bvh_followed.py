@@ -183,3 +183,26 @@ def test_a_file_that_moves_otherwise_than_it_rests_is_refused(model, tmp_path):
         UserError, match="lies.bvh: at rest Hips to Head leads along z, and in most frames does not: it has"
     ):
         read(path, model)
+
+
+def test_what_the_body_has_not_makes_no_motion_start_lower(model, tmp_path):
+    """Toes that point down at rest, or something in a hand that is longer than the legs, are of no height of the hips."""
+    down = FIGURE | {f"{side}ToeBase": (f"{side}Foot", (0, -15, 0)) for side in ("Left", "Right")}
+    level = {f"{side}Foot": (None, 0, -80, 0) for side in ("Left", "Right")}
+    pole = FIGURE | {"Pole": ("RightHand", (-30, -200, 0))}
+    for name, figure, frame in (("down", down, level), ("pole", pole, {"RightHand": (None, -90, 0, 0)})):
+        motion = read(written(tmp_path / f"{name}.bvh", figure, frames=[frame] * 3), model)
+        np.testing.assert_allclose(motion.translation, np.tile(START, (3, 1)), atol=1e-9)
+
+
+def test_places_that_are_written_as_nothing_leave_joints_where_they_rest(model, tmp_path):
+    """As of exporters that give every joint six channels and move only the hips."""
+    steps = [{"Hips": ((0, 100, 10 * k), 0, 0, 0), "LeftArm": (None, 20 * k, 0, 0)} for k in range(3)]
+    nothing = {joint: ((0, 0, 0), 0, 0, 0) for joint in FIGURE}
+    plain = read(written(tmp_path / "plain.bvh", frames=steps), model)
+    turned = [
+        nothing | {joint: (place or (0, 0, 0), *turns) for joint, (place, *turns) in step.items()} for step in steps
+    ]
+    motion = read(written(tmp_path / "all.bvh", placed=tuple(FIGURE), frames=turned), model)
+    np.testing.assert_array_equal(motion.translation, plain.translation)
+    np.testing.assert_array_equal(motion.rotations, plain.rotations)

@@ -160,6 +160,14 @@ def test_a_broken_bvh_is_refused_by_what_is_wrong(model, tmp_path, old, new, sai
         read(tmp_path / "a.bvh", model)
 
 
+def test_how_the_words_of_motion_are_capitalised_and_spaced_does_not_matter(model, tmp_path):
+    played = []
+    for words in ("Frame Time:", "Frame time:", "FRAME TIME :", "FrameTime:"):
+        (tmp_path / "a.bvh").write_text(BVH.replace("Frame Time:", words))
+        played.append(read(tmp_path / "a.bvh", model).rotations)
+    assert all(np.array_equal(one, played[0]) for one in played)
+
+
 def test_a_motion_whose_frames_last_too_long_is_refused(model, tmp_path):
     path = saved(tmp_path / "a.npz", **still(model, fps=1e-4))
     with pytest.raises(UserError, match="a.npz: 4 frames at 0.0001 a second are 9e.07 at 3000"):
@@ -327,5 +335,7 @@ def test_a_run_of_another_body_model_is_refused_by_its_joints_names(model, tmp_p
 def test_an_npz_that_numbers_its_frames_is_played_as_they_lie_apart(model, tmp_path):
     apart = still(model, 3, translation=np.arange(9.0).reshape(3, 3), frames=np.array([10, 12, 16]))
     assert read(saved(tmp_path / "m.npz", **apart), model).translation[:, 0].tolist() == [0, 1.5, 3, 3.75, 4.5, 5.25, 6]
+    far = still(model, 2, translation=np.outer([0, 400.0], [1, 0, 0]), frames=np.array([0, 400]))
+    np.testing.assert_allclose(read(saved(tmp_path / "far.npz", **far), model).translation[:, 0], np.arange(401))
     with pytest.raises(UserError, match="bad.npz: frames is .* rising whole numbers"):
         read(saved(tmp_path / "bad.npz", **(apart | {"frames": np.array([0, 2, 1])})), model)

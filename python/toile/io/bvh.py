@@ -16,7 +16,7 @@ from .bounded import read_bytes
 from .joints import joint_roles
 
 MAX_BYTES = 200_000_000
-CLIP = re.compile(r"\s*Frames?:\s*([-+\d]+)\s+Frame\s*Time:\s*(\S+)")
+CLIP = re.compile(r"\s*Frames?\s*:\s*([-+\d]+)\s+Frame\s*Time\s*:\s*(\S+)", re.I)
 LONGEST = 2.0  # s that a frame may last: 4 ms, a fast system's, read as seconds, are more
 
 MIDDLE = ("root", "spine04", "spine02", "neck01", "head")  # roles (io.joints) that a file's joints are looked for in
@@ -123,21 +123,23 @@ def hierarchy(words):
 
 def play(values, parents, offsets, channels):
     """World rotations (T,j,3,3) and places (T,j,3) of joints. Any joint may have channels of its place, which stand for its OFFSET:
-    of many files a joint above the hips rests at the origin, and the hips walk."""
+    of many files a joint above the hips rests at the origin, and the hips walk. Below another joint such that are 0 throughout
+    say nothing."""
     from scipy.spatial.transform import Rotation
 
     T, at = len(values), 0
     world, places = np.empty((T, len(parents), 3, 3)), np.empty((T, len(parents), 3))
     for j, names in enumerate(channels):
         turn, place = np.broadcast_to(np.eye(3), (T, 3, 3)), np.tile(offsets[j], (T, 1))
-        for name in names:
+        above, given = parents[j], list(zip(names, values.T[at:]))
+        placed = above < 0 or any(of.any() for name, of in given if name.endswith("position"))
+        for name, of in given:
             axis = "XYZ".index(name[0])
-            if name.endswith("position"):
-                place[:, axis] = values[:, at]
-            else:
-                turn = turn @ Rotation.from_rotvec(np.radians(values[:, at, None]) * np.eye(3)[axis]).as_matrix()
-            at += 1
-        above = parents[j]
+            if name.endswith("rotation"):
+                turn = turn @ Rotation.from_rotvec(np.radians(of[:, None]) * np.eye(3)[axis]).as_matrix()
+            elif placed:
+                place[:, axis] = of
+        at += len(names)
         world[:, j] = turn if above < 0 else world[:, above] @ turn
         places[:, j] = place if above < 0 else places[:, above] + np.einsum("tij,tj->ti", world[:, above], place)
     return world, places
@@ -330,14 +332,14 @@ def raised(G, above, bone, lowest):
 
 def floor_path(bvh, pick, model, J, found):
     """Root shifts (T,3) [m] from where the body stands, z up, scaled by leg length: the first of `pick` is there, or as much lower as
-    the file's hips are than at rest, which may sit. Zero where the file or the model has no legs."""
+    the file's hips are above the lowest of the joints `found` than at rest, which may sit. Zero where the file or the model has no legs."""
     if not set(LEG) <= set(model.joint_roles) & found.keys():
         return np.zeros((len(pick), 3))
     length = lambda joints: np.linalg.norm(np.diff(joints, axis=0), axis=1).sum()
     rest = rest_places(bvh)
     ours, theirs = J[[model.joint(role) for role in LEG]], rest[[found[role] for role in LEG]]
     path = clip_places(bvh, pick, found)[:, found["root"]]
-    height = lambda places: places[found["root"], 1] - places[:, 1].min()
+    height = lambda places: places[found["root"], 1] - places[list(found.values()), 1].min()
     lower = max(height(rest) - height(bvh.places[pick[0]]), 0.0)
     return length(ours) / length(theirs) * (path - path[0] - [0, 0, lower])
 
