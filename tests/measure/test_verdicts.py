@@ -141,6 +141,15 @@ def test_one_limit_for_both_verdicts_is_met_from_the_same_side(name):
     assert severity({name: limit - step}, settings) < 1 < severity({name: limit + step}, settings)
 
 
+def test_frames_are_the_worse_the_farther_they_are_beyond_a_limit_and_wrong_ones_worse_than_doubtful_ones():
+    """Down to nothing at all, as of a limb that neither scan nor pictures show."""
+    steps = np.linspace(0, 1, 9)[1:]
+    for name, (doubtful, wrong) in ((name, getattr(SETTINGS, name)) for name in VerdictSettings.model_fields):
+        at = [severity({name: doubtful + share * (wrong - doubtful)}, SETTINGS) for share in steps]
+        assert at == sorted(set(at)) and 1 < at[0] and at[-1] == pytest.approx(2)
+    assert severity(FINE | {"pairs_left": 0.0}, SETTINGS) < 1
+
+
 def test_a_scan_of_holes_and_clutter_is_answered_by_keypoints_and_silhouettes_together():
     scan = FINE | {"two_sided_mm": 100.0, "apart": 0.3, "astray": 0.3}
     both = {"keypoint_mm": 10.0, "silhouette_iou": 0.97}

@@ -138,13 +138,16 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
 
 
 def severity(measures, settings) -> float:
-    """How far the worst measure is from its limit of a good frame: 1 at that limit, more beyond."""
+    """How far the worst measure is from its limit of a good frame: 1 at that limit, more beyond, 2 at that of a wrong one."""
     found = [0.0]
-    for name, (doubtful, _, _) in _limits(settings).items():
+    for name, (doubtful, wrong, _) in _limits(settings).items():
         for key, value in measures.items():
             if key.rpartition(".")[2] == name and not _said_by_others(key, measures, settings):
-                share = (doubtful, value) if name in AT_LEAST else (value, doubtful)
-                found.append(share[0] / share[1] if share[1] > 0 else float(share[0] > 0))
+                low = name in AT_LEAST
+                if _beyond(value, doubtful, low):
+                    found.append(1 + abs(value - doubtful) / max(abs(wrong - doubtful), 1e-9))
+                elif value > 0:
+                    found.append(doubtful / value if low else value / doubtful)
     return max(found)
 
 
