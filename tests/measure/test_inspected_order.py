@@ -43,6 +43,13 @@ def test_keypoints_of_another_person_in_few_frames_are_a_leap_and_no_other_order
     assert leaps(points, 100, fps=10) == [] and leaps(walking(30), 0, fps=30) == []
 
 
+def test_keypoints_as_uncertain_as_they_are_leap_at_no_rate():
+    still = np.repeat(walking(1, 0), 30, axis=0) + np.random.default_rng(2).normal(0, 0.02, (30, 1, 3))
+    assert [leaps(still, 0, fps) for fps in (30, 240, 1000, 10_000)] == [[]] * 4
+    still[12:] += [0.6, 0, 0]
+    assert all(len(leaps(still, 0, fps)) == 1 for fps in (30, 1000))
+
+
 def test_single_keypoints_that_are_mistaken_make_no_other_order():
     points, draw = walking(12), np.random.default_rng(5)
     mistaken = draw.random(points.shape[:2]) < 0.3

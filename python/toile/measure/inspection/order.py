@@ -15,6 +15,7 @@ SAME = 1e-6  # m: frames no farther apart
 LONGEST = 0.5  # m: farther, a keypoint is one that was mistaken
 AS_ANY = 0.75  # times the mean distance of any two frames: in order of time neighbours are nearer, unless hardly anything moves
 SPRINT = 12.5  # m/s: nobody ran faster
+UNSURE = 0.1  # m: so far keypoints lie apart that are uncertain; between frames at a high rate nobody runs as far
 LEAPS = 3  # in a message
 LONGER = 1.5  # times the shortest way between all frames: where hardly anything moves, every way is as long
 
@@ -39,12 +40,14 @@ def out_of_order(points: Floats) -> list[Finding]:
 
 
 def leaps(points: Floats, first: int, fps: float) -> list[Finding]:
-    """Frames between which half of the keypoints in space (T,K,3) [m] go farther than anybody runs; `first`: number of the first."""
+    """Frames between which half of the keypoints in space (T,K,3) [m] go farther than anybody runs and than they are UNSURE; `first`:
+    number of the first."""
     known = np.flatnonzero(np.isfinite(points).all(-1).any(1))
     told = []
     for one, other in pairwise(known.tolist()):
         ways = np.linalg.norm(points[other] - points[one], axis=-1)
-        if np.isfinite(ways).any() and (way := float(np.nanmedian(ways))) > SPRINT * (other - one) / fps:
+        farthest = max(SPRINT * (other - one) / fps, UNSURE)
+        if np.isfinite(ways).any() and (way := float(np.nanmedian(ways))) > farthest:
             told.append(f"{way:.2f} m from {first + one} to {first + other}")
     if not told:
         return []
