@@ -67,3 +67,11 @@ def test_before_a_black_room_the_person_tells_what_all_cameras_show_alike_and_no
 def test_a_camera_that_is_darker_in_all_frames_is_named_against_the_others(talk):
     (one,) = said(exposed(talk, lambda name, t: -2.0 * (name == "cam01")))
     assert one.startswith("cam01: about ") and one.endswith("darker than the other cameras")
+
+
+def test_the_light_is_down_in_cameras_before_a_black_wall_and_before_a_lit_one_alike(talk):
+    walled = lambda name, image, mask: image if name in ("cam00", "cam01") else image * mask[..., None]
+    frames = [replace(f, images={n: walled(n, i, f.masks[n]) for n, i in f.images.items()}) for f in talk]
+    assert said(frames) == []
+    (one,) = said(exposed(frames, lambda name, t: -2.0 * (t == 3)))
+    assert one.startswith("frame 3: its pictures are about ")

@@ -56,11 +56,11 @@ def _of_cameras(person: Mapping[str, Mapping[int, float]]) -> list[Finding]:
 
 
 def _over_time(person: Mapping[str, Mapping[int, float]], room: Mapping[str, Mapping[int, float]]) -> list[Finding]:
-    """By the room behind the person, which stands still; where that is black by the person, of whom all cameras together tell."""
+    """By the room behind the person, which stands still; in cameras where that is black by the person, of whom only all together tell."""
     still = {name: values for name, values in room.items() if min(values.values()) >= DARK}
     told = {
         name: dict(zip(values, _stops(np.array(list(values.values())))))
-        for name, values in (still or person).items()
+        for name, values in {**person, **still}.items()
         if len(values) >= FEWEST
     }
     found, numbers = [], sorted({number for of in told.values() for number in of})
