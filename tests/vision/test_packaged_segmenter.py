@@ -51,6 +51,18 @@ def test_the_packaged_network_is_small_and_knows_its_classes(segmenter):
     assert segmenter.about.ids.tolist() == [0, 1, 2, 3, 4, -1, 5] and segmenter.about.person
 
 
+def test_it_has_a_class_for_every_garment_of_the_studio_and_refuses_two_of_one_class():
+    from toile.studio.cut import CUTS
+    from toile.studio.segmenter.people import BOTTOMS
+
+    tops = [name for name in CUTS if name not in (*BOTTOMS, "dress")]
+    for name in CUTS:
+        assert 7 in Segmenter(SEGMENTERS["clothes"], {"skin": 1, name: 7}).about.ids
+    for name in set(tops) - {"tank"}:
+        with pytest.raises(UserError, match="which of them is not told"):
+            Segmenter(SEGMENTERS["clothes"], {"skin": 1, "tank": 2, name: 3})
+
+
 def test_it_finds_the_clothes_of_a_path_traced_person(segmenter, frame):
     """Measured: 0.83 and 0.69 without masks, 0.81 and 0.83 with them. The label images are wrong on a tenth of the person."""
     alone, masked = [], []
