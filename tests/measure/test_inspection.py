@@ -146,6 +146,20 @@ def test_who_stands_still_or_is_seen_by_three_cameras_tells_no_part_of_a_frame(w
     assert not [text for text in texts(walk) if "parts of a frame" in text]
 
 
+def test_few_frames_tell_no_part_of_a_frame_by_chance():
+    """Of 12 frames two blocks of time that agree are no evidence: where all that a camera sees wanders, it looks like a step in each."""
+    from toile.measure.inspection.fractions import fractions
+    from toile.measure.inspection.rays import Sighting
+
+    cameras, rng = tuple(ring_of_cameras(5).values()), np.random.default_rng(7)
+    points = [person(t)[1] for t in range(12)]
+    seen = np.stack([[camera.project(P)[0] for P in points] for camera in cameras])
+    names, sure = tuple(map(str, range(seen.shape[2]))), np.ones(seen.shape[:3])
+    wander = lambda: rng.normal(0, 3, (len(seen), 12, 1, 2)).cumsum(axis=1)
+    named = [bool(fractions(Sighting(cameras, names, seen + wander(), sure))) for _ in range(20)]
+    assert sum(named) <= 1
+
+
 def test_detections_that_lie_aside_as_a_whole_are_named_with_their_offset(walk):
     edited(walk, lambda name, t, rows: rows[t][name] + ([14, -6, 0] if name == "cam2" else [0, 0, 0]))
     said = [text for text in texts(walk) if "off as a whole" in text]

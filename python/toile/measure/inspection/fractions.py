@@ -13,7 +13,7 @@ CAMERAS = 4  # of fewer, a step of one looks like steps of the others
 BLOCKS = 8  # of time, each of which is asked by itself
 LONGEST = 4  # frames of a block, at least
 LEAST = 0.15  # frames: smaller steps are not named
-SURELY = 4.0  # times the standard error
+CHANCE = 1e-3  # that a camera in step is named
 ROUNDS = 5  # of reweighting
 
 
@@ -25,7 +25,7 @@ def fractions(sighting: Sighting) -> dict[int, float]:
         return found
     for _ in range(len(sighting.cameras) // 2):
         told = {i: _fraction(sighting, i) for i in range(len(sighting.cameras)) if i not in found}
-        sure = {i: step for i, (step, error) in told.items() if max(LEAST, SURELY * error) < abs(step) <= 1}
+        sure = {i: step for i, (step, unsure) in told.items() if max(LEAST, unsure) < abs(step) <= 1}
         if not sure:
             break
         i = max(sure, key=lambda k: abs(sure[k]))
@@ -35,9 +35,11 @@ def fractions(sighting: Sighting) -> dict[int, float]:
 
 
 def _fraction(sighting: Sighting, i: int) -> tuple[float, float]:
-    """(frames by which camera i is behind, its standard error): what is left of its detections, r = -s v of what the others say
-    they move a frame, v, regressed point by point about their means, so that no constant offset counts; infinite errors where
-    nothing is known. The error is that of the mean over blocks of time."""
+    """(frames by which camera i is behind, by how much a camera in step is not): what is left of its detections, r = -s v of what
+    the others say they move a frame, v, regressed point by point about their means, so that no constant offset counts. The second
+    is Student's, of the mean over blocks of time, as few of them tell little of their own spread; infinite where nothing is known."""
+    from scipy.stats import t as student
+
     others = sighting.only([k for k in range(len(sighting.cameras)) if k != i])
     points = meet(others).points
     at, depth = sighting.cameras[i].project(np.nan_to_num(points))
@@ -49,10 +51,11 @@ def _fraction(sighting: Sighting, i: int) -> tuple[float, float]:
     steps, weights = np.array(blocks).T
     if (weights > 0).sum() < 2:
         return 0.0, np.inf
+    times = float(student.isf(CHANCE / 2, (weights > 0).sum() - 1))
     mean = float(np.average(steps, weights=weights))
     share = weights / weights.sum()
     spread = float(np.sum(share**2 * (steps - mean) ** 2)) ** 0.5
-    return mean, spread * float(np.sqrt(1 / max(1 - np.sum(share**2), 1e-9)))
+    return mean, times * spread * float(np.sqrt(1 / max(1 - np.sum(share**2), 1e-9)))
 
 
 def _regressed(off: Floats, v: Floats, known: Array) -> tuple[float, float]:
