@@ -1,5 +1,7 @@
 """Of a garment that another covers only what shows is asked for on the scan."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tests.support.shapes import tube
@@ -31,3 +33,14 @@ def test_what_lies_inside_or_far_off_covers_nothing():
 def test_a_garment_that_is_covered_all_over_is_looked_for_whole():
     vest, shirt = layer("vest", 0.3, 0.7, 0.10), layer("shirt", 0, 1, 0.12)
     assert len(uncovered([vest, shirt])[0].looks) == len(vest.vertices)
+
+
+def test_what_faces_a_garment_across_a_gap_is_not_looked_for():
+    """Two tubes side by side, 1 cm apart where they are nearest."""
+    sleeve, trunk = layer("sleeve", 0, 1, 0.10), layer("trunk", 0, 1, 0.10)
+    beside = replace(trunk, vertices=trunk.vertices + [0.21, 0, 0])
+    inner, _ = uncovered([sleeve, beside])
+    hidden = np.setdiff1d(np.arange(len(sleeve.vertices)), inner.looks)
+    assert len(hidden) and (sleeve.vertices[hidden, 0] > 0.09).all()
+    apart = replace(trunk, vertices=trunk.vertices + [0.23, 0, 0])
+    assert len(uncovered([sleeve, apart])[0].looks) == len(sleeve.vertices)

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import kernels
-from ..kernels.arrays import Bools, Floats
+from ..kernels.arrays import Bools
 
 COVERED = 0.1  # m: so far a garment may hang off what it covers
+GAP = 0.02  # m: into a narrower one, as between a sleeve and the trunk beside it, nothing looks
 
 
 @dataclass(frozen=True)
@@ -26,22 +27,25 @@ class JudgedLayer:
 
 
 def uncovered(garments: Sequence[JudgedLayer]) -> list[JudgedLayer]:
-    """Garments, inner to outer, of which those vertices look that no garment farther out covers; all where none is left."""
+    """Garments, inner to outer, of which those vertices look that no garment farther out covers or faces across a GAP; all where none
+    is left."""
     out = []
     for i, layer in enumerate(garments):
         bare = np.ones(len(layer.vertices), bool)
         for over in garments[i + 1 :]:
-            bare &= ~_covered(layer.vertices, over)
+            bare &= ~_covered(layer, over)
         out.append(replace(layer, looks=np.flatnonzero(bare)) if bare.any() else layer)
     return out
 
 
-def _covered(V: Floats, over: JudgedLayer) -> Bools:
-    """Which points V (n,3) lie within COVERED behind a garment: their closest point of it is none of its border."""
-    face, point, weight, _ = kernels.SurfaceIndex(over.vertices, over.faces).closest(V, COVERED)
-    found = face >= 0
+def _covered(layer: JudgedLayer, over: JudgedLayer) -> Bools:
+    """Which vertices lie within COVERED behind a garment, their closest point of it none of its border, or face it across a GAP."""
+    V = layer.vertices
+    face, point, weight, distance = kernels.SurfaceIndex(over.vertices, over.faces).closest(V, COVERED)
+    normal = kernels.face_normals(over.vertices, over.faces)[face]
     border = np.zeros(len(over.vertices), bool)
     border[np.concatenate(kernels.boundary_loops(over.faces))] = True
-    behind = np.einsum("ni,ni->n", V - point, kernels.face_normals(over.vertices, over.faces)[face]) < 0
     at_border = ((weight > 0) & ~border[over.faces[face]]).sum(1) == 0
-    return found & behind & ~at_border
+    behind = (np.einsum("ni,ni->n", V - point, normal) < 0) & ~at_border
+    opposed = np.einsum("ni,ni->n", kernels.vertex_normals(V, layer.faces), normal) < 0
+    return (face >= 0) & (behind | (opposed & (distance < GAP)))
