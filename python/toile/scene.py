@@ -243,6 +243,13 @@ class BodyModel(_Record):
         """Index of the joint of this role; None where the model has none."""
         return self.joint_roles.index(role) if role in self.joint_roles else None
 
+    def beyond(self, joint: int) -> Bools:
+        """bool (K,): this joint and those that hang from it."""
+        beyond = np.arange(len(self.parents)) == joint
+        for k, parent in enumerate(self.parents):  # which stand before their children
+            beyond[k] |= parent >= 0 and beyond[parent]
+        return beyond
+
     def rest(self, shape: Array) -> tuple[Floats, Floats]:
         """Rest vertices (n,3) and joints (K,3) for the first shape coefficients (s,), the others 0. InputError: more than S."""
         shape = as_floats("rest", "shape", shape, (None,))

@@ -340,6 +340,15 @@ def test_an_opening_longer_or_shorter_than_the_cloth_about_it_leads_to_expect_is
     assert judged(0.4, 0.4)[0] == judged(1.0, 2.6)[0] == WRONG
 
 
+def test_a_sleeve_whose_opening_runs_over_the_trunk_is_said():
+    for share, level in ((0.0, GOOD), (0.1, GOOD), (0.15, DOUBTFUL), (0.7, WRONG)):
+        judged = verdict({"shirt.sleeve_left.loop_at_trunk": share} | LOOKED, SETTINGS)
+        assert judged[0] == level
+        if level != GOOD:
+            assert judged[1][0].startswith("shirt.sleeve_left: ") and "lies at the trunk" in judged[1][0]
+            assert trouble_of(judged[1][0]).title == "an opening is joined to other cloth"
+
+
 def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them():
     """A hem that is tucked in throughout has no length, and is no fault; a neck that other frames show has one."""
     names = ("neck", "hem")

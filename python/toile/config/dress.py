@@ -145,6 +145,9 @@ class DressSettings(Settings):
     joined_opening: float = setting(
         1.3, "1", "one longer than so often what the cloth leads to expect is joined to other cloth there", gt=1
     )
+    joined_share: float = setting(
+        0.1, "1", "a sleeve's opening of which more lies at the trunk, off its arm, is joined to it there", ge=0, le=1
+    )
     measured_share: float = setting(0.6, "1", "observed share of a loop from which on its length counts", ge=0, le=1)
     placement: PlacementSettings = PlacementSettings()
     loop: LoopSettings = LoopSettings()

@@ -155,6 +155,11 @@ class VerdictSettings(Settings):
     loop_excess_mm: Rising = setting(
         (100.0, 500.0), "mm", "how much longer a loop is than the cloth about it leads to expect, if by three tenths"
     )
+    loop_at_trunk: Rising = setting(
+        (0.1, 0.6),
+        "1",
+        "share of a sleeve's opening that lies 4 cm and more off its arm and half as far from the trunk",
+    )
     unclaimed_opening_mm: Rising = setting((1200.0, 5000.0), "mm", "openings that belong to no loop")
     edge_stretch: Rising = setting((0.35, 0.6), "1", "|log of the stretch| of a garment's edges, what 95 % stay below")
     stretch_p95: Rising = setting((2.0, 3.0), "1", "stretch of a garment, what 95 % of its area stay below")

@@ -24,27 +24,19 @@ def limbs_shown(seen: Glimpse, cameras: dict[str, Camera], model: BodyModel, bod
     of the five; pictures show what lies within those with masks, and all of a limb of which keypoints are seen. limb_inside: share
     of the former four that lies DEEP and more in the rest of the body and that pictures do not show, the largest. {} of a model
     that does not name them."""
-    roles = [role for role in (*LIMBS, "head") if model.joint(role) is not None]
-    beyond = [_beyond(model, role) for role in roles]
+    firsts = {role: k for role in (*LIMBS, "head") if (k := model.joint(role)) is not None}
+    beyond = [model.beyond(k) for k in firsts.values()]
     most = np.asarray(model.weights_idx)[np.arange(len(model.weights_idx)), np.argmax(model.weights_val, axis=1)]
     parts = [joints[most] for joints in beyond]  # of the vertices, those that these joints move most
     own = [body.looks[part[body.looks]] for part in parts]
-    if len(roles) <= len(LIMBS) or not all(map(len, own)):
+    if len(firsts) <= len(LIMBS) or not all(map(len, own)):
         return {}
     pictured = _pictured(seen, cameras, body.vertices)
-    for role, joints, part in zip(roles, beyond, parts):
-        pictured |= part & _detected(seen, cameras, model, joints, model.joint(role))
+    for first, joints, part in zip(firsts.values(), beyond, parts):
+        pictured |= part & _detected(seen, cameras, model, joints, first)
     shown = pictured | (body.confidence == OBSERVED)
     inside = [_inside(body, part, looks, pictured) for part, looks in zip(parts[: len(LIMBS)], own)]
     return {"limb_observed": float(min(shown[looks].mean() for looks in own)), "limb_inside": max(inside)}
-
-
-def _beyond(model: BodyModel, role: str) -> Bools:
-    """bool (K,): the joint of that role and those that hang from it."""
-    beyond = np.arange(len(model.parents)) == model.joint(role)
-    for k, parent in enumerate(model.parents):  # which stand before their children
-        beyond[k] |= parent >= 0 and beyond[parent]
-    return beyond
 
 
 def _pictured(seen: Glimpse, cameras: dict[str, Camera], V: Floats) -> Bools:
@@ -59,7 +51,7 @@ def _pictured(seen: Glimpse, cameras: dict[str, Camera], V: Floats) -> Bools:
 
 
 def _detected(
-    seen: Glimpse, cameras: dict[str, Camera], model: BodyModel, joints: Bools, first: int | None
+    seen: Glimpse, cameras: dict[str, Camera], model: BodyModel, joints: Bools, first: int
 ) -> bool | np.bool_:
     """Whether a keypoint that `joints` (K,) move is seen, within the picture, by VIEWS cameras. The place of the `first` joint itself,
     as an elbow, tells nothing of where the limb points."""

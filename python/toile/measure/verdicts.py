@@ -7,6 +7,7 @@ import numpy as np
 from .. import kernels
 from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
+from ..surface.joined import Sleeves
 from ..surface.loops import loop_length
 from .evidence import keypoint_errors, overlap, parted
 from .judged import JudgedLayer, uncovered
@@ -39,8 +40,10 @@ def judge(
         measures |= limbs_shown(seen, cameras, model, body)
     measures["stature_off_m"] = beyond_people(person.rest)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
+    sleeves = Sleeves(model, tracked.vertices, joints)
     for template, V, made in worn:
         measures |= _openings(template, made.diagnostics) | _excess(template, V, made.diagnostics)
+        measures |= _joined(sleeves, template, V)
         measures |= _bare(seen, template, V, made.diagnostics)
         measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)
     if worn:
@@ -204,6 +207,7 @@ def _limits(s):
             *s.loop_excess_mm,
             "the opening is {} mm longer than the cloth about it leads to expect: it is joined to other cloth",
         ),
+        "loop_at_trunk": (*s.loop_at_trunk, "{} of the opening lies at the trunk, off its arm: it is joined to it"),
         "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
         "edge_stretch": (
             *s.edge_stretch,
@@ -273,6 +277,15 @@ def _excess(template, V, diagnostics):
         if (share := diagnostics.get(f"loop_share.{name}")) is not None:
             longer = 1e3 * loop_length(V[loop]) * (1 - 1 / share) if share > 1 + WIDER else 0.0
             out[f"{template.name}.{name}.loop_excess_mm"] = float(longer)
+    return out
+
+
+def _joined(sleeves, template, V):
+    """Of each sleeve's opening the share that lies at the trunk."""
+    out = {}
+    for name, loop in zip(template.loop_names, template.loops):
+        if (there := sleeves.at_trunk(name, V[loop])) is not None:
+            out[f"{template.name}.{name}.loop_at_trunk"] = float(there.mean())
     return out
 
 

@@ -13,6 +13,7 @@ from ..surface.attachments import Attachments
 from ..surface.curves import isolines, pieces
 from ..surface.extension import continued
 from ..surface.girth import Girths
+from ..surface.joined import Sleeves
 from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, astray, beside_loops, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
@@ -78,8 +79,8 @@ class _Skinning:
     """Garment vertices to and from one pose, by the template's own weights."""
 
     def __init__(self, model, person, skin, rotations, translation):
-        R, x = model.joint_transforms(person.J, rotations, translation)
-        bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, person.J)], axis=1)
+        R, self.joints = model.joint_transforms(person.J, rotations, translation)
+        bones = np.concatenate([R.reshape(-1, 9), self.joints - np.einsum("kij,kj->ki", R, person.J)], axis=1)
         blended = skin @ bones
         self.A, self.b = blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
 
@@ -92,12 +93,13 @@ class _Skinning:
 
 def _personalise(model, person, template, samples, settings, over):
     """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A loop that is
-    false in one of them is left out of all, so that its rim goes on as the cloth about it leads: of another's size it is
-    laid on wrong borders. Then they are registered again, with a loop of this size."""
+    false or at the trunk in one of them is left out of all, so that its rim goes on as the cloth about it leads: of another's size it
+    is laid on wrong borders. Then they are registered again, with a loop of this size."""
     girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
     flares = _flares(template.rest, template.loops, girths)
     stay = settings.covered_weight if over else settings.unseen_weight
-    average = partial(_averaged, model, person, stay=stay, settings=settings, poses=[of[1] for of in samples])
+    poses = [tracked for _, tracked, _, _ in samples]
+    average = partial(_averaged, model, person, stay=stay, settings=settings, poses=poses)
 
     def registered(template):
         made = parallel_map_with(
@@ -105,7 +107,8 @@ def _personalise(model, person, template, samples, settings, over):
             lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
             samples,
         )
-        return made, _false(made, template.loops, girths, flares, settings)
+        joined = _at_trunk(model, person, template, made, poses) > settings.joined_share
+        return made, joined | _false(made, template.loops, girths, flares, settings)
 
     fitted, (made, false) = template, registered(template)
     if false.any():
@@ -133,6 +136,17 @@ def _false(registered, loops, girths, flares, settings):
     expect by the template's `flares`: webs may cut a sleeve off in every frame."""
     shares = np.array([_flares(dressed.vertices, loops, girths) for dressed, _ in registered]) / flares
     return (shares < settings.whole_opening) | (shares > settings.joined_opening)
+
+
+def _at_trunk(model, person, template, registered, poses):
+    """Share (s,l) of each sleeve's opening that lies at the trunk, 0 of other loops."""
+    named, shares = list(zip(template.loop_names, template.loops)), []
+    for tracked, (dressed, _) in zip(poses, registered):
+        x = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
+        sleeves = Sleeves(model, tracked.vertices, x)
+        found = [sleeves.at_trunk(name, dressed.vertices[loop]) for name, loop in named]
+        shares.append([0.0 if of is None else of.mean() for of in found])
+    return np.array(shares)
 
 
 def _averaged(model, person, template, registered, wrong, poses, settings, stay):
@@ -224,10 +238,12 @@ class Dresser:
         fit loops are laid on the scan's openings: without pictures all, else those that `_first` names."""
         t, s, scan = self.template, self.settings, evidence.scan
         V, F = scan.vertices, scan.faces
-        posed = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation).pose(t.rest)
+        skinning = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation)
+        posed, sleeves = skinning.pose(t.rest), Sleeves(self.model, tracked.vertices, skinning.joints)
         rivals = Rivals(V, F, segmented, t.label, self.over)
         openings = _openings_of(segmented, t.label, V, F, rivals)
         matches, unclaimed = match_loops([posed[l] for l in t.loops], openings, s.loop)
+        matches = self._parted(sleeves, posed, matches)
         traced = s.trace_openings and bool(evidence.views)
         first = self._first(posed, matches) if traced else matches
         start = self._to_openings(posed, first)
@@ -243,7 +259,7 @@ class Dresser:
             vertices = continued(t.rest, t.faces, vertices, self._free(vertices, to_cloth))
             garment = Mesh(vertices, t.faces)
             trace = lambda of: trace_opening(garment, of[0], evidence, rivals, of[1], s.loop)
-            matches = parallel_map(trace, zip(t.loops, matches))
+            matches = self._parted(sleeves, vertices, parallel_map(trace, zip(t.loops, matches)))
             vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches, scanned)
         confidence, distance = self._confidence(vertices, to_cloth)
         for loop, match in zip(t.loops, matches):
@@ -251,6 +267,11 @@ class Dresser:
         diagnostics = self._diagnostics(vertices, matches, unclaimed, tracked, confidence, distance, start)
         diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
         return Dressed(vertices, confidence, diagnostics), matches
+
+    def _parted(self, sleeves, vertices, matches):
+        """The LoopMatch of each loop at the vertices (g,3) without what of a sleeve's opening lies at the trunk."""
+        t, s = self.template, self.settings.loop
+        return [sleeves.parted(*of, s) for of in zip(t.loop_names, [vertices[l] for l in t.loops], matches)]
 
     def _first(self, posed, matches):
         """The LoopMatch of each loop for the first fit, where pictures follow. A loop near its opening stays as it is posed

@@ -64,22 +64,15 @@ class Limbs:
         self.parts, order = self._parts(model, rest, weights, limbs)
         self.limbs = self.parts[: len(limbs)]
         self.rest, self.weights = rest[order], csr_matrix(weights[order])
-        below = np.array([self._below(k) for k in self.turned], bool).reshape(len(self.turned), len(self.J))
+        below = np.array([model.beyond(k) for k in self.turned], bool).reshape(len(self.turned), len(self.J))
         self.carried = weights[order] @ below.T  # (n,joints)
-
-    def _below(self, k):
-        """Joints (K,) bool that joint k carries, itself among them."""
-        below = np.arange(len(self.J)) == k
-        for j, parent in enumerate(self.parents):
-            below[j] |= parent >= 0 and below[parent]
-        return below
 
     def _parts(self, model, rest, weights, limbs):
         """[Part]: the limbs, the head, the trunk; and the body's vertices in their order."""
         roots = limbs + [k for k in [model.joint("neck01")] if k is not None]
         owner = np.full(len(rest), len(roots))
         for i, k in enumerate(roots):
-            owner[weights[:, self._below(k)].sum(1) > 0.5] = i
+            owner[weights[:, model.beyond(k)].sum(1) > 0.5] = i
         owner[model.inside] = -1
         area = kernels.voronoi_mass(rest, model.f)
         order = np.concatenate([np.flatnonzero(owner == i) for i in range(len(roots) + 1)])

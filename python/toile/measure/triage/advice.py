@@ -67,7 +67,7 @@ TROUBLES = (
             "The sleeve or hem was caught, tucked or taken for another: look at the labels around it."),
     Trouble("an opening is cut off", r"of the opening's length that the cloth",
             "The scan closes the opening, by a web or a fold that it lacks: compare it with the pictures; labels may mend it."),
-    Trouble("an opening is joined to other cloth", r"mm longer than the cloth",
+    Trouble("an opening is joined to other cloth", r"mm longer than the cloth|of the opening lies at the trunk",
             "It runs over cloth beside it, as a sleeve's that a web of the scan joins to the trunk. A template of its true length, finer pictures or `standard` may tell it."),
     Trouble("openings that belong to none", r"of seen openings belong to no loop",
             "The labels have holes or islands, or the garment is folded, tucked in or open where the template is not."),

@@ -92,6 +92,7 @@ KINDS = (  # in the order of the page
     _Kind(rf"evidence:{G}\.{N}\.loop_length", "{g} {n}: length", "times", OPENINGS, 0.15, "the opening's length against what the sampled frames show, longer or shorter", HIGH, "loop_length"),
     _Kind(rf"evidence:{G}\.{N}\.loop_share", "{g} {n}: whole", "share", OPENINGS, 10, "the opening's length over what the cloth about it leads to expect", LOW, "loop_share"),
     _Kind(rf"evidence:{G}\.{N}\.loop_excess_mm", "{g} {n}: too long", "mm", OPENINGS, 50, "by how much the opening is longer than that length, where by three tenths and more", HIGH, "loop_excess_mm"),
+    _Kind(rf"evidence:{G}\.{N}\.loop_at_trunk", "{g} {n}: at the trunk", "share", OPENINGS, 5, "share of a sleeve's opening that lies at the trunk, off its arm", HIGH, "loop_at_trunk"),
     _Kind(rf"evidence:{G}\.unclaimed_opening_mm", "{g}: openings that belong to none", "mm", OPENINGS, 200, "length of seen borders that belong to no opening: holes of the labels, folds, tears", HIGH, "unclaimed_opening_mm"),
     _Kind(r"evidence:pairs_left", "intersections", "", CLOTH, 20, "pairs of triangles of garments that go through the body or one another", HIGH, "pairs_left"),
     _Kind(rf"evidence:{G}\.flipped_share", "{g}: turned over", "share", CLOTH, 1, "share of the garment's triangles", HIGH, "flipped_share"),
