@@ -346,7 +346,7 @@ def test_a_sleeve_whose_opening_runs_over_the_trunk_is_said():
         assert judged[0] == level
         if level != GOOD:
             assert judged[1][0].startswith("shirt.sleeve_left: ") and "lies at the trunk" in judged[1][0]
-            assert trouble_of(judged[1][0]).title == "an opening is joined to other cloth"
+            assert trouble_of(judged[1][0]).title == "a sleeve is joined to the trunk"
 
 
 def test_openings_that_a_frame_does_not_show_count_where_other_frames_show_them():

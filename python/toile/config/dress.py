@@ -93,6 +93,10 @@ class DressSettings(Settings):
         boundary_weight=1.0,
         border_weight=0.0,
     )
+    traces: int = setting(4, "count", "how often a loop is sought in the pictures, if it is not `settled` before", ge=1)
+    settled: float = setting(
+        0.015, "m", "a loop that pictures move by less, three quarters of what is seen of it, is not sought again", ge=0
+    )
     free_reach: float = setting(
         0.05, "m", "about a loop, cloth that lies off the scan goes on as the cloth on the scan leads", ge=0
     )

@@ -171,6 +171,12 @@ def _filled(template, shift, weight, stiffness, stay):
     return factor.solve(weight[:, None] * shift)
 
 
+def _moved(at, match):
+    """How far [m] pictures move a loop at (k,3): what three quarters of its seen vertices stay below."""
+    seen = match.observed
+    return np.quantile(np.linalg.norm(match.target - at, axis=1)[seen], 0.75) if seen.any() else 0.0
+
+
 def _observed_length(match: LoopMatch, least):
     return loop_length(match.target) if match.observed.mean() > least else np.nan
 
@@ -234,16 +240,17 @@ class Dresser:
         """The Dressed of the cloth alone, and the LoopMatch of each loop.
 
         The garment is fitted; its ends that lie off the scan go on as what lies on it leads; each loop is laid on the opening
-        that the pictures show along it, which may hang free of the scan, and the garment is fitted again. Before the first
-        fit loops are laid on the scan's openings: without pictures all, else those that `_first` names."""
+        that the pictures show along it, which may hang free of the scan, and the garment is fitted again, and so on with loops that
+        moved far. Before the first fit loops are laid on the scan's openings: without pictures all, else those that `_first` names."""
         t, s, scan = self.template, self.settings, evidence.scan
         V, F = scan.vertices, scan.faces
         skinning = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation)
         posed, sleeves = skinning.pose(t.rest), Sleeves(self.model, tracked.vertices, skinning.joints)
         rivals = Rivals(V, F, segmented, t.label, self.over)
         openings = _openings_of(segmented, t.label, V, F, rivals)
-        matches, unclaimed = match_loops([posed[l] for l in t.loops], openings, s.loop)
-        matches = self._parted(sleeves, posed, matches)
+        at = [posed[l] for l in t.loops]
+        matches, unclaimed = match_loops(at, openings, s.loop)
+        matches = [sleeves.parted(*of, s.loop) for of in zip(t.loop_names, at, matches)]
         traced = s.trace_openings and bool(evidence.views)
         first = self._first(posed, matches) if traced else matches
         start = self._to_openings(posed, first)
@@ -256,11 +263,8 @@ class Dresser:
         scanned = frame.scan is not None
         vertices = self._fitted(self.solver, cloth, start, first, scanned)
         if traced:
-            vertices = continued(t.rest, t.faces, vertices, self._free(vertices, to_cloth))
-            garment = Mesh(vertices, t.faces)
-            trace = lambda of: trace_opening(garment, of[0], evidence, rivals, of[1], s.loop)
-            matches = self._parted(sleeves, vertices, parallel_map(trace, zip(t.loops, matches)))
-            vertices = self._fitted(self.traced_solver, cloth, self._to_openings(vertices, matches), matches, scanned)
+            fit = lambda start, matches: self._fitted(self.traced_solver, cloth, start, matches, scanned)
+            vertices, matches = self._traced(vertices, matches, evidence, rivals, sleeves, to_cloth, fit)
         confidence, distance = self._confidence(vertices, to_cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
@@ -268,10 +272,23 @@ class Dresser:
         diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
         return Dressed(vertices, confidence, diagnostics), matches
 
-    def _parted(self, sleeves, vertices, matches):
-        """The LoopMatch of each loop at the vertices (g,3) without what of a sleeve's opening lies at the trunk."""
-        t, s = self.template, self.settings.loop
-        return [sleeves.parted(*of, s) for of in zip(t.loop_names, [vertices[l] for l in t.loops], matches)]
+    def _traced(self, vertices, matches, evidence, rivals, sleeves, to_cloth, fit):
+        """Vertices (g,3) with the loops where the pictures show them, and the LoopMatch of each. A loop that pictures moved far is sought
+        again from there, as the strip in which it is sought lies elsewhere then; not that of a template which is being fitted: it would
+        follow webs. `fit(start, matches)` gives the vertices on the scan."""
+        t, s = self.template, self.settings
+        matches, sought = list(matches), range(len(t.loops))
+        for _ in range(s.traces if t.opening_lengths is not None else 1):
+            vertices = continued(t.rest, t.faces, vertices, self._free(vertices, to_cloth))
+            garment = Mesh(vertices, t.faces)
+            trace = lambda i: trace_opening(garment, t.loops[i], evidence, rivals, matches[i], s.loop)
+            for i, match in zip(sought, parallel_map(trace, sought)):
+                matches[i] = sleeves.parted(t.loop_names[i], vertices[t.loops[i]], match, s.loop)
+            sought = [i for i in sought if _moved(vertices[t.loops[i]], matches[i]) > s.settled]
+            vertices = fit(self._to_openings(vertices, matches), matches)
+            if not sought:
+                break
+        return vertices, matches
 
     def _first(self, posed, matches):
         """The LoopMatch of each loop for the first fit, where pictures follow. A loop near its opening stays as it is posed
