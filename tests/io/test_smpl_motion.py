@@ -7,12 +7,12 @@ from scipy.spatial.transform import Rotation
 from tests.support.smpl import smpl_fields
 from toile.errors import UserError
 from toile.io.body import load_body_model
-from toile.io.bvh_followed import ASTRAY
 from toile.io.export.bvh import write_bvh
 from toile.io.export.clip import Clip, ClipSkeleton
 from toile.io.motion import read_motion
 from toile.io.smpl_motion import role_of
 from toile.io.smpl_rest import KINDS, names_of, offsets_of, parents_of
+from toile.io.strays import ASTRAY
 
 START = np.array([0, 0, 0.9])
 TREE = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]  # SMPL's kintree_table

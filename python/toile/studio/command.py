@@ -32,7 +32,10 @@ def studio(
     samples: Annotated[int, typer.Option(help="paths a pixel, mitsuba only")] = 64,
     subject: Annotated[str, typer.Option(help="fitted, logo, loose, child, tall or heavy")] = "fitted",
     motion: Annotated[
-        str, typer.Option(help="walk, rom, talk, hands-on-cloth, fast, sit, some joined by +, or a .bvh")
+        str,
+        typer.Option(
+            help="walk, rom, talk, hands-on-cloth, fast, sit, some joined by +, or a file: .bvh, or .npz of AMASS (SMPL, SMPL-H, SMPL-X)"
+        ),
     ] = "walk",
     image_step: Annotated[int, typer.Option(help="pictures every n-th of the simulated frames")] = 1,
     between: Annotated[
