@@ -331,3 +331,12 @@ def test_a_pickle_of_poses_is_refused(model, tmp_path):
     (tmp_path / "m.pkl").write_bytes(b"")
     with pytest.raises(UserError, match="m.pkl: neither a run, nor a .bvh or .npz file"):
         read(tmp_path / "m.pkl", model)
+
+
+def test_a_shape_that_is_not_the_mean_one_is_said_not_to_be_used(model, tmp_path):
+    poses, trans = moved("smplh")
+    notes = lambda **given: read(saved(tmp_path / "m.npz", fields(poses, trans, **given)), model).notes
+    said = lambda **given: [text for text in notes(**given) if "betas" in text]
+    assert not said() and not said(betas=None)
+    (text,) = said(betas=np.r_[0.0, 1.5, np.zeros(14)])
+    assert text == "the motion's betas are not used: how far it walks is scaled as if it were of the mean shape"

@@ -2,7 +2,7 @@
 BVH files are.
 
 A pose is a rotation vector a joint, relative to the joint above, about the axes of the body at rest: x left, y up, z front. The
-root's leads from these to the world, whose up is z in AMASS. Not read: shapes (`betas`), soft tissue (`dmpls`), expressions.
+root's leads from these to the world, whose up is z in AMASS. Not used: shapes (`betas`), which is said; not read: soft tissue (`dmpls`), expressions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .strays import angles
 PARTS = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")  # in the order of `poses`
 PART_WIDTHS = (3, 63, 3, 6, 90)
 RATES = ("mocap_framerate", "mocap_frame_rate")
-FIELDS = ("poses", "trans", "surface_model_type", *RATES, *PARTS)
+FIELDS = ("poses", "trans", "betas", "surface_model_type", *RATES, *PARTS)
 SPINE = {"spine1": "spine04", "spine2": "spine03", "spine3": "spine02"}
 WORDS = {  # of either side
     "hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe1-1", "collar": "clavicle",
@@ -57,6 +57,7 @@ class SmplMotion:
     trans: Floats  # (T,3) [m]
     fps: float
     up: str | None  # y or z where the file says it
+    shaped: bool  # whether it tells of another shape than the mean one
 
 
 def is_smpl(fields: dict[str, Anything]) -> bool:
@@ -80,7 +81,9 @@ def smpl_motion(path: Path, fields: dict[str, Anything]) -> SmplMotion:
     kind, names = _kind(path, fields, given)
     poses = given["poses"] if "poses" in given else _joined(given, len(names))
     vectors = poses.reshape(count, len(names), 3)
-    return SmplMotion(kind, names, vectors, given["trans"], fps, None if up is None else str(up))
+    betas = fields.get("betas", np.zeros(0))
+    shaped = betas.dtype.kind in "fiu" and bool(np.any(betas))
+    return SmplMotion(kind, names, vectors, given["trans"], fps, None if up is None else str(up), shaped)
 
 
 def _rate(path: Path, fields: dict[str, Anything]) -> float:
@@ -178,7 +181,8 @@ def figure_of(path: Path, motion: SmplMotion, model: BodyModel, J: Floats) -> tu
     from scipy.spatial.transform import Rotation
 
     names, parents = motion.names, parents_of(motion.names)
-    offsets = _rest(motion.kind, names, parents, model, J)
+    mean = offsets_of(motion.kind, names)
+    offsets = _rest(motion.kind, names, parents, mean, model, J)
     turns = Rotation.from_rotvec(motion.rotations.reshape(-1, 3)).as_matrix().reshape(*motion.rotations.shape, 3)
     places = np.zeros(motion.rotations.shape)
     for j, parent in enumerate(parents):
@@ -189,12 +193,14 @@ def figure_of(path: Path, motion: SmplMotion, model: BodyModel, J: Floats) -> tu
     C, roles = Y_UP[up], tuple(role_of(name) for name in names)
     places += motion.trans[:, None]
     said = () if up == "z" or motion.up else ("y is taken as the motion's axis up, as its trunk rises; AMASS's is z",)
+    if motion.shaped:
+        whose = "the mean shape" if offsets is mean else "the avatar itself"
+        said = (*said, f"the motion's betas are not used: how far it walks is scaled as if it were of {whose}")
     return MovingFigure(names, parents, offsets, {}, C @ turns, places @ C.T, 1 / motion.fps, roles), said
 
 
-def _rest(kind: str, names: Any, parents: Any, model: BodyModel, J: Floats) -> Floats:
-    """(j,3) [m] from the joints above, x left, y up, z front."""
-    offsets = offsets_of(kind, names)
+def _rest(kind: str, names: Any, parents: Any, offsets: Floats, model: BodyModel, J: Floats) -> Floats:
+    """(j,3) [m] from the joints above, x left, y up, z front: `offsets`, which are those of the mean shape, or those of the model."""
     own = next((k for k, (_, given) in JOINTS.items() if given == model.joint_names), None)
     if own is None or (own == KINDS["smplx"]) != (kind == "smplx"):
         return offsets

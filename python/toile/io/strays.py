@@ -19,7 +19,11 @@ ASTRAY = {
 def strays(figure, pick, found, model, J, R):
     """{limb, trunk or foot of the figure: degrees (T,)} by which the body `model` with rest joints J (K,3) and local rotations R
     (T,K,3,3), x left, y back, z up, lies otherwise than the frames `pick` of the figure lead it; 0 where both agree as far as bodies do."""
-    ours, theirs, at = posed_joints(model.parents, J, R, np.zeros(3))[1], clip_places(figure, pick, found), roles_of(figure)
+    ours, theirs, at = (
+        posed_joints(model.parents, J, R, np.zeros(3))[1],
+        clip_places(figure, pick, found),
+        roles_of(figure),
+    )
     limbs = {f"{role}.{side}": f"{end}.{side}" for role, end in BONES.items() for side in "LR"}
     bones = (
         [(*bone, "limb") for bone in limbs.items()] + [(*TRUNK, "trunk")] + [(*bone, "foot") for bone in FEET.items()]
