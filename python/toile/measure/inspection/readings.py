@@ -9,6 +9,7 @@ from statistics import median
 
 import numpy as np
 
+from ...io.capture import Capture
 from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Camera, Frame, Mesh
 from ...surface.sampling import evenly
@@ -37,12 +38,26 @@ AS_GIVEN: Reading = ("bend", 0.0)
 def misread(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
     """Scans that the masks (or label images) of all frames looked at fit clearly better if they are mirrored, which stops, or if the
     lenses have another distortion. Nothing of a pose that is its own mirror image, nor where scans or masks are missing."""
-    seen = [frame for frame in frames if frame.scan is not None and any(m.any() for m in silhouettes(frame).values())]
-    fits = [_fits(cameras, frame) for frame in evenly(seen, FRAMES)] if seen else []
+    seen = scanned([frame for frame in frames if any(mask.any() for mask in silhouettes(frame).values())])
+    fits = [_fits(cameras, frame) for frame in seen]
     if not fits:
         return []
     shown = "masks" if any(frame.masks for frame in seen) else "label images"
     return _mirrored_scans(fits, shown) or _bent_lenses(fits, shown)
+
+
+def scanned(frames: Sequence[Frame]) -> list[Frame]:
+    """Those that are looked at, of the frames with scans."""
+    found = [frame for frame in frames if frame.scan is not None]
+    return evenly(found, FRAMES) if found else []
+
+
+def with_outlines(capture: Capture, frame: Frame, most: int) -> Frame:
+    """The frame with VIEWS of its masks, or where it has none of its label images, read and thinned as `thin_pictures` does."""
+    kind, above = ("masks", 127) if capture.masked(frame.number) else ("labels", 0)
+    files = capture.picture_files(frame.number, kind)
+    read = lambda name: thin_picture(capture.picture(kind, name, files[name]) > above, most)
+    return replace(frame, **{kind: {name: read(name) for name in (evenly(sorted(files), VIEWS) if files else ())}})
 
 
 def _mirrored_scans(fits: Fits, shown: str) -> list[Finding]:
