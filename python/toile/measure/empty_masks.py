@@ -35,5 +35,7 @@ def _detected(seen: Glimpse, camera: Camera) -> bool:
 
 def _scanned(seen: Glimpse, camera: Camera, body: JudgedLayer) -> bool:
     """Whether at least half as large a share of the scan lies in a picture as of the body."""
-    share = in_picture(camera, body.vertices[body.looks]).mean()
-    return len(seen.points) > 0 and 2 * in_picture(camera, seen.points).mean() >= share
+    if not len(seen.points):
+        return False
+    shown, due = (in_picture(camera, points).mean() for points in (seen.points, body.vertices[body.looks]))
+    return shown > 0 and 2 * shown >= due
