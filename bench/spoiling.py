@@ -157,6 +157,12 @@ def wrong_labels(prepared, frame, draw, share):
     return replace(frame, labels=labels), None, prepared
 
 
+def empty_mask(prepared, frame, draw):
+    """The mask of one camera, any, is empty, as where a segmenter found nobody."""
+    name = draw.choice(sorted(frame.masks))
+    return replace(frame, masks={**frame.masks, name: np.zeros_like(frame.masks[name])}), None, prepared
+
+
 def labels_apart(prepared, frame, draw, pixels):
     """Label pictures that lie pixels lower than the picture: of another moment, or another crop."""
     labels = {name: np.roll(image, pixels, 0) for name, image in frame.labels.items()}
@@ -231,6 +237,7 @@ SPOILINGS = {
     "30 % wrong labels": partial(wrong_labels, share=0.3),
     "50 % wrong labels": partial(wrong_labels, share=0.5),
     "labels 40 px lower": partial(labels_apart, pixels=40),
+    "an empty mask": empty_mask,
     "template 30 % larger": partial(template, factor=1.3),
     "template 25 % smaller": partial(template, factor=0.75),
     "template 12 cm lower": partial(template, lower=0.12),

@@ -16,7 +16,7 @@ from . import speech
 from .align.command import align
 from .avatar.command import animate, edit, train
 from .config.command import settings
-from .console import COMPLETE, completion, spoken
+from .console import COMPLETE, GivenOnce, completion, spoken
 from .errors import UserError, first_line
 from .io.command import body_model, export, import_capture
 from .kernels import InputError
@@ -67,9 +67,9 @@ COMMANDS = (
     *(align, train, animate, edit, studio, inspect, tune, status, view, import_capture, export, body_model),
 )  # in the order in which `toile -h` lists them
 for command in COMMANDS:
-    app.command(NAMES.get(command))(spoken(command))
+    app.command(NAMES.get(command), cls=GivenOnce)(spoken(command))
 for command in (settings, doctor, completion):  # they log nothing
-    app.command()(command)
+    app.command(cls=GivenOnce)(command)
 
 
 def main():

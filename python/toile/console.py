@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from . import speech
 from .errors import UserError
@@ -85,6 +86,19 @@ def spoken(command: Callable[..., Any]) -> Callable[..., Any]:
     run.__signature__ = own.replace(parameters=[*own.parameters.values(), *options])  # type: ignore[attr-defined]
     run.__annotations__ = {name: one.annotation for name, one in run.__signature__.parameters.items()}  # type: ignore[attr-defined]
     return run
+
+
+class GivenOnce(TyperCommand):
+    """A command that refuses an option that is given twice and takes one value, of which the last would win unsaid; so
+    --physics beside --no-physics."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        *_, given = self.make_parser(ctx).parse_args(args=list(args))
+        for option in given:
+            if given.count(option) > 1 and not getattr(option, "multiple", False):
+                names = "/".join([*option.opts, *option.secondary_opts])
+                raise UserError(f"{names}: given {given.count(option)} times, expected once")
+        return super().parse_args(ctx, args)
 
 
 def completion(

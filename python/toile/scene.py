@@ -309,14 +309,20 @@ def joint_transforms(
     """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
     from scipy.spatial.transform import Rotation
 
-    local = Rotation.from_rotvec(rotations).as_matrix()
-    R = np.empty_like(local)
-    x = np.empty((len(J), 3))
+    return posed_joints(parents, J, Rotation.from_rotvec(rotations).as_matrix(), translation)
+
+
+def posed_joints(
+    parents: Sequence[int] | Ints, J: Anything, local: Anything, translation: Anything
+) -> tuple[Floats, Floats]:
+    """The same of rotations (...,K,3,3) relative to the parent, of one frame or of many: (...,K,3,3) and (...,K,3)."""
+    R, x = np.empty_like(local), np.empty(local.shape[:-1])
     for k, p in enumerate(parents):
         if p < 0:
-            R[k], x[k] = local[k], J[k] + translation
+            R[..., k, :, :], x[..., k, :] = local[..., k, :, :], J[k] + translation
         else:
-            R[k], x[k] = R[p] @ local[k], x[p] + R[p] @ (J[k] - J[p])
+            R[..., k, :, :] = R[..., p, :, :] @ local[..., k, :, :]
+            x[..., k, :] = x[..., p, :] + R[..., p, :, :] @ (J[k] - J[p])
     return R, x
 
 

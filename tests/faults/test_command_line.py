@@ -69,6 +69,38 @@ def test_a_bad_option_is_named(monkeypatch, capsys, tmp_path, options, said):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["animate", "a", "b", "c", "--physics", "--no-physics"],
+            "--physics/--no-physics: given 2 times, expected once",
+        ),
+        (["animate", "a", "b", "c", "--as-given", "--apart"], "--apart/--as-given: given 2 times"),
+        (["evaluate", "a", "--driven", "--no-physics", "--physics"], "--physics/--no-physics: given 2 times"),
+        (["train", "a", "b", "--align", "--no-align"], "--align/--no-align: given 2 times"),
+        (["register", "a", "b", "--frames", "1", "--frames=2"], "--frames: given 2 times"),
+        (["register", "a", "b", "--moved", "--check"], "--moved: --check is given too"),
+        (["import", "colmap", "a", "b", "--cropped", "--scaled"], "--cropped: --scaled is given too"),
+        (["studio", "a", "--no-garment", "--garment", "cut"], "--no-garment: --garment cut is given too"),
+        (["studio", "a", "--no-garment", "--wear", "dress"], "--no-garment: --wear dress is given too"),
+        (["studio", "a", "--trousers", "--wear", "dress"], "--trousers: --wear dress is given too"),
+    ],
+    ids=lambda value: " ".join(value[-2:]) if isinstance(value, list) else "",
+)
+def test_options_that_contradict_are_one_line_and_nothing_is_made(monkeypatch, capsys, tmp_path, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    assert run_cli(monkeypatch, *arguments) == 1
+    message = capsys.readouterr().err.strip()
+    assert len(message.splitlines()) == 1 and said in message and not list(tmp_path.iterdir())
+
+
+def test_options_that_may_be_repeated_still_may_be(monkeypatch, capsys, tmp_path):
+    twice = "--set", "frames=1", "--set", "cameras=0"
+    assert run_cli(monkeypatch, "studio", tmp_path / "capture", *twice) == 1
+    assert "given" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("fps", ["inf", "nan", "-1", "0", "1e300"])
 def test_frames_a_second_that_are_none_name_their_field(monkeypatch, capsys, tmp_path, fps):
     (tmp_path / "scene.toml").write_text((SAMPLE / "scene.toml").read_text().replace("fps = 30", f"fps = {fps}"))

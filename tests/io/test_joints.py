@@ -33,6 +33,10 @@ SHINS = {
     "Hips": "root", "LeftLeg": "upperleg01.L", "LeftShin": "lowerleg01.L", "LeftFoot": "foot.L", "RightLeg": "upperleg01.R",
     "RightShin": "lowerleg01.R", "Chest": "spine02", "LeftArm": "upperarm01.L", "LeftToes": "toe1-1.L",
 }  # fmt: skip
+TWISTED = {
+    "Hips": "root", "LeftUpLeg": "upperleg01.L", "LeftLeg": "lowerleg01.L", "LeftCalf": "LeftCalf", "LeftFoot": "foot.L",
+    "RightLeg": "upperleg01.R", "RightCalf": "lowerleg01.R", "RightFoot": "foot.R",
+}  # fmt: skip
 NUMBERED = {f"Character1_{name}": role for name, role in CMU.items() if role != name}
 BIPED = {
     "Bip01": "Bip01", "Bip01 Pelvis": "root", "Bip01 Spine": "spine04", "Bip01 L Thigh": "upperleg01.L",
@@ -40,7 +44,7 @@ BIPED = {
 }  # fmt: skip
 COMMON = {
     "smpl": SMPL, "cmu": CMU, "poser": POSER, "engine": ENGINE, "mixamo": MIXAMO, "engine with a root": GROUNDED,
-    "thighs called legs": SHINS, "motionbuilder": NUMBERED, "biped": BIPED,
+    "thighs called legs": SHINS, "shanks called legs beside calves": TWISTED, "motionbuilder": NUMBERED, "biped": BIPED,
 }  # fmt: skip
 
 

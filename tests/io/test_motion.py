@@ -8,10 +8,11 @@ import pytest
 from tests.support.smpl import smpl_fields
 from toile.errors import RoomError, UserError
 from toile.io.body import load_body_model
-from toile.io.bvh import MIDDLE, SIDED, read_bvh, starts_at
+from toile.io.bvh import read_bvh
 from toile.io.export.bvh import write_bvh
 from toile.io.export.clip import Clip, ClipSkeleton
 from toile.io.motion import read_motion
+from toile.io.retargeting import MIDDLE, SIDED, starts_at
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ from scipy.spatial.transform import Rotation
 from tests.support.smpl import smpl_fields
 from toile.errors import UserError
 from toile.io.body import load_body_model
-from toile.io.bvh_followed import ASTRAY
 from toile.io.export.bvh import write_bvh
 from toile.io.export.clip import Clip, ClipSkeleton
 from toile.io.motion import read_motion
 from toile.io.smpl_motion import role_of
 from toile.io.smpl_rest import KINDS, names_of, offsets_of, parents_of
+from toile.io.strays import ASTRAY
 
 START = np.array([0, 0, 0.9])
 TREE = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]  # SMPL's kintree_table
@@ -331,3 +331,12 @@ def test_a_pickle_of_poses_is_refused(model, tmp_path):
     (tmp_path / "m.pkl").write_bytes(b"")
     with pytest.raises(UserError, match="m.pkl: neither a run, nor a .bvh or .npz file"):
         read(tmp_path / "m.pkl", model)
+
+
+def test_a_shape_that_is_not_the_mean_one_is_said_not_to_be_used(model, tmp_path):
+    poses, trans = moved("smplh")
+    notes = lambda **given: read(saved(tmp_path / "m.npz", fields(poses, trans, **given)), model).notes
+    said = lambda **given: [text for text in notes(**given) if "betas" in text]
+    assert not said() and not said(betas=None)
+    (text,) = said(betas=np.r_[0.0, 1.5, np.zeros(14)])
+    assert text == "the motion's betas are not used: how far it walks is scaled as if it were of the mean shape"

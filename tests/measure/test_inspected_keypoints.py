@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.inspected import FRAMES, edited, person, texts
+from toile.io.camera import read_cameras
 from toile.measure.inspection.sides import other_side
 
 AT = other_side(tuple(person(0)[0]))
@@ -95,3 +96,49 @@ def test_of_two_cameras_against_two_the_same_are_named_in_every_frame(walk):
     blind, *told = texts(walk)
     assert blind.startswith("cam4: no keypoint")
     assert [text[:5] for text in told] == ["cam2:", "cam3:"] and all(text.endswith(": 0-29") for text in told)
+
+
+def beside(root, when, way=0.6):
+    """Of the pictures of which `when(camera, frame)` says so, keypoints of the same person `way` [m] to the side of both."""
+    cameras = read_cameras(root / "cameras.json")
+
+    def put(name, t, rows):
+        camera, points = cameras[name], person(t)[1]
+        moved = points + way * np.array([camera.T_camera_world[0, 0], camera.T_camera_world[0, 1], 0])
+        return np.c_[camera.project(moved)[0], rows[t][name][:, 2]] if when(name, t) else rows[t][name]
+
+    edited(root, put)
+
+
+def test_pictures_with_keypoints_of_somebody_else_are_named_with_their_frames_and_stop_nothing(walk):
+    beside(walk, lambda name, t: (name, t) in {("cam1", 4), ("cam1", 5), ("cam3", 5), ("cam3", 20)})
+    one, other = sorted(texts(walk))
+    whose = "frames are of somebody else, or of another moment, than those of the other cameras"
+    assert one == f"cam1: its keypoints in 2 of 30 {whose}: 4-5"
+    assert other == f"cam3: its keypoints in 2 of 30 {whose}: 5, 20"
+    assert not texts(walk, serious=True)
+
+
+def test_a_limb_that_is_mistaken_is_not_somebody_else_s(walk):
+    k = len(AT) // 2
+    edited(
+        walk, lambda name, t, rows: rows[t][name] + (np.arange(len(AT)) < k)[:, None] * [80 * (name == "cam1"), 0, 0]
+    )
+    assert not any("somebody else" in text for text in texts(walk))
+
+
+def test_somebody_else_in_most_frames_is_a_camera_that_disagrees(walk):
+    beside(walk, lambda name, t: name == "cam1" and t > 5)
+    assert not any("somebody else" in text for text in texts(walk))
+    assert any(text.startswith("cam1: its keypoints ") for text in texts(walk))
+
+
+def test_frames_of_a_camera_out_of_step_are_named_by_its_own_numbers(walk):
+    edited(walk, lambda name, t, rows: rows[max(t - 3, 0) if name == "cam2" else t][name])
+    beside(walk, lambda name, t: name == "cam2" and t in (11, 12))
+    said = [text for text in texts(walk) if text.startswith("cam2")]
+    assert (
+        len(said) == 2
+        and any("out of step" in text for text in said)
+        and any(text.endswith(": 11-12") for text in said)
+    )

@@ -9,11 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from trimesh.remesh import subdivide
 
+from tests.support.rig import ring_of_cameras
+from toile.io.body import load_body_model
 from toile.io.capture import Capture, open_capture
 from toile.measure.inspection import readings
 from toile.measure.inspection.late import out_of_step
 from toile.measure.inspection.readings import misread
 from toile.measure.inspection.scans import astray, inside_out, short
+from toile.scene import Frame, Mesh
 from toile.vision.visibility import DepthView
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
@@ -143,6 +146,25 @@ def test_mirrored_scans_are_told_from_others_that_lie_elsewhere(scanned, axis, s
     assert f"mirrored along {'xy'[axis]} they fit the {kind} better" in found.text and found.serious
     for way in ELSEWHERE.keys() - {"mirrored"}:
         assert misread(capture.cameras, [rescanned(frame, ELSEWHERE[way](frame.scan.vertices))]) == []
+
+
+@pytest.mark.parametrize("share", [0, 1], ids=["about 0", "about the person"])
+@pytest.mark.parametrize("kind", ("masks", "label images"))
+def test_a_scan_turned_by_half_a_turn_is_told_from_a_mirrored_one(scanned, share, kind):
+    capture, frame = scanned
+    V = frame.scan.vertices.copy()
+    V[:, :2] = 2 * share * np.median(V[:, :2], axis=0) - V[:, :2]
+    frame = frame if kind == "masks" else replace(frame, masks={})
+    (found,) = misread(capture.cameras, [rescanned(frame, V)])
+    assert found.text.startswith(f"scans: turned by 180 degrees about z they fit the {kind} better") and found.serious
+
+
+def test_of_a_pose_that_is_its_own_mirror_image_both_are_said():
+    cameras, body = ring_of_cameras(4), load_body_model()
+    V = body.v_template
+    masks = {name: DepthView(camera, V, body.skin_faces).face >= 0 for name, camera in cameras.items()}
+    (found,) = misread(cameras, [Frame(0, Mesh(V * [-1, -1, 1], body.skin_faces), masks=masks)])
+    assert "mirrored along y" in found.text and " or " in found.text and "turned by 180 degrees about z" in found.text
 
 
 def test_scans_of_many_faces_are_told_mirrored_by_fewer(scanned, monkeypatch):

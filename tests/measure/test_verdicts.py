@@ -186,6 +186,36 @@ def test_a_camera_that_looks_elsewhere_with_an_empty_mask_changes_no_silhouette(
     assert "silhouette_iou" not in agreement(glimpse(nobody), cameras, None, None, layer(V, F))
 
 
+def masked_balls(empty, shown_by, aside=0.0):
+    """What `agreement` says of a ball that lies `aside` of where masks and scan show it, with the masks of `empty` cameras empty."""
+    (V, F), cameras = ball(), ring_of_cameras(5)
+    masks = {name: DepthView(camera, V, F).face >= 0 for name, camera in cameras.items()}
+    masks |= {name: np.zeros_like(masks[name]) for name in empty}
+    at = {name: np.column_stack([camera.project(V[::9])[0], np.ones(len(V[::9]))]) for name, camera in cameras.items()}
+    keypoints = Keypoints(tuple(f"body.{i}" for i in range(len(V[::9]))), at) if shown_by == "keypoints" else None
+    shown = Frame(0, Mesh(V, F) if shown_by == "scan" else None, keypoints, masks=masks)
+    model = type("Model", (), {"keypoint_names": (), "keypoints": lambda *_: np.zeros((0, 3))})
+    return agreement(glimpse(shown), cameras, model, None, layer(V + [aside, 0, 0], F))
+
+
+@pytest.mark.parametrize("shown_by", ["scan", "keypoints"])
+def test_an_empty_mask_where_scan_or_keypoints_show_the_person_is_left_out_and_said(shown_by):
+    whole = masked_balls((), shown_by)
+    assert whole["silhouette_iou"] > 0.98 and "masks_empty" not in whole
+    found = masked_balls(("cam1", "cam3"), shown_by)
+    assert found["silhouette_iou"] > 0.98 and found["masks_empty"] == 2
+
+
+def test_an_empty_mask_tells_where_nothing_else_shows_the_person_or_most_masks_are_empty():
+    assert masked_balls(("cam1",), "masks")["silhouette_iou"] < 0.8
+    assert masked_balls(("cam0", "cam1", "cam2"), "scan")["silhouette_iou"] < 0.5
+
+
+def test_a_body_that_lies_aside_is_told_as_well_beside_an_empty_mask():
+    aside = [masked_balls(empty, "scan", aside=0.3)["silhouette_iou"] for empty in ((), ("cam0",))]
+    assert verdict(FINE | {"silhouette_iou": max(aside)}, SETTINGS)[0] == WRONG
+
+
 def test_a_garment_that_was_hardly_found_is_no_good_whatever_shows_the_body():
     shown = FINE | {"keypoint_mm": 10.0, "silhouette_iou": 0.97}
     assert verdict(shown | {"shirt.garment_observed": 0.6}, SETTINGS)[0] == GOOD

@@ -1,6 +1,7 @@
 """What preparing says of the sampled frames."""
 
 import pickle
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,6 +63,22 @@ def test_mirrored_scans_are_said_however_far_pictures_are_thinned(side):
     config = preset("draft").model_copy(update={"picture_side": side})
     (found,) = _said_of_masks(capture, config, [replace(frame, scan=mirrored)])
     assert found.startswith("scans: mirrored along x they fit the masks better")
+
+
+@pytest.mark.parametrize("kind", ["masks", "labels"])
+def test_mirrored_scans_and_bent_lenses_are_said_without_garments_whose_samples_hold_no_pictures(kind, tmp_path):
+    shutil.copytree(SAMPLE, tmp_path / "bare", ignore=shutil.ignore_patterns("masks" if kind == "labels" else "labels"))
+    text = (tmp_path / "bare" / "scene.toml").read_text()
+    (tmp_path / "bare" / "scene.toml").write_text(text[: text.index("[[garment]]")] + text[text.index("[cameras]") :])
+    capture, config = open_capture(tmp_path / "bare"), preset("draft")
+    frames = [Frame(n, capture.scan(n)) for n in (0, 2, 3, 5)]
+    assert _said_of_masks(capture, config, frames) == []
+    mirrored = [replace(f, scan=Mesh(f.scan.vertices * [-1, 1, 1], f.scan.faces[:, ::-1].copy())) for f in frames]
+    (found,) = _said_of_masks(capture, config, mirrored)
+    assert found.startswith("scans: mirrored along x") and ("masks" if kind == "masks" else "label images") in found
+    bent = {name: replace(c, distortion=c.distortion - 0.2 * np.eye(5)[0]) for name, c in capture.cameras.items()}
+    (found,) = _said_of_masks(replace(capture, cameras=bent), config, frames)
+    assert found.startswith("scans: they fit") and "distortion" in found
 
 
 def standing(number, lost=False):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from PIL import Image
 
 from tests.support.processes import wait_until
 from toile.config import preset
@@ -189,3 +190,12 @@ def test_one_bad_frame_is_recorded_and_the_others_finish(bare, tmp_path):
         and found["verdict"].tolist() == [0, 2]
         and np.isnan(found["track/vertices"][1]).all()
     )
+
+
+def test_a_mask_that_is_empty_where_the_person_is_makes_no_right_frame_wrong_and_is_warned_of(bare, tmp_path):
+    for number in (1, 2):
+        path = bare / "frames" / f"{number:06d}" / "masks" / "cam02.png"
+        Image.fromarray(np.zeros_like(np.asarray(Image.open(path)))).save(path)
+    outcome = pipeline.register(bare, tmp_path / "run", preset("draft"), FRAMES)
+    assert outcome.ok == FRAMES and not outcome.wrong and not outcome.doubtful
+    assert any(text.startswith("masks that are empty") and text.endswith("frames 1-2") for text in outcome.warnings)

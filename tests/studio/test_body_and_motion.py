@@ -133,11 +133,11 @@ def write_bvh(path, rows):
 
 
 def test_bvh_limbs_take_the_files_bone_directions(body, tmp_path):
-    from toile.studio import bvh, motion
+    from toile.studio import motion, motion_file
 
     n = motion.RAMP + 4
     rows = [[0, 9, 0, 0, 0, 0, 0, 0, 0, 0, -40, 0, 0, 0, 0]] * n  # forearm turned about y (up): to the front
-    m = bvh.bvh_motion(write_bvh(tmp_path / "a.bvh", rows), body, n)
+    m = motion_file.motion_of_file(write_bvh(tmp_path / "a.bvh", rows), body, n)
     _, x = body.model.joint_transforms(body.J, m.rotations[-1], np.zeros(3))
     at = lambda name: x[body.model.joint(name)]
     arm, fore = at("lowerarm01.L") - at("upperarm01.L"), at("wrist.L") - at("lowerarm01.L")
@@ -145,6 +145,48 @@ def test_bvh_limbs_take_the_files_bone_directions(body, tmp_path):
     expected = [np.cos(np.radians(40)), -np.sin(np.radians(40)), 0]
     assert np.allclose(fore / np.linalg.norm(fore), expected, atol=1e-9)
     assert "upperarm01.R" in m.missing and "upperarm01.L" not in m.missing
+
+
+def amass(path, frames, arms):
+    """A file of SMPL's body whose upper arms hang `arms` [rad] below level, and who walks 3 m to the front."""
+    poses = np.zeros((frames, 22, 3))
+    poses[:, 0] = [np.pi / 2, 0, 0]  # z up
+    poses[:, 16], poses[:, 17] = [0, 0, -arms], [0, 0, arms]
+    trans = np.linspace([0, 0, 0.9], [0, -3, 0.9], frames)
+    np.savez(path, poses=poses.reshape(frames, -1), trans=trans, mocap_framerate=30.0, surface_model_type="smplh")
+    return str(path)
+
+
+@pytest.mark.parametrize("arms", [0.3, 1.4])
+def test_the_studio_reads_a_motion_of_amass_as_an_animation_does_but_for_arms_that_hang(body, tmp_path, arms):
+    from toile.io.motion import read_motion
+    from toile.studio.motion_file import LOWERING, TRAVEL
+    from toile.studio.motions import RAMP, make_motion
+
+    path = amass(tmp_path / "m.npz", RAMP + 4, arms)
+    made = make_motion(path, body, 4, np.random.default_rng(0))
+    theirs = read_motion(path, body.model, body.J, 30.0, np.zeros(3))
+    low = lambda rotations: _below(body, rotations) - _below(body, np.zeros_like(rotations))
+    if low(theirs.rotations[-1]) < LOWERING:
+        assert np.allclose(made.rotations[RAMP:], theirs.rotations[RAMP:], atol=1e-12)
+    else:
+        assert low(made.rotations[-1]) == pytest.approx(LOWERING, abs=1e-6)
+    assert theirs.translation[-1, 1] < -2 and -TRAVEL <= made.root[-1, 1] < -0.9 * TRAVEL
+
+
+def _below(body, rotations):
+    """Angle [rad] by which the left upper arm hangs below level, in the frontal plane."""
+    _, x = body.model.joint_transforms(body.J, rotations, np.zeros(3))
+    arm = x[body.model.joint("lowerarm01.L")] - x[body.model.joint("upperarm01.L")]
+    return np.arctan2(-arm[2], abs(arm[0]))
+
+
+def test_poses_of_a_body_model_are_no_motion_of_the_studio(body, tmp_path):
+    from toile.studio.motions import make_motion
+
+    np.savez(tmp_path / "own.npz", rotations=np.zeros((9, 4, 3)), translation=np.zeros((9, 3)), fps=30.0)
+    with pytest.raises(UserError, match="own.npz: holds poses of a body model"):
+        make_motion(str(tmp_path / "own.npz"), body, 4, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("text", ["", "HIERARCHY\nMOTION\n", BVH % 2 + "1 2 3\n", BVH % 1 + "nan " * 15])
@@ -158,11 +200,11 @@ def test_broken_bvh_is_refused_with_its_name(tmp_path, text):
 
 
 def test_cmu_clip_is_retargeted_with_no_joint_missing(body, shared_data):
-    from toile.studio import bvh
+    from toile.studio import motion_file
 
-    m = bvh.bvh_motion(str(shared_data / "cmu_bvh_asf" / "01_01.bvh"), body, 60)
+    m = motion_file.motion_of_file(str(shared_data / "cmu_bvh_asf" / "01_01.bvh"), body, 60)
     assert m.missing == ()
-    assert np.linalg.norm(m.root[:, :2], axis=1).max() <= bvh.TRAVEL
+    assert np.linalg.norm(m.root[:, :2], axis=1).max() <= motion_file.TRAVEL
     assert np.abs(np.diff(m.rotations[1:], axis=0)).max() < np.radians(40)
 
 

@@ -62,6 +62,8 @@ def import_capture(
     from .rig import Options, chosen, read_rig
 
     folders = dict(images=images, masks=masks, labels=labels, keypoints=keypoints, scans=scans, videos=videos)
+    if cropped and scaled:
+        raise UserError("--cropped: --scaled is given too")
     if kind in KINDS:
         offsets = offsets_of(offset or [])
         options = Options(folders, units, up, skeleton, offsets, fps, cropped, scaled, undistort)

@@ -32,7 +32,8 @@ BONES = {  # of either side, in skeletons that name bones
     "toe1-1": ("toebase", "toe", "toes", "ball"),
     "eye": ("eye", "eyesmplhf"),
 }
-SHANKS = BONES["lowerleg01"][:-1]  # beside one of these a "leg" is the thigh
+SHANKS = BONES["lowerleg01"][:-1]  # beside one of these a "leg" is the thigh,
+THIGHS = ("upleg", "upperleg")  # but beside one of these the shank, and what is called so a twist of it
 LIMBS = {  # of either side, in skeletons that name the joints between bones, as SMPL does
     "clavicle": ("collar", "clavicle"),
     "upperarm01": ("shoulder",),
@@ -79,13 +80,12 @@ def _roles(spelled: list[str], names: Sequence[str]) -> tuple[str, ...]:
     split = [_split(word) for word in spelled]
     stems = {stem for stem, side in split if side}
     sided = LIMBS if stems & {"elbow", "knee"} else BONES
-    if stems.intersection(SHANKS) and "leg" in stems:
-        sided = sided | {"upperleg01": (*BONES["upperleg01"], "leg")}
+    words_of = {own: sided | _legs({stem for stem, side in split if side == own}) for own in "LR"}
     roles = [word if OWN.fullmatch(word) else None for word in spelled]
     if "root" in roles and {("hips", ""), ("hip", ""), ("pelvis", "")}.intersection(split):
         roles[roles.index("root")] = "ground"  # of game engines: it stays where the person started
     wanted = [(role, words, "") for role, words in MIDDLE.items()]
-    wanted += [(f"{role}.{side}", words, side) for role, words in sided.items() for side in "LR"]
+    wanted += [(f"{role}.{side}", words, side) for side in "LR" for role, words in words_of[side].items()]
     for role, words, side in wanted:
         if role in roles:
             continue
@@ -93,6 +93,17 @@ def _roles(spelled: list[str], names: Sequence[str]) -> tuple[str, ...]:
         if at is not None and roles[at] is None:
             roles[at] = role
     return tuple(role or _family(*parts) or name for role, parts, name in zip(roles, split, names))
+
+
+def _legs(stems: set[str]) -> dict[str, tuple[str, ...]]:
+    """What thigh or shank is called on a side where these are names and "leg" may be either; {} where it is the shank alone."""
+    if "leg" not in stems or not stems.intersection(SHANKS):
+        return {}
+    return (
+        {"lowerleg01": ("leg", *SHANKS)}
+        if stems.intersection(THIGHS)
+        else {"upperleg01": (*BONES["upperleg01"], "leg")}
+    )
 
 
 def _split(name: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ from ..kernels.arrays import Anything
 from ..scene import BodyModel
 from .between_frames import ROUNDED, BetweenFrames
 from .bounded import read_npz
-from .bvh import facing, floor_path, matches, read_bvh, retarget, stance_of_model, standing, starts_at
-from .bvh_followed import strays
+from .bvh import read_bvh
 from .memory import free_memory
+from .retargeting import facing, floor_path, matches, retarget, stance_of_model, standing, starts_at
 from .run import is_run, open_run
 from .smpl_motion import (
     FIELDS,
@@ -27,6 +28,7 @@ from .smpl_motion import (
     smpl_motion,
     with_smpl_roles,
 )
+from .strays import strays
 
 OWN = ("rotations", "translation", "face", "fps", "frames", "up")  # fields of toile's own .npz
 MAX_FRAMES = 1_000_000
@@ -41,7 +43,7 @@ class Motion:
     """Poses of a body model in a row, `fps` a second; `frames` numbers them.
 
     `missing` names joints that the source lacks and that rest, `notes` says what else of the source is to be known. `strays` {bone of the source: degrees (T,)}: the body lies so far
-    otherwise than the source leads it, see `bvh_followed`.
+    otherwise than the source leads it, see `strays`.
     """
 
     frames: np.ndarray  # (T,) int
@@ -95,17 +97,48 @@ def read_motion(
     path = Path(path)
     if is_run(path):
         return _of_run(path, model.joint_names, up)
+    fields = _fields(path)
+    if _of_a_body(fields):
+        return _of_npz(path, fields, len(J), fps, up)
+    return _retargeted(path, fields, model, J, fps, translation, up, None)
+
+
+def retargeted_motion(
+    path: Path | str,
+    model: BodyModel,
+    J: Anything,
+    fps: float,
+    translation: Anything,
+    up: str = "z",
+    lowest: float | None = None,
+) -> Motion:
+    """`read_motion` of a .bvh file or a .npz of the SMPL family alone, upper arms lifted to hang at most `lowest` [rad] below their
+    rest. UserError, too: the file holds poses of a body model."""
+    path = Path(path)
+    fields = {"rotations": None} if is_run(path) else _fields(path)
+    if _of_a_body(fields):
+        words = "holds poses of a body model, which are not retargeted: toile export writes those of a run as a .bvh"
+        raise UserError(f"{path}: {words}")
+    return _retargeted(path, fields, model, J, fps, translation, up, lowest)
+
+
+def _fields(path):
+    """Those of a .npz that are read, None of a .bvh. UserError: it is neither."""
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
-    bvh = path.suffix.lower() == ".bvh"
-    if not path.is_file() or (not bvh and path.suffix.lower() != ".npz"):
+    if not path.is_file() or path.suffix.lower() not in (".bvh", ".npz"):
         raise UserError(f"{path}: neither a run, nor a .bvh or .npz file")
-    if bvh:
-        return _sane(path, _of_bvh(path, model, J, fps, translation, up))
-    fields = read_npz(path, names=(*OWN, *FIELDS))
-    if "rotations" not in fields and is_smpl(fields):
-        return _sane(path, _of_smpl(path, fields, model, J, fps, translation, up))
-    return _of_npz(path, fields, len(J), fps, up)
+    return None if path.suffix.lower() == ".bvh" else read_npz(path, names=(*OWN, *FIELDS))
+
+
+def _of_a_body(fields):
+    """Whether the fields of a .npz are toile's own: poses of a body model."""
+    return fields is not None and ("rotations" in fields or not is_smpl(fields))
+
+
+def _retargeted(path, fields, model, J, fps, translation, up, lowest):
+    asked = model, J, fps, translation, up, lowest
+    return _sane(path, _of_bvh(path, *asked) if fields is None else _of_smpl(path, fields, *asked))
 
 
 def _sane(path, motion, places="translation", turned="rotations"):
@@ -140,40 +173,42 @@ def _of_run(path, joint_names, up):
     return Motion(run.frames[rows], rotations[rows], run.pose.translation[rows], face, run.scene.fps)
 
 
-def _of_bvh(path, model, J, fps, translation, up):
-    bvh = read_bvh(path)
-    found, missing = matches(bvh)
+def _of_bvh(path, model, J, fps, translation, up, lowest):
+    figure = read_bvh(path)
+    found, missing = matches(figure)
     if "root" not in found:
         raise UserError(f"{path}: no joint named like Hips")
-    motion = _followed(path, standing(path, bvh, found), found, retarget, model, J, fps, translation, up)
+    by = partial(retarget, lowest=lowest)
+    motion = _followed(path, standing(path, figure, found), found, by, model, J, fps, translation, up)
     return replace(motion, missing=tuple(missing))
 
 
-def _of_smpl(path, fields, model, J, fps, translation, up):
+def _of_smpl(path, fields, model, J, fps, translation, up, lowest):
     given, model = smpl_motion(path, fields), with_smpl_roles(model)
     asked = Motion(np.arange(len(given.trans)), given.rotations, given.trans, None, given.fps)
     _sane(path, asked, "trans", "poses")
     _instants(path, len(asked), given.fps, fps, len(J))  # refused before the figure takes memory
     figure, said = figure_of(path, given, model, J @ stance_of_model(model, J, up))
     found, missing = followed(figure, model)
-    motion = _followed(path, figure, found, retarget_with_fingers, model, J, fps, translation, up)
+    by = partial(retarget_with_fingers, lowest=lowest)
+    motion = _followed(path, figure, found, by, model, J, fps, translation, up)
     return replace(motion, missing=missing, notes=(*said, *not_followed(given, figure, found, model)))
 
 
-def _followed(path, bvh, found, by, model, J, fps, translation, up):
+def _followed(path, figure, found, by, model, J, fps, translation, up):
     """The Motion of a body that follows a figure, `found` {role: its joint}, `by` one of the retargetings."""
     from scipy.spatial.transform import Rotation
 
-    start = starts_at(bvh)
-    count = len(bvh) - start
-    at = BetweenFrames.of(_instants(path, count, 1 / bvh.frame_time, fps, len(J)), np.arange(count))
+    start = starts_at(figure)
+    count = len(figure) - start
+    at = BetweenFrames.of(_instants(path, count, 1 / figure.frame_time, fps, len(J)), np.arange(count))
     S = stance_of_model(model, J, up)
-    poses = lambda pick: by(facing(bvh, pick, found), bvh, model, J @ S, found)
-    moves = lambda pick: translation + floor_path(bvh, pick, model, J @ S, found) @ S.T
+    poses = lambda pick: by(facing(figure, pick, found), figure, model, J @ S, found)
+    moves = lambda pick: translation + floor_path(figure, pick, model, J @ S, found) @ S.T
     vectors = lambda R: Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:3]) @ S.T
     below, above = at.below + start, at.above + start
     R = poses(below)
-    apart = strays(bvh, below, found, model, J @ S, R)
+    apart = strays(figure, below, found, model, J @ S, R)
     rotations, shifts = vectors(R), moves(below)
     if at.share.any():
         rotations, shifts = at.turned(rotations, vectors(poses(above))), at.moved(shifts, moves(above))

@@ -2,7 +2,7 @@
 BVH files are.
 
 A pose is a rotation vector a joint, relative to the joint above, about the axes of the body at rest: x left, y up, z front. The
-root's leads from these to the world, whose up is z in AMASS. Not read: shapes (`betas`), soft tissue (`dmpls`), expressions.
+root's leads from these to the world, whose up is z in AMASS. Not used: shapes (`betas`), which is said; not read: soft tissue (`dmpls`), expressions.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import numpy as np
 from ..errors import UserError
 from ..kernels.arrays import Anything, Floats
 from ..scene import BodyModel
-from .bvh import BONES, MIDDLE, SIDED, UPRIGHT, Bvh, rest_places, retarget, shortest, stance_of_file
-from .bvh_followed import angles
+from .retargeting import BONES, MIDDLE, SIDED, UPRIGHT, MovingFigure, rest_places, retarget, shortest, stance_of_figure
 from .smpl import BODY, FINGER_NUMBERS, JOINTS
 from .smpl_rest import KINDS, names_of, offsets_of, parents_of
+from .strays import angles
 
 PARTS = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")  # in the order of `poses`
 PART_WIDTHS = (3, 63, 3, 6, 90)
 RATES = ("mocap_framerate", "mocap_frame_rate")
-FIELDS = ("poses", "trans", "surface_model_type", *RATES, *PARTS)
+FIELDS = ("poses", "trans", "betas", "surface_model_type", *RATES, *PARTS)
 SPINE = {"spine1": "spine04", "spine2": "spine03", "spine3": "spine02"}
 WORDS = {  # of either side
     "hip": "upperleg01", "knee": "lowerleg01", "ankle": "foot", "foot": "toe1-1", "collar": "clavicle",
@@ -57,6 +57,7 @@ class SmplMotion:
     trans: Floats  # (T,3) [m]
     fps: float
     up: str | None  # y or z where the file says it
+    shaped: bool  # whether it tells of another shape than the mean one
 
 
 def is_smpl(fields: dict[str, Anything]) -> bool:
@@ -80,7 +81,9 @@ def smpl_motion(path: Path, fields: dict[str, Anything]) -> SmplMotion:
     kind, names = _kind(path, fields, given)
     poses = given["poses"] if "poses" in given else _joined(given, len(names))
     vectors = poses.reshape(count, len(names), 3)
-    return SmplMotion(kind, names, vectors, given["trans"], fps, None if up is None else str(up))
+    betas = fields.get("betas", np.zeros(0))
+    shaped = betas.dtype.kind in "fiu" and bool(np.any(betas))
+    return SmplMotion(kind, names, vectors, given["trans"], fps, None if up is None else str(up), shaped)
 
 
 def _rate(path: Path, fields: dict[str, Anything]) -> float:
@@ -171,14 +174,15 @@ def role_of(name: str) -> str:
     return {"pelvis": "root", "neck": "neck01", **SPINE}.get(name, name)
 
 
-def figure_of(path: Path, motion: SmplMotion, model: BodyModel, J: Floats) -> tuple[Bvh, tuple[str, ...]]:
+def figure_of(path: Path, motion: SmplMotion, model: BodyModel, J: Floats) -> tuple[MovingFigure, tuple[str, ...]]:
     """The motion as a figure, y up, and what a user should know of its axes. At rest it stands as the mean shape does, or as the body
     `model` with rest joints J (K,3), x left, y back, z up, where that is of the same kind: then all turns are taken as they are.
     UserError: nothing tells which axis is up."""
     from scipy.spatial.transform import Rotation
 
     names, parents = motion.names, parents_of(motion.names)
-    offsets = _rest(motion.kind, names, parents, model, J)
+    mean = offsets_of(motion.kind, names)
+    offsets = _rest(motion.kind, names, parents, mean, model, J)
     turns = Rotation.from_rotvec(motion.rotations.reshape(-1, 3)).as_matrix().reshape(*motion.rotations.shape, 3)
     places = np.zeros(motion.rotations.shape)
     for j, parent in enumerate(parents):
@@ -189,12 +193,14 @@ def figure_of(path: Path, motion: SmplMotion, model: BodyModel, J: Floats) -> tu
     C, roles = Y_UP[up], tuple(role_of(name) for name in names)
     places += motion.trans[:, None]
     said = () if up == "z" or motion.up else ("y is taken as the motion's axis up, as its trunk rises; AMASS's is z",)
-    return Bvh(names, parents, offsets, {}, C @ turns, places @ C.T, 1 / motion.fps, roles), said
+    if motion.shaped:
+        whose = "the mean shape" if offsets is mean else "the avatar itself"
+        said = (*said, f"the motion's betas are not used: how far it walks is scaled as if it were of {whose}")
+    return MovingFigure(names, parents, offsets, {}, C @ turns, places @ C.T, 1 / motion.fps, roles), said
 
 
-def _rest(kind: str, names: Any, parents: Any, model: BodyModel, J: Floats) -> Floats:
-    """(j,3) [m] from the joints above, x left, y up, z front."""
-    offsets = offsets_of(kind, names)
+def _rest(kind: str, names: Any, parents: Any, offsets: Floats, model: BodyModel, J: Floats) -> Floats:
+    """(j,3) [m] from the joints above, x left, y up, z front: `offsets`, which are those of the mean shape, or those of the model."""
     own = next((k for k, (_, given) in JOINTS.items() if given == model.joint_names), None)
     if own is None or (own == KINDS["smplx"]) != (kind == "smplx"):
         return offsets
@@ -219,27 +225,27 @@ def _up(path: Path, trunk: Floats) -> str:
     raise UserError(f'{path}: {words}: add a field up, "z" or "y", to say which is up')
 
 
-def followed(bvh: Bvh, model: BodyModel) -> tuple[dict[str, int], tuple[str, ...]]:
+def followed(figure: MovingFigure, model: BodyModel) -> tuple[dict[str, int], tuple[str, ...]]:
     """{role: index of the figure's joint} of what `retarget` takes, and what of the wanted the figure lacks. Toes are left out where
     the body has several a foot."""
     own = model.joint_roles
     several = sum(role.startswith("toe") and role.endswith(".L") for role in own) > 1
     found = {
         role: j
-        for j, role in enumerate(bvh.roles)
+        for j, role in enumerate(figure.roles)
         if role in own and not role.startswith("finger") and not (several and role.startswith("toe"))
     }
     wanted = {*MIDDLE, *(f"{role}.{side}" for role in SIDED for side in "LR")}
-    found |= {role: j for j, role in enumerate(bvh.roles) if role in wanted}
-    fingers = any(role.startswith("finger") for role in own) and not any(r.startswith("finger") for r in bvh.roles)
+    found |= {role: j for j, role in enumerate(figure.roles) if role in wanted}
+    fingers = any(role.startswith("finger") for role in own) and not any(r.startswith("finger") for r in figure.roles)
     return found, ("fingers",) if fingers else ()
 
 
-def not_followed(motion: SmplMotion, bvh: Bvh, found: dict[str, int], model: BodyModel) -> tuple[str, ...]:
+def not_followed(motion: SmplMotion, figure: MovingFigure, found: dict[str, int], model: BodyModel) -> tuple[str, ...]:
     """What a user should know of joints that turn in the motion, and in the body do not."""
-    taken = {*found} | {role for side in "LR" for role in _fingers(bvh.roles, model.joint_roles, side)}
+    taken = {*found} | {role for side in "LR" for role in _fingers(figure.roles, model.joint_roles, side)}
     turned = np.linalg.norm(motion.rotations, axis=2).max(0) > TURNED
-    left = [role.partition(".")[0] for j, role in enumerate(bvh.roles) if turned[j] and role not in taken]
+    left = [role.partition(".")[0] for j, role in enumerate(figure.roles) if turned[j] and role not in taken]
     named = sorted({LAST[word] for word in left if word in LAST})
     return (f"the motion turns {', '.join(named)}, which do not follow it: they rest",) if named else ()
 
@@ -251,14 +257,16 @@ def _fingers(theirs: tuple[str, ...], ours: tuple[str, ...], side: str) -> list[
     return [role for role in roles if role in theirs and role in ours] if palm <= {*theirs} & {*ours} else []
 
 
-def retarget_with_fingers(world: Floats, bvh: Bvh, model: BodyModel, J: Floats, found: dict[str, int]) -> Floats:
+def retarget_with_fingers(
+    world: Floats, figure: MovingFigure, model: BodyModel, J: Floats, found: dict[str, int], lowest: float | None = None
+) -> Floats:
     """`retarget`, and the fingers: seen from the palm, their bones take the figure's directions; soles lie as the figure's."""
-    local = retarget(world, bvh, model, J, found, ends=ENDS)
-    theirs = dict(zip(bvh.roles, rest_places(bvh) @ stance_of_file(bvh, found)))
+    local = retarget(world, figure, model, J, found, lowest, ENDS)
+    theirs = dict(zip(figure.roles, rest_places(figure) @ stance_of_figure(figure, found)))
     ours = dict(zip(model.joint_roles, J))
     for side in "LR":
         turns: dict[str, Floats] = {}  # of bones (T,3,3), seen from the body's palm
-        roles = _fingers(bvh.roles, model.joint_roles, side)
+        roles = _fingers(figure.roles, model.joint_roles, side)
         palm = _palm(theirs, side) @ _palm(ours, side).T if roles else np.eye(3)  # the body's to the figure's
         for role in roles:
             finger, i = role[: role.index("-")], int(role[role.index("-") + 1])
@@ -266,7 +274,7 @@ def retarget_with_fingers(world: Floats, bvh: Bvh, model: BodyModel, J: Floats, 
             ends = f"{finger}-{first}.{side}", f"{finger}-{first + 1}.{side}"
             bones = [joints[ends[1]] - joints[ends[0]] for joints in (ours, theirs)] if {*ends} <= {*roles} else None
             rest = shortest(palm @ bones[0], bones[1]) if bones else np.eye(3)
-            seen = np.swapaxes(world[:, bvh.roles.index(f"wrist.{side}")], 1, 2) @ world[:, bvh.roles.index(role)]
+            seen = np.swapaxes(world[:, figure.roles.index(f"wrist.{side}")], 1, 2) @ world[:, figure.roles.index(role)]
             turns[role] = palm.T @ seen @ rest @ palm
             above = turns.get(f"{finger}-{i - 1}.{side}", np.eye(3))
             local[:, model.joint(role)] = np.swapaxes(above, -1, -2) @ turns[role]

@@ -8,7 +8,7 @@ from .. import kernels
 from ..kernels.arrays import Bools, Floats
 from ..scene import OBSERVED, BodyModel, Camera
 from ..surface.keypoints import keypoint_bones
-from .evidence import UNSEEN
+from .evidence import UNSEEN, in_picture
 from .glimpse import Glimpse
 from .judged import JudgedLayer
 
@@ -45,8 +45,7 @@ def _pictured(seen: Glimpse, cameras: dict[str, Camera], V: Floats) -> Bools:
     views = () if seen.of_labels else seen.mask_views
     within = np.zeros(len(V), int)
     for name in views:
-        uv, depth = cameras[name].project(V)
-        within += (depth > 0) & (uv >= 0).all(1) & (uv < cameras[name].size[::-1]).all(1)
+        within += in_picture(cameras[name], V)
     return within >= max(1, min(VIEWS, len(views)))
 
 

@@ -9,6 +9,7 @@ from ..io.layout import DOUBTFUL, GOOD, WRONG
 from ..scene import OBSERVED
 from ..surface.joined import Sleeves
 from ..surface.loops import loop_length
+from .empty_masks import PATCH, wrongly_empty
 from .evidence import keypoint_errors, overlap, parted
 from .judged import JudgedLayer, uncovered
 from .limbs import limbs_shown
@@ -18,7 +19,6 @@ VERTICES = 2000  # of a surface, that look for the scan
 OF_TRACKING = ("pose_mm", "astray", "moved_mm", "moved_p95_mm", "face_off")
 APART = 20.0  # mm: nowhere is a surface that has found its limbs so far from a scan, and the scan from it
 PEOPLE = (1.0, 2.3)  # m, statures from a small child's to a giant's
-PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
 HARDLY = 0.25  # of an opening: so much is taken for it where it is tucked in
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
 STEP = 4  # every so many faces are asked for their stretch
@@ -96,17 +96,20 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
 
 def _outlined(seen, cameras, body, garments):
     """What `agreement` says of masks, or where there are none of label images. A camera that looks elsewhere, whose empty mask is
-    right, tells nothing."""
+    right, tells nothing; neither does one whose mask is empty although the frame shows that she is there."""
     shown = [
-        (layer, mask, side)
-        for layer, mask, side in _silhouettes(seen, cameras, (body, *garments))
+        (name, layer, mask, side)
+        for name, layer, mask, side in _silhouettes(seen, cameras, (body, *garments))
         if mask.any() or (layer >= 0).any()
     ]
     if not shown:
         return {}
     if seen.of_labels:
-        return {"labels_off": float(np.mean([_beyond_all(layer, mask) for layer, mask, _ in shown]))}
-    out = {"silhouette_iou": float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))}
+        return {"labels_off": float(np.mean([_beyond_all(layer, mask) for _, layer, mask, _ in shown]))}
+    empty = wrongly_empty(seen, cameras, body, {name: (mask, side) for name, _, mask, side in shown})
+    shown = [picture for name, *picture in shown if name not in empty]
+    out = {"masks_empty": float(len(empty))} if empty else {}
+    out["silhouette_iou"] = float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))
     if garments:  # a surface tracked alone lacks sleeves' ends and hems that hang free
         out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
     out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in shown)
@@ -325,7 +328,8 @@ def _to_points(seen, label, layer):
 
 
 def _silhouettes(seen, cameras, layers):
-    """(which of the layers (H,W) is seen, -1 for none; mask; side of a pixel where the layers are [m]) of each kept mask."""
+    """(camera's name; which of the layers (H,W) is seen, -1 for none; mask; side of a pixel where the layers are [m]) of each kept
+    mask."""
     V = np.concatenate([layer.vertices for layer in layers])
     first = np.cumsum([0, *(len(layer.vertices) for layer in layers)])
     F = np.concatenate([layer.faces + n for layer, n in zip(layers, first)]).astype(np.int32)
@@ -335,6 +339,7 @@ def _silhouettes(seen, cameras, layers):
         moved = kernels.undistorted_view(V, camera.K, camera.distortion, camera.T_camera_world)
         K = camera.K / [[step], [step], [1]]
         yield (
+            name,
             owner[kernels.raster(moved, F, K, mask.shape).face],
             mask,
             float(np.median(np.maximum(moved[:, 2], 1e-3))) / K[0, 0],

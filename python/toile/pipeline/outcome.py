@@ -16,6 +16,7 @@ from ..io.run_folder import read_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.verdicts import severity
+from ..scene import frame_ranges
 from .blocks import FrameFolders, frame_numbers_of
 from .identity import LAST, Identities, digest
 
@@ -23,7 +24,7 @@ from .identity import LAST, Identities, digest
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended: frames registered; frames failed with their reasons; registered frames in which hands touch cloth
-    in a way that the layers cannot represent; what the garments' preparation warned of; frames that wait for other shards;
+    in a way that the layers cannot represent; what the preparation warned of, and of empty masks; frames that wait for other shards;
     those of the registered frames that are judged doubtful and wrong, with their reasons; what was made again and why.
     """
 
@@ -135,7 +136,7 @@ def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
     """What became of each frame so far."""
     run, frames = stored.run, stored.frames
     with locked(run):
-        failed, contact, left = {}, [], frozenset(stored.left())
+        failed, contact, empty, left = {}, [], [], frozenset(stored.left())
         judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
         for number in frames:
             diagnostics = {} if number in left else read_diagnostics(run, number)
@@ -145,13 +146,21 @@ def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
                 continue
             if any(stage.get("unsupported_contact") for stage in numbers_of(diagnostics).values()):
                 contact.append(number)
+            if diagnostics.get("evidence", {}).get("masks_empty"):
+                empty.append(number)
             if diagnostics.get("verdict") in judged:
                 judged[diagnostics["verdict"]][number] = "; ".join(diagnostics.get("reasons", ()))
         pending = tuple(number for number in frames if number in left and number not in failed)
         ok = tuple(number for number in frames if number not in failed and number not in pending)
         waiting = tuple(number for number in frames if number in pending and number not in failed)
-        told = tuple(contact), tuple(results.status.warnings())
-        return Outcome(ok, failed, *told, waiting, judged[DOUBTFUL], judged[WRONG])
+        warnings = (*results.status.warnings(), *_said_of_empty(empty))
+        return Outcome(ok, failed, tuple(contact), warnings, waiting, judged[DOUBTFUL], judged[WRONG])
+
+
+def _said_of_empty(frames: Sequence[int]) -> list[str]:
+    """What to warn of frames in which masks that are empty where the person is were left out of the verdicts."""
+    text = "masks that are empty where scan or keypoints show the person are left out of verdicts"
+    return [f"{text}: frames {frame_ranges(frames)}"] if frames else []
 
 
 def numbers_of(diagnostics: dict) -> dict[str, dict]:

@@ -21,7 +21,7 @@ from ..measure.inspection.body import STANDING, check_up, upward
 from ..measure.inspection.doubts import doubted_on
 from ..measure.inspection.late import out_of_step
 from ..measure.inspection.outlines import exchanged
-from ..measure.inspection.readings import misread
+from ..measure.inspection.readings import misread, scanned, with_outlines
 from ..measure.inspection.scans import inside_out
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
@@ -184,6 +184,8 @@ def _said_of_scans(model, person, up, samples, tracked):
 def _said_of_masks(capture, config, frames):
     """What to warn of the scans of sampled frames, whose pictures are thinned, against masks; none of those held out is read."""
     cameras = thin_cameras(capture.cameras, config.picture_side)
+    if not capture.scene.garments:  # whose samples hold no pictures
+        frames = [with_outlines(capture, frame, config.picture_side) for frame in scanned(frames)]
     doubts = misread(cameras, frames) or out_of_step(capture, frames, apart(capture.frames, config.holdout))
     return [doubt.text for doubt in doubts]
 

@@ -10,6 +10,7 @@ import typer
 from .. import speech
 from ..config import changed, from_options
 from ..console import SEEDS, WORKERS, Changes, ConfigFile, Scheduler
+from ..errors import UserError
 
 RENAMED = {
     "samples": "pixel_paths",
@@ -31,7 +32,10 @@ def studio(
     samples: Annotated[int, typer.Option(help="paths a pixel, mitsuba only")] = 64,
     subject: Annotated[str, typer.Option(help="fitted, logo, loose, child, tall or heavy")] = "fitted",
     motion: Annotated[
-        str, typer.Option(help="walk, rom, talk, hands-on-cloth, fast, sit, some joined by +, or a .bvh")
+        str,
+        typer.Option(
+            help="walk, rom, talk, hands-on-cloth, fast, sit, some joined by +, or a file: .bvh, or .npz of AMASS (SMPL, SMPL-H, SMPL-X)"
+        ),
     ] = "walk",
     image_step: Annotated[int, typer.Option(help="pictures every n-th of the simulated frames")] = 1,
     between: Annotated[
@@ -78,7 +82,9 @@ def studio(
         ),
         **dict(trousers=trousers, wear=wear, truth=truth, template=template),
     }
-    own = own_options({name: value for name, value in given.items() if is_given(context, name)}, no_garment)
+    given = {name: value for name, value in given.items() if is_given(context, name)}
+    check_clothes(given, no_garment)
+    own = own_options(given, no_garment)
     options = changed(from_options(lambda _: StudioOptions(), None, config, changes), own)
     with progress_bars() as progress:
         report = make_capture(out, options, progress, 1 if scheduler else workers or threads(), scheduler)
@@ -95,6 +101,15 @@ def studio(
 def is_given(context: typer.Context, name: str) -> bool:
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
+
+
+def check_clothes(given: dict[str, Any], no_garment: bool) -> None:
+    """UserError: options of clothes that contradict."""
+    for name in ("garment", "wear") if no_garment else ():
+        if name in given:
+            raise UserError(f"--no-garment: --{name} {given[name]} is given too")
+    if "wear" in given and "trousers" in given:
+        raise UserError(f"--trousers: --wear {given['wear']} is given too: name them there")
 
 
 def own_options(given: dict[str, Any], no_garment: bool) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .bvh import bvh_motion
 from .motion import FPS, RAMP, BodyMotion, eased, fast, range_of_motion, sit, smoothstep, talk, walk
+from .motion_file import ENDINGS, motion_of_file
 from .touch import touch_motion
 
 JOIN = 30  # frames over which one motion passes into the next
@@ -23,10 +23,10 @@ MOTIONS = {
 
 
 def make_motion(name, body, frames, rng):
-    """One of MOTIONS, several of them joined by "+", or a path that ends in .bvh; eased in from the
-    A-pose over RAMP frames."""
-    if name.lower().endswith(".bvh"):
-        return eased(breathing(bvh_motion(name, body, RAMP + frames), rng))
+    """One of MOTIONS, several of them joined by "+", or a path that ends in one of ENDINGS; eased in
+    from the A-pose over RAMP frames."""
+    if name.lower().endswith(ENDINGS):
+        return eased(breathing(motion_of_file(name, body, RAMP + frames), rng))
     return eased(breathing(joined(name.split("+"), body, frames, rng), rng))
 
 

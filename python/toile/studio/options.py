@@ -11,6 +11,7 @@ from ..errors import UserError
 from .cameras import VISIBLE
 from .cut import CUTS
 from .garment import SIZES
+from .motion_file import ENDINGS
 from .motions import JOIN, MOTIONS
 from .truths import PARTS, Hard, chosen
 
@@ -30,7 +31,9 @@ class StudioOptions(Settings):
     pixel_paths: int = setting(64, "count", "light paths a pixel, mitsuba only", ge=1)
     subject: str = setting("fitted", "name", "fitted, logo, loose, child, tall or heavy: who wears what print and size")
     motion: str = setting(
-        "walk", "name", "walk, rom, talk, hands-on-cloth, fast, sit, several joined by +, or a .bvh file"
+        "walk",
+        "name",
+        "walk, rom, talk, hands-on-cloth, fast, sit, several joined by +, or a file: .bvh, or .npz of AMASS (SMPL, SMPL-H, SMPL-X)",
     )
     image_step: int = setting(1, "count", "every which simulated frame is pictured", ge=1)
     between: bool = setting(False, "switch", "those between the pictured ones are captured too, by keypoints alone")
@@ -90,11 +93,11 @@ class StudioOptions(Settings):
         return self
 
     def _check_motion(self) -> None:
-        if self.motion.lower().endswith(".bvh"):
+        if self.motion.lower().endswith(ENDINGS):
             return
         parts = self.motion.split("+")
         if not set(parts) <= set(MOTIONS):
-            known = f'{", ".join(MOTIONS)}, some joined by "+", or a .bvh file'
+            known = f'{", ".join(MOTIONS)}, some joined by "+", or a .bvh or .npz file'
             raise UserError(f"studio: motion is {self.motion!r}, expected {known}")
         if len(parts) > 1 and self.frames < len(parts) * JOIN:
             raise UserError(f"studio: frames is {self.frames}, {self.motion} needs at least {len(parts) * JOIN}")

@@ -43,6 +43,7 @@ from .fractions import fractions
 from .late import out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes
 from .order import leaps, out_of_order
+from .others import somebody_else
 from .outlines import exchanged
 from .rays import SURE, Meeting, Sighting, epipolar, meet
 from .readings import misread
@@ -167,7 +168,9 @@ def _detections(found: Inspection, capture: Capture) -> None:
         text = f"cameras.json: {what} {_apart_by(errors[''])}, and no usual convention mends it"
         found.findings.append(Finding(f"{text}: is it the calibration of these cameras?"))
     if not of_masks:
-        sighting = _in_step(found, sighting)
+        sighting, shifts = _in_step(found, sighting)
+        said, sighting = somebody_else(sighting, found.first, shifts)
+        found.findings += said
         _apart(found, sighting)
     found.sighting, found.meeting, found.lines = sighting, meet(sighting), epipolar(sighting)
     found.facts["error px"] = found.meeting.typical()
@@ -245,8 +248,10 @@ def _sighting(found: Inspection, capture: Capture) -> tuple[Sighting | None, int
     return (sighting, first) if len(sighting.seeing) > 1 else (None, 0)
 
 
-def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
-    for i, shift in steps(sighting.thinned(DETECTIONS))[0].items():
+def _in_step(found: Inspection, sighting: Sighting) -> tuple[Sighting, dict[int, int]]:
+    """The sighting put in step, and {camera: frames by which its pictures were taken from later ones}."""
+    shifts = steps(sighting.thinned(DETECTIONS))[0]
+    for i, shift in shifts.items():
         sighting = sighting.shifted(i, shift)
         name, way = sighting.cameras[i].name, "behind" if shift > 0 else "ahead of"
         text = f"{name}: out of step, its pictures are {abs(shift)} frames {way} the others'"
@@ -255,7 +260,7 @@ def _in_step(found: Inspection, sighting: Sighting) -> Sighting:
         way = "behind" if step > 0 else "ahead of"
         text = f"{sighting.cameras[i].name}: out of step by parts of a frame, its pictures are {abs(step):.1f} frames {way} the others'"
         found.findings.append(Finding(f"{text}: no offset mends it, but a common trigger does", serious=False))
-    return sighting
+    return sighting, shifts
 
 
 def _apart(found: Inspection, sighting: Sighting) -> None:

@@ -1,4 +1,5 @@
-"""Scans against masks, read another way than they are given: mirrored, or through lenses of another distortion."""
+"""Scans against masks, read another way than they are given: mirrored, turned by half a turn, or through lenses of another
+distortion."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ from statistics import median
 
 import numpy as np
 
-from ...kernels.arrays import Anything, Array, Floats
+from ...io.capture import Capture
+from ...kernels.arrays import Anything, Array
 from ...scene import Camera, Frame, Mesh
 from ...surface.sampling import evenly
 from ...surface.thinning import thinned
@@ -26,34 +28,53 @@ NEAR = 0.03  # of a mask's height, about it: farther away floors and clutter are
 BENDS = (-0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5)  # added to k1
 ZOOMS = (0.96, 0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03, 1.04)  # of the focal length, as narrow or wide masks ask for
 DISTORTED = 0.0065  # of overlap, by which another distortion must fit better than any focal length
-MIRRORED = 0.02  # of overlap, by which the mirrored scan must fit better
+PLACED = 0.02  # of overlap, by which the mirrored or turned scan must fit better
 FITS = 0.8  # of overlap, that another reading must reach: a scan that lies aside fits none
 
 Reading = tuple[str, float]  # what is read otherwise, and how
 Fits = list[dict[Reading, float]]  # overlaps, a frame each
 AS_GIVEN: Reading = ("bend", 0.0)
+SHARES = (0.0, 1.0)  # of the way from the origin to the scan's own middle, about which it is mirrored or turned
+MIRRORS: list[Reading] = [(f"mirrored along {axis}", share) for axis in "xyz" for share in SHARES]
+TURNS: list[Reading] = [(f"turned by 180 degrees about {axis}", share) for axis in "xyz" for share in SHARES]
 
 
 def misread(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
-    """Scans that the masks (or label images) of all frames looked at fit clearly better if they are mirrored, which stops, or if the
-    lenses have another distortion. Nothing of a pose that is its own mirror image, nor where scans or masks are missing."""
-    seen = [frame for frame in frames if frame.scan is not None and any(m.any() for m in silhouettes(frame).values())]
-    fits = [_fits(cameras, frame) for frame in evenly(seen, FRAMES)] if seen else []
+    """Scans that the masks (or label images) of all frames looked at fit clearly better if they are mirrored or turned by half a
+    turn, which stops, or if the lenses have another distortion. Nothing of what is its own image, nor where scans or masks are missing."""
+    seen = scanned([frame for frame in frames if any(mask.any() for mask in silhouettes(frame).values())])
+    fits = [_fits(cameras, frame) for frame in seen]
     if not fits:
         return []
     shown = "masks" if any(frame.masks for frame in seen) else "label images"
-    return _mirrored_scans(fits, shown) or _bent_lenses(fits, shown)
+    return _placed_scans(fits, shown) or _bent_lenses(fits, shown)
 
 
-def _mirrored_scans(fits: Fits, shown: str) -> list[Finding]:
-    mirror = max(
-        (reading for reading in fits[0] if reading[0] in "xyz"), key=lambda reading: min(_gains(fits, reading))
-    )
-    own, better = (median(of[reading] for of in fits) for reading in (AS_GIVEN, mirror))
-    if min(_gains(fits, mirror)) <= MIRRORED or better <= FITS:
+def scanned(frames: Sequence[Frame]) -> list[Frame]:
+    """Those that are looked at, of the frames with scans."""
+    found = [frame for frame in frames if frame.scan is not None]
+    return evenly(found, FRAMES) if found else []
+
+
+def with_outlines(capture: Capture, frame: Frame, most: int) -> Frame:
+    """The frame with VIEWS of its masks, or where it has none of its label images, read and thinned as `thin_pictures` does."""
+    kind, above = ("masks", 127) if capture.masked(frame.number) else ("labels", 0)
+    files = capture.picture_files(frame.number, kind)
+    read = lambda name: thin_picture(capture.picture(kind, name, files[name]) > above, most)
+    return replace(frame, **{kind: {name: read(name) for name in (evenly(sorted(files), VIEWS) if files else ())}})
+
+
+def _placed_scans(fits: Fits, shown: str) -> list[Finding]:
+    """Scans that fit mirrored, or turned by half a turn; both are said where they fit alike, as of a pose that is its own mirror image."""
+    gained = lambda reading: min(_gains(fits, reading))
+    first, second = sorted((max(of, key=gained) for of in (MIRRORS, TURNS)), key=gained, reverse=True)
+    own, better = (median(of[reading] for of in fits) for reading in (AS_GIVEN, first))
+    if gained(first) <= PLACED or better <= FITS:
         return []
-    text = f"scans: mirrored along {mirror[0]} they fit the {shown} better ({better:.3f}) than as they are ({own:.3f})"
-    return [Finding(f"{text}: which of them is mirrored?")]
+    alike = gained(first) - gained(second) <= PLACED
+    how = f"{first[0]} or {second[0]}" if alike else first[0]
+    text = f"scans: {how} they fit the {shown} better ({better:.3f}) than as they are ({own:.3f})"
+    return [Finding(f"{text}: are scans and cameras in the same axes?")]
 
 
 def _bent_lenses(fits: Fits, shown: str) -> list[Finding]:
@@ -93,9 +114,8 @@ def _readings(scan: Mesh) -> Iterator[tuple[Reading, Mesh, Callable[[Camera], Ca
         yield ("bend", bend), scan, partial(_bent, k=bend)
     for zoom in ZOOMS:
         yield ("zoom", zoom), scan, partial(_zoomed, zoom=zoom)
-    for axis, name in enumerate("xyz"):
-        for share in (0.0, 1.0):  # about the origin, about the scan's own middle
-            yield (name, share), _mirrored(scan, axis, share), lambda camera: camera
+    for reading in (*MIRRORS, *TURNS):
+        yield reading, _placed(scan, reading), lambda camera: camera
 
 
 def _bent(camera: Camera, k: float) -> Camera:
@@ -106,11 +126,13 @@ def _zoomed(camera: Camera, zoom: float) -> Camera:
     return replace(camera, K=camera.K * [[zoom, zoom, 1], [zoom, zoom, 1], [1, 1, 1]])
 
 
-def _mirrored(scan: Mesh, axis: int, share: float) -> Mesh:
-    """With one axis turned about, at `share` of the way from the origin to the median of its vertices."""
-    V: Floats = scan.vertices.copy()
-    V[:, axis] = 2 * share * np.median(V[:, axis]) - V[:, axis]
-    return Mesh(V, np.ascontiguousarray(scan.faces[:, ::-1]))
+def _placed(scan: Mesh, reading: Reading) -> Mesh:
+    """With one axis turned about, or both others, at a share of the way from the origin to the median of its vertices."""
+    (words, share), V = reading, scan.vertices.copy()
+    mirrored, axes = reading in MIRRORS, np.arange(3) == "xyz".index(words[-1])
+    flipped = axes if mirrored else ~axes
+    V[:, flipped] = 2 * share * np.median(V[:, flipped], axis=0) - V[:, flipped]
+    return Mesh(V, np.ascontiguousarray(scan.faces[:, ::-1]) if mirrored else scan.faces)
 
 
 def _overlap(camera: Camera, mask: Array, scan: Mesh) -> float:

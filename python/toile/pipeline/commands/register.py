@@ -87,6 +87,8 @@ def register(
 
     again, limit = retried(retry), positive("--frame-limit", frame_limit)
     part, budget = shard_of(shard), positive("--budget", budget)
+    if moved and check:
+        raise UserError("--moved: --check is given too")
     opened = open_capture(capture)
     if moved:
         note_moved(run, opened)

@@ -1,0 +1,41 @@
+"""Masks that are empty in pictures that show the person: a segmenter's fault, that tells nothing of where the surface lies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ..kernels.arrays import Bools
+from ..scene import Camera
+from .evidence import UNSEEN, in_picture
+from .glimpse import Glimpse
+from .judged import JudgedLayer
+
+PATCH = 4e-4  # m^2: less of a silhouette is a mask's speck
+DETECTED = 6  # keypoints of one picture that show the person in it
+
+
+def wrongly_empty(
+    seen: Glimpse, cameras: Mapping[str, Camera], body: JudgedLayer, masks: Mapping[str, tuple[Bools, float]]
+) -> list[str]:
+    """Names of the `masks` {camera: (mask (H,W), side of its pixel where the body is [m])} that are empty, but for specks, although
+    scan or keypoints show the person in their pictures. None where more than half of the masks are so: then it may not be there."""
+    empty = [name for name, (mask, side) in masks.items() if mask.sum() * side**2 < PATCH]
+    found = [name for name in empty if _detected(seen, cameras[name]) or _scanned(seen, cameras[name], body)]
+    return found if 2 * len(found) <= len(masks) else []
+
+
+def _detected(seen: Glimpse, camera: Camera) -> bool:
+    """Whether keypoints were detected in a picture."""
+    if camera.name not in seen.keypoint_views:
+        return False
+    u, v, confidence = seen.keypoints[seen.keypoint_views.index(camera.name)].T
+    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    return (inside & (confidence > UNSEEN)).sum() >= DETECTED
+
+
+def _scanned(seen: Glimpse, camera: Camera, body: JudgedLayer) -> bool:
+    """Whether at least half as large a share of the scan lies in a picture as of the body."""
+    if not len(seen.points):
+        return False
+    shown, due = (in_picture(camera, points).mean() for points in (seen.points, body.vertices[body.looks]))
+    return shown > 0 and 2 * shown >= due
