@@ -37,7 +37,7 @@ def still(model, T=4, **changed):
 def test_an_npz_comes_back_as_written(model, tmp_path):
     rng = np.random.default_rng(0)
     wanted = still(model, rotations=rng.normal(size=(4, len(model.parents), 3)), translation=rng.normal(size=(4, 3)),
-                   face=rng.normal(size=(4, 7, 3)))  # fmt: skip
+                   face=0.1 * rng.normal(size=(4, 7, 3)))  # fmt: skip
     motion = read(saved(tmp_path / "m.npz", **wanted), model)
     for name in ("rotations", "translation", "face"):
         assert np.array_equal(getattr(motion, name), wanted[name])
@@ -56,7 +56,7 @@ def test_a_steady_motion_is_steady_at_another_rate(model, tmp_path, fps):
     rotations = np.zeros((T, len(model.parents), 3))
     rotations[:, :3] = a_second(T)[:, None, None] * [[1, 0, 0], [0, 0.6, 0.8], [0, 0, -1]]
     steady = still(model, T, rotations=rotations, translation=np.outer(a_second(T), [1, 2, 3]), fps=fps)
-    face = np.tile(a_second(T)[:, None, None], (1, 2, 3))
+    face = np.tile(0.1 * a_second(T)[:, None, None], (1, 2, 3))
     face[T // 2, 1] = np.nan
     motion = read(saved(tmp_path / "m.npz", **steady, face=face), model)
     at = 1.5 * np.arange(len(motion)) / 30
@@ -64,7 +64,7 @@ def test_a_steady_motion_is_steady_at_another_rate(model, tmp_path, fps):
     assert abs(len(motion) - 60) <= 2
     np.testing.assert_allclose(motion.translation, np.outer(at, [1, 2, 3]), atol=3 * near)
     np.testing.assert_allclose(np.linalg.norm(motion.rotations[:, :3], axis=2), np.tile(at[:, None], 3), atol=near)
-    np.testing.assert_allclose(motion.face[:, 0], np.tile(at[:, None], 3), atol=near)
+    np.testing.assert_allclose(motion.face[:, 0], np.tile(0.1 * at[:, None], 3), atol=near)
     assert 0 < np.isnan(motion.face[:, 1]).all(1).sum() <= 2 * 30 / fps + 1
 
 
@@ -83,6 +83,8 @@ def test_a_steady_motion_is_steady_at_another_rate(model, tmp_path, fps):
         ({"fps": 1e-9}, r"4 frames at 1e-09 a second are 9e\+10 at 30, expected at most 1000000"),
         ({"fps": "thirty"}, "fps"),
         ({"face": np.zeros((3, 7, 3))}, "face"),
+        ({"face": np.full((4, 7, 3), 90.0)}, "face: 90 m from the head joint in frame 0, expected at most 1"),
+        ({"face": np.full((4, 7, 3), np.inf)}, "face: inf m from the head joint in frame 0, expected at most 1"),
         ({"rotations": np.array([object()])}, "pickled objects"),
     ],
 )

@@ -36,6 +36,7 @@ ROOM = 1024  # bytes of memory that driving an avatar takes a joint and frame
 FARTHEST = 1e4  # [m] from the origin: beyond, single precision places a person by millimetres
 LARGEST_TURN = 1e3  # [rad] of the root's rotation vector, which may count its turns
 LARGEST_BEND = 2 * np.pi  # [rad] of any other joint's
+HEAD = 1.0  # [m] from the head joint: no face lies farther
 
 
 @dataclass(frozen=True)
@@ -142,12 +143,15 @@ def _retargeted(path, fields, model, J, fps, translation, up, lowest):
 
 
 def _sane(path, motion, places="translation", turned="rotations"):
-    """The Motion. UserError: it has places or turns, which the file calls so, that are no person's."""
-    turns = np.linalg.norm(motion.rotations, axis=2)
+    """The Motion. UserError: it has places or turns, which the file calls so, or a face, that are no person's."""
+    turns, face = np.linalg.norm(motion.rotations, axis=2), np.zeros((len(motion), 0, 3))
+    if motion.face is not None:
+        face = np.where(np.isnan(motion.face), 0, np.abs(motion.face))  # NaN: unseen
     for name, values, largest, unit in (
         (places, np.abs(motion.translation).max(1), FARTHEST, "m"),
         (turned, turns[:, 0], LARGEST_TURN, "rad"),
         (turned, turns[:, 1:].max(1, initial=0), LARGEST_BEND, "rad (are they in degrees?)"),
+        ("face", face.max((1, 2), initial=0), HEAD, "m from the head joint"),
     ):
         if (values > largest).any():
             row = int(values.argmax())
@@ -245,9 +249,8 @@ def _of_npz(path, fields, joints, fps, up):
     numbers = _numbers(path, fields.get("frames", np.arange(T)), T)
     at = BetweenFrames.of(_instants(path, numbers[-1] + 1, own, fps, joints), numbers)
     given = {name: fields[name].astype(np.float64) for name in shapes if name != "fps"}
-    _sane(
-        path, Motion(numbers, given["rotations"], given["translation"], None, own)
-    )  # turns between them hide too large ones
+    as_given = Motion(numbers, given["rotations"], given["translation"], given.get("face"), own)
+    _sane(path, as_given)  # turns between them hide too large ones
     about = {name: (values[at.below], values[at.above]) for name, values in given.items()}
     face = at.moved(*about["face"]) if "face" in about else None
     frames = np.arange(len(at.below))

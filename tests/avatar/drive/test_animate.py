@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+import zarr
 from PIL import Image
 
 from toile.avatar.drive import apart
@@ -81,6 +83,18 @@ def test_limbs_of_a_motion_file_stay_out_of_the_trunk_and_the_record_says_so(ava
 def test_the_run_that_taught_an_avatar_drives_it_as_it_is(avatar_folder, sample_run):
     plain, kept = (take(avatar_folder, sample_run, apart=value) for value in (False, True))
     assert kept.apart is None and np.array_equal(plain.motion.rotations, kept.motion.rotations)
+
+
+def test_a_run_drives_as_it_is_by_its_poses_and_not_by_its_place(avatar_folder, sample_run, tmp_path):
+    """`toile train` teaches AVATAR/aligned, and a user drives by the run that this was made of."""
+    elsewhere = shutil.copytree(sample_run, tmp_path / "run")
+    config, capture = elsewhere / "config.toml", open_run(sample_run).capture.root
+    place = tomllib.loads(config.read_text())["capture"]
+    config.write_text(config.read_text().replace(f'"{place}"', f'"{capture}"'))
+    assert take(avatar_folder, elsewhere, apart=True).apart is None
+    poses = zarr.open_group(str(elsewhere / "registered.zarr"), mode="r+")["pose/rotations"]
+    poses[1, 3, 0] += 1e-9
+    assert take(avatar_folder, elsewhere, apart=True).apart is not None
 
 
 def test_a_baseline_moves_as_the_avatar_that_it_lies_in(avatar_folder, sample_avatar, arm_in):

@@ -79,7 +79,9 @@ def test_frames_a_fifth_of_a_second_apart_and_a_single_one_are_not_smoothed():
 def test_a_motion_of_another_step_is_refused():
     avatar = small_avatar.avatar()
     poses = np.zeros((4, 3, 3))
-    with pytest.raises(UserError, match="its frames are 4 apart, the temporal model was trained on poses 6 apart"):
+    with pytest.raises(
+        UserError, match="its frames are 4 apart, the temporal model was trained on poses 6 apart: `toile export`"
+    ):
         make_track(avatar, [0, 4, 8, 12], poses, None, 6, 30.0)
     assert make_track(avatar, [0, 3, 6, 9], poses, None, 6, 30.0).step == 2
 

@@ -139,6 +139,16 @@ def test_a_camera_without_a_picture_gives_no_sample_and_a_view_without_labels_no
     assert torch.equal(some[some.rows_of(2)[2]]["labels"], data[8 + 2]["labels"])
 
 
+def test_a_picture_in_which_nothing_tells_where_the_person_is_is_refused(other, tmp_path):
+    run, capture = other
+    frame = capture / "frames" / "000002"
+    (frame / "masks" / "cam03.png").unlink()
+    assert len(AvatarData(run, SETTINGS, tmp_path / "cache", frames=[2])) == 8  # by its labels
+    (frame / "labels" / "cam03.png").unlink()
+    with pytest.raises(UserError, match="000002/images/cam03.jpg: neither a mask nor a label image"):
+        AvatarData(run, SETTINGS, tmp_path / "cache", frames=[2])
+
+
 def test_a_view_and_the_mean_over_views_agree_where_one_view_alone_saw_a_texel(data):
     samples = [data[i] for i in range(8)]
     for name in data.names:

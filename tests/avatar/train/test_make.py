@@ -43,6 +43,13 @@ def test_what_an_avatar_was_asked_for_stays_unless_the_run_holds_out_its_own(tmp
     assert left_out_frames(asked, tmp_path, run) == held
 
 
+@pytest.mark.parametrize("own", [(), (0, 5)])
+def test_a_run_without_pictures_is_refused(tmp_path, own):
+    run = SimpleNamespace(pictured=[], holdout=own, path="run")
+    with pytest.raises(UserError, match="run: no registered frame has pictures"):
+        left_out_frames(None, tmp_path, run)
+
+
 @pytest.mark.parametrize("text", ["x", "4-", "-4", "4-2", "1-5", "", "4,5"])
 def test_bad_holdout_is_refused(text):
     with pytest.raises(UserError, match="--holdout"):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import UserError
 from ...io.motion import Motion, read_motion
+from ...io.run import is_run
 from ...io.run_folder import body_model_of
 from ...scene import rate_of, stride_of
 from ...surface.apart import Apart, keep_apart
@@ -28,10 +29,10 @@ class Taken:
 
 def take(folder, path, apart, garments=(), physics=False, frames=None, progress=lambda stage, done, total: None):
     """Taken of the motion at `path` for the avatar in `folder`. `apart`: limbs are kept out of the trunk and of one another, unless
-    the motion is the avatar's own run, whose poses were seen; where only `frames` of it are shown, as far as these depend on it,
+    the motion is the run that taught the avatar, whose poses were seen; where only `frames` of it are shown, as far as these depend on it,
     see `rows_read`. UserError names the file and the field."""
     motion = motion_of(folder, path)
-    if not apart or Path(path).resolve() == Path(read_facts(folder)["run"]).resolve():
+    if not apart or (is_run(Path(path)) and _taught(folder, motion)):
         return Taken(motion)
     avatar = load_avatar(folder)
     needed = None
@@ -40,6 +41,13 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
     limbs = Limbs(_body_model(folder, avatar), moving_surface(avatar, folder), _joints(avatar))
     found = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
     return Taken(replace(motion, rotations=found.rotations), found)
+
+
+def _taught(folder, motion):
+    """Whether a run's Motion is what taught the avatar in `folder`: it has the same poses in the same frames, to the bit. So it has if it
+    was moved since, and if it is the one that the avatar's was aligned from."""
+    rows = np.isin(motion.frames, read_facts(folder)["frames"])
+    return np.array_equal(motion.rotations[rows], training_poses(folder)["rotations"])
 
 
 def motion_of(folder, path):

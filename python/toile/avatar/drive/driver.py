@@ -69,7 +69,10 @@ def make_track(avatar, frames, rotations, face, stride, fps):
     frames = np.asarray(frames)
     own = stride_of(frames) or stride
     if stride % own:
-        raise UserError(f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart")
+        words = f"motion: its frames are {own} apart, the temporal model was trained on poses {stride} apart"
+        raise UserError(
+            f"{words}: `toile export` writes a run as .bvh, between whose frames bodies are turned and moved"
+        )
     return Track(frames, features.cpu(), row_starts(np.diff(frames) != own), stride // own, fps / own)
 
 

@@ -79,7 +79,8 @@ class AvatarData(Dataset):
       image (3,H,W) 0..1, mask (H,W), labels (H,W) int64, K (3,3), T_camera_world (4,4) of the undistorted crop
       window.rotations (L,K,3), window.face (L,q,3), window.face_seen (L,q) with settings.window
 
-    Cameras without a picture of a frame give no sample of it. UserError: no frame has pictures; topologies and UVs that do not fit.
+    Cameras without a picture of a frame give no sample of it. UserError: no frame has pictures; a picture has neither mask nor labels;
+    topologies and UVs that do not fit.
     """
 
     def __init__(self, run, settings, folder, frames=None, layered=True, progress=None, known=None, left_out=()):
@@ -100,6 +101,7 @@ class AvatarData(Dataset):
         self.cameras = [pinhole(c, settings.pixel_scale) for c in self.capture.cameras.values()]
         names = list(self.capture.cameras)
         self.samples = [(n, names.index(name)) for n in self.frames for name in self.capture.pictured(n)]
+        self._check_outlines()
         self.known = self.frames if known is None else list(known)
         self.folder = Path(folder) / self._key(layered)
         self._prepare(progress or (lambda done, total: None))
@@ -196,6 +198,16 @@ class AvatarData(Dataset):
         begins = np.r_[True, (steps != usual) | ~good[:-1] | (held_out[:-1] & ~held_out[1:])]
         return rotations, face, np.maximum.accumulate(np.where(begins, np.arange(len(begins)), 0))
 
+    def _check_outlines(self):
+        """UserError: of a picture neither a mask nor a label image tells where the person is."""
+        for number in self.frames:
+            outlined = {*self.capture.masked(number), *self.capture.labelled(number)}
+            for name, path in self.capture.picture_files(number, "images").items():
+                if name not in outlined:
+                    raise UserError(
+                        f"{path}: neither a mask nor a label image tells where the person is: `toile detect` makes masks"
+                    )
+
     # Preparation -----------------------------------------------------------------------------------------------------
 
     def _prepare(self, progress):
@@ -225,7 +237,7 @@ class AvatarData(Dataset):
         """Writes one view; returns its Unwrapped layers."""
         name, camera = list(self.capture.cameras.items())[c]
         labels = frame.labels.get(name)
-        mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+        mask = frame.masks[name] if name in frame.masks else labels > 0
         flat = None if labels is None else undistorted(camera, labels, True)
         whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
         unwrapped = unwrapper.view(pinhole(camera), *whole, flat)

@@ -150,7 +150,9 @@ class TrainingJob:
 
 def left_out_frames(text, folder, run):
     """The frames held out of the training of AVATAR `folder`: as asked by `text`; where that is None those of the run, and of one
-    that holds none out those that the avatar was asked for before, or by default."""
+    that holds none out those that the avatar was asked for before, or by default. UserError: the run has no pictures, or as `held_out` says."""
+    if not run.pictured:
+        raise UserError(f"{run.path}: no registered frame has pictures, and an avatar is trained on them")
     earlier = asked_before(folder).get("holdout")
     if text is None and not run.holdout and earlier is not None:
         return earlier
