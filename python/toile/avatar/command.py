@@ -90,7 +90,8 @@ def train(
     first = os.environ.get("RANK", "0") == "0"  # of torchrun's processes
     with progress_bars(quiet=not first) as progress:
         still = partial(laid_still, asked=align, progress=progress)
-        make_avatar(Request(run, settings, minutes, holdout, progress, progress.print, still), avatar, baseline)
+        request = Request(run, settings, minutes, holdout, progress, progress.print, still, speech.warn)
+        make_avatar(request, avatar, baseline)
         if drive and first:
             from .drive.draping import forget_cloths
             from .drive.driver import hardly_foretold

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..kernels.arrays import Bools
+import numpy as np
+
+from ..kernels.arrays import Bools, Floats
 from ..scene import Camera
 from .evidence import UNSEEN, in_picture
 from .glimpse import Glimpse
@@ -22,6 +24,13 @@ def wrongly_empty(
     empty = [name for name, (mask, side) in masks.items() if mask.sum() * side**2 < PATCH]
     found = [name for name in empty if _detected(seen, cameras[name]) or _scanned(seen, cameras[name], body)]
     return found if 2 * len(found) <= len(masks) else []
+
+
+def misses_body(mask: Bools, camera: Camera, V: Floats) -> bool:
+    """Whether a mask (H,W) is empty, but for specks, although at least half of the registered body's vertices V (n,3) lie in the
+    picture."""
+    side = float(np.median(camera.project(V)[1])) / camera.K[0, 0]  # of a pixel where the body is [m]
+    return bool(mask.sum() * side**2 < PATCH and 2 * in_picture(camera, V).mean() >= 1)
 
 
 def _detected(seen: Glimpse, camera: Camera) -> bool:

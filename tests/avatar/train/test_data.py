@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from torch.utils.data import default_collate
 
 from tests.support.small_disk import largest_file
@@ -254,8 +255,6 @@ def test_a_changed_picture_is_prepared_anew(other, tmp_path):
 
 @pytest.mark.parametrize("value", [0, 255])
 def test_black_and_white_pictures_give_finite_samples(other, value):
-    from PIL import Image
-
     run, capture = other
     for path in (capture / "frames" / "000000" / "images").iterdir():
         Image.fromarray(np.full((*Image.open(path).size[::-1], 3), value, np.uint8)).save(path)
@@ -264,9 +263,37 @@ def test_black_and_white_pictures_give_finite_samples(other, value):
     assert abs(float(data.mean_texture["tshirt"].mean()) - value / 255) < 0.02
 
 
-def test_a_person_in_no_picture_gives_empty_finite_samples(other):
-    from PIL import Image
+def emptied(folder, camera):
+    for kind in ("masks", "labels"):
+        for path in (folder / kind).glob(f"{camera}.*"):
+            Image.fromarray(np.zeros(Image.open(path).size[::-1], np.uint8)).save(path)
 
+
+def test_a_picture_whose_mask_misses_the_registered_body_is_left_out_and_told(other, tmp_path):
+    run, capture = other
+    for number in ("000000", "000002"):
+        emptied(capture / "frames" / number, "cam03")
+    emptied(capture / "frames" / "000002", "cam05")
+    data = AvatarData(run, SETTINGS, tmp_path, frames=[0, 2])
+    assert len(data) == 13 and (0, 3) not in data.samples and (2, 5) not in data.samples
+    assert data.warnings == [
+        f"{capture}: masks are empty in 3 pictures that the registered body lies in, these are left out: cam03 2, cam05 1"
+    ]
+    assert AvatarData(run, SETTINGS, tmp_path, frames=[0, 2]).warnings == data.warnings  # kept with the cache
+
+
+def test_an_empty_mask_of_a_picture_that_the_body_does_not_lie_in_is_kept_in_silence(other, tmp_path):
+    run, capture = other
+    path = capture / "cameras.json"
+    cameras = json.loads(path.read_text())
+    cameras["cameras"][3]["K"][0][2] -= 2000  # it looks beside the person
+    path.write_text(json.dumps(cameras))
+    emptied(capture / "frames" / "000000", "cam03")
+    data = AvatarData(run, SETTINGS, tmp_path, frames=[0])
+    assert len(data) == 8 and not data.warnings and not data[3]["mask"].any()
+
+
+def test_a_person_in_no_picture_gives_empty_finite_samples(other):
     run, capture = other
     for kind in ("masks", "labels"):
         for path in (capture / "frames" / "000003" / kind).glob("*"):

@@ -80,6 +80,7 @@ class HeldOut:
         for name, place in folders.items():
             self.avatars[name] = load_avatar(place).to(self.device)
             self.data[name] = self._data(place, name == "layered")
+        self.warnings += next(iter(self.data.values())).warnings
         self.shown = {name: name for name in folders}  # what pictures show, and the avatar of each
         self.layering, self.intersections = None, {}  # by frame: pairs of triangles before and after untangling
         if "layered" in self.avatars:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,7 @@ from ...io.layout import OK
 from ...io.registration import registration
 from ...io.run import Run, open_run
 from ...kernels import vertex_normals
+from ...measure.empty_masks import misses_body
 from ...surface.layers import read_layers, registered_surface, surface_layer
 from ...surface.sampling import evenly
 from ...surface.uv import UvMap
@@ -34,7 +36,7 @@ from ..model.poses import usual_distance
 HEAD_REACH = 0.12  # the head lies this near to its facial keypoints [m]
 THREADS = min(8, os.cpu_count() or 1)  # frames prepared at a time
 LIT, TELLING = 64, 2000  # frames, and texels of a layer, that tell of the light: about so many at most
-VERSION = 3  # of the cache's files
+VERSION = 4  # of the cache's files
 REGISTERED = ("rotations", "translation", "face", "face_seen", "vertices", "confidence")  # a frame file's plain tensors
 
 
@@ -79,7 +81,7 @@ class AvatarData(Dataset):
       image (3,H,W) 0..1, mask (H,W), labels (H,W) int64, K (3,3), T_camera_world (4,4) of the undistorted crop
       window.rotations (L,K,3), window.face (L,q,3), window.face_seen (L,q) with settings.window
 
-    Cameras without a picture of a frame give no sample of it. UserError: no frame has pictures; a picture has neither mask nor labels;
+    Cameras without a picture of a frame give no sample of it, nor do those of `faulty`. UserError: no frame has pictures; a picture has neither mask nor labels;
     topologies and UVs that do not fit.
     """
 
@@ -105,6 +107,8 @@ class AvatarData(Dataset):
         self.known = self.frames if known is None else list(known)
         self.folder = Path(folder) / self._key(layered)
         self._prepare(progress or (lambda done, total: None))
+        self.faulty = [at for at in self.samples if not self._path(*at).exists()]  # see `_outlining`
+        self.samples = [at for at in self.samples if at not in set(self.faulty)]
         self._summarise()
 
     def __len__(self):
@@ -129,6 +133,16 @@ class AvatarData(Dataset):
         out["mask"], out["labels"] = torch.from_numpy(file["mask"]).float(), torch.from_numpy(file["labels"]).long()
         out["K"], out["T_camera_world"] = torch.from_numpy(file["K"]), torch.from_numpy(file["T_camera_world"])
         return out
+
+    @property
+    def warnings(self):
+        """What a user should know of the pictures."""
+        if not self.faulty:
+            return []
+        counts = Counter(self.cameras[c].name for _, c in self.faulty)
+        each = ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))
+        told = f"masks are empty in {len(self.faulty)} pictures that the registered body lies in"
+        return [f"{self.capture.root}: {told}, these are left out: {each}"]
 
     @property
     def names(self):
@@ -225,19 +239,28 @@ class AvatarData(Dataset):
         values, shown = self._registered(number), self._shown(number)
         confidence = [values[f"confidence.{name}"] for name in self.names]
         unwrapper.frame([values[f"vertices.{name}"].astype(np.float64) for name in self.names], confidence)
-        cameras = [self.samples[i][1] for i in self.rows_of(number)]
-        seen = [self._prepare_view(number, c, frame, unwrapper, shown) for c in cameras]
+        masks = self._outlining(number, frame)
+        seen = [self._prepare_view(number, c, frame, mask, unwrapper, shown) for c, mask in masks.items()]
         for name, views in zip(self.names, zip(*seen)):
             values |= self._packed(name, mean_texture(views, self.settings.texture_size), "mean_")
             values[f"confidence.{name}"] = values[f"confidence.{name}"].astype(np.float32) / 2
         _save(self._path(number), values)
         write_text(self.folder / f"{number:06d}" / "whole", "")
 
-    def _prepare_view(self, number, c, frame, unwrapper, shown):
+    def _outlining(self, number, frame):
+        """{camera: mask (H,W) of the person} of a frame's pictures, but for those that miss the body; where most do, it may not be
+        there, and all are kept."""
+        cameras, V, masks = list(self.capture.cameras.values()), self.run.track.at(number), {}
+        for c in (self.samples[i][1] for i in self.rows_of(number)):
+            name = cameras[c].name
+            masks[c] = frame.masks[name] if name in frame.masks else frame.labels[name] > 0
+        kept = {c: mask for c, mask in masks.items() if not misses_body(mask, cameras[c], V)}
+        return kept if 2 * len(kept) >= len(masks) else masks
+
+    def _prepare_view(self, number, c, frame, mask, unwrapper, shown):
         """Writes one view; returns its Unwrapped layers."""
         name, camera = list(self.capture.cameras.items())[c]
         labels = frame.labels.get(name)
-        mask = frame.masks[name] if name in frame.masks else labels > 0
         flat = None if labels is None else undistorted(camera, labels, True)
         whole = undistorted(camera, frame.images[name]), undistorted(camera, mask.astype(np.uint8), True) > 0
         unwrapped = unwrapper.view(pinhole(camera), *whole, flat)

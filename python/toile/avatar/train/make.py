@@ -55,6 +55,7 @@ class Request:
     progress: Callable = lambda stage, done, total, note: None
     say: Callable = print
     still: Callable = lambda run, folder: run  # gives the Run to learn of the one that is asked for, perhaps aligned
+    warn: Callable = print
 
 
 def make_avatar(request, folder, baseline=False):
@@ -132,6 +133,8 @@ class TrainingJob:
             unfinished = begin(folder, facts)
         if not unfinished:
             return request.say(f"{folder}: already trained")
+        for words in data.warnings if layered and fabric.is_global_zero else ():  # the baseline's pictures are the same
+            request.warn(words)
         share = data.light_explains
         if share is not None and share <= 0:
             request.say(
