@@ -119,11 +119,13 @@ def train(
 
 def temporal_words(model, measured):
     """What is said of a temporal model of this kind, by what its training measured."""
-    errors = [
+    said = [f"{measured['steps']} steps"]
+    said += [
         f"{name.replace('_', ' ')} {measured[name]:.3f}" for name in ("code_error", "held_out") if name in measured
     ]
     kriged = f", {measured['kriged_share']:.2f} kriged" if "kriged_share" in measured else ""
-    return f"temporal model ({model}{kriged}): {measured['steps']} steps, {', '.join(errors)}, of the codes' variance"
+    said += ["of the codes' variance"] * (len(said) > 1)
+    return f"temporal model ({model}{kriged}): {', '.join(said)}"
 
 
 def laid_still(run, folder, asked, progress):

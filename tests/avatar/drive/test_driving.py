@@ -1,5 +1,6 @@
 """The temporal model of a trained avatar: its tracks, files and refusals."""
 
+import json
 import shutil
 import sys
 
@@ -235,6 +236,18 @@ def test_what_a_training_measured_is_said_with_kriging_s_share_where_it_has_one(
     assert temporal_words("window", measured | {"kriged_share": 0.48}).startswith(
         "temporal model (window, 0.48 kriged): 5 steps"
     )
+
+
+def test_of_a_single_frame_no_error_is_said_but_that_it_teaches_no_driving(sample_run, sample_avatar, tmp_path):
+    folder = shutil.copytree(sample_avatar, tmp_path / "avatar")
+    facts = json.loads((folder / "avatar.json").read_text())
+    single = facts | {"frames": [0], "holdout": [1, 2, 3]}
+    (folder / "avatar.json").write_text(json.dumps(single))
+    measured = train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
+    assert measured == {"steps": 20, "frames": 1}
+    assert temporal_words("window", measured) == "temporal model (window): 20 steps"
+    (told,) = hardly_foretold(measured)
+    assert told.startswith("one training frame teaches no driving")
 
 
 def test_the_command_line_names_the_temporal_model():

@@ -254,7 +254,9 @@ def taught_before(folder):
 
 
 def hardly_foretold(measured):
-    """What a user should know of a temporal model that hardly knows the motion which was held out, by what its training measured."""
+    """What a user should know of a temporal model that knows no motion, or hardly that which was held out, by what its training measured."""
+    if measured.get("frames") == 1:
+        return ["one training frame teaches no driving: garments keep its shape in every pose; give more frames"]
     error = measured.get("held_out", 0.0)
     if error < FORETOLD:
         return []

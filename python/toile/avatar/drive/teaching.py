@@ -41,7 +41,7 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     counts as far as it moves the cloth. FOLDS models are taught, each without one stretch of these frames, in as many `steps` as
     left the least error on these, and as many on all; they drive together (after Breiman, "Bagging Predictors", 1996). Of fewer
     than FEWEST frames one is taught. Else a kriged model has its share beside those of windows, where the settings ask for it.
-    kriged_share, where there is such a model: of what is said. code_error, and held_out where frames were held out: squared error of the
+    frames: how many taught it. kriged_share, where there is such a model: of what is said. Of several frames code_error, and held_out where frames were held out: squared error of the
     codes so weighted, over their variance in training.
     The same bits for any number of threads.
     UserError: the avatar has no garment, or its run is gone or another.
@@ -69,9 +69,13 @@ def train_temporal(folder, settings, progress=lambda done, total: None):
     if unseen:
         driver.believe(torch.cat([unseen[name] for name in sizes], 1), targets)
         unseen = codes_unseen(copies, track, rows, driver.code_trust)
-    measured = {"steps": steps} | ({"kriged_share": driver.kriged.share.item()} if driver.kriged else {})
-    measured["code_error"] = relative_error(driver, track, data.frames, targets)
-    if facts["holdout"]:
+    measured = {"steps": steps, "frames": len(rows)} | (
+        {"kriged_share": driver.kriged.share.item()} if driver.kriged else {}
+    )
+    several = len(rows) > 1  # the codes of a single frame have no variance
+    if several:
+        measured["code_error"] = relative_error(driver, track, data.frames, targets)
+    if several and facts["holdout"]:
         new = data_of(run, folder, facts, "evaluation", facts["holdout"])
         measured["held_out"] = relative_error(driver, whole, new.frames, codes_of(avatar, new)[0])
     write_tensors(
