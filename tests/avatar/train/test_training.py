@@ -1,6 +1,7 @@
 """Training on a registered run: what it reaches, what it reads, and what it refuses."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from toile.avatar.train.make import Request, make_avatar
 from toile.avatar.train.training import reading
 from toile.cli import main
 from toile.errors import UserError
+from toile.io.run import open_run
 
 STEPS = dict(body_steps=60, garment_steps=100, joint_steps=50, joint_rate=1.0)
 SMALL = dict(
@@ -166,6 +168,25 @@ def test_a_run_elsewhere_is_taken_for_the_same_until_its_registration_is_another
     store["garment/tshirt/vertices"][:] = store["garment/tshirt/vertices"][:] + 1e-3
     with pytest.raises(UserError, match="avatar.json: registration: it was trained with another one"):
         make_avatar(request(other, chosen(**STEPS)), folder)
+
+
+def test_pictures_that_changed_since_a_training_began_are_told_until_it_is_begun_elsewhere(sample_run, tmp_path):
+    capture = shutil.copytree(open_run(sample_run).capture.root, tmp_path / "capture")
+    run = shutil.copytree(sample_run, tmp_path / "run")
+    config = (run / "config.toml").read_text()
+    (run / "config.toml").write_text(config.replace(str(open_run(sample_run).capture.root), str(capture)))
+    told = []
+    few = request(run, chosen(body_steps=1, garment_steps=1, joint_steps=1), holdout="1-3", warn=told.append)
+    make_avatar(few, tmp_path / "avatar")
+    make_avatar(few, tmp_path / "avatar")
+    assert not told
+    picture = next((capture / "frames" / "000000" / "images").iterdir())
+    os.utime(picture, ns=(0, 0))
+    for _ in range(2):
+        make_avatar(few, tmp_path / "avatar")
+        assert told.pop().startswith(f"{capture}: pictures, masks or labels have other sizes or times than when ")
+    make_avatar(few, tmp_path / "another")
+    assert not told
 
 
 def test_a_trained_avatar_takes_the_options_that_it_was_trained_with(

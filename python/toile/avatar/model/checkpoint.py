@@ -128,6 +128,7 @@ def begin(folder, asked):
     found = asked_before(folder)
     if found.get("settings"):  # what an older version did not know has its default
         found["settings"] = found["settings"].model_dump(mode="json")
+    found.setdefault("pictures", asked.get("pictures"))  # nor did it keep what tells them
     known, new = found.get("registration"), asked.get("registration")
     if known and known == new and found.get("run") != asked["run"]:  # the same, at another place
         found["run"] = asked["run"]

@@ -158,17 +158,19 @@ class AvatarData(Dataset):
         for camera in self.capture.cameras.values():
             for value in (camera.size, camera.K, camera.distortion, camera.T_camera_world):
                 digest.update(np.asarray(value, np.float64).tobytes())
-        digest.update(json.dumps(self._pictures()).encode())
+        digest.update(self.pictures.encode())
         for number in self.known:
             for values in self._registered(number).values():
                 digest.update(values.tobytes())
         return digest.hexdigest()[:16]
 
-    def _pictures(self):
-        """Sizes and times of the files that the samples are made of."""
+    @cached_property
+    def pictures(self):
+        """A digest of names, sizes and times of the files that the samples are made of."""
         root = self.capture.root
         folders = [root / "frames" / f"{n:06d}" / kind for n in self.known for kind in ("images", "masks", "labels")]
-        return stamps(root, [path for folder in folders for path in files_under(folder)])
+        found = stamps(root, [path for folder in folders for path in files_under(folder)])
+        return hashlib.sha256(json.dumps(found).encode()).hexdigest()
 
     @cached_property
     def unlabelled(self):

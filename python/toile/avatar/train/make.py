@@ -128,13 +128,15 @@ class TrainingJob:
             "layered": layered,
             "settings": settings.model_dump(mode="json"),
             "registration": registration_of(self.run, self.frames),
+            "pictures": asked_before(folder).get("pictures", data.pictures),  # those that the training began with
         }
         with fabric.rank_zero_first():
             unfinished = begin(folder, facts)
+        if layered and fabric.is_global_zero:  # the baseline's pictures are the same
+            for words in data.warnings + changed_pictures(folder, facts, data):
+                request.warn(words)
         if not unfinished:
             return request.say(f"{folder}: already trained")
-        for words in data.warnings if layered and fabric.is_global_zero else ():  # the baseline's pictures are the same
-            request.warn(words)
         share = data.light_explains
         if share is not None and share <= 0:
             request.say(
@@ -149,6 +151,14 @@ class TrainingJob:
             found = {"architecture": avatar.describe(), "steps": steps, "light_explains": share}
             save_avatar(folder, avatar, facts | notes | found)
         fabric.barrier()
+
+
+def changed_pictures(folder, facts, data):
+    """What a user should know where a training in `folder` began with other pictures than those of `data`."""
+    if facts["pictures"] == data.pictures:
+        return []
+    told = f"pictures, masks or labels have other sizes or times than when {folder} began to learn them"
+    return [f"{data.capture.root}: {told}: if they show something else, train into another folder"]
 
 
 def left_out_frames(text, folder, run):
