@@ -93,7 +93,7 @@ def test_damaged_checkpoint_is_refused(model, optimiser, tmp_path):
     path = tmp_path / "00000003.safetensors"
     for content in (path.read_bytes()[:-9], b"", b"\x80\x04N."):
         path.write_bytes(content)
-        with pytest.raises(UserError, match="00000003.safetensors: not a file of toile's tensors"):
+        with pytest.raises(UserError, match="00000003.safetensors: not a file of toile's tensors.*without this file"):
             checkpoints.latest()
 
 
@@ -112,6 +112,30 @@ def test_checkpoint_of_another_architecture_is_refused(model, optimiser, tmp_pat
         load_model(torch.nn.Linear(4, 2), tensors, "here")
     with pytest.raises(UserError, match=r"0.bias: shape None"):
         load_model(torch.nn.Sequential(torch.nn.Linear(3, 2)), tensors)
+
+
+@pytest.mark.parametrize(
+    "name, change",
+    [
+        ("optimiser.0.exp_avg", lambda moments: moments[:1].clone()),
+        ("optimiser.1.exp_avg_sq", lambda moments: moments * float("nan")),
+        ("optimiser.1.exp_avg", lambda moments: None),
+        ("optimiser.7.step", lambda moments: torch.tensor(1.0)),
+        ("optimiser.x", lambda moments: torch.tensor(1.0)),
+    ],
+)
+def test_moments_that_are_not_an_optimisers_are_refused_by_name(model, optimiser, tmp_path, name, change):
+    Checkpoints(tmp_path).write(3, model, optimiser, {})
+    tensors, _ = Checkpoints(tmp_path).latest()
+    tensors = {one: value for one, value in (tensors | {name: change(tensors.get(name))}).items() if value is not None}
+    with pytest.raises(UserError, match=f"here: {name}: "):
+        load_optimiser(torch.optim.AdamW(model.parameters()), tensors, "here")
+
+
+def test_a_file_that_is_none_of_the_checkpoints_is_passed_over(model, optimiser, tmp_path):
+    Checkpoints(tmp_path).write(3, model, optimiser, {})
+    (tmp_path / "copy of 4.safetensors").write_bytes(b"")
+    assert Checkpoints(tmp_path).numbers() == [3]
 
 
 def test_another_scene_or_setting_is_named(tmp_path):

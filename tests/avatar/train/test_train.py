@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from tests.support.loop import Samples, settings, tiny_avatar, training
+from toile.avatar.model.checkpoint import read_tensors, write_tensors
 from toile.avatar.train import training as train
 from toile.errors import UserError
 
@@ -108,6 +109,20 @@ def test_divergence_after_a_kill_is_the_same(tmp_path, monkeypatch):
             assert job.at.returns == 1
             runs.append(losses(tmp_path / name))
     assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"phase": "x"}, {"phase": 77}, {"phase": -1}, {"step": 10**6}, {"steps": []}, {"steps": None}, {"recent": ["x"]}],
+)
+def test_a_checkpoint_of_no_place_in_the_training_is_refused_by_its_file(tmp_path, monkeypatch, wrong):
+    with pytest.raises(Killed):
+        training(tmp_path, monkeypatch, spoiled(30, kill)).run()
+    newest = max((tmp_path / "checkpoints").glob("*.safetensors"))
+    tensors, facts = read_tensors(newest)
+    write_tensors(newest, tensors, facts | wrong)
+    with pytest.raises(UserError, match=f"{newest.name}: .*{next(iter(wrong))}"):
+        training(tmp_path, monkeypatch).run()
 
 
 def test_gives_up_after_the_stated_number_of_returns(tmp_path, monkeypatch):

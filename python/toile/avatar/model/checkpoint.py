@@ -33,6 +33,7 @@ BASELINE = "baseline"  # in AVATAR: the single-layer avatar
 DIGEST = re.compile("[0-9a-f]{64}")  # which tells a reader nothing
 KEPT = 2  # checkpoints; older ones are removed
 MODEL, OPTIMISER = "model.", "optimiser."
+MOMENTS = "step", "exp_avg", "exp_avg_sq"  # of AdamW, by parameter
 
 
 def write_tensors(path, tensors, facts):
@@ -46,7 +47,10 @@ def read_tensors(path):
     check_file(path)
     try:
         with safe_open(path, framework="pt") as file:
-            return {name: file.get_tensor(name) for name in file.keys()}, json.loads(file.metadata()["json"])
+            facts = json.loads(file.metadata()["json"])
+            if not isinstance(facts, dict):
+                raise ValueError("its facts are no table")
+            return {name: file.get_tensor(name) for name in file.keys()}, facts
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, OSError) as error:
         raise UserError(f"{path}: not a file of toile's tensors: {reason_of(error)}") from None
 
@@ -60,7 +64,7 @@ class Checkpoints:
             part.unlink()
 
     def numbers(self):
-        return sorted(int(path.stem) for path in self.folder.glob("*.safetensors"))
+        return sorted(int(path.stem) for path in self.folder.glob("*.safetensors") if path.stem.isdecimal())
 
     def write(self, number, model, optimiser, facts):
         """`number` orders the checkpoints; later ones of an abandoned course are removed, and all but the last two."""
@@ -78,8 +82,16 @@ class Checkpoints:
 
     def latest(self):
         """(tensors, facts) of the newest, None where there is none."""
+        path = self.newest()
+        try:
+            return read_tensors(path) if path else None
+        except UserError as error:
+            raise UserError(f"{error}; without this file the training goes on from the checkpoint before") from None
+
+    def newest(self):
+        """Its path, None where there is none."""
         numbers = self.numbers()
-        return read_tensors(self._path(numbers[-1])) if numbers else None
+        return self._path(numbers[-1]) if numbers else None
 
     def _path(self, number):
         return self.folder / f"{number:08d}.safetensors"
@@ -98,13 +110,21 @@ def load_model(model, tensors, path="checkpoint"):
     model.load_state_dict(weights)
 
 
-def load_optimiser(optimiser, tensors):
-    """The moments of a checkpoint into an optimiser over the same parameters."""
-    state = {}
-    for name, value in tensors.items():
-        if name.startswith(OPTIMISER):
-            i, field = name.removeprefix(OPTIMISER).split(".", 1)
-            state.setdefault(int(i), {})[field] = value
+def load_optimiser(optimiser, tensors, path="checkpoint"):
+    """The moments of a checkpoint into an AdamW over the same parameters. UserError: they are those of others, or not finite."""
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    found, state = {name: value for name, value in tensors.items() if name.startswith(OPTIMISER)}, {}
+    for i, parameter in enumerate(parameters):
+        shapes = dict(zip(MOMENTS, ((), parameter.shape, parameter.shape)))
+        own = {moment: found.pop(f"{OPTIMISER}{i}.{moment}", None) for moment in MOMENTS}
+        if all(value is None for value in own.values()):  # a parameter that its phase does not train has none
+            continue
+        for moment, value in own.items():
+            if value is None or value.shape != shapes[moment] or not value.isfinite().all():
+                raise UserError(f"{path}: {OPTIMISER}{i}.{moment}: is missing, not finite or of another shape")
+        state[i] = own
+    if found:
+        raise UserError(f"{path}: {min(found)}: this avatar has no such weight")
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
 

@@ -18,9 +18,11 @@ from functools import cache
 from pathlib import Path
 
 import torch
+from pydantic import TypeAdapter, ValidationError
 from torch.utils.data import DataLoader, Sampler, default_collate
 
 from ...errors import UserError
+from ...io.camera import first_error
 from ...io.files import write_text
 from ...kernels import InputError
 from ..model.checkpoint import Checkpoints, load_model, load_optimiser
@@ -49,6 +51,19 @@ class Position:
     recent: list[float] = field(default_factory=list)  # last losses of this phase
     spent: float = 0.0  # [s]
     costs: list[float] = field(default_factory=list)  # of a step of each phase [s], where a time was given
+
+
+def position_of(facts, phases, path):
+    """Where a checkpoint's facts say that a training of these phases stood. UserError: no training of these stands there."""
+    try:
+        at = TypeAdapter(Position).validate_python(facts)
+    except ValidationError as error:
+        raise first_error(path, error) from None
+    if len(at.steps) != len(phases) or not 0 <= at.phase < len(phases) or not 0 <= at.step <= at.steps[at.phase]:
+        raise UserError(
+            f"{path}: steps {at.steps}, phase {at.phase}, step {at.step}: no training of this avatar stands there"
+        )
+    return at
 
 
 class Training:
@@ -152,7 +167,7 @@ class Training:
         groups = [{"params": others, "base": phase.lr}, {"params": colour, "base": self.settings.colour_lr}]
         optimiser = torch.optim.AdamW([group for group in groups if group["params"]], lr=phase.lr, fused=True)
         if tensors is not None:
-            load_optimiser(optimiser, tensors)
+            load_optimiser(optimiser, tensors, self.checkpoints.newest())
         return self.fabric.setup_optimizers(optimiser)
 
     def _loader(self, phase, start):
@@ -176,8 +191,8 @@ class Training:
         if found is None:
             return None
         tensors, facts = found
-        load_model(self.objective, tensors, self.checkpoints.folder)
-        self.at = Position(**facts)
+        load_model(self.objective, tensors, self.checkpoints.newest())
+        self.at = position_of(facts, self.phases, self.checkpoints.newest())
         self.begun = time.monotonic() - self.at.spent
         if self.log:
             self.log.cut(self.at.total)
