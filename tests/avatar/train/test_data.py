@@ -194,6 +194,17 @@ def test_the_cache_is_made_once_and_goes_on_where_it_was_cut(sample_run, data, c
     assert calls == [(2, 2)] and files(data) == before
 
 
+@pytest.mark.parametrize("name", ["frame", "camera.cam03"])
+def test_a_cache_file_that_is_cut_or_missing_is_told_by_its_name(sample_run, data, tmp_path, name):
+    shutil.copytree(data.folder, tmp_path / data.folder.name)
+    path = tmp_path / data.folder.name / "000002" / f"{name}.safetensors"
+    for spoil in (lambda: path.write_bytes(path.read_bytes()[:-9]), path.unlink):
+        spoil()
+        with pytest.raises(UserError, match=f"000002/{name}.safetensors: cannot be read: .*prepared anew"):
+            spoilt = AvatarData(sample_run, SETTINGS, tmp_path, frames=[0, 2])
+            spoilt[spoilt.rows_of(2)[3]]
+
+
 def test_the_cache_depends_on_what_it_was_made_of(sample_run, data, cache, other):
     geometry = AvatarData(sample_run, SETTINGS.model_copy(update={"geometry_size": 32}), cache, frames=[0, 2])
     assert geometry.folder == data.folder

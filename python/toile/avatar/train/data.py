@@ -12,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 from torch.utils.data import Dataset
 
 from ...errors import UserError
+from ...io.bounded import reason_of
 from ...io.files import replace_file, write_text
 from ...io.holdout import kept_apart
 from ...io.inputs import files_under, stamps
@@ -107,8 +109,9 @@ class AvatarData(Dataset):
         self.known = self.frames if known is None else list(known)
         self.folder = Path(folder) / self._key(layered)
         self._prepare(progress or (lambda done, total: None))
-        self.faulty = [at for at in self.samples if not self._path(*at).exists()]  # see `_outlining`
-        self.samples = [at for at in self.samples if at not in set(self.faulty)]
+        told = {n: self._whole(n).read_text(encoding="utf-8").split("\n") for n in self.frames}
+        self.faulty = [(n, c) for n, c in self.samples if names[c] in told[n]]  # see `_outlining`
+        self.samples = [(n, c) for n, c in self.samples if names[c] not in told[n]]
         self._summarise()
 
     def __len__(self):
@@ -121,12 +124,12 @@ class AvatarData(Dataset):
     def __getitem__(self, i):
         number, camera = self.samples[i]
         out = {"frame": torch.tensor(number), "camera": torch.tensor(camera)}
-        file = load_file(self._path(number))
+        file = _load(self._path(number))
         out |= {name: torch.from_numpy(file[name]) for name in file if name.split(".")[0] in REGISTERED}
         out |= self.pose_window(number)
         for name in self.names:
             out[f"mean_texture.{name}"], out[f"mean_weight.{name}"] = self._maps(file, name, "mean_")
-        file = load_file(self._path(number, camera))
+        file = _load(self._path(number, camera))
         for name in self.names:
             out[f"texture.{name}"], out[f"texel_weight.{name}"] = self._maps(file, name)
         out["image"] = torch.from_numpy(file["image"]).permute(2, 0, 1).float() / 255
@@ -181,6 +184,10 @@ class AvatarData(Dataset):
         name = "frame" if camera is None else f"camera.{self.cameras[camera].name}"
         return self.folder / f"{number:06d}" / f"{name}.safetensors"
 
+    def _whole(self, number):
+        """Is there once a frame is prepared, and names the cameras whose pictures are left out, one a line."""
+        return self.folder / f"{number:06d}" / "whole"
+
     @cached_property
     def poses(self):
         """rotations (F,K,3) and translation (F,3) of the frames; usual: their `usual_distance`, neighbours nearer than a second."""
@@ -227,7 +234,7 @@ class AvatarData(Dataset):
     # Preparation -----------------------------------------------------------------------------------------------------
 
     def _prepare(self, progress):
-        left = [n for n in self.frames if not (self.folder / f"{n:06d}" / "whole").exists()]
+        left = [n for n in self.frames if not self._whole(n).exists()]
         if not left:
             return
         maps = [UvMap(layer, self.settings.texture_size) for layer in self.layers]
@@ -241,19 +248,21 @@ class AvatarData(Dataset):
         values, shown = self._registered(number), self._shown(number)
         confidence = [values[f"confidence.{name}"] for name in self.names]
         unwrapper.frame([values[f"vertices.{name}"].astype(np.float64) for name in self.names], confidence)
-        masks = self._outlining(number, frame)
+        cameras = [self.samples[i][1] for i in self.rows_of(number)]
+        masks = self._outlining(number, frame, cameras)
         seen = [self._prepare_view(number, c, frame, mask, unwrapper, shown) for c, mask in masks.items()]
         for name, views in zip(self.names, zip(*seen)):
             values |= self._packed(name, mean_texture(views, self.settings.texture_size), "mean_")
             values[f"confidence.{name}"] = values[f"confidence.{name}"].astype(np.float32) / 2
         _save(self._path(number), values)
-        write_text(self.folder / f"{number:06d}" / "whole", "")
+        left_out = [self.cameras[c].name for c in cameras if c not in masks]
+        write_text(self._whole(number), "\n".join(left_out))
 
-    def _outlining(self, number, frame):
-        """{camera: mask (H,W) of the person} of a frame's pictures, but for those that miss the body; where most do, it may not be
+    def _outlining(self, number, frame, numbers):
+        """{camera: mask (H,W) of the person} of a frame's pictures by these cameras, but for those that miss the body; where most do, it may not be
         there, and all are kept."""
         cameras, V, masks = list(self.capture.cameras.values()), self.run.track.at(number), {}
-        for c in (self.samples[i][1] for i in self.rows_of(number)):
+        for c in numbers:
             name = cameras[c].name
             masks[c] = frame.masks[name] if name in frame.masks else frame.labels[name] > 0
         kept = {c: mask for c, mask in masks.items() if not misses_body(mask, cameras[c], V)}
@@ -324,7 +333,7 @@ class AvatarData(Dataset):
         total = {layer.name: np.zeros((4, size, size)) for layer in self.layers}
         squared, faces = 0.0, []
         for number in self.frames:
-            file = load_file(self._path(number))
+            file = _load(self._path(number))
             faces.append(np.where(file["face_seen"][:, None] > 0, file["face"], np.nan))
             for name in self.names:
                 texture, weight = (x.numpy() for x in self._maps(file, name, "mean_"))
@@ -360,7 +369,7 @@ class AvatarData(Dataset):
     @cached_property
     def _lit(self):
         size, known = min(self.settings.texture_size, SIZE), evenly(self.frames, LIT)
-        files, turned, observed = [load_file(self._path(number)) for number in known], {}, []
+        files, turned, observed = [_load(self._path(number)) for number in known], {}, []
         for layer in self.layers:
             texels = UvMap(layer, size)
             normals = [vertex_normals(f[f"vertices.{layer.name}"].astype(np.float64), layer.faces) for f in files]
@@ -401,6 +410,15 @@ def _mean_light(valid, basis, seen, light):
     mean = np.ones((*valid.shape, 3), np.float32)
     mean[valid] = (E * weight).sum(0) / weight.sum(0)
     return mean.transpose(2, 0, 1)
+
+
+def _load(path):
+    try:
+        return load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise UserError(
+            f"{path}: cannot be read: {reason_of(error)}; without the folder {path.parent} it is prepared anew"
+        ) from None
 
 
 def _save(path, values):
