@@ -26,7 +26,7 @@ ROOMS = {  # a room: those that it imports; none of them comes back to it
     "avatar": {"config", "errors"},
     "avatar/render": BASE,
     "avatar/model": BASE | {"avatar", "avatar/render", "io", "surface"},
-    "avatar/train": BASE | {"avatar", "avatar/model", "io", "pipeline", "surface", "vision"},
+    "avatar/train": BASE | {"avatar", "avatar/model", "io", "measure", "pipeline", "surface", "vision"},
     "avatar/drive": BASE | {"avatar", "avatar/model", "avatar/train", "io", "pipeline", "surface"},
     "avatar/measure": BASE
     | {"avatar", "avatar/drive", "avatar/model", "avatar/render", "avatar/train", "io", "measure", "surface"},
@@ -162,6 +162,36 @@ def modules_of(name, path, files, top):
         named = {f"{whole}.{a.name}".lstrip(".") for a in node.names}
         found |= (named | {whole}) & set(files)
     return found - {name}
+
+
+def test_what_a_file_imports_of_another_is_there():
+    """Extras are not needed for it, and what a function imports counts too."""
+    trees = {path: ast.parse(path.read_text()) for path in [*python_files(), PYTHON / "_core.pyi"]}
+    there = {path: defined(tree) for path, tree in trees.items()}
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ImportFrom) or not node.level:
+                continue
+            target = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            files = target.with_suffix(".py"), target.with_suffix(".pyi"), target / "__init__.py"
+            names = set().union(*(there.get(file, ()) for file in files)) | {
+                p.stem for p in target.glob("*") if p.is_dir() or p.suffix in (".py", ".pyi")
+            }
+            missing = {alias.name for alias in node.names} - names
+            assert not missing or "__getattr__" in names, f"{name_of(path)} imports {missing} of {name_of(target)}"
+
+
+def defined(tree):
+    """Names that a module has, but for those that a function gives it."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
+    return found
 
 
 def test_only_kernels_import_the_compiled_module():

@@ -13,10 +13,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from ...errors import UserError
-from ...io.bvh import stance_of_model
 from ...io.export.clip import Clip, ClipLayer
 from ...io.image import write_image
 from ...io.motion import Motion
+from ...io.retargeting import stance_of_model
 from ..model.assets import training_poses
 from .animate import DrivenAvatar
 
