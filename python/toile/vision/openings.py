@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..surface.curves import Curve, resample, smooth, tangents
-from ..surface.loops import LoopInterpolation, LoopMatch, relaid
+from ..surface.loops import LoopInterpolation, LoopMatch
 from .strip import Strip
 
 
@@ -66,15 +66,6 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
     if seen.mean() < settings.min_observed:
         return match
     return replace(_laid(garment.vertices[loop], curve.points, opening, seen, settings), shown=shown)
-
-
-def within(at, match, evidence, cloth, settings):
-    """The LoopMatch of a loop at (k,3) of which nothing lies `outside` of the silhouettes, as on a web of the scan: such targets are drawn to
-    the nearest of the garment's `cloth`, a Mesh of what of the scan lies within."""
-    outside = evidence.outside(match.target)
-    if not outside.any() or not len(cloth.faces):
-        return match
-    return relaid(at, match, outside, cloth.index.closest(match.target)[1], settings)
 
 
 def _laid(at, curve, opening, seen, settings):
