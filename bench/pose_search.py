@@ -60,7 +60,7 @@ def searched(model, scan, body):
 
 def parts_mm(model, off):
     """Mean over the outside vertices of how far the middle of their part has moved, of moves (n,3)."""
-    part = np.take_along_axis(np.asarray(model.weights_idx), np.asarray(model.weights_val).argmax(1)[:, None], 1)[:, 0]
+    part = model.mover
     size = np.bincount(part[~model.inside], minlength=len(model.parents))
     sums = np.stack([np.bincount(part[~model.inside], x, len(size)) for x in off[~model.inside].T], 1)
     return 1e3 * np.linalg.norm(sums, axis=1).sum() / size.sum()

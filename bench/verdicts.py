@@ -123,7 +123,7 @@ def errors(prepared, truth, number, layer, surface):
     """How far off the layers of a frame are [mm]; `surface` (V, F): the true one of the body's layer."""
     model, V = prepared.model, truth.body(number)[0]
     outside = ~model.inside
-    bone = np.take_along_axis(np.asarray(model.weights_idx), np.asarray(model.weights_val).argmax(1)[:, None], 1)[:, 0]
+    bone = model.mover
     size = np.bincount(bone[outside], minlength=len(model.parents))
     shift = np.stack([np.bincount(bone[outside], (layer.vertices - V)[outside, i], len(size)) for i in range(3)], 1)
     found = {

@@ -225,6 +225,13 @@ class BodyModel(_Record):
         return inside
 
     @cached_property
+    def mover(self) -> Ints:
+        """(n,): the joint that moves each vertex most, of several the first."""
+        most = np.asarray(self.weights_val).argmax(1)[:, None]
+        mover: Ints = np.take_along_axis(np.asarray(self.weights_idx), most, 1)[:, 0]
+        return mover
+
+    @cached_property
     def skin_faces(self) -> Ints:
         """Faces of the largest connected component: eyes and tongue lie inside it."""
         from .kernels import vertex_components

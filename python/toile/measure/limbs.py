@@ -26,8 +26,7 @@ def limbs_shown(seen: Glimpse, cameras: dict[str, Camera], model: BodyModel, bod
     that does not name them."""
     firsts = {role: k for role in (*LIMBS, "head") if (k := model.joint(role)) is not None}
     beyond = [model.beyond(k) for k in firsts.values()]
-    most = np.asarray(model.weights_idx)[np.arange(len(model.weights_idx)), np.argmax(model.weights_val, axis=1)]
-    parts = [joints[most] for joints in beyond]  # of the vertices, those that these joints move most
+    parts = [joints[model.mover] for joints in beyond]  # of the vertices, those that these joints move most
     own = [body.looks[part[body.looks]] for part in parts]
     if len(firsts) <= len(LIMBS) or not all(map(len, own)):
         return {}

@@ -352,7 +352,7 @@ def _halves_of_limbs(model):
     half = np.full(len(model.parents), -1)
     for joint, parent in enumerate(model.parents):
         half[joint] = joint if joint in ends else half[parent] if parent >= 0 else -1
-    of_vertex = half[model.weights_idx[np.arange(len(model.weights_idx)), model.weights_val.argmax(1)]]
+    of_vertex = half[model.mover]
     for joint in ends:
         yield np.flatnonzero((of_vertex == joint) & ~model.inside)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..kernels.arrays import Bools, Floats, Ints
+from ..kernels.arrays import Bools, Floats
 from ..scene import BodyModel
 from .loops import LoopInterpolation, LoopMatch
 
@@ -73,15 +73,8 @@ class Sleeves:
                 trunk &= ~self.model.beyond(first)
         return self._tree(trunk)
 
-    @cached_property
-    def _owner(self) -> Ints:
-        """(n,): the joint that moves each vertex most; -1 inside."""
-        most = self.model.weights_val.argmax(1)[:, None]
-        owner = np.take_along_axis(self.model.weights_idx, most, 1)[:, 0]
-        return np.where(self.model.inside, -1, owner)
-
     def _tree(self, joints: Bools) -> cKDTree | None:
         from scipy.spatial import cKDTree
 
-        of = (self._owner >= 0) & joints[self._owner]
+        of = joints[self.model.mover] & ~self.model.inside
         return cKDTree(self.V[of]) if of.any() else None

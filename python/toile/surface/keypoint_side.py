@@ -29,9 +29,7 @@ class KeypointSide:
         for joint, parent in enumerate(model.parents):
             of_joint[joint] = of_joint[joint] or (of_joint[parent] if parent >= 0 else 0)
         self.part, faces = of_joint[self.bones], model.skin_faces
-        of_face = of_joint[model.weights_idx[np.arange(len(model.weights_idx)), model.weights_val.argmax(1)]][
-            faces[:, 0]
-        ]
+        of_face = of_joint[model.mover][faces[:, 0]]
         area = np.bincount(of_face, kernels.face_areas(person.rest, faces), of_joint.max() + 1)
         self.share = area / area.sum()
 

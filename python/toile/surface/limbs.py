@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from .. import kernels
+from ..scene import posed_joints
 from .sampling import spread_points
 
 LIMBS = ("upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R")  # roles of the joints that they begin at
@@ -89,14 +90,7 @@ class Limbs:
         from scipy.spatial.transform import Rotation
 
         R = Rotation.from_rotvec(rotations.reshape(-1, 3)).as_matrix().reshape(*rotations.shape, 3)
-        x = np.empty(rotations.shape)
-        for k, p in enumerate(self.parents):
-            if p < 0:
-                x[:, k] = self.J[k] + translation
-            else:
-                x[:, k] = x[:, p] + R[:, p] @ (self.J[k] - self.J[p])
-                R[:, k] = R[:, p] @ R[:, k]
-        return R, x
+        return posed_joints(self.parents, self.J, R, translation)
 
     def skin(self, R, x):
         """Vertices (n,3) of one pose, in order of parts."""

@@ -66,8 +66,7 @@ class LimbCloth:
 
 def parts_of(model: BodyModel) -> dict[str, Bools]:
     """{part of the body: bool (n,), its vertices}."""
-    most = np.asarray(model.weights_idx)[np.arange(len(model.v_template)), np.argmax(model.weights_val, axis=1)]
-    roles = np.array([role.partition(".")[0].rstrip("0123456789-") for role in model.joint_roles])[most]
+    roles = np.array([role.partition(".")[0].rstrip("0123456789-") for role in model.joint_roles])[model.mover]
     return {part: np.isin(roles, names) for part, names in PARTS.items()}
 
 

@@ -101,7 +101,7 @@ def _joined(layers: list[tuple[Floats, Array, int]], model: BodyModel) -> Clothe
         np.concatenate([np.full(len(V), i) for V, _, i in layers]),
         np.concatenate(areas),
         np.concatenate(inner),
-        np.asarray(model.weights_idx)[np.arange(len(model.v_template)), np.argmax(model.weights_val, axis=1)],
+        model.mover,
     )
 
 
