@@ -10,7 +10,7 @@ from toile.config import LoopSettings, SegmentSettings
 from toile.scene import Frame, Mesh, Segmented
 from toile.surface.loops import LoopMatch
 from toile.vision.evidence import Evidence, depth_views
-from toile.vision.openings import Rivals, trace_opening
+from toile.vision.openings import Rivals, cloth_within, trace_opening, within
 from toile.vision.visibility import DepthView
 
 IDS, CLOTH = np.array([1, 2], np.uint8), 2
@@ -81,3 +81,54 @@ def test_a_loop_that_no_camera_sees_stands(seen):
     stands = LoopMatch(V[loop] + 0.01, np.zeros(len(loop), bool), np.full(len(loop), np.nan))
     dark = Evidence(None, {}, Mesh(V, F), IDS, None, SegmentSettings())
     assert trace_opening(Mesh(V, F), loop, dark, seen[1], stands, LoopSettings()) is stands
+
+
+def test_what_two_pictures_show_before_the_background_lies_outside(seen):
+    evidence = seen[0]
+    V, F = cloth(wavy)
+    assert not evidence.outside(V).any()
+    assert not evidence.outside(0.9 * V * [1, 1, 0] + V * [0, 0, 1]).any()  # within the tube
+    assert evidence.outside(1.15 * V * [1, 1, 0] + V * [0, 0, 1]).all()  # 3 cm off it, six pixels
+    one = Evidence.__new__(Evidence)
+    one.__dict__ = evidence.__dict__ | {"views": dict(list(evidence.views.items())[:1])}
+    assert not one.outside(1.15 * V * [1, 1, 0] + V * [0, 0, 1]).any()
+
+
+def test_targets_outside_of_the_silhouettes_are_drawn_into_them_and_count_as_not_seen(seen):
+    """A loop of which a third has its targets on a web, 5 cm off the cloth."""
+    evidence = seen[0]
+    V, F = cloth(wavy)
+    at = V[lowest_loop(V, F)]
+    every, none = np.ones(len(at), bool), np.zeros(len(at), bool)
+    good = LoopMatch(at, every, np.zeros(len(at)))
+    assert within(at, good, evidence, Mesh(V, F), LoopSettings()) is good
+    web = np.arange(len(at)) < len(at) // 3
+    target = np.where(web[:, None], at * [1.25, 1.25, 1], at)
+    match = within(at, LoopMatch(target, every, np.zeros(len(at))), evidence, Mesh(V, F), LoopSettings())
+    np.testing.assert_array_equal(match.observed, ~web)
+    assert np.linalg.norm(match.target - at, axis=1).max() < 0.02  # from 5 cm; the silhouettes leave two pixels
+    all_outside = Mesh(V, F[:0])
+    match = LoopMatch(target, none, np.zeros(len(at)))
+    assert within(at, match, evidence, all_outside, LoopSettings()) is match
+
+
+def test_where_masks_lack_the_cloth_or_little_of_a_loop_is_seen_it_stays(seen):
+    evidence = seen[0]
+    V, F = cloth(wavy)
+    at = V[lowest_loop(V, F)]
+    every, few = np.ones(len(at), bool), np.arange(len(at)) < len(at) // 5
+    web = np.where((np.arange(len(at)) < len(at) // 3)[:, None], at * [1.25, 1.25, 1], at)
+    covered = LoopMatch(web, few, np.where(few, 0.0, np.nan))
+    assert within(at, covered, evidence, Mesh(V, F), LoopSettings()) is covered
+    most_outside = LoopMatch(at * [1.25, 1.25, 1], every, np.zeros(len(at)))
+    assert within(at, most_outside, evidence, Mesh(V, F), LoopSettings()) is most_outside
+
+
+def test_cloth_within_the_silhouettes_is_none_where_pictures_and_scan_disagree(seen):
+    evidence = seen[0]
+    V, F = cloth(wavy)
+    np.testing.assert_array_equal(cloth_within(Mesh(V, F), evidence).faces, F)
+    beside = V * [1.25, 1.25, 1]
+    few = np.concatenate([F, F[: len(F) // 20] + len(V)])
+    np.testing.assert_array_equal(cloth_within(Mesh(np.concatenate([V, beside]), few), evidence).faces, F)
+    assert len(cloth_within(Mesh(np.concatenate([V, beside]), np.concatenate([F, F + len(V)])), evidence).faces) == 0

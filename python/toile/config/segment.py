@@ -25,6 +25,16 @@ class EvidenceSettings(Settings):
     off_scan_distance: float = setting(0.005, "m", "a point this far from the scan is off it", gt=0)
     empty_blur: float = setting(1.0, "px", "uncertainty of the silhouette", gt=0)
     empty_share: float = setting(0.6, "1", "background about a pixel from which on it speaks against cloth", ge=0, le=1)
+    outside_share: float = setting(
+        0.9, "1", "background about a point from which on a picture shows it outside", ge=0, le=1
+    )
+    outside_views: int = setting(2, "count", "pictures that show an opening's point outside, for it to be none", ge=1)
+    outside_cloth: float = setting(
+        0.1, "1", "of a garment's scan outside, from which on pictures and scan disagree and openings stay", ge=0, le=1
+    )
+    outside_loop: float = setting(
+        0.5, "1", "of a loop outside, from which on masks lack the cloth and it stays", ge=0, le=1
+    )
     empty_ramp: float = setting(0.35, "1", "by so much more background it speaks fully", gt=0)
     edge_flank: float = setting(
         0.55, "1", "share of a colour profile's half length beyond which its end colours are read", gt=0, lt=1

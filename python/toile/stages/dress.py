@@ -18,7 +18,7 @@ from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, astray, beside_loops, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
-from ..vision.openings import Rivals, trace_opening
+from ..vision.openings import Rivals, cloth_within, trace_opening, within
 from ..vision.threads import parallel_map, parallel_map_with
 
 HANDS = "hand_left", "hand_right"  # segments of a body model
@@ -263,8 +263,15 @@ class Dresser:
         scanned = frame.scan is not None
         vertices = self._fitted(self.solver, cloth, start, first, scanned)
         if traced:
+            shown = cloth_within(cloth, evidence)
+
+            def trace(i, garment, match):
+                loop, at = t.loops[i], garment.vertices[t.loops[i]]
+                match = trace_opening(garment, loop, evidence, rivals, match, s.loop)
+                return within(at, sleeves.parted(t.loop_names[i], at, match, s.loop), evidence, shown, s.loop)
+
             fit = lambda start, matches: self._fitted(self.traced_solver, cloth, start, matches, scanned)
-            vertices, matches = self._traced(vertices, matches, evidence, rivals, sleeves, to_cloth, fit)
+            vertices, matches = self._traced(vertices, matches, trace, fit, to_cloth)
         confidence, distance = self._confidence(vertices, to_cloth)
         for loop, match in zip(t.loops, matches):
             confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
@@ -272,18 +279,17 @@ class Dresser:
         diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
         return Dressed(vertices, confidence, diagnostics), matches
 
-    def _traced(self, vertices, matches, evidence, rivals, sleeves, to_cloth, fit):
+    def _traced(self, vertices, matches, trace, fit, to_cloth):
         """Vertices (g,3) with the loops where the pictures show them, and the LoopMatch of each. A loop that pictures moved far is sought
         again from there, as the strip in which it is sought lies elsewhere then; not that of a template which is being fitted: it would
-        follow webs. `fit(start, matches)` gives the vertices on the scan."""
+        follow webs. `trace(i, garment, match)` gives the LoopMatch of one loop, `fit(start, matches)` the vertices on the scan."""
         t, s = self.template, self.settings
         matches, sought = list(matches), range(len(t.loops))
         for _ in range(s.traces if t.opening_lengths is not None else 1):
             vertices = continued(t.rest, t.faces, vertices, self._free(vertices, to_cloth))
             garment = Mesh(vertices, t.faces)
-            trace = lambda i: trace_opening(garment, t.loops[i], evidence, rivals, matches[i], s.loop)
-            for i, match in zip(sought, parallel_map(trace, sought)):
-                matches[i] = sleeves.parted(t.loop_names[i], vertices[t.loops[i]], match, s.loop)
+            for i, match in zip(sought, parallel_map(lambda i: trace(i, garment, matches[i]), sought)):
+                matches[i] = match
             sought = [i for i in sought if _moved(vertices[t.loops[i]], matches[i]) > s.settled]
             vertices = fit(self._to_openings(vertices, matches), matches)
             if not sought:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..kernels.arrays import Bools, Floats
 from ..scene import BodyModel
-from .loops import LoopInterpolation, LoopMatch
+from .loops import LoopMatch, relaid
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -43,13 +43,9 @@ class Sleeves:
         false = self.at_trunk(name, match.target)
         if false is None or not false.any():
             return match
-        seen = match.observed & ~false
-        move = np.where(seen[:, None], match.target - at, 0)
-        axis = self._arms[name.partition("_")[2]][1]
-        move[false] = move[seen].mean(0) @ axis * axis if seen.any() else 0
-        bending = settings.bending / 10**settings.bending_decades
-        move = LoopInterpolation([len(at)], settings)(move, seen | false, at, bending, settings.stay_weight)
-        return LoopMatch(at + move, seen, np.where(seen, match.distance, np.nan))
+        seen, axis = match.observed & ~false, self._arms[name.partition("_")[2]][1]
+        along = (match.target - at)[seen].mean(0) @ axis if seen.any() else 0.0
+        return relaid(at, match, false, at + along * axis, settings)
 
     @cached_property
     def _arms(self) -> dict[str, tuple[cKDTree, Floats]]:

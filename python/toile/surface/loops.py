@@ -39,6 +39,16 @@ def beside_loops(V, loops, reach):
     return cKDTree(on).query(V, distance_upper_bound=reach)[0] < reach
 
 
+def relaid(at, match, false, instead, settings):
+    """The LoopMatch of a loop at (k,3), of which the targets of the vertices `false` (k,) count as not seen: these are drawn to their
+    places `instead` (k,3), and the loop is laid anew."""
+    seen = match.observed & ~false
+    move = np.where(false[:, None], instead, match.target) - at
+    bending = settings.bending / 10**settings.bending_decades
+    move = LoopInterpolation([len(at)], settings)(move, seen | false, at, bending, settings.stay_weight)
+    return LoopMatch(at + move, seen, np.where(seen, match.distance, np.nan))
+
+
 def match_loops(loops, curves, settings):
     """Moves closed loops [(k,3)] onto openings [Curve], both with the garment on their left.
 

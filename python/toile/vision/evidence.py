@@ -218,6 +218,15 @@ class Evidence:
             off[among] = self.shown.index.closest(points[among], self.settings.evidence.off_scan_distance)[0] < 0
         return off
 
+    def outside(self, points):
+        """Which points (n,) lie outside of the silhouettes: `outside_views` pictures or more show background about them."""
+        own, count = self.settings.evidence, np.zeros(len(points), int)
+        for name, view in self.views.items():
+            uv, depth = view.camera.project(points)
+            within = (depth > 0) & (uv >= 0).all(1) & (uv < view.camera.size[::-1]).all(1)
+            count += within & (self.maps[name].read(uv)[:, -1] > own.outside_share)
+        return count >= own.outside_views
+
     def edges(self, points, normals, s):
         """Colour edges along profiles (k,m,3) that run from outside in at places s (m,) [m] about 0: shift (k,) [m]
         of the edge from 0 and weight (k,). Each view's profile is read as a mix of its two ends' colours; the edge

@@ -5,9 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ..scene import Mesh
 from ..surface.curves import Curve, resample, smooth, tangents
-from ..surface.loops import LoopInterpolation, LoopMatch
+from ..surface.loops import LoopInterpolation, LoopMatch, relaid
 from .strip import Strip
+
+STEPS = 8  # of a way into the silhouettes
 
 
 class Rivals:
@@ -66,6 +69,39 @@ def trace_opening(garment, loop, evidence, rivals, match, settings):
     if seen.mean() < settings.min_observed:
         return match
     return replace(_laid(garment.vertices[loop], curve.points, opening, seen, settings), shown=shown)
+
+
+def cloth_within(cloth, evidence):
+    """The Mesh of those faces of a garment's scan that lie within the silhouettes. None of them where too many do not: then pictures and
+    scan disagree, and neither tells of a web."""
+    outside = evidence.outside(cloth.vertices[cloth.faces].mean(1))
+    disagree = outside.mean() > evidence.settings.evidence.outside_cloth
+    return Mesh(cloth.vertices, cloth.faces[:0] if disagree else cloth.faces[~outside])
+
+
+def within(at, match, evidence, cloth, settings):
+    """The LoopMatch of a loop at (k,3) of which nothing lies outside of the silhouettes, as on a web of the scan: such targets are drawn
+    towards the nearest of `cloth`, of `cloth_within`, if it lies within `far_reach`, until they lie within. A loop of which little is seen
+    stays, as pictures did not lay it; so does one of which most lies outside: then masks lack the cloth."""
+    if not len(cloth.faces) or match.observed.mean() < settings.min_observed:
+        return match
+    web = np.flatnonzero(evidence.outside(match.target))
+    face, nearest, *_ = cloth.index.closest(match.target[web], radius=settings.far_reach)
+    web, nearest = web[face >= 0], nearest[face >= 0]
+    if not 0 < len(web) < evidence.settings.evidence.outside_loop * len(at):
+        return match
+    instead, false = match.target.copy(), np.isin(np.arange(len(at)), web)
+    instead[web] = _first_within(match.target[web], nearest, evidence)
+    return relaid(at, match, false, instead, settings)
+
+
+def _first_within(points, ends, evidence):
+    """The first places (n,3) that lie within the silhouettes on the way from points to ends (n,3), which do."""
+    part = np.linspace(0, 1, STEPS + 1)[1:, None]
+    way = points[:, None] + part * (ends - points)[:, None]
+    outside = evidence.outside(way.reshape(-1, 3)).reshape(way.shape[:2])
+    outside[:, -1] = False
+    return way[np.arange(len(way)), outside.argmin(1)]
 
 
 def _laid(at, curve, opening, seen, settings):
