@@ -284,9 +284,7 @@ class BodyModel(_Record):
         """The inverse of `skin`, per vertex."""
         V = as_floats("unskin", "posed", posed, (len(self.v_template), 3))
         R, x = self.joint_transforms(J, rotations, translation)
-        A, b = blended_transforms(np.asarray(J), R, x, self.weights_idx, self.weights_val)
-        rest: Floats = np.linalg.solve(A, (V - b)[..., None])[..., 0].astype(np.float64, copy=False)
-        return rest
+        return unblended(V, *blended_transforms(np.asarray(J), R, x, self.weights_idx, self.weights_val))
 
     def keypoints(self, V: Anything, joints: Anything) -> Floats:
         """Model keypoints (q,3) on posed vertices (n,3) and joints (K,3)."""
@@ -340,10 +338,21 @@ def blended_transforms(
     from scipy.sparse import csr_matrix
 
     n, most = weights_idx.shape
-    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
     starts = np.arange(0, n * most + 1, most)
-    blended = csr_matrix((weights_val.ravel(), weights_idx.ravel(), starts), shape=(n, len(R))) @ bones
+    return blended_by(csr_matrix((weights_val.ravel(), weights_idx.ravel(), starts), shape=(n, len(R))), J, R, x)
+
+
+def blended_by(weights: Anything, J: Anything, R: Anything, x: Anything) -> tuple[Floats, Floats]:
+    """`blended_transforms` by weights (n,K) of all joints, dense or sparse."""
+    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
+    blended = weights @ bones
     return blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
+
+
+def unblended(posed: Anything, A: Anything, b: Anything) -> Floats:
+    """Rest vertices (n,3) of posed ones (n,3): A^-1 (v - b)."""
+    rest: Floats = np.linalg.solve(A, (posed - b)[..., None])[..., 0].astype(np.float64, copy=False)
+    return rest
 
 
 def blend_skinning(

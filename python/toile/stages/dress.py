@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh, blended_by, unblended
 from ..surface.attachments import Attachments
 from ..surface.curves import isolines, pieces
 from ..surface.extension import continued
@@ -80,15 +80,13 @@ class _Skinning:
 
     def __init__(self, model, person, skin, rotations, translation):
         R, self.joints = model.joint_transforms(person.J, rotations, translation)
-        bones = np.concatenate([R.reshape(-1, 9), self.joints - np.einsum("kij,kj->ki", R, person.J)], axis=1)
-        blended = skin @ bones
-        self.A, self.b = blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
+        self.A, self.b = blended_by(skin, person.J, R, self.joints)
 
     def pose(self, rest):
         return np.einsum("gij,gj->gi", self.A, rest) + self.b
 
     def unpose(self, posed):
-        return np.linalg.solve(self.A, (posed - self.b)[..., None])[..., 0]
+        return unblended(posed, self.A, self.b)
 
 
 def _personalise(model, person, template, samples, settings, over):
