@@ -114,7 +114,6 @@ class _Attempt(NamedTuple):
     astray: float
     keypoints: float
     contradicted: bool
-    vouched: bool
 
     @property
     def cost(self):
@@ -148,7 +147,7 @@ class Tracker:
         if frame.scan is None:
             surface = _unseen(posed)
         else:  # a surface that has followed a scan without a limb has drawn it elsewhere; keypoints tell where it is
-            *_, vouched = self.keypoints(fit.rotations, fit.translation, points)
+            vouched = self.keypoints(fit.rotations, fit.translation, points).vouched
             held = np.flatnonzero(self.surface.lacking(frame.scan, posed))[::HELD_STEP] if vouched else ()
             surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
         return self.tracked(frame, points, fit, surface, previous, measures)
@@ -165,16 +164,17 @@ class Tracker:
         moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
         diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
         if points is not None and len(points.points):
-            kept = float(np.isfinite(points.points).all(1).mean())
-            diagnostics |= {"keypoints_kept": kept} | ({"keypoint_gate_px": points.gate} if points.gate else {})
-        diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
+            diagnostics["keypoints_kept"] = float(np.isfinite(points.points).all(1).mean())
+            if points.gate:
+                diagnostics["keypoint_gate_px"] = points.gate
+        diagnostics["moved_mm"] = float(1e3 * moved.mean())
+        diagnostics["moved_p95_mm"] = float(1e3 * np.percentile(moved, 95))
         face, left_out = self._face(*pose, points, V, confidence)
-        given = (
-            0
-            if points is None
-            else int(np.isfinite(points.points[np.isin(points.names, model.face_names)]).all(1).sum())
+        facial = (
+            0 if points is None else np.isfinite(points.points[np.isin(points.names, model.face_names)]).all(1).sum()
         )
-        diagnostics |= {"face_off": left_out / given} if given >= FACE else {}
+        if facial >= FACE:
+            diagnostics["face_off"] = left_out / int(facial)
         return Tracked(V, *pose, face, confidence, diagnostics)
 
     def _start(self, previous):
@@ -198,10 +198,9 @@ class Tracker:
             fit = self.skeleton.solve(**told, **start)
             beside = self.keypoints(fit.rotations, fit.translation, points)
             if measure is None or fit.stop == "unmatched":
-                return _Attempt(fit, surface, np.inf, 1.0, *beside)
-            *_, vouched = beside
-            lacking = self.surface.lacking(scan, fit.V) if vouched else None
-            return _Attempt(fit, surface, *measure(fit.V, lacking), *beside)
+                return _Attempt(fit, surface, np.inf, 1.0, beside.distance, beside.contradicted)
+            lacking = self.surface.lacking(scan, fit.V) if beside.vouched else None
+            return _Attempt(fit, surface, *measure(fit.V, lacking), beside.distance, beside.contradicted)
 
         best, usual, others = None, np.inf, iter(())
         if previous is not None:
