@@ -374,9 +374,7 @@ class Person:
     shape: Anything  # (S,) coefficients of the body model
     rest: Anything  # (n,3) rest vertices: model shape plus free-form offsets [m]
     J: Anything  # (K,3) rest joints [m]
-    keypoint_offsets: Anything | None = (
-        None  # (q,3) of the detector's keypoints from the model's, see surface/keypoints.py
-    )
+    keypoint_offsets: Anything | None = None  # (q,3) of the detector's from the model's, see surface/keypoints.py
 
 
 @dataclass(frozen=True)
@@ -400,9 +398,7 @@ class Segmented:
     scan_probability: Anything  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
     ids: Anything  # (L,) uint8
     diagnostics: dict[str, float]
-    openings: dict[int, Any] = field(
-        default_factory=dict
-    )  # garment's label id -> its border as `curves.Curve`s, garment on the left
+    openings: dict[int, Any] = field(default_factory=dict)  # label id -> border as `curves.Curve`s, garment on the left
 
 
 @dataclass(frozen=True)
@@ -419,11 +415,9 @@ class GarmentTemplate:
     loops: tuple[Anything, ...]  # open loops as vertex cycles
     loop_names: tuple[str, ...]  # see surface.loop_names
     opening_lengths: Anything | None = (
-        None  # (l,) [m] as the sampled frames show the loops' openings, NaN where none does
+        None  # (l,) [m] of the loops' openings in the sampled frames, NaN where none shows it
     )
-    flares: Anything | None = (
-        None  # (l,) each loop's length over its girth's (surface.girth) as the template was made, or NaN
-    )
+    flares: Anything | None = None  # (l,) lengths of loops over those of their girths (surface.girth) as made, or NaN
 
 
 @dataclass(frozen=True)

@@ -87,9 +87,8 @@ def begin(part, options):
         write_text(part / "work" / "options.json", json.dumps(asked))
         return True
     found = json.loads(kept.read_text())
-    found["options"] = (
-        StudioOptions(truth="plain").model_dump() | found["options"]
-    )  # one that came later had its default
+    # an option that came later had its default
+    found["options"] = StudioOptions(truth="plain").model_dump() | found["options"]
     for table, values in asked.items():
         for name, value in values.items():
             if found[table].get(name) != value:

@@ -221,9 +221,7 @@ def deterministic(fabric):
 
     before = torch.are_deterministic_algorithms_enabled(), extra.fill_uninitialized_memory
     torch.use_deterministic_algorithms(before[0] or fabric.device.type == "cpu", warn_only=True)
-    extra.fill_uninitialized_memory = (
-        False  # nothing here reads memory that it has not written, and filling costs a sixth
-    )
+    extra.fill_uninitialized_memory = False  # nothing is read here before it is written, and filling costs a sixth
     try:
         yield
     finally:
