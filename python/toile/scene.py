@@ -106,6 +106,12 @@ class Camera:
         xy = self.distort(p[..., :2] / safe[..., None])
         return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
 
+    def sees(self, points: Array) -> Bools:
+        """bool (n,): which of the world points (n,3) lie before the camera and within its picture."""
+        uv, depth = self.project(points)
+        within: Bools = (depth > 0) & (uv >= 0).all(1) & (uv < self.size[::-1]).all(1)
+        return within
+
 
 @dataclass(frozen=True)
 class Garment:
