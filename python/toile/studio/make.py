@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
-from ..pipeline.blocks import locked
+from ..io.locks import locked
 from ..pipeline.workers import Workers, check_workers, everywhere
 from . import truth as checks
 from .cameras import cameras_json

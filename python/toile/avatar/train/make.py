@@ -18,8 +18,8 @@ from lightning_fabric.strategies import DDPStrategy
 
 from ...errors import UserError
 from ...io.holdout import agreed, held, words_of
+from ...io.locks import locked
 from ...io.run import Run, open_run
-from ...pipeline.blocks import locked
 from ...scene import frame_ranges
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
