@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from toile.io.files import write_text
+from toile.io.locks import locked
 from toile.measure.page import document, figure
 from toile.measure.page import table as html_table
-from toile.pipeline.blocks import locked
 
 from .cells import text
 from .results import write_json

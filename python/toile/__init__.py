@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .io.mesh import write_mesh as write_mesh
     from .io.run import Run as Run
     from .io.run import open_run as open_run
-    from .pipeline.run import Outcome as Outcome
+    from .pipeline.outcome import Outcome as Outcome
     from .pipeline.run import register as register
 
 try:
@@ -34,7 +34,7 @@ _HOMES = {
     "open_run": "io.run",
     "Run": "io.run",
     "register": "pipeline.run",
-    "Outcome": "pipeline.run",
+    "Outcome": "pipeline.outcome",
     "load_body_model": "io.body",
     "read_mesh": "io.mesh",
     "write_mesh": "io.mesh",

@@ -106,6 +106,12 @@ class Camera:
         xy = self.distort(p[..., :2] / safe[..., None])
         return xy @ self.K[:2, :2].T + self.K[:2, 2], depth
 
+    def sees(self, points: Array) -> Bools:
+        """bool (n,): which of the world points (n,3) lie before the camera and within its picture."""
+        uv, depth = self.project(points)
+        within: Bools = (depth > 0) & (uv >= 0).all(1) & (uv < self.size[::-1]).all(1)
+        return within
+
 
 @dataclass(frozen=True)
 class Garment:
@@ -284,9 +290,7 @@ class BodyModel(_Record):
         """The inverse of `skin`, per vertex."""
         V = as_floats("unskin", "posed", posed, (len(self.v_template), 3))
         R, x = self.joint_transforms(J, rotations, translation)
-        A, b = blended_transforms(np.asarray(J), R, x, self.weights_idx, self.weights_val)
-        rest: Floats = np.linalg.solve(A, (V - b)[..., None])[..., 0].astype(np.float64, copy=False)
-        return rest
+        return unblended(V, *blended_transforms(np.asarray(J), R, x, self.weights_idx, self.weights_val))
 
     def keypoints(self, V: Anything, joints: Anything) -> Floats:
         """Model keypoints (q,3) on posed vertices (n,3) and joints (K,3)."""
@@ -340,10 +344,21 @@ def blended_transforms(
     from scipy.sparse import csr_matrix
 
     n, most = weights_idx.shape
-    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
     starts = np.arange(0, n * most + 1, most)
-    blended = csr_matrix((weights_val.ravel(), weights_idx.ravel(), starts), shape=(n, len(R))) @ bones
+    return blended_by(csr_matrix((weights_val.ravel(), weights_idx.ravel(), starts), shape=(n, len(R))), J, R, x)
+
+
+def blended_by(weights: Anything, J: Anything, R: Anything, x: Anything) -> tuple[Floats, Floats]:
+    """`blended_transforms` by weights (n,K) of all joints, dense or sparse."""
+    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
+    blended = weights @ bones
     return blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
+
+
+def unblended(posed: Anything, A: Anything, b: Anything) -> Floats:
+    """Rest vertices (n,3) of posed ones (n,3): A^-1 (v - b)."""
+    rest: Floats = np.linalg.solve(A, (posed - b)[..., None])[..., 0].astype(np.float64, copy=False)
+    return rest
 
 
 def blend_skinning(
@@ -365,9 +380,7 @@ class Person:
     shape: Anything  # (S,) coefficients of the body model
     rest: Anything  # (n,3) rest vertices: model shape plus free-form offsets [m]
     J: Anything  # (K,3) rest joints [m]
-    keypoint_offsets: Anything | None = (
-        None  # (q,3) of the detector's keypoints from the model's, see surface/keypoints.py
-    )
+    keypoint_offsets: Anything | None = None  # (q,3) of the detector's from the model's, see surface/keypoints.py
 
 
 @dataclass(frozen=True)
@@ -391,9 +404,7 @@ class Segmented:
     scan_probability: Anything  # (v, L) float32, smoothed vote fractions per scan *vertex*, columns as `ids`
     ids: Anything  # (L,) uint8
     diagnostics: dict[str, float]
-    openings: dict[int, Any] = field(
-        default_factory=dict
-    )  # garment's label id -> its border as `curves.Curve`s, garment on the left
+    openings: dict[int, Any] = field(default_factory=dict)  # label id -> border as `curves.Curve`s, garment on the left
 
 
 @dataclass(frozen=True)
@@ -410,11 +421,9 @@ class GarmentTemplate:
     loops: tuple[Anything, ...]  # open loops as vertex cycles
     loop_names: tuple[str, ...]  # see surface.loop_names
     opening_lengths: Anything | None = (
-        None  # (l,) [m] as the sampled frames show the loops' openings, NaN where none does
+        None  # (l,) [m] of the loops' openings in the sampled frames, NaN where none shows it
     )
-    flares: Anything | None = (
-        None  # (l,) each loop's length over its girth's (surface.girth) as the template was made, or NaN
-    )
+    flares: Anything | None = None  # (l,) lengths of loops over those of their girths (surface.girth) as made, or NaN
 
 
 @dataclass(frozen=True)

@@ -185,6 +185,16 @@ def test_only_this_machine_is_answered_and_only_what_is_shown(run):
             serve([], address[1])
 
 
+def test_a_fault_of_its_own_is_told(monkeypatch, capsys):
+    def broken(self):
+        raise RuntimeError("a layer is missing")
+
+    monkeypatch.setattr(Shown, "facts", broken)
+    with served(SAMPLE) as address, pytest.raises(http.client.RemoteDisconnected):
+        get(address, "/facts")
+    assert "RuntimeError: a layer is missing" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     if shutil.which("chromium") is None:

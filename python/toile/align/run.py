@@ -21,12 +21,13 @@ from ..errors import UserError
 from ..io.files import copy_file, load_record, save_record
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
+from ..io.locks import locked
 from ..io.registration import registration
 from ..io.run import Run, is_run, open_run
 from ..io.run_folder import capture_folder, read_diagnostics, write_diagnostics
 from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
-from ..pipeline.blocks import BLOCK, BlockJob, FrameFolders, Progress, blocks, check_shares, locked, run_job
+from ..pipeline.blocks import BLOCK, BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from ..pipeline.manifest import check_own, claim, place_of
 from ..pipeline.workers import everywhere
 from ..prints.colours import Places

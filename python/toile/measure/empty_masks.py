@@ -8,7 +8,7 @@ import numpy as np
 
 from ..kernels.arrays import Bools, Floats
 from ..scene import Camera
-from .evidence import UNSEEN, in_picture
+from .evidence import UNSEEN
 from .glimpse import Glimpse
 from .judged import JudgedLayer
 
@@ -30,7 +30,7 @@ def misses_body(mask: Bools, camera: Camera, V: Floats) -> bool:
     """Whether a mask (H,W) is empty, but for specks, although at least half of the registered body's vertices V (n,3) lie in the
     picture."""
     side = float(np.median(camera.project(V)[1])) / camera.K[0, 0]  # of a pixel where the body is [m]
-    return bool(mask.sum() * side**2 < PATCH and 2 * in_picture(camera, V).mean() >= 1)
+    return bool(mask.sum() * side**2 < PATCH and 2 * camera.sees(V).mean() >= 1)
 
 
 def _detected(seen: Glimpse, camera: Camera) -> bool:
@@ -46,5 +46,5 @@ def _scanned(seen: Glimpse, camera: Camera, body: JudgedLayer) -> bool:
     """Whether at least half as large a share of the scan lies in a picture as of the body."""
     if not len(seen.points):
         return False
-    shown, due = (in_picture(camera, points).mean() for points in (seen.points, body.vertices[body.looks]))
+    shown, due = (camera.sees(points).mean() for points in (seen.points, body.vertices[body.looks]))
     return shown > 0 and 2 * shown >= due

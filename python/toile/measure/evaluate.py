@@ -114,6 +114,7 @@ class _Evaluation:
         return {name: found.count(name) for name in VERDICTS}
 
     def _frame(self, number, motions):
+        """The measures of one frame; `motions` {garment, or None for the inner layer: MotionError} hear of it."""
         run, true = self.run, self.truth is not None and number in self.truth
         tracked = run.track.at(number)
         out = self._nothing()
@@ -123,9 +124,7 @@ class _Evaluation:
         if not run.garments:
             return out
         inner, cloth = run.inner.at(number), {name: garment.at(number) for name, garment in run.garments.items()}
-        layers = [(inner, self.model.skin_faces), *((cloth[name], g.faces) for name, g in run.garments.items())]
-        pairs = (kernels.intersecting_pairs(*over, *under) for over, under in combinations(layers[::-1], 2))
-        out["intersections_left"] = int(sum(len(p) for p in pairs))
+        out["intersections_left"] = self._intersections(inner, cloth)
         for name, garment in run.garments.items():
             seen = garment.confidence.at(number) == OBSERVED
             shares = {loop: float(seen[at].mean()) for loop, at in garment.loops.items()}
@@ -134,28 +133,40 @@ class _Evaluation:
         if not true:
             return out
         for name in self.known:
-            garment, told = run.garments[name], (self.mapped[name], self.borders[name])
-            seen = garment.confidence.at(number) == OBSERVED
-            measures, error = self.truth.garment_errors(
-                name, garment.loops, cloth[name], garment.faces, number, *told, seen
-            )
-            out["garment"][name] |= measures
-            if error is not None:
-                motions[name].add(number, cloth[name], cloth[name] - error)
-                self.slips[name].add(error, cloth[name] - error, run.garments[name].faces)
+            out["garment"][name] |= self._true_garment(name, cloth[name], number, motions)
         if len(self.known) == len(run.garments):
             out["label_iou"] = self._labels(run.labels.at(number), tracked, number)
-        hidden = run.inner.confidence.at(number) == HIDDEN
-        model = self.model.skin(*self.rest, *run.pose.at(number))
-        alone = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]
-        share = float((hidden & self.outside).sum() / self.outside.sum())
-        seen = run.inner.confidence.at(number) == OBSERVED
-        out["inner"] |= self.truth.body_errors(inner, hidden, self.outside, number, seen)
-        out["inner"] |= {"hidden_model_mm": alone, "hidden_share": share}
+        out["inner"] |= self._true_inner(inner, number, motions)
+        return out
+
+    def _intersections(self, inner, cloth):
+        """Pairs of triangles of garments with the inner skin and with one another."""
+        layers = [(inner, self.model.skin_faces), *((cloth[name], g.faces) for name, g in self.run.garments.items())]
+        pairs = (kernels.intersecting_pairs(*over, *under) for over, under in combinations(layers[::-1], 2))
+        return int(sum(len(p) for p in pairs))
+
+    def _true_garment(self, name, V, number, motions):
+        """The errors of a garment V (g,3) in a frame against the true one."""
+        garment, told = self.run.garments[name], (self.mapped[name], self.borders[name])
+        seen = garment.confidence.at(number) == OBSERVED
+        measures, error = self.truth.garment_errors(name, garment.loops, V, garment.faces, number, *told, seen)
+        if error is not None:
+            motions[name].add(number, V, V - error)
+            self.slips[name].add(error, V - error, garment.faces)
+        return measures
+
+    def _true_inner(self, inner, number, motions):
+        """The errors of the inner layer (n,3) in a frame against the true body."""
+        confidence = self.run.inner.confidence.at(number)
+        hidden = confidence == HIDDEN
+        measures = self.truth.body_errors(inner, hidden, self.outside, number, confidence == OBSERVED)
+        model = self.model.skin(*self.rest, *self.run.pose.at(number))
+        measures["hidden_model_mm"] = self.truth.body_errors(model, hidden, self.outside, number)["hidden_mm"]
+        measures["hidden_share"] = float((hidden & self.outside).sum() / self.outside.sum())
         body = self.truth.body(number)
         self.followed = self.followed or Followed(inner, ~hidden & self.outside, *body)
         motions[None].add(number, inner[self.followed.at], self.followed.places(body[0]))
-        return out
+        return measures
 
     def _nothing(self):
         """The measures of one frame, none of them known."""

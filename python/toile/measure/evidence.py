@@ -70,12 +70,6 @@ def keypoint_errors(names, views, cameras, model, vertices, joints):
     return np.concatenate(pixels), np.concatenate(millimetres)
 
 
-def in_picture(camera, points):
-    """bool (n,): which of the points (n,3) lie before a camera and within its picture."""
-    uv, depth = camera.project(points)
-    return (depth > 0) & (uv >= 0).all(1) & (uv < camera.size[::-1]).all(1)
-
-
 def parted(a, b, side, area):
     """How far [m] from mask b (H,W) lies what mask a has beyond it: as far as `area` [m^2] of it lies or farther. `side`: of
     a pixel [m]. 0 where that is no more than a pixel, as borders are uncertain, and where b is empty."""

@@ -8,7 +8,7 @@ from .. import kernels
 from ..kernels.arrays import Bools, Floats
 from ..scene import OBSERVED, BodyModel, Camera
 from ..surface.keypoints import keypoint_bones
-from .evidence import UNSEEN, in_picture
+from .evidence import UNSEEN
 from .glimpse import Glimpse
 from .judged import JudgedLayer
 
@@ -44,7 +44,7 @@ def _pictured(seen: Glimpse, cameras: dict[str, Camera], V: Floats) -> Bools:
     views = () if seen.of_labels else seen.mask_views
     within = np.zeros(len(V), int)
     for name in views:
-        within += in_picture(cameras[name], V)
+        within += cameras[name].sees(V)
     return within >= max(1, min(VIEWS, len(views)))
 
 

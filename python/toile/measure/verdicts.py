@@ -22,6 +22,49 @@ PEOPLE = (1.0, 2.3)  # m, statures from a small child's to a giant's
 HARDLY = 0.25  # of an opening: so much is taken for it where it is tucked in
 WIDER = 0.3  # of the length that the cloth about it leads to expect: a cuff's true opening may be wider by that
 STEP = 4  # every so many faces are asked for their stretch
+CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
+# of each measure that has limits, what is said where it is beyond them; its settings are (doubtful from, wrong from)
+REASONS = {
+    "scan_edge_mm": "the scan's triangles are {} mm wide: surface and openings are as uncertain",
+    "two_sided_mm": "scan and surface lie {} mm apart, from whichever side",
+    "apart": "{} of the surface is not where the scan is, and the other way round",
+    "astray": "{} of the scan is not where the posed body is, and the other way round",
+    "pose_mm": "the posed body lies {} mm from the scan on average",
+    "moved_mm": "the posed body was bent by {} mm to meet the scan",
+    "stature_off_m": "the person's stature lies {} m outside of what people's is, 1 to 2.3 m",
+    "keypoint_mm": "half of the keypoints are more than {} mm off",
+    "face_off": "{} of the facial keypoints lie off the face",
+    "silhouette_iou": "silhouette and masks overlap by {}",
+    "labels_off": "{} of what the label images show lies beyond the silhouette",
+    "uncovered_mm": "the masks of two cameras reach {} mm beyond the silhouette",
+    "overhang_mm": "the silhouette reaches {} mm beyond the masks of two cameras",
+    "cloth_overhang_mm": "cloth reaches {} mm beyond the masks of two cameras",
+    "observed": "{} of the surface was found on the scan, and nothing else shows it",
+    "limb_observed": "{} of an arm, a leg or the head is shown by the scan or by pictures: it is guessed",
+    "limb_inside": "{} of an arm or a leg lies within the body, and no picture shows it",
+    "garment_observed": "{} of the garment was found on the labelled scan",
+    "garment_mm": "garment and labelled scan lie {} mm apart, from whichever side",
+    "opening_observed": "{} of the openings that are not hidden throughout were seen",
+    "opening_bare": "{} of an opening that no frame shows lies where there is no scan: it is guessed",
+    "loop_mm": "an opening lies {} mm from the one that was seen",
+    "loop_length": "{} times as long as the sampled frames show the opening, or as short",
+    "loop_share": "{} of the opening's length that the cloth about it leads to expect: it is cut off",
+    "loop_excess_mm": "the opening is {} mm longer than the cloth about it leads to expect: it is joined to other cloth",
+    "loop_at_trunk": "{} of the opening lies at the trunk, off its arm: it is joined to it",
+    "unclaimed_opening_mm": "{} mm of seen openings belong to no loop",
+    "edge_stretch": "a twentieth of the garment's edges are as long as exp({}) times at rest, or as short",
+    "stretch_p95": "a twentieth of the garment is stretched {} times and more",
+    "flipped_share": "{} of the garment is turned over",
+    "pairs_left": "{} pairs of triangles go through one another",
+}
+AT_LEAST = (  # what is good when large
+    "silhouette_iou",
+    "observed",
+    "limb_observed",
+    "garment_observed",
+    "opening_observed",
+    "loop_share",
+)
 
 
 def judge(
@@ -127,7 +170,8 @@ def beyond_people(rest) -> float:
 def verdict(measures, settings) -> tuple[int, list[str]]:
     """GOOD, DOUBTFUL or WRONG by the settings' limits, and the reasons in words, the gravest first."""
     found = []
-    for name, (doubtful, wrong, words) in _limits(settings).items():
+    for name, words in REASONS.items():
+        doubtful, wrong = getattr(settings, name)
         for key in measures:
             owner, _, measure = key.rpartition(".")
             if measure != name:
@@ -146,7 +190,8 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
 def severity(measures, settings) -> float:
     """How far the worst measure is from its limit of a good frame: 1 at that limit, more beyond, 2 at that of a wrong one."""
     found = [0.0]
-    for name, (doubtful, wrong, _) in _limits(settings).items():
+    for name in REASONS:
+        doubtful, wrong = getattr(settings, name)
         for key, value in measures.items():
             if key.rpartition(".")[2] == name and not _said_by_others(key, measures, settings):
                 low = name in AT_LEAST
@@ -168,69 +213,6 @@ def _said_by_others(key, measures, settings):
     if key in ("two_sided_mm", "apart", "astray"):
         return all(agree)
     return key == "observed" and ("keypoint_mm" in measures or "silhouette_iou" in measures)
-
-
-def _limits(s):
-    """{measure: (doubtful from, wrong from, words)}."""
-    return {
-        "scan_edge_mm": (*s.scan_edge_mm, "the scan's triangles are {} mm wide: surface and openings are as uncertain"),
-        "two_sided_mm": (*s.two_sided_mm, "scan and surface lie {} mm apart, from whichever side"),
-        "apart": (*s.apart, "{} of the surface is not where the scan is, and the other way round"),
-        "astray": (*s.astray, "{} of the scan is not where the posed body is, and the other way round"),
-        "pose_mm": (*s.pose_mm, "the posed body lies {} mm from the scan on average"),
-        "moved_mm": (*s.moved_mm, "the posed body was bent by {} mm to meet the scan"),
-        "stature_off_m": (*s.stature_off_m, "the person's stature lies {} m outside of what people's is, 1 to 2.3 m"),
-        "keypoint_mm": (*s.keypoint_mm, "half of the keypoints are more than {} mm off"),
-        "face_off": (*s.face_off, "{} of the facial keypoints lie off the face"),
-        "silhouette_iou": (*s.silhouette_iou, "silhouette and masks overlap by {}"),
-        "labels_off": (*s.labels_off, "{} of what the label images show lies beyond the silhouette"),
-        "uncovered_mm": (*s.uncovered_mm, "the masks of two cameras reach {} mm beyond the silhouette"),
-        "overhang_mm": (*s.overhang_mm, "the silhouette reaches {} mm beyond the masks of two cameras"),
-        "cloth_overhang_mm": (*s.cloth_overhang_mm, "cloth reaches {} mm beyond the masks of two cameras"),
-        "observed": (*s.observed, "{} of the surface was found on the scan, and nothing else shows it"),
-        "limb_observed": (
-            *s.limb_observed,
-            "{} of an arm, a leg or the head is shown by the scan or by pictures: it is guessed",
-        ),
-        "limb_inside": (*s.limb_inside, "{} of an arm or a leg lies within the body, and no picture shows it"),
-        "garment_observed": (*s.garment_observed, "{} of the garment was found on the labelled scan"),
-        "garment_mm": (*s.garment_mm, "garment and labelled scan lie {} mm apart, from whichever side"),
-        "opening_observed": (*s.opening_observed, "{} of the openings that are not hidden throughout were seen"),
-        "opening_bare": (
-            *s.opening_bare,
-            "{} of an opening that no frame shows lies where there is no scan: it is guessed",
-        ),
-        "loop_mm": (*s.loop_mm, "an opening lies {} mm from the one that was seen"),
-        "loop_length": (*s.loop_length, "{} times as long as the sampled frames show the opening, or as short"),
-        "loop_share": (
-            *s.loop_share,
-            "{} of the opening's length that the cloth about it leads to expect: it is cut off",
-        ),
-        "loop_excess_mm": (
-            *s.loop_excess_mm,
-            "the opening is {} mm longer than the cloth about it leads to expect: it is joined to other cloth",
-        ),
-        "loop_at_trunk": (*s.loop_at_trunk, "{} of the opening lies at the trunk, off its arm: it is joined to it"),
-        "unclaimed_opening_mm": (*s.unclaimed_opening_mm, "{} mm of seen openings belong to no loop"),
-        "edge_stretch": (
-            *s.edge_stretch,
-            "a twentieth of the garment's edges are as long as exp({}) times at rest, or as short",
-        ),
-        "stretch_p95": (*s.stretch_p95, "a twentieth of the garment is stretched {} times and more"),
-        "flipped_share": (*s.flipped_share, "{} of the garment is turned over"),
-        "pairs_left": (*s.pairs_left, "{} pairs of triangles go through one another"),
-    }
-
-
-AT_LEAST = (
-    "silhouette_iou",
-    "observed",
-    "limb_observed",
-    "garment_observed",
-    "opening_observed",
-    "loop_share",
-)  # what is good when large
-CRUMPLED = ("unclaimed_opening_mm", "stretch_p95", "flipped_share")
 
 
 def _openings(template, diagnostics):

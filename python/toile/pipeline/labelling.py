@@ -54,9 +54,8 @@ def write_labels(
     capture, network = replace(capture, root=everywhere(capture.root, scheduler)), everywhere(Path(network), scheduler)
     busy, counts = min(workers, max(len(frames), 1)), np.zeros(4, np.int64)
     lacking = again or any(set(capture.pictured(number)) - set(capture.labelled(number)) for number in frames)
-    cloth = (
-        _cloth(capture, network, frames) if lacking else None
-    )  # of all frames: the same for a command that was stopped
+    # of all frames: the same for a command that was stopped
+    cloth = _cloth(capture, network, frames) if lacking else None
     with Workers(busy, Labelling.of, capture, network, again, cloth, scheduler=scheduler) as pool:
         pool.prepared()
         for done, found in enumerate(pool.each(_write_labels, frames), 1):

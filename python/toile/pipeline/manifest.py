@@ -262,23 +262,7 @@ def _another(run, capture, why):
 
 def _words(config, before, facts, old, redone, changed, more):
     """What differs from what was asked before, a line each."""
-    from .. import __version__
-
-    found, last = [], {one.name: one.default for one in listed(config)}
-    then = _flat(before.get("settings", {}))
-    named = [
-        f"{k} {then[k]} -> {_plain(v)}"
-        for k, v in last.items()
-        if k in then and then[k] != _plain(v) and k != "quality"
-    ]
-    by = before.get("versions", {}).get("toile", __version__)
-    named += [f"toile {by} -> {__version__}"] if by != __version__ else []
-    named += [
-        f"{table}.{name}"
-        for table, values in facts.items()
-        for name in sorted(values.keys() | old.get("facts", facts).get(table, {}).keys())
-        if values.get(name) != old.get("facts", facts).get(table, {}).get(name)
-    ]
+    found, named = [], [*_changed_settings(config, before), *_changed_facts(facts, old.get("facts", facts))]
     if redone and before:
         what = f"changed: {', '.join(named[:4])}{f' and {len(named) - 4} more' if len(named) > 4 else ''}"
         what = what if named else "files of the frames that the preparation is made of have changed"
@@ -288,6 +272,27 @@ def _words(config, before, facts, old, redone, changed, more):
     if more > 0:
         found.append(f"{more} frames more; the person, the templates and the fused body stay")
     return tuple(found)
+
+
+def _changed_settings(config, before):
+    """In words, the settings and the version that are others than in the config.toml `before`."""
+    from .. import __version__
+
+    then = _flat(before.get("settings", {}))
+    now = {one.name: _plain(one.default) for one in listed(config) if one.name != "quality"}
+    for name, value in now.items():
+        if name in then and then[name] != value:
+            yield f"{name} {then[name]} -> {value}"
+    by = before.get("versions", {}).get("toile", __version__)
+    if by != __version__:
+        yield f"toile {by} -> {__version__}"
+
+
+def _changed_facts(facts, then):
+    """TABLE.NAME of what was read of the capture and is other now."""
+    for table, values in facts.items():
+        known = then.get(table, {})
+        yield from (f"{table}.{n}" for n in sorted(values.keys() | known.keys()) if values.get(n) != known.get(n))
 
 
 def _some(numbers):

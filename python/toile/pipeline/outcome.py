@@ -151,10 +151,9 @@ def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
             if diagnostics.get("verdict") in judged:
                 judged[diagnostics["verdict"]][number] = "; ".join(diagnostics.get("reasons", ()))
         pending = tuple(number for number in frames if number in left and number not in failed)
-        ok = tuple(number for number in frames if number not in failed and number not in pending)
-        waiting = tuple(number for number in frames if number in pending and number not in failed)
+        ok = tuple(number for number in frames if number not in failed and number not in left)
         warnings = (*results.status.warnings(), *_said_of_empty(empty))
-        return Outcome(ok, failed, tuple(contact), warnings, waiting, judged[DOUBTFUL], judged[WRONG])
+        return Outcome(ok, failed, tuple(contact), warnings, pending, judged[DOUBTFUL], judged[WRONG])
 
 
 def _said_of_empty(frames: Sequence[int]) -> list[str]:

@@ -242,7 +242,7 @@ def _evidenced(prepared, colours, sample):
 
 
 def segmented_again(prepared, frame, tracked, path):
-    """The same of a frame whose Segmented lies in a file."""
+    """(Segmented, Evidence) of a frame `as_labels_see` it, whose Segmented lies in a file."""
     found, evidence = load_record(path, Segmented), evidence_of(prepared, prepared.colours, frame, tracked)
     curves = lambda of: [Curve(np.array(curve["points"]), curve["closed"]) for curve in of]
     return replace(found, openings={int(label): curves(of) for label, of in found.openings.items()}), evidence

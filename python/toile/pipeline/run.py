@@ -187,14 +187,14 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
     of an earlier try and made of the same stays."""
     capture, folder, identities = prepared.capture, results.folder(number), prepared.identities
     before = None if previous is None else results.folder(previous)
-    if not note_of(results.root.parent.parent, number).exists():
-        note_frame(results.root.parent.parent, capture, number)
+    if not note_of(identities.run, number).exists():
+        note_frame(identities.run, capture, number)
     clock = Clock()
     asked = partial(identities.step, frame=number, previous=previous)
-    kept = lambda name, stage: identity_of(folder / name, whole=True) == asked(stage)
+    stands = lambda stage: identity_of(folder / f"{stage}.npz", whole=True) == asked(stage)
     scanning.make_scan(capture, number, prepared.config, results.status, identities)
     frame = frame_of(capture, prepared.config, number)
-    if kept("track.npz", "track"):
+    if stands("track"):
         yield
         tracked = load_record(folder / "track.npz", Tracked)
     else:
@@ -208,7 +208,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
     frame = None  # its pictures are large
     if prepared.templates:
         shown = as_labels_see(shown, prepared.config)
-        if kept("segment.npz", "segment"):
+        if stands("segment"):
             found = clock.timed("segment", lambda: segmented_again(prepared, shown, tracked, folder / "segment.npz"))
         else:
             last = None if before is None else _load_segmented(before / "segment.npz")
@@ -220,8 +220,7 @@ def first_stages(prepared, number, previous, results) -> Iterator[None]:
             save_record(folder / f"dress.{template.name}.npz", dressed)
         labels = found[0].scan_faces
     save_record(folder / "seen.npz", glimpse(shown, labels, outlined))
-    for stage, value in clock.seconds.items():
-        results.status.add(frame=number, stage=stage, seconds=value, ok=True)
+    clock.tell(results.status, number)
 
 
 class Clock:
@@ -235,6 +234,11 @@ class Clock:
         result = make()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
         return result
+
+    def tell(self, status, number):
+        """A line of the status for each stage of the frame."""
+        for stage, seconds in self.seconds.items():
+            status.add(frame=number, stage=stage, seconds=seconds, ok=True)
 
 
 def _load_segmented(path):
@@ -255,11 +259,8 @@ def last_stages(stored, results, progress, keep, limit, prepared, pool) -> None:
         if prepared.config.motion.temporal:
             smooth(partial(_load_slid, results), good, _smoothed(results, prepared), prepared, pool, progress)
         if scene.garments:
-            fused, identity = (
-                partial(_fuse, run, good, results, prepared, pool, progress),
-                prepared.identities.stages["inner"],
-            )
-            kept(prepared.folder / "inner.npz", InnerShape, fused, identity)
+            fused = partial(_fuse, run, good, results, prepared, pool, progress)
+            kept(prepared.folder / "inner.npz", InnerShape, fused, prepared.identities.stages["inner"])
     with naming(stored.folder / STORE):
         writer = _store(stored, prepared)
         left = [number for number in frames if number not in stored.behind(stored.folder)]
@@ -377,23 +378,16 @@ def _last_stage(prepared, layers, results, made, number) -> Iterator[None]:
     into `made`; nothing of a frame that failed."""
     if not results.whole(number) or results.reason(number) is not None:
         return
-    found = _load_results(results, prepared, number)
+    found, clock = _load_results(results, prepared, number), Clock()
     if layers is not None:
-        start = time.perf_counter()
-        body = layers.body(*found)
-        seconds = time.perf_counter() - start
+        body = clock.timed("inner", lambda: layers.body(*found))
         yield
-        start = time.perf_counter()
-        layer = layers.layered(body, *found)
-        seconds += time.perf_counter() - start
-        results.status.add(frame=number, stage="inner", seconds=seconds, ok=True)
-        found = (*found, layer)
+        found = (*found, clock.timed("inner", lambda: layers.layered(body, *found)))
         yield
     else:
         found = found[:1]
-    start = time.perf_counter()
-    made[number] = found, _judged(prepared, number, results, *found)
-    results.status.add(frame=number, stage="verdict", seconds=time.perf_counter() - start, ok=True)
+    made[number] = found, clock.timed("verdict", lambda: _judged(prepared, number, results, *found))
+    clock.tell(results.status, number)
 
 
 def _measured(tracked, segmented=None, dressed=None, layer=None):

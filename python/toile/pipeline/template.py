@@ -18,7 +18,7 @@ from ..io.files import output_file
 from ..io.mesh import write_mesh
 from ..io.run import Run, open_run
 from ..scene import BodyModel, Garment, GarmentTemplate, Mesh, Person, Scene, Segmented, Tracked
-from ..stages.template import make_template, worn_region
+from ..stages.template import REACH, make_template, worn_region
 from ..surface.placing import check_near_body, off_body, place_template
 from ..surface.transfer import move_with_body
 
@@ -26,7 +26,6 @@ Sample = tuple[Tracked, Segmented]
 UNDER = 0.1  # a part of the body over which a template lies no higher is under it [m]
 RIM = 0.04  # so near to its openings cloth may lie another way [m]
 OTHER = 0.12  # share of the body under a template from which another label on it is named
-REACH = 0.04  # over which the way from the person to the model's mean body is averaged [m]
 
 
 def template_of_run(run: Run, name: str, label: str) -> GarmentTemplate:

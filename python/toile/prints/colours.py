@@ -10,11 +10,12 @@ import numpy as np
 from ..vision.unwrapping import pinhole, undistorted
 
 DARK = 0.04  # added to colours 0..1 before their logarithm is taken
-CHANNELS = np.array(
-    [[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]]
-)  # lightness and two chromas of logarithms of RGB
+# lightness and two chromas of logarithms of RGB
+CHANNELS = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])
 SURE = 0.25  # total squared weight of a point's views from which it counts in full
 SHARED = 0.2  # weight of other views that a point needs to be compared with theirs
+ROUNDS = 5  # of bettering what cameras add
+SHARE = 0.7  # of a round's step: all cameras move at once, whole steps would overshoot
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,11 @@ def blended(views, offsets, points):
     return total / np.maximum(weight, 1e-9)[:, None] @ CHANNELS.T, np.minimum(weight / SURE, 1)
 
 
-def camera_offsets(frames, points, rounds=5):
+def camera_offsets(frames, points):
     """What each camera adds to the logarithm of colours (c,3), against the mean of the others at the same points;
     frames: lists of Unwrapped a camera. Their mean over cameras is zero."""
     offsets = np.zeros((len(frames[0]), 3))
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         apart = [[] for _ in offsets]
         for views in frames:
             logs = [logarithms(v.colours) - o for v, o in zip(views, offsets)]
@@ -79,6 +80,6 @@ def camera_offsets(frames, points, rounds=5):
                 rest = total[view.texels][k] - view.weights[k, None] * y[k]
                 own.append(y[k] - rest / others[k, None])
         step = np.array([np.median(np.concatenate(a), axis=0) if sum(map(len, a)) else np.zeros(3) for a in apart])
-        offsets += 0.7 * step  # all move at once: whole steps would overshoot
+        offsets += SHARE * step
         offsets -= offsets.mean(0)
     return offsets

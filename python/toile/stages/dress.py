@@ -8,8 +8,9 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh, blended_by, unblended
 from ..surface.attachments import Attachments
+from ..surface.crumpling import crumpling
 from ..surface.curves import isolines, pieces
 from ..surface.extension import continued
 from ..surface.girth import Girths
@@ -80,15 +81,13 @@ class _Skinning:
 
     def __init__(self, model, person, skin, rotations, translation):
         R, self.joints = model.joint_transforms(person.J, rotations, translation)
-        bones = np.concatenate([R.reshape(-1, 9), self.joints - np.einsum("kij,kj->ki", R, person.J)], axis=1)
-        blended = skin @ bones
-        self.A, self.b = blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
+        self.A, self.b = blended_by(skin, person.J, R, self.joints)
 
     def pose(self, rest):
         return np.einsum("gij,gj->gi", self.A, rest) + self.b
 
     def unpose(self, posed):
-        return np.linalg.solve(self.A, (posed - self.b)[..., None])[..., 0]
+        return unblended(posed, self.A, self.b)
 
 
 def _personalise(model, person, template, samples, settings, over):
@@ -394,34 +393,6 @@ class Dresser:
             V = tracked.vertices[hand]
             about = V[((V > low) & (V < high)).all(1)]
             yield (garment.index.closest(about, reach)[3] < reach).sum() / len(V) if len(about) else 0.0
-
-
-def _metric(sides):
-    """The metrics of faces by two sides each (m,2,3): their entries (3,m), first, mixed and second."""
-    a, b = sides[:, 0], sides[:, 1]
-    return np.stack([np.einsum("mi,mi->m", x, y) for x, y in ((a, a), (a, b), (b, b))])
-
-
-def crumpling(rest, posed, V, F):
-    """How far a garment V (g,3) is from cloth that was bent: stretch_p95, the largest stretch of a face against its shape at
-    `rest`, what 95 % of the area stay below; flipped_share, of the area whose faces look against those of the template as the
-    body's pose bends it, `posed`."""
-    a, b = (X[F[:, 1:]] - X[F[:, :1]] for X in (rest, V))  # (m,2,3) two sides of each face
-    A, B = (_metric(sides) for sides in (a, b))  # stretch^2 are the eigenvalues of A^-1 B
-    area = kernels.face_areas(rest, F)
-    size = A[0] * A[2] - A[1] ** 2
-    sound = size > 1e-16 * area.mean() ** 2
-    A, B, size = A[:, sound], B[:, sound], size[sound]
-    half = (A[2] * B[0] - 2 * A[1] * B[1] + A[0] * B[2]) / (2 * size)
-    det = (B[0] * B[2] - B[1] ** 2) / size
-    stretch = np.sqrt(half + np.sqrt(np.maximum(half**2 - det, 0)))
-    order = np.argsort(stretch)
-    share = np.cumsum(area[sound][order]) / area[sound].sum()
-    against = np.einsum("mi,mi->m", kernels.face_normals(posed, F), kernels.face_normals(V, F)) < 0
-    return {
-        "stretch_p95": float(stretch[order][np.searchsorted(share, 0.95)]),
-        "flipped_share": float(area[against].sum() / area.sum()),
-    }
 
 
 def _openings_of(segmented, label, V, F, rivals):

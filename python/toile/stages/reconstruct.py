@@ -10,6 +10,7 @@ from ..surface.keypoints import mirrored
 _UNDISTORT_STEPS = 20
 LONGEST = 3.0  # m: keypoints that span more are no person's in metres
 FEW = 20  # detections whose median says nothing of a frame's noise
+MANY = 4  # detections of a point, of which one inlier more than `min_views` is asked for
 LIMBS = (  # whose sides a detector confuses together
     ("body.clavicle", "body.upperarm", "body.lowerarm", "body.wrist"),
     ("body.upperleg", "body.lowerleg", "body.foot", "body.toe", "body.big_toe", "body.small_toe", "body.heel"),
@@ -231,7 +232,7 @@ def _gauss_newton_step(rig, X, uv, inlier, gate):
 
 def _points(names, X, information, error, inlier, seen, gate, settings):
     count, asked = inlier.sum(0), seen.sum(0)
-    accepted = count >= np.where(asked >= 4, settings.min_views + 1, settings.min_views)
+    accepted = count >= np.where(asked >= MANY, settings.min_views + 1, settings.min_views)
     square = np.where(inlier, np.minimum(error, gate) ** 2, 0.0).sum(0)
     noise = np.maximum(settings.pixel_sigma, np.sqrt(square / np.maximum(2 * count - 3, 1)))
     regular = information + 1e-9 * np.eye(3)

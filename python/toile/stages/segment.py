@@ -182,12 +182,7 @@ def segment(scene, evidence, model, tracked, faces, settings, previous=None, vot
     for garment in scene.garments if settings.refine_border or not evidence.views else ():
         column = int(np.searchsorted(model.ids, scene.labels[garment.label]))
         distance, curves, shift = _refine_border(labels, column, evidence, settings)
-        p = np.clip(0.5 + 0.5 * distance / settings.opening.ramp, 0, 1)
-        rest = np.delete(np.arange(len(model.ids)), column)
-        others = probability[:, rest]
-        others = np.where(others.sum(1, keepdims=True) > 0, others, _runner_up(cost, rest))
-        probability[:, rest] = others * ((1 - p) / np.maximum(others.sum(1), 1e-9))[:, None]
-        probability[:, column] = p
+        _ramp(probability, column, np.clip(0.5 + 0.5 * distance / settings.opening.ramp, 0, 1), cost)
         moved.append(shift)
         openings[scene.labels[garment.label]] = curves
     vertex_labels = _tracked_labels(surface, probability, colour, evidence, places, voted, settings)
@@ -317,7 +312,18 @@ def _dissolve_islands(labels, mesh, settings, likelihood=None, seen=None):
     return labels
 
 
+def _ramp(probability, column, p, cost):
+    """Gives a label's column of `probability` (v,L) the values p (v,). The other labels share what is left as they did, or where
+    they had nothing the cheapest of them by `cost` (v,L) takes it."""
+    rest = np.delete(np.arange(probability.shape[1]), column)
+    others = probability[:, rest]
+    others = np.where(others.sum(1, keepdims=True) > 0, others, _runner_up(cost, rest))
+    probability[:, rest] = others * ((1 - p) / np.maximum(others.sum(1), 1e-9))[:, None]
+    probability[:, column] = p
+
+
 def _runner_up(cost, rest):
+    """(v,len(rest)) 1 for the cheapest of the columns `rest` of `cost` (v,L), 0 for the others."""
     out = np.zeros((len(cost), len(rest)), np.float32)
     out[np.arange(len(cost)), cost[:, rest].argmin(1)] = 1
     return out

@@ -14,6 +14,7 @@ from ..surface.poisson import keep_vertices, large_pieces, poisson
 from ..vision.ideal import ideal, reduced
 
 GIB = 2**30
+FEWEST = 100  # points that a surface is sought through
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def scan(images, masks, cameras, settings, room=None):
     maps = kernels.StereoSolver(seen, **settings.match.model_dump()).solve(pictures, cut)
     fuse = settings.fuse.model_dump() | {"min_views": min(settings.fuse.min_views, len(views))}
     points = _sure(kernels.fuse_depths(seen, *maps, **fuse), settings.surface.least_confidence)
-    if len(points.points) < 100:
+    if len(points.points) < FEWEST:
         raise UserError(f"the pictures agree on {len(points.points)} points: no surface is found")
     pixel = np.nanmedian([np.nanmedian(z) / c.K[0, 0] for z, c in zip(maps.depth, seen) if np.isfinite(z).any()])
     shares = _shares(maps.hole, cut)

@@ -9,30 +9,36 @@ from ..surface.loop_names import name_loops
 from ..surface.operators import compact, smooth_on
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 
+EDGE = 0.012  # [m] of a template
+OFFSET = 0.003  # [m] of a template outside of the tracked surface
+HOLE = 0.01  # [m^2]: smaller islands of other labels are no openings, smaller regions no garment
+REACH = 0.04  # [m] over which the way from the person to the model's mean body is averaged
+BORDER_STEPS, SKIN_STEPS = 2, 10  # of umbrella smoothing
 
-def make_template(model, person, name, label_id, vertex_labels, edge=0.012, offset=0.003, hole=0.01):
+
+def make_template(model, person, name, label_id, vertex_labels, edge=EDGE, hole=HOLE):
     """A template of the region that `vertex_labels` ((n,) ids, or (T,n): the majority over frames) give `label_id`
-    on the tracked surface: its rest shape cut along the smoothed border, `offset` [m] outside it, remeshed to edges of
+    on the tracked surface: its rest shape cut along the smoothed border, OFFSET outside it, remeshed to edges of
     about `edge` [m]. Islands of other labels smaller than `hole` [m^2] are no openings. Raises UserError where no region or
     no open loop is left."""
     V, F = worn_region(model, person, name, label_id, vertex_labels, hole)
-    V = V + offset * kernels.vertex_normals(V, F)
+    V = V + OFFSET * kernels.vertex_normals(V, F)
     V, F = kernels.remesh(V, F, edge)
     loops = tuple(kernels.boundary_loops(F))
     if not loops:
         raise UserError(f"labels: the region of {name} (id {label_id}) has no open loop")
     uv, face_uv = unwrap(V, F)
-    at_rest = move_with_body(V, person.rest, model.v_template, 0.04)
-    skin = transfer_skin(model, at_rest, F, 10)
+    at_rest = move_with_body(V, person.rest, model.v_template, REACH)
+    skin = transfer_skin(model, at_rest, F, SKIN_STEPS)
     return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(model, at_rest, loops))
 
 
-def worn_region(model, person, name, label_id, vertex_labels, hole=0.01):
+def worn_region(model, person, name, label_id, vertex_labels, hole=HOLE):
     """The largest part (V, F) of the person's rest surface that carries the label, cut along its smoothed border. UserError:
     none is larger than `hole` [m^2]."""
     share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
     share[_islands(person.rest, model.f, share <= 0.5, hole)] = 1
-    V, F = cut(person.rest, model.f, smooth_on(model.f, share, 2), 0.5)
+    V, F = cut(person.rest, model.f, smooth_on(model.f, share, BORDER_STEPS), 0.5)
     V, F = _largest_component(V, F) if len(F) else (V, F)
     if kernels.face_areas(V, F).sum() < hole:
         raise UserError(

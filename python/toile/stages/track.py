@@ -1,6 +1,7 @@
 """Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
 from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -114,7 +115,6 @@ class _Attempt(NamedTuple):
     astray: float
     keypoints: float
     contradicted: bool
-    vouched: bool
 
     @property
     def cost(self):
@@ -148,7 +148,7 @@ class Tracker:
         if frame.scan is None:
             surface = _unseen(posed)
         else:  # a surface that has followed a scan without a limb has drawn it elsewhere; keypoints tell where it is
-            *_, vouched = self.keypoints(fit.rotations, fit.translation, points)
+            vouched = self.keypoints(fit.rotations, fit.translation, points).vouched
             held = np.flatnonzero(self.surface.lacking(frame.scan, posed))[::HELD_STEP] if vouched else ()
             surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
         return self.tracked(frame, points, fit, surface, previous, measures)
@@ -165,16 +165,17 @@ class Tracker:
         moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
         diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
         if points is not None and len(points.points):
-            kept = float(np.isfinite(points.points).all(1).mean())
-            diagnostics |= {"keypoints_kept": kept} | ({"keypoint_gate_px": points.gate} if points.gate else {})
-        diagnostics |= {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
+            diagnostics["keypoints_kept"] = float(np.isfinite(points.points).all(1).mean())
+            if points.gate:
+                diagnostics["keypoint_gate_px"] = points.gate
+        diagnostics["moved_mm"] = float(1e3 * moved.mean())
+        diagnostics["moved_p95_mm"] = float(1e3 * np.percentile(moved, 95))
         face, left_out = self._face(*pose, points, V, confidence)
-        given = (
-            0
-            if points is None
-            else int(np.isfinite(points.points[np.isin(points.names, model.face_names)]).all(1).sum())
+        facial = (
+            0 if points is None else np.isfinite(points.points[np.isin(points.names, model.face_names)]).all(1).sum()
         )
-        diagnostics |= {"face_off": left_out / given} if given >= FACE else {}
+        if facial >= FACE:
+            diagnostics["face_off"] = left_out / int(facial)
         return Tracked(V, *pose, face, confidence, diagnostics)
 
     def _start(self, previous):
@@ -187,31 +188,23 @@ class Tracker:
         return person.rest + share * off
 
     def _fit(self, frame, points, previous):
-        """The pose of a frame, the surface (n,3) that it was fitted to first, or None, and what was found of it. Of the
-        poses from the frame before, and, where that lies farther from the scan than is usual, from other starts, the
-        nearest to the scan from both sides and to the keypoints; from keypoints too, with the scan and alone, where these put a limb elsewhere; where nothing
-        gives a start, or all have lost the scan, the pose is searched."""
+        """The pose of a frame, the surface (n,3) that gave its start, or None, and what the diagnostics say of it.
+
+        It is the pose nearest to the scan from both sides and to the keypoints, of those from the frame before; where that lies
+        farther from the scan than is usual, from other starts; where keypoints put a limb elsewhere, from these, with the scan and
+        alone; and where nothing gives a start, or all have lost the scan, from a search."""
         evidence, scan, s = _evidence(frame, points), frame.scan, self.settings
         measure = None if scan is None else TwoSided(scan, self.search.looks)
-
-        def attempt(surface=None, told=evidence, **start):
-            fit = self.skeleton.solve(**told, **start)
-            beside = self.keypoints(fit.rotations, fit.translation, points)
-            if measure is None or fit.stop == "unmatched":
-                return _Attempt(fit, surface, np.inf, 1.0, *beside)
-            *_, vouched = beside
-            lacking = self.surface.lacking(scan, fit.V) if vouched else None
-            return _Attempt(fit, surface, *measure(fit.V, lacking), *beside)
-
+        attempt = partial(self._attempt, points, measure)
         best, usual, others = None, np.inf, iter(())
         if previous is not None:
             before = (previous.rotations, previous.translation, self.person.shape)
-            best = attempt(start=before, previous=[before])
+            best = attempt(evidence, start=before, previous=[before])
             usual = previous.diagnostics.get("usual_mm", np.inf) / 1e3
         elif points is not None:
-            best = attempt(start=self._cold_start(points))
+            best = attempt(evidence, start=self._cold_start(points))
         elif scan is None or not s.headings:
-            best = attempt()
+            best = attempt(evidence)
         if scan is None:
             return best.fit, None, {}
         if previous is not None and np.isfinite(usual):
@@ -220,21 +213,31 @@ class Tracker:
             other = next(others, None)
             if other is None:
                 break
-            best = min(best, attempt(other[1], start=other[0]), key=attrgetter("cost"))
+            best = min(best, attempt(evidence, other[1], start=other[0]), key=attrgetter("cost"))
         if best is not None and best.contradicted:
             start = self._cold_start(points)
-            again = attempt(start=start), attempt(told={"keypoints": points}, start=start)
+            again = attempt(evidence, start=start), attempt({"keypoints": points}, start=start)
             best = min(best, *again, key=attrgetter("cost"))
         searched = False
         if best is None or best.astray > s.search.astray or best.distance > s.search.farther * usual:
             start = self.search.pose(scan)[0]
-            found = None if start is None else attempt(start=start)
+            found = None if start is None else attempt(evidence, start=start)
             searched = found is not None and (best is None or s.search.as_close * found.cost < best.cost)
             best = found if searched else best
-        pose = 1e3 * best.distance
-        usual = (1e3 * usual + pose) / 2 if np.isfinite(usual) and not searched else pose
-        found = {"pose_mm": pose, "usual_mm": usual, "astray": best.astray, "searched": float(searched)}
-        return best.fit, best.surface, found
+        pose_mm = 1e3 * best.distance
+        usual_mm = (1e3 * usual + pose_mm) / 2 if np.isfinite(usual) and not searched else pose_mm
+        told = {"pose_mm": pose_mm, "usual_mm": usual_mm, "astray": best.astray, "searched": float(searched)}
+        return best.fit, best.surface, told
+
+    def _attempt(self, points, measure, evidence, surface=None, **start):
+        """The _Attempt of a pose fitted to this evidence from `start`, by a TwoSided `measure` of the scan, None without one;
+        `surface` (n,3) gave the start."""
+        fit = self.skeleton.solve(**evidence, **start)
+        beside = self.keypoints(fit.rotations, fit.translation, points)
+        if measure is None or fit.stop == "unmatched":
+            return _Attempt(fit, surface, np.inf, 1.0, beside.distance, beside.contradicted)
+        lacking = self.surface.lacking(measure.scan, fit.V) if beside.vouched else None
+        return _Attempt(fit, surface, *measure(fit.V, lacking), beside.distance, beside.contradicted)
 
     def _cold_start(self, points):
         """Keypoints alone, with the person's shape, give the first pose."""

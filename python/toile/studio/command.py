@@ -66,7 +66,8 @@ def studio(
     """Make a synthetic capture with full truth: pictures, masks, labels, keypoints, scans."""
     from ..console import progress_bars
     from ..kernels import threads
-    from .make import StudioOptions, make_capture
+    from .make import make_capture
+    from .options import StudioOptions
 
     given = {
         **dict(

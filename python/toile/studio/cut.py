@@ -91,11 +91,11 @@ def arm_vertices(body):
     return body.dense_weights[:, limb].sum(1) > 0.3
 
 
-def trousers_field(body, z=None, waist=WAIST, ankle=ANKLE):
-    """Per body vertex, positive where trousers, shorts or the top of a skirt go: metres to the nearest cut; heights `z`
-    (n,) are the neutral body's unless given."""
-    z = body.neutral[:, 2] if z is None else z
-    return np.where(arm_vertices(body), -1.0, np.minimum(waist - z, z - ankle))
+def trousers_field(body, ankle=ANKLE):
+    """Per body vertex, positive where trousers, shorts or the top of a skirt go: metres to the nearest cut, `ankle` [m] is the
+    lower one's height on the neutral body."""
+    z = body.neutral[:, 2]
+    return np.where(arm_vertices(body), -1.0, np.minimum(WAIST - z, z - ankle))
 
 
 def tank_field(body):

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.files import write_text
-from ..pipeline.blocks import locked
+from ..io.locks import locked
 from ..pipeline.workers import Workers, check_workers, everywhere
 from . import truth as checks
 from .cameras import cameras_json
@@ -87,9 +87,8 @@ def begin(part, options):
         write_text(part / "work" / "options.json", json.dumps(asked))
         return True
     found = json.loads(kept.read_text())
-    found["options"] = (
-        StudioOptions(truth="plain").model_dump() | found["options"]
-    )  # one that came later had its default
+    # an option that came later had its default
+    found["options"] = StudioOptions(truth="plain").model_dump() | found["options"]
     for table, values in asked.items():
         for name, value in values.items():
             if found[table].get(name) != value:

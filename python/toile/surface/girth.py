@@ -4,6 +4,7 @@ import numpy as np
 
 from .. import kernels
 from .curves import isolines
+from .operators import distance_along_edges
 
 
 class Girths:
@@ -11,14 +12,9 @@ class Girths:
     (f,3). What cuts an opening short, a web in the scan above all, leaves that curve as long as it is."""
 
     def __init__(self, V, F, loops, distance):
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import dijkstra
-
         edges = kernels.unique_edges(F)
-        lengths = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
-        graph = coo_matrix((lengths, edges.T), (len(V), len(V))).tocsr()
-        away = [dijkstra(graph, directed=False, indices=loop, min_only=True) for loop in loops]
-        self.F, self.away, self.distance = F, away, distance
+        self.away = [distance_along_edges(V, edges, loop) for loop in loops]
+        self.F, self.distance = F, distance
 
     def __call__(self, V):
         """Lengths (l,) [m] on a surface (n,3) of the same faces; NaN of a loop where the curve is not one closed curve."""

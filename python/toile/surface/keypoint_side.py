@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .. import kernels
@@ -15,6 +17,16 @@ from .two_sided import FAR
 # pose that hides it; one that shows a limb, and keypoints put it elsewhere, is off such a pose by the limb. On arms and legs of the
 # mean body laid four and five other ways the first asks for no weight at all, the second for less than 0.35.
 WEIGHT = 0.2
+
+
+class BesideKeypoints(NamedTuple):
+    """What counts beside a TwoSided's distance [m]: of each limb, and of trunk and head, the median distance of its keypoints, up to
+    twice FAR, by its share of the surface, times WEIGHT. `contradicted`: one of them is beyond FAR. `vouched`: none is, and of every
+    limb half of its keypoints and more are seen, three in four of these within FAR."""
+
+    distance: float
+    contradicted: bool
+    vouched: bool
 
 
 class KeypointSide:
@@ -33,13 +45,11 @@ class KeypointSide:
         area = np.bincount(of_face, kernels.face_areas(person.rest, faces), of_joint.max() + 1)
         self.share = area / area.sum()
 
-    def __call__(self, rotations: Floats, translation: Floats, points: Points3D | None) -> tuple[float, bool, bool]:
-        """What counts beside a TwoSided's distance [m]: of each limb, and of trunk and head, the median distance of its keypoints, up to
-        twice FAR, by its share of the surface, times WEIGHT; whether one of them is beyond FAR; and whether keypoints vouch for the pose:
-        none is, and of every limb half of them and more are seen, three in four of these within FAR."""
+    def __call__(self, rotations: Floats, translation: Floats, points: Points3D | None) -> BesideKeypoints:
+        """How a pose lies beside keypoints; 0 and False where there are none."""
         known = [] if points is None else [i for i, name in enumerate(points.names) if name in self.row]
         if not known:
-            return 0.0, False, False
+            return BesideKeypoints(0.0, False, False)
         rows = [self.row[points.names[i]] for i in known]
         off = np.linalg.norm(self._places(rotations, translation)[rows] - points.points[known], axis=1)
         given = [off[self.part[rows] == part] for part in range(len(self.share))]
@@ -47,7 +57,8 @@ class KeypointSide:
         distance = np.array([np.median(some) if len(some) else 0.0 for some in parts])
         contradicted = bool((distance > FAR).any())
         vouched = not contradicted and all(_vouch(*limb) for limb in list(zip(parts, given))[1:])
-        return float(WEIGHT * (self.share @ np.minimum(distance, 2 * FAR))), contradicted, vouched
+        weighed = float(WEIGHT * (self.share @ np.minimum(distance, 2 * FAR)))
+        return BesideKeypoints(weighed, contradicted, vouched)
 
     def _places(self, rotations, translation):
         """The model's keypoints (q,3) in a pose, beside its own as the detector's lie."""

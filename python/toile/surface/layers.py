@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.run import RegisteredSurface, Run
-from ..scene import blended_transforms
+from ..scene import blended_transforms, unblended
 from .sampling import evenly
 
 BLEND = 8  # joints that move one vertex of a garment, at most
@@ -40,7 +40,7 @@ def unposed(run: Run, surface: RegisteredSurface, skin_idx, skin_val, row: int) 
     pose = run.pose.rotations[row], run.pose.translation[row]
     J = run.rest_joints
     A, b = blended_transforms(J, *run.body_model.joint_transforms(J, *pose), skin_idx, skin_val)
-    return np.linalg.solve(A, (surface.vertices[row] - b)[..., None])[..., 0]
+    return unblended(surface.vertices[row], A, b)
 
 
 def shapes(run: Run, surface: RegisteredSurface, skin_idx, skin_val, frames, modes: int):

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from .. import kernels
-from ..scene import posed_joints
+from ..scene import blended_by, posed_joints
+from .operators import distance_along_edges
 from .sampling import spread_points
 
 LIMBS = ("upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R")  # roles of the joints that they begin at
@@ -94,9 +95,8 @@ class Limbs:
 
     def skin(self, R, x):
         """Vertices (n,3) of one pose, in order of parts."""
-        bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, self.J)], axis=1)
-        blended = self.weights @ bones
-        return np.einsum("nij,nj->ni", blended[:, :9].reshape(-1, 3, 3), self.rest) + blended[:, 9:]
+        A, b = blended_by(self.weights, self.J, R, x)
+        return np.einsum("nij,nj->ni", A, self.rest) + b
 
     def contacts(self, R, x, margin):
         """Contacts of all limbs nearer than `margin` [m] to a part that is not their own, in the pose of these transforms. Those of
@@ -143,13 +143,9 @@ class Limbs:
 
 def _from_cut(rest, F, inside):
     """(n,) [m] along the surface from where the vertices `inside` border on others."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import dijkstra
-
-    i, j = kernels.unique_edges(F).T
-    graph = coo_matrix((np.linalg.norm(rest[i] - rest[j], axis=1), (i, j)), (len(inside),) * 2).tocsr()
-    cut = np.unique(np.r_[i, j][np.tile(inside[i] != inside[j], 2)])
-    return dijkstra(graph, directed=False, indices=cut, min_only=True)
+    edges = kernels.unique_edges(F)
+    cut = np.unique(edges[inside[edges[:, 0]] != inside[edges[:, 1]]])
+    return distance_along_edges(rest, edges, cut)
 
 
 def _part(rest, F, own, span, away, area):

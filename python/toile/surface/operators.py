@@ -1,5 +1,5 @@
 """Plain operators on triangle meshes and curves, by numpy and scipy alone: averages over neighbours, the mesh's border,
-the way to a closed polyline."""
+the way along edges and to a closed polyline."""
 
 import numpy as np
 
@@ -60,6 +60,16 @@ def compact(V, F):
     """The vertices (k,...) that faces use, in their order, and the faces into those."""
     used, F = np.unique(F, return_inverse=True)
     return V[used], F.reshape(-1, 3).astype(np.int32)
+
+
+def distance_along_edges(V, edges, sources):
+    """(n,) [m] from each of V (n,3) to the nearest of the vertices `sources` (k,) along `edges` (e,2), each given once."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+
+    i, j = edges.T
+    graph = coo_matrix((np.linalg.norm(V[i] - V[j], axis=1), (i, j)), (len(V), len(V))).tocsr()
+    return dijkstra(graph, directed=False, indices=sources, min_only=True)
 
 
 def distance_to_polyline(points, closed):

@@ -84,11 +84,7 @@ class PoseSearch:
 
     def _limb(self, joints, frame):
         ways = np.diff(self.J[joints], axis=0)
-        below, parents = {joints[0]}, self.model.parents
-        for joint in range(joints[0] + 1, len(parents)):
-            if parents[joint] in below:
-                below.add(joint)
-        return joints[:2], sorted(below), ways, frame
+        return joints[:2], np.flatnonzero(self.model.beyond(joints[0])), ways, frame
 
     def measure(self, scan, fit):
         """(distance [m], astray) of a fit, see TwoSided."""

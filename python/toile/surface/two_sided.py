@@ -6,9 +6,7 @@ import numpy as np
 
 from .sampling import by_area
 
-FAR = (
-    0.05  # two surfaces of one person are nowhere farther apart than this, but where one of them is not the other's [m]
-)
+FAR = 0.05  # two surfaces of one person are nowhere farther apart [m], but where one of them is not the other's
 SCAN_POINTS, SURFACE_POINTS = 1500, 1500
 
 
@@ -20,8 +18,9 @@ class TwoSided:
         self.scan, self.points, self.looks = scan, scan.vertices[scan.faces[face]].mean(1), looks
 
     def __call__(self, V, lacking=None):
-        """(distance, astray) of vertices V (n,3), of which the scan is known to lack those where `lacking` (n,) is true: the mean of the distances [m] from either side, each counted up to twice
-        FAR; and the smaller of the two sides' shares beyond FAR. What is only missing from one of the two is not astray."""
+        """(distance, astray) of vertices V (n,3), of which the scan is known to lack those where `lacking` (n,) is true: the mean of
+        the distances [m] from either side, each counted up to twice FAR; and the smaller of the two sides' shares beyond FAR. What is
+        only missing from one of the two is not astray."""
         from scipy.spatial import cKDTree
 
         of_scan = cKDTree(V[self.looks], balanced_tree=False, compact_nodes=False).query(self.points)[0]

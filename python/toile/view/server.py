@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -100,8 +101,9 @@ def serve(shown: Sequence[Shown], port: int) -> ThreadingHTTPServer:
     class Server(ThreadingHTTPServer):
         daemon_threads = True
 
-        def handle_error(self, *_):
-            pass  # a browser that went away
+        def handle_error(self, *asked):
+            if not isinstance(sys.exception(), ConnectionError):  # of a browser that went away nothing is said
+                super().handle_error(*asked)
 
     try:
         return Server(("127.0.0.1", port), Handler)

@@ -33,9 +33,7 @@ SHORT = ("shorts", "skirt", "dress")  # a scene that has one of them may show ba
 COVERS = {"upper legs": (*LONG, "shorts", "skirt"), "lower legs": LONG}  # by labels' names, the first that a scene has
 WORN = 0.5  # share of a part of the body that is labelled skin, from which it is taken for bare
 SEEN_BARE = 0.15  # the same of upper legs by a network, where the scene has trousers: from there on it is in error
-COLOUR = (
-    0.08  # of chroma over lightness, by default; bare limbs differ by up to 0.075 from head and hands of one person
-)
+COLOUR = 0.08  # of chroma over lightness, by default; bare limbs of one person are up to 0.075 off head and hands
 SAMPLES = 60  # of the skin of a part
 SURE = 0.8  # certainty from which on a label of head and hands is skin
 SPECKS = 0.05  # share of limbs: less that is called skin is nothing to speak of

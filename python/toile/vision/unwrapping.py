@@ -11,15 +11,10 @@ from .. import kernels
 from ..kernels import bilinear
 from .visibility import occlusion_border
 
-BORDER = (
-    0.03,
-    2,
-)  # colours within so many pixels of a depth step of so many metres mix two surfaces, see occlusion_border
+BORDER = (0.03, 2)  # depth step [m] about which colours mix two surfaces, and how far [px], see occlusion_border
 SEAM = 0.012  # a pixel this near to another layer may show it instead: registered borders err by as much [m]
 LABEL = 3  # a pixel this near to a label that speaks against the layer may show that instead [px]
-DOUBT = (
-    0.05  # from another layer within which labels are asked; farther inside, registration errs less than labels do [m]
-)
+DOUBT = 0.05  # so near to another layer labels are asked; farther inside, registration errs less than they do [m]
 TOLERANCE = 0.006  # of the depth test [m]
 MIN_COSINE = 0.2  # views more grazing than this give no texel
 EMPTY = 255  # no layer

@@ -238,7 +238,8 @@ class Shot:
         if self.meshes and i == self.rows[0]:
             write_still(self.out, driven, decoded, self.rows)
         strain = driven.draping.strain if driven.draping else 0.0
-        return int(before), int(left), share, strain, any(seen_of(one, seen_by) for one in decoded.values())
+        seen = any(seen_by.sees(one.vertices[0].cpu().numpy()).any() for one in decoded.values())
+        return int(before), int(left), share, strain, seen
 
 
 def animate(
@@ -309,12 +310,6 @@ def check_asked(folder, motion, frames, camera, height=None, garments=()):
     if garments:
         model = body_model_of(read_facts(folder)["run"], avatar.scene.body_model, avatar.scene.up)
         lend(avatar, dict(garments), folder, model.skin_faces)
-
-
-def seen_of(decoded, camera):
-    """Whether a vertex of a Decoded lies in the camera's picture."""
-    uv, depth = camera.project(decoded.vertices[0].cpu().numpy())
-    return bool(((depth > 0) & (uv >= 0).all(1) & (uv < (camera.width, camera.height)).all(1)).any())
 
 
 def lacking(absent, motion):

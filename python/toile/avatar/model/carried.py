@@ -105,9 +105,8 @@ class Projection(nn.Module):
         variance, basis = torch.linalg.eigh((x - mean).T @ (x - mean) / len(x))
         kept = min(COMPONENTS, int((variance > LEAST * variance[-1]).sum()))  # what hardly varies points anywhere
         basis = basis.flip(1)[:, :kept]
-        basis = (
-            basis * basis.gather(0, basis.abs().argmax(0, keepdim=True)).sign()
-        )  # an eigenvector's sign is nobody's choice
+        # an eigenvector's sign is nobody's choice
+        basis = basis * basis.gather(0, basis.abs().argmax(0, keepdim=True)).sign()
         self.mean.copy_(mean)
         self.basis.zero_()
         self.basis[:, :kept] = basis * SPREAD / variance.sum().clamp(min=1e-12).sqrt()

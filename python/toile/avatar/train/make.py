@@ -18,8 +18,8 @@ from lightning_fabric.strategies import DDPStrategy
 
 from ...errors import UserError
 from ...io.holdout import agreed, held, words_of
+from ...io.locks import locked
 from ...io.run import Run, open_run
-from ...pipeline.blocks import locked
 from ...scene import frame_ranges
 from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
@@ -221,9 +221,7 @@ def deterministic(fabric):
 
     before = torch.are_deterministic_algorithms_enabled(), extra.fill_uninitialized_memory
     torch.use_deterministic_algorithms(before[0] or fabric.device.type == "cpu", warn_only=True)
-    extra.fill_uninitialized_memory = (
-        False  # nothing here reads memory that it has not written, and filling costs a sixth
-    )
+    extra.fill_uninitialized_memory = False  # nothing is read here before it is written, and filling costs a sixth
     try:
         yield
     finally:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...kernels.arrays import Anything, Floats
-from ...scene import blend_skinning, blended_transforms, joint_transforms
+from ...scene import blend_skinning, blended_transforms, joint_transforms, unblended
 
 TO_Y_UP = {  # rotations (3,3) that take this axis upwards to y upwards
     "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
@@ -120,8 +120,7 @@ def rest_surface(clip: Clip, layer: ClipLayer) -> tuple[Floats, Floats]:
     J, frames = np.asarray(skeleton.J), spread(clip.frames, SPREAD)
     rest: Floats = np.zeros(0)
     for i, frame in enumerate(frames):
-        A, b = blended_transforms(J, *skeleton.posed(frame), joints, weights)
-        unskinned: Floats = np.linalg.solve(A, (layer.at(frame) - b)[..., None])[..., 0].astype(np.float64)
+        unskinned = unblended(layer.at(frame), *blended_transforms(J, *skeleton.posed(frame), joints, weights))
         rest = unskinned if i == 0 else rest + (unskinned - rest) / (i + 1)
     skinned = (blend_skinning(rest, J, *skeleton.posed(frame), joints, weights) for frame in frames)
     off = [np.linalg.norm(V - layer.at(frame), axis=1) for V, frame in zip(skinned, frames)]

@@ -60,7 +60,7 @@ def write_stage(clip: Clip, path: Path, motion: str, progress: Callable[..., Non
             return variants.GetVariantEditContext()
 
         with variant("skeleton"):
-            notes = [bind_mesh(stage, mesh, clip, layer) for mesh, layer in zip(meshes, clip.layers)]
+            notes = [bind_mesh(mesh, clip, layer) for mesh, layer in zip(meshes, clip.layers)]
     with variant("points"):
         for done, frame in enumerate(clip.frames):
             for mesh, layer in zip(meshes, clip.layers):
@@ -222,7 +222,7 @@ def quaternions(rotations: Anything) -> Any:
     return Vt.QuatfArray([Gf.Quatf(w, x, y, z) for x, y, z, w in xyzw])
 
 
-def bind_mesh(stage: Any, mesh: Any, clip: Clip, layer: ClipLayer) -> str:
+def bind_mesh(mesh: Any, clip: Clip, layer: ClipLayer) -> str:
     """The layer at rest, bound to the skeleton; returns how far that lies from the layer."""
     from pxr import UsdSkel, Vt
 

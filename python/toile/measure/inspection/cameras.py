@@ -13,10 +13,8 @@ from .rays import SURE, Meeting, Sighting, meet
 
 OPENGL = np.diag([1.0, -1, -1, 1])
 BETTER = 0.4  # share of the error that is left, below which another reading is right
-AGREES, FINEST = (
-    0.02,
-    8.0,
-)  # of a picture's diagonal, and px: a convention that fits leaves less, and no detector is finer
+AGREES = 0.02  # of a picture's diagonal: a convention that fits leaves less
+FINEST = 8.0  # px: no detector is finer
 OFF = 3.0  # times the others' error, and
 LEAST = 0.004  # of a picture's diagonal, from which a camera is said to disagree
 EXPLAINS = 1.0  # times the spread that is left: an offset that explains a camera's error

@@ -12,7 +12,7 @@ import numpy as np
 from ... import kernels
 from ...io.capture import Capture
 from ...kernels.arrays import Array, Bools, Floats
-from ...scene import BodyModel, Camera, Frame, Points3D
+from ...scene import BodyModel, Camera, Frame, Points3D, blended_by
 from ...surface.transfer import move_with_body, transfer_skin
 from ...vision.visibility import DepthView
 
@@ -49,16 +49,14 @@ def clothed(capture: Capture, model: BodyModel, frame: Frame, points: Points3D) 
         return None
     rest, J = model.rest(np.asarray(fit.shape))
     R, x = model.joint_transforms(J, np.asarray(fit.rotations), np.asarray(fit.translation))
-    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
     layers = [_body(model, np.asarray(fit.V))]
     for i, garment in enumerate(capture.scene.garments):
         mesh = capture.templates.get(garment.name)
         if mesh is None or kernels.SurfaceIndex(model.v_template, model.f).closest(mesh.vertices)[3].mean() > NEAR:
             continue
         worn = move_with_body(mesh.vertices, model.v_template, rest, REACH)
-        blended = transfer_skin(model, mesh.vertices, mesh.faces, SMOOTHED) @ bones
-        V = np.einsum("gij,gj->gi", blended[:, :9].reshape(-1, 3, 3), worn) + blended[:, 9:]
-        layers.append((V, mesh.faces, i))
+        A, b = blended_by(transfer_skin(model, mesh.vertices, mesh.faces, SMOOTHED), J, R, x)
+        layers.append((np.einsum("gij,gj->gi", A, worn) + b, mesh.faces, i))
     return _joined(layers, model)
 
 

@@ -28,14 +28,15 @@ class Program:
     leaves files that are none.
     """
 
-    def __init__(self, command: str, at_once: int = 16):
+    at_once = 16
+
+    def __init__(self, command: str):
         try:
             self.words = shlex.split(command)
         except ValueError as error:
             raise UserError(f"--detector: {error}") from None
         if not self.words:
             raise UserError("--detector: no command")
-        self.at_once = at_once
 
     def detect(self, folders: Sequence[Path], cameras: Mapping[str, Camera]) -> Iterator[Detection]:
         """A Detection for each folder of pictures, in their order."""
