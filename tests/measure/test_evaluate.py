@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zarr
+from PIL import Image
 
 from tests.support.shapes import tube
 from tests.support.synthetic_run import copy_capture, true_run, with_another_template
@@ -77,6 +78,21 @@ def test_evidence_of_the_truth_is_that_of_the_scans_noise_and_the_detectors(made
     found = evaluate(made[1])["all"]["evidence"]
     assert found["scan_to_surface_mm"]["mean"] < 6 and found["scan_to_surface_mm"]["p95"] < 30
     assert found["keypoint_px"]["median"] < 12 and found["silhouette_iou"] > 0.85
+
+
+def test_masks_that_are_empty_although_the_person_is_there_are_left_out_of_silhouettes_and_counted(made):
+    before = evaluate(made[1])
+    frames = sorted((made[0] / "frames").iterdir())[:2]
+    for folder, cameras in zip(frames, (("cam01", "cam02"), ("cam03",))):
+        for camera in cameras:
+            path = folder / "masks" / f"{camera}.png"
+            Image.fromarray(np.zeros_like(np.array(Image.open(path)))).save(path)
+    after = evaluate(made[1])
+    iou = [found["all"]["evidence"]["silhouette_iou"] for found in (before, after)]
+    assert iou[1] == pytest.approx(iou[0], abs=0.01)
+    assert not before["warnings"]
+    (said,) = after["warnings"]
+    assert said.startswith("frames 0-1: 3 masks are empty although the person is in their pictures")
 
 
 def test_evidence_needs_no_truth_and_says_what_a_frame_lacks(made):
