@@ -19,6 +19,7 @@ MESHES = {
         "ply\nformat ascii 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\n"
         "element face 1\nproperty list uchar int vertex_indices\nend_header\n", "{:.7f} {:.7f} {:.7f}", "{n}", 0,
     ),
+    "off": ("OFF\n{n} 1 0\n", "{:.7f} {:.7f} {:.7f}", "{n}", 0),
 }  # fmt: skip
 
 
