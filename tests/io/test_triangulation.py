@@ -67,6 +67,15 @@ def test_triangles_of_random_polygons_cover_them_and_those_of_convex_ones_are_fa
                 assert star or np.array_equal(found, fan)
 
 
+@pytest.mark.parametrize("n", [100, 1000, 3000])
+def test_triangles_of_a_polygon_of_many_corners_that_point_inwards_by_little_cover_it(n):
+    angle = 2 * np.pi * np.arange(n) / n
+    radius = 1 + 0.3 * np.sin(9 * angle)
+    V = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], 1)
+    own = twice_areas(V, triangles_of(V, np.arange(n), [n]))[:, 2]
+    assert np.isclose(np.abs(own).sum(), np.cross(V, np.roll(V, -1, 0))[:, 2].sum())
+
+
 def test_polygons_that_cross_themselves_or_have_no_area_are_as_many_triangles_as_others():
     V = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0], [np.nan, 0, 0]])
     assert triangles_of(V, [0, 1, 2, 3], [4]).shape == (2, 3)
