@@ -1,5 +1,6 @@
 """evaluate on a run whose errors are known, because it is made of the truth."""
 
+import os
 import shutil
 from types import SimpleNamespace
 
@@ -11,11 +12,13 @@ from PIL import Image
 from tests.support.shapes import tube
 from tests.support.synthetic_run import copy_capture, true_run, with_another_template
 from toile.io.body import load_body_model
+from toile.io.capture import open_capture
 from toile.io.mesh import read_mesh, write_mesh
 from toile.io.status import Status
 from toile.measure.evaluate import evaluate
 from toile.measure.report import write_report
 from toile.measure.truth import Truth
+from toile.pipeline.manifest import note_frame
 from toile.scene import Mesh
 
 
@@ -92,7 +95,9 @@ def test_masks_that_are_empty_although_the_person_is_there_are_left_out_of_silho
     assert iou[1] == pytest.approx(iou[0], abs=0.01)
     assert not before["warnings"]
     (said,) = after["warnings"]
-    assert said.startswith("frames 0-1: 3 masks are empty although the person is in their pictures")
+    assert said == (
+        "frames 0-1: masks that are empty although the person is in their pictures, 3 in all, are left out of silhouette_iou"
+    )
 
 
 def test_evidence_needs_no_truth_and_says_what_a_frame_lacks(made):
@@ -183,6 +188,19 @@ def test_frames_that_the_capture_has_lost_are_named(made):
     assert said.startswith("frames 1, 4: they can no more be read of ")
     observed = [frame["evidence"]["observed"] for frame in found["per_frame"]]
     assert [value is None for value in observed] == [number in (1, 4) for number in range(6)]
+
+
+def test_frames_whose_files_are_no_more_those_that_were_registered_are_named(made):
+    capture, run = open_capture(made[0]), made[1]
+    (run / "inputs").mkdir()
+    for number in capture.frames:
+        note_frame(run, capture, number)
+    os.utime(made[0] / "frames" / "000003" / "scan.ply", (1, 1))  # written again, with the same bits
+    assert not evaluate(run)["warnings"]
+    shutil.copyfile(made[0] / "frames" / "000002" / "scan.ply", made[0] / "frames" / "000001" / "scan.ply")
+    (made[0] / "frames" / "000004" / "keypoints.json").unlink()
+    (said,) = evaluate(run)["warnings"]
+    assert said.startswith("frames 1, 4: the capture's files are no more those that were registered")
 
 
 def test_a_garment_that_the_truth_lacks_is_named_and_not_measured(made):

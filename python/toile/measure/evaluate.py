@@ -74,7 +74,7 @@ class _Evaluation:
         self.borders = {name: self.truth.border_names(name, self.model) for name in self.known}
         self.outside = ~self.model.inside
         self.followed, self.slips, self.lost = None, defaultdict(Slip), []
-        self.empty = {}  # {frame: masks left out}
+        self.empty, self.changed = {}, []  # {frame: masks left out}, frames
 
     def result(self):
         per_frame, motions = [], defaultdict(MotionError)
@@ -102,9 +102,13 @@ class _Evaluation:
         if self.lost:
             lost = f"frames {frame_ranges(self.lost, 4)}: they can no more be read of {self.capture.root}"
             said.append(f"{lost}: no evidence is measured of them")
+        if self.changed:
+            changed = f"frames {frame_ranges(self.changed, 4)}: the capture's files are no more those"
+            said.append(f"{changed} that were registered: they are measured against what lies there now")
         if self.empty:
-            many = f"frames {frame_ranges([*self.empty], 4)}: {sum(self.empty.values())} masks are empty although the person is in their"
-            said.append(f"{many} pictures: they are left out of silhouette_iou")
+            where, many = frame_ranges([*self.empty], 4), sum(self.empty.values())
+            empty = f"frames {where}: masks that are empty although the person is in their pictures, {many} in all"
+            said.append(f"{empty}, are left out of silhouette_iou")
         without = [name for name, mapped in self.mapped.items() if not mapped]
         return said + [
             f"garment {name}: the truth has no map of this template: correspondence_mm and jitter_mm are not measurable"
@@ -221,6 +225,7 @@ class _Evaluation:
         except UserError:
             self.lost.append(number)
             return {}
+        self.changed += [number] if self.run.changed(number) else []
         confidence, joints = self.run.track.confidence.at(number), self._model_joints(number)
         body = JudgedLayer("body", None, tracked, self.model.skin_faces, confidence, np.flatnonzero(self.outside))
         empty = self._empty(frame, body)
