@@ -260,6 +260,12 @@ def looks(frames: list[Any]) -> list[Finding]:
         empty = [name for name, mask in frame.masks.items() if not mask.any()]
         if empty and anyone:
             found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
+        blank = [
+            name for name, labels in frame.labels.items() if not labels.any() and frame.masks.get(name, labels).any()
+        ]
+        if blank:
+            text = f"{', '.join(blank[:MANY])}: frame {frame.number} has an empty label image, and a mask that is not"
+            found.append(Finding(text, serious=False))
     for name, values in sharp.items():
         usual = float(np.median(list(values.values())))
         for number, value in values.items():
