@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zarr
+from PIL import Image
 from threadpoolctl import threadpool_limits
 
 import toile.align.run
@@ -184,6 +185,20 @@ def test_frames_that_no_picture_of_their_block_tells_of_are_said_to_lie_as_they_
     assert outcome.warnings[0].startswith("frames 50-51 lie as they were registered")
     step = arrays(tmp_path / "aligned")["garment/tshirt/vertices"] - arrays(run)["garment/tshirt/vertices"]
     assert np.abs(step).max((1, 2)).astype(bool).tolist() == [True, True, False, False]
+
+
+def test_frames_whose_masks_are_all_empty_slide_as_those_beside_them_and_are_said(
+    two_blocks, undisturbed, tmp_path, unreported
+):
+    run = shutil.copytree(two_blocks, tmp_path / "run")
+    config = tomllib.loads((run / "config.toml").read_text())["capture"]
+    blank = shutil.copytree(config, tmp_path / "capture")
+    for path in (blank / "frames" / "000051" / "masks").iterdir():
+        Image.fromarray(np.zeros_like(np.array(Image.open(path)))).save(path)
+    (run / "config.toml").write_text((run / "config.toml").read_text().replace(config, str(blank)))
+    (said,) = align(run, tmp_path / "aligned", QUICK).warnings
+    assert said.startswith("frames 51: the pictures show nothing of garment tshirt, as where masks are empty")
+    assert not any("show nothing" in words for words in align(two_blocks, undisturbed, QUICK).warnings)
 
 
 def test_align_opens_a_run_once(two_blocks, tmp_path, monkeypatch, unreported):

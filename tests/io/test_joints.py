@@ -37,6 +37,10 @@ TWISTED = {
     "Hips": "root", "LeftUpLeg": "upperleg01.L", "LeftLeg": "lowerleg01.L", "LeftCalf": "LeftCalf", "LeftFoot": "foot.L",
     "RightLeg": "upperleg01.R", "RightCalf": "lowerleg01.R", "RightFoot": "foot.R",
 }  # fmt: skip
+CALVES = {
+    "Hips": "root", "LeftThigh": "upperleg01.L", "LeftLeg": "lowerleg01.L", "LeftCalf": "LeftCalf", "LeftFoot": "foot.L",
+    "RightLeg": "RightLeg", "RightThigh": "upperleg01.R", "RightCalf": "lowerleg01.R", "RightFoot": "foot.R",
+}  # fmt: skip
 NUMBERED = {f"Character1_{name}": role for name, role in CMU.items() if role != name}
 BIPED = {
     "Bip01": "Bip01", "Bip01 Pelvis": "root", "Bip01 Spine": "spine04", "Bip01 L Thigh": "upperleg01.L",
@@ -44,7 +48,7 @@ BIPED = {
 }  # fmt: skip
 COMMON = {
     "smpl": SMPL, "cmu": CMU, "poser": POSER, "engine": ENGINE, "mixamo": MIXAMO, "engine with a root": GROUNDED,
-    "thighs called legs": SHINS, "shanks called legs beside calves": TWISTED, "motionbuilder": NUMBERED, "biped": BIPED,
+    "thighs called legs": SHINS, "shanks called legs beside calves": TWISTED, "shanks called legs below thighs": CALVES, "motionbuilder": NUMBERED, "biped": BIPED,
 }  # fmt: skip
 
 

@@ -119,7 +119,7 @@ def test_a_mesh_of_any_numbers_is_the_same_file(tmp_path, ending, given):
         (Mesh(V, F - 1), "m.ply: face 0 names a vertex"),
         (Mesh(V, F[:0]), "m.ply: the mesh has 4 vertices and 0 faces"),
         (Mesh(V, F, face_labels=[1, 300]), "m.ply: label: expected whole numbers from 0 to 255"),
-        (Mesh(V, F, face_labels=[1]), "m.ply: label: 1 values for 2 triangles"),
+        (Mesh(V, F, face_labels=[1]), "m.ply: label: 1 values, expected 2, one a face"),
         (Mesh(V, F, confidence=[0.5]), "m.ply: confidence: expected numbers from 0 to 1, one a vertex"),
         (Mesh(V, F.astype(float)), "write_mesh: faces has dtype float64, expected integers"),
         (Mesh(V[:, :2], F), r"write_mesh: vertices has shape \(4, 2\)"),
@@ -160,6 +160,43 @@ def test_a_ply_of_text_that_ends_early_is_refused(tmp_path, lines, element):
     (tmp_path / "m.ply").write_text("\n".join(text[:lines]))
     with pytest.raises(UserError, match=f"m.ply: its header says . of element {element}, it holds"):
         read_mesh(tmp_path / "m.ply")
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "OFF\n4 2 0\n{v}\n{f}",
+        "# by hand\nOFF 4 2 0\n\n{v}\n{f} # the last\n",
+        "CNOFF\n4 2\n{coloured}\n{tinted}\n",
+        "\ufeffOFF\r\n4 2 5\r\n{v}\r\n{f}",
+    ],
+    ids=["plain", "commented", "with colours and normals", "of windows"],
+)
+def test_an_off_is_the_same_in_every_dialect(tmp_path, written):
+    places, corners = [" ".join(map(str, v)) for v in V.tolist()], [f"3 {a} {b} {c}" for a, b, c in F]
+    lines = {"v": places, "f": corners, "coloured": [f"{v} 0 0 1 9 9 9 255" for v in places]}
+    lines |= {"tinted": [f"{face} 0.5 0.5 0.5" for face in corners]}
+    (tmp_path / "m.off").write_text(written.format(**{name: "\n".join(of) for name, of in lines.items()}), newline="")
+    mesh = read_mesh(tmp_path / "m.off")
+    assert np.array_equal(mesh.vertices, V) and np.array_equal(mesh.faces, F)
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "its header says 3 vertices and 2 faces, 4 lines follow"),
+        ("OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "line 4: expected a vertex, '1 0' is none"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "line 6: expected a face, '4 0 1 2' is none"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", r"face 0 names a vertex that is not there \(3 vertices\)"),
+        ("4OFF\n3 1 0\n", "expected OFF, COFF, NOFF or the like as its first word"),
+        ("OFF BINARY\n", "expected the numbers of vertices and of faces, as text, after OFF"),
+        ("", "expected OFF, COFF"),
+    ],
+)
+def test_an_off_that_is_cut_or_of_another_kind_is_refused_by_its_line(tmp_path, written, said):
+    (tmp_path / "m.off").write_text(written)
+    with pytest.raises(UserError, match=rf"m\.off: {said}"):
+        read_mesh(tmp_path / "m.off")
 
 
 def polygons(path, faces, order="<", corner="i", vertex="float", count="B"):

@@ -1,6 +1,7 @@
 """Labels that a scan carries itself: property `label` (uchar) of scan.ply, a face or a vertex."""
 
 import shutil
+import struct
 
 import numpy as np
 import pytest
@@ -38,6 +39,40 @@ def test_a_text_file_and_a_scan_without_labels_are_read_too(tmp_path):
         "property list uchar int vertex_indices\nproperty uchar label\nend_header\n" + "\n".join(rows) + "\n"
     )
     assert read_mesh(tmp_path / "text.ply").face_labels.tolist() == [4, 5, 6]
+
+
+def written(path, faces, labels, kind):
+    """A PLY of V and polygons with labels, as text or in binary."""
+    properties = "".join(f"property float {x}\n" for x in "xyz")
+    header = f"ply\nformat {kind} 1.0\nelement vertex {len(V)}\n{properties}element face {len(faces)}\n"
+    header += "property list uchar int vertex_indices\nproperty uchar label\nend_header\n"
+    if kind == "ascii":
+        rows = [" ".join(map(str, v)) for v in V]
+        rows += [" ".join(map(str, [len(face), *face, label])) for face, label in zip(faces, labels)]
+        path.write_text(header + "\n".join(rows) + "\n")
+    else:
+        rows = [struct.pack(f"<B{len(face)}iB", len(face), *face, label) for face, label in zip(faces, labels)]
+        path.write_bytes(header.encode() + V.astype("<f4").tobytes() + b"".join(rows))
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian"])
+@pytest.mark.parametrize(
+    ("faces", "triangles"),
+    [([[0, 1, 2, 3], [3, 2, 4, 1]], [7, 7, 9, 9]), ([[0, 1, 2, 3], [1, 4, 2]], [7, 7, 9]), ([[0, 1, 4, 2, 3], [1, 4, 2]], [7, 7, 7, 9])],
+    ids=["quads", "a quad and a triangle", "a pentagon and a triangle"],
+)  # fmt: skip
+def test_the_triangles_of_a_polygon_carry_its_label(tmp_path, kind, faces, triangles):
+    written(tmp_path / "scan.ply", faces, [7, 9], kind)
+    mesh = read_mesh(tmp_path / "scan.ply")
+    assert mesh.face_labels.tolist() == triangles and len(mesh.faces) == len(triangles)
+
+
+def test_a_text_of_quads_that_ends_early_is_refused(tmp_path):
+    written(tmp_path / "scan.ply", [[0, 1, 2, 3]] * 6, [1] * 6, "ascii")
+    lines = (tmp_path / "scan.ply").read_text().splitlines()
+    (tmp_path / "scan.ply").write_text("\n".join(lines[:-1]) + "\n")
+    with pytest.raises(UserError, match="scan.ply: its header says 6 of element face, it holds 5"):
+        read_mesh(tmp_path / "scan.ply")
 
 
 def test_labels_that_are_no_ids_are_refused(tmp_path):

@@ -19,6 +19,7 @@ MESHES = {
         "ply\nformat ascii 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\n"
         "element face 1\nproperty list uchar int vertex_indices\nend_header\n", "{:.7f} {:.7f} {:.7f}", "{n}", 0,
     ),
+    "off": ("OFF\n{n} 1 0\n", "{:.7f} {:.7f} {:.7f}", "{n}", 0),
 }  # fmt: skip
 
 
@@ -64,6 +65,15 @@ def test_triangles_of_random_polygons_cover_them_and_those_of_convex_ones_are_fa
                 own = twice_areas(polygon, found)[:, 2]
                 assert np.isclose(np.abs(own).sum(), np.cross(polygon, np.roll(polygon, -1, 0))[:, 2].sum()), (n, k)
                 assert star or np.array_equal(found, fan)
+
+
+@pytest.mark.parametrize("n", [100, 1000, 3000])
+def test_triangles_of_a_polygon_of_many_corners_that_point_inwards_by_little_cover_it(n):
+    angle = 2 * np.pi * np.arange(n) / n
+    radius = 1 + 0.3 * np.sin(9 * angle)
+    V = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], 1)
+    own = twice_areas(V, triangles_of(V, np.arange(n), [n]))[:, 2]
+    assert np.isclose(np.abs(own).sum(), np.cross(V, np.roll(V, -1, 0))[:, 2].sum())
 
 
 def test_polygons_that_cross_themselves_or_have_no_area_are_as_many_triangles_as_others():

@@ -81,6 +81,21 @@ def test_a_template_that_covers_other_cloth_is_named_and_the_border_is_not(captu
     assert "of what is seen of its template carries its label" in text and "'trousers'" in text
 
 
+def test_an_empty_mask_is_said_to_be_empty_and_puts_no_label_image_off_the_masks(capture):
+    path = capture / "frames" / "000000" / "masks" / "cam01.png"
+    Image.fromarray(np.zeros_like(np.array(Image.open(path)))).save(path)
+    assert said(capture) == ["cam01: frame 0 has an empty mask"]
+
+
+def test_an_empty_label_image_is_said_where_the_mask_shows_the_person(capture):
+    relabelled(capture, np.zeros_like, ["cam01"])
+    expected = "cam01: frame 0 has an empty label image, and a mask that is not"
+    assert said(capture) == [expected]
+    path = capture / "frames" / "000000" / "masks" / "cam01.png"
+    Image.fromarray(np.zeros_like(np.array(Image.open(path)))).save(path)
+    assert expected not in said(capture)  # she may not be there
+
+
 def test_without_a_template_a_border_that_the_pictures_do_not_show_is_named(capture):
     scene = capture / "scene.toml"
     scene.write_text(scene.read_text().replace('template = "templates/tshirt.obj"\n', ""))

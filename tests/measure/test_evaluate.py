@@ -1,20 +1,24 @@
 """evaluate on a run whose errors are known, because it is made of the truth."""
 
+import os
 import shutil
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import zarr
+from PIL import Image
 
 from tests.support.shapes import tube
 from tests.support.synthetic_run import copy_capture, true_run, with_another_template
 from toile.io.body import load_body_model
+from toile.io.capture import open_capture
 from toile.io.mesh import read_mesh, write_mesh
 from toile.io.status import Status
 from toile.measure.evaluate import evaluate
 from toile.measure.report import write_report
 from toile.measure.truth import Truth
+from toile.pipeline.manifest import note_frame
 from toile.scene import Mesh
 
 
@@ -77,6 +81,23 @@ def test_evidence_of_the_truth_is_that_of_the_scans_noise_and_the_detectors(made
     found = evaluate(made[1])["all"]["evidence"]
     assert found["scan_to_surface_mm"]["mean"] < 6 and found["scan_to_surface_mm"]["p95"] < 30
     assert found["keypoint_px"]["median"] < 12 and found["silhouette_iou"] > 0.85
+
+
+def test_masks_that_are_empty_although_the_person_is_there_are_left_out_of_silhouettes_and_counted(made):
+    before = evaluate(made[1])
+    frames = sorted((made[0] / "frames").iterdir())[:2]
+    for folder, cameras in zip(frames, (("cam01", "cam02"), ("cam03",))):
+        for camera in cameras:
+            path = folder / "masks" / f"{camera}.png"
+            Image.fromarray(np.zeros_like(np.array(Image.open(path)))).save(path)
+    after = evaluate(made[1])
+    iou = [found["all"]["evidence"]["silhouette_iou"] for found in (before, after)]
+    assert iou[1] == pytest.approx(iou[0], abs=0.01)
+    assert not before["warnings"]
+    (said,) = after["warnings"]
+    assert said == (
+        "frames 0-1: masks that are empty although the person is in their pictures, 3 in all, are left out of silhouette_iou"
+    )
 
 
 def test_evidence_needs_no_truth_and_says_what_a_frame_lacks(made):
@@ -167,6 +188,19 @@ def test_frames_that_the_capture_has_lost_are_named(made):
     assert said.startswith("frames 1, 4: they can no more be read of ")
     observed = [frame["evidence"]["observed"] for frame in found["per_frame"]]
     assert [value is None for value in observed] == [number in (1, 4) for number in range(6)]
+
+
+def test_frames_whose_files_are_no_more_those_that_were_registered_are_named(made):
+    capture, run = open_capture(made[0]), made[1]
+    (run / "inputs").mkdir()
+    for number in capture.frames:
+        note_frame(run, capture, number)
+    os.utime(made[0] / "frames" / "000003" / "scan.ply", (1, 1))  # written again, with the same bits
+    assert not evaluate(run)["warnings"]
+    shutil.copyfile(made[0] / "frames" / "000002" / "scan.ply", made[0] / "frames" / "000001" / "scan.ply")
+    (made[0] / "frames" / "000004" / "keypoints.json").unlink()
+    (said,) = evaluate(run)["warnings"]
+    assert said.startswith("frames 1, 4: the capture's files are no more those that were registered")
 
 
 def test_a_garment_that_the_truth_lacks_is_named_and_not_measured(made):

@@ -7,6 +7,7 @@ import pytest
 from PIL import ExifTags, Image, ImageCms
 
 from tests.support.inspected import PICTURED, texts
+from tests.support.synthetic_run import SAMPLE
 from toile.measure.inspection import inspect
 from toile.measure.inspection.files import unpadded
 
@@ -34,6 +35,19 @@ def test_frames_that_hold_nothing_are_named(walk):
     (walk / "frames" / "000030").mkdir()
     (walk / "frames" / "000031" / "images").mkdir(parents=True)
     assert texts(walk) == ["frames: 2 hold nothing that is read: 30-31"]
+
+
+def test_pictured_frames_without_masks_or_scan_are_named_where_others_have_them(tmp_path):
+    root = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth", "labels", "00000[345]"))
+    shutil.rmtree(root / "frames" / "000001" / "masks")
+    (root / "frames" / "000002" / "scan.ply").unlink()
+    assert [text for text in texts(root) if text.startswith("frames:")] == [
+        "frames: 1 with pictures have no masks, as others have: 1",
+        "frames: 1 with pictures have no scan, as others have: 2",
+    ]
+    shutil.rmtree(root / "frames" / "000002" / "images")
+    shutil.rmtree(root / "frames" / "000001" / "images")
+    assert not [text for text in texts(root) if text.startswith("frames:")]
 
 
 def test_where_no_frame_can_be_read_nothing_is_said_of_labels(capture):

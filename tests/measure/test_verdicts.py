@@ -186,9 +186,9 @@ def test_a_camera_that_looks_elsewhere_with_an_empty_mask_changes_no_silhouette(
     assert "silhouette_iou" not in agreement(glimpse(nobody), cameras, None, None, layer(V, F))
 
 
-def masked_balls(empty, shown_by, aside=0.0):
+def masked_balls(empty, shown_by, aside=0.0, cameras=5):
     """What `agreement` says of a ball that lies `aside` of where masks and scan show it, with the masks of `empty` cameras empty."""
-    (V, F), cameras = ball(), ring_of_cameras(5)
+    (V, F), cameras = ball(), ring_of_cameras(cameras)
     masks = {name: DepthView(camera, V, F).face >= 0 for name, camera in cameras.items()}
     masks |= {name: np.zeros_like(masks[name]) for name in empty}
     at = {name: np.column_stack([camera.project(V[::9])[0], np.ones(len(V[::9]))]) for name, camera in cameras.items()}
@@ -198,8 +198,8 @@ def masked_balls(empty, shown_by, aside=0.0):
     return agreement(glimpse(shown), cameras, model, None, layer(V + [aside, 0, 0], F))
 
 
-@pytest.mark.parametrize("shown_by", ["scan", "keypoints"])
-def test_an_empty_mask_where_scan_or_keypoints_show_the_person_is_left_out_and_said(shown_by):
+@pytest.mark.parametrize("shown_by", ["scan", "keypoints", "masks"])
+def test_an_empty_mask_where_scan_keypoints_or_the_other_masks_show_the_person_is_left_out_and_said(shown_by):
     whole = masked_balls((), shown_by)
     assert whole["silhouette_iou"] > 0.98 and "masks_empty" not in whole
     found = masked_balls(("cam1", "cam3"), shown_by)
@@ -207,12 +207,19 @@ def test_an_empty_mask_where_scan_or_keypoints_show_the_person_is_left_out_and_s
 
 
 def test_an_empty_mask_tells_where_nothing_else_shows_the_person_or_most_masks_are_empty():
-    assert masked_balls(("cam1",), "masks")["silhouette_iou"] < 0.8
+    found = masked_balls(("cam1",), "masks", aside=1.0)  # where no other mask shows anybody
+    assert found["silhouette_iou"] < 0.2 and "masks_empty" not in found
     assert masked_balls(("cam0", "cam1", "cam2"), "scan")["silhouette_iou"] < 0.5
 
 
-def test_a_body_that_lies_aside_is_told_as_well_beside_an_empty_mask():
-    aside = [masked_balls(empty, "scan", aside=0.3)["silhouette_iou"] for empty in ((), ("cam0",))]
+def test_an_empty_mask_tells_where_two_others_alone_show_the_person():
+    found = masked_balls(("cam1",), "masks", cameras=3)
+    assert found["silhouette_iou"] < 0.7 and "masks_empty" not in found
+
+
+@pytest.mark.parametrize("shown_by", ["scan", "masks"])
+def test_a_body_that_lies_aside_is_told_as_well_beside_an_empty_mask(shown_by):
+    aside = [masked_balls(empty, shown_by, aside=0.3)["silhouette_iou"] for empty in ((), ("cam0",))]
     assert verdict(FINE | {"silhouette_iou": max(aside)}, SETTINGS)[0] == WRONG
 
 

@@ -57,6 +57,30 @@ def unpacked(data):
     return low + step * np.frombuffer(data, "<u2", offset=24).reshape(-1, 3)
 
 
+@pytest.mark.parametrize(
+    "left, said",
+    [
+        (["checkpoints"], "taken for an avatar by its checkpoints, but it lacks avatar.json"),
+        (
+            ["config.toml", "diagnostics"],
+            "taken for a run by its config.toml and diagnostics, but it lacks registered.zarr",
+        ),
+        (["meshes"], "taken for an animation by its meshes, but it lacks animation.json"),
+        (["frames"], "taken for a capture by its frames, but it lacks scene.toml"),
+        (
+            [],
+            "there is nothing to view; expected one of avatar.json of an avatar, registered.zarr of a run, animation.json of",
+        ),
+    ],
+)
+def test_a_folder_that_is_nothing_to_view_is_told_what_it_is_taken_for_and_lacks(tmp_path, left, said):
+    for name in left:
+        (tmp_path / name).mkdir()
+    with pytest.raises(UserError) as error:
+        view(tmp_path, browser=False)
+    assert str(error.value).startswith(f"{tmp_path}: {said}") and "\n" not in str(error.value)
+
+
 def test_points_are_within_a_twentieth_of_a_millimetre(run):
     shown, opened = Shown(run), open_run(run)
     for layer in (opened.inner, opened.garments["tshirt"]):

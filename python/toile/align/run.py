@@ -196,14 +196,15 @@ def _make_references(pictured, settings, reader, matchers, paths, progress):
 
 def match(prepared, number, previous, results) -> None:
     """Matches a frame's prints upon the references, from the slides of the frame `previous` if there is one."""
-    start, views = time.perf_counter(), prepared.reader.views(number)
+    start, views, blind = time.perf_counter(), prepared.reader.views(number), []
     for name, matcher in prepared.matchers.items():
         pyramid = pyramid_of(matcher, views[name], prepared.references[name].offsets)
         reference, posed = prepared.references[name], prepared.reader.vertices(number, name)
         starts = reference.starts(number) if previous is None else [_matched(results, previous, name).d]
         matched = matcher.best(pyramid, prepared.onto[name], posed, starts)
         save_record(results.folder(number) / f"{name}.npz", matched)
-    results.status.add(frame=number, stage="align", seconds=time.perf_counter() - start, ok=True)
+        blind += [name] if matched.blind else []
+    results.status.add(frame=number, stage="align", seconds=time.perf_counter() - start, ok=True, blind=blind)
 
 
 def _matched(results, number, name):
@@ -274,4 +275,14 @@ def _outcome(run, out, results, span):
     words = (
         f"frames {frame_ranges(left, 4)} lie as they were registered: no picture of their blocks of {BLOCK} was matched"
     )
-    return Alignment(matched, tuple(between), failed, pending, is_run(out), (*([words] if left else []), *torn(out)))
+    warnings = (*([words] if left else []), *_blind(run, results), *torn(out))
+    return Alignment(matched, tuple(between), failed, pending, is_run(out), warnings)
+
+
+def _blind(run, results):
+    """What to say of frames whose pictures show nothing of a garment."""
+    told = {line.get("frame"): line.get("blind", ()) for line in results.status.lines() if line.get("stage") == "align"}
+    for name in run.garments:
+        if frames := sorted(number for number, blind in told.items() if name in blind):
+            words = f"frames {frame_ranges(frames, 4)}: the pictures show nothing of garment {name}, as where masks are empty"
+            yield f"{words}: it slides as in the frames beside them"

@@ -24,5 +24,13 @@ def contents(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def differ(root: Path, paths: Iterable[Path], noted: dict[str, Any]) -> bool:
+    """Whether files are others than those that were `noted` as {path inside `root`: [bytes, time [ns], sha256]}, or of other contents."""
+    found = stamps(root, paths)
+    if found.keys() != noted.keys():
+        return True
+    return any(list(s) != noted[n][:2] and contents(root / n) != noted[n][-1] for n, s in found.items())
+
+
 def _inside(root: Path, path: Path) -> str:
     return Path(path).relative_to(root).as_posix()

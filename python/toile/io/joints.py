@@ -32,8 +32,8 @@ BONES = {  # of either side, in skeletons that name bones
     "toe1-1": ("toebase", "toe", "toes", "ball"),
     "eye": ("eye", "eyesmplhf"),
 }
-SHANKS = BONES["lowerleg01"][:-1]  # beside one of these a "leg" is the thigh,
-THIGHS = ("upleg", "upperleg")  # but beside one of these the shank, and what is called so a twist of it
+# beside one of these a "leg" is the thigh; below another thigh it is the shank, and what is called so its twist
+SHANKS = BONES["lowerleg01"][:-1]
 LIMBS = {  # of either side, in skeletons that name the joints between bones, as SMPL does
     "clavicle": ("collar", "clavicle"),
     "upperarm01": ("shoulder",),
@@ -61,7 +61,7 @@ SIDES = (
 
 
 def joint_roles(names: Sequence[str]) -> tuple[str, ...]:
-    """A role for each of the joints' names (K,): of those in MIDDLE, BONES and LIMBS every role goes to one joint; a finger,
+    """A role for each of the joints' names (K,), parents first: of those in MIDDLE, BONES and LIMBS every role goes to one joint; a finger,
     toe, spine or neck besides is called so; what is not known keeps its own name. Sided roles end in ".L" or ".R". What stands before
     every name, as "Character1_", counts where no hips are found with it."""
     spelled = [name.rpartition(":")[2] for name in names]
@@ -80,7 +80,7 @@ def _roles(spelled: list[str], names: Sequence[str]) -> tuple[str, ...]:
     split = [_split(word) for word in spelled]
     stems = {stem for stem, side in split if side}
     sided = LIMBS if stems & {"elbow", "knee"} else BONES
-    words_of = {own: sided | _legs({stem for stem, side in split if side == own}) for own in "LR"}
+    words_of = {own: sided | _legs([stem for stem, side in split if side == own]) for own in "LR"}
     roles = [word if OWN.fullmatch(word) else None for word in spelled]
     if "root" in roles and {("hips", ""), ("hip", ""), ("pelvis", "")}.intersection(split):
         roles[roles.index("root")] = "ground"  # of game engines: it stays where the person started
@@ -95,15 +95,15 @@ def _roles(spelled: list[str], names: Sequence[str]) -> tuple[str, ...]:
     return tuple(role or _family(*parts) or name for role, parts, name in zip(roles, split, names))
 
 
-def _legs(stems: set[str]) -> dict[str, tuple[str, ...]]:
-    """What thigh or shank is called on a side where these are names and "leg" may be either; {} where it is the shank alone."""
-    if "leg" not in stems or not stems.intersection(SHANKS):
+def _legs(stems: list[str]) -> dict[str, tuple[str, ...]]:
+    """What thigh or shank is called on a side where these are names, parents first, and "leg" may be either; {} where it is the shank
+    alone, or what a thigh hangs from."""
+    if "leg" not in stems or not set(stems).intersection(SHANKS):
         return {}
-    return (
-        {"lowerleg01": ("leg", *SHANKS)}
-        if stems.intersection(THIGHS)
-        else {"upperleg01": (*BONES["upperleg01"], "leg")}
-    )
+    thighs = [i for i, stem in enumerate(stems) if stem in BONES["upperleg01"]]
+    if not thighs:
+        return {"upperleg01": ("leg",)}
+    return {"lowerleg01": ("leg", *SHANKS)} if thighs[0] < stems.index("leg") else {}
 
 
 def _split(name: str) -> Any:

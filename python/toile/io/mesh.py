@@ -14,6 +14,7 @@ from ..kernels.arrays import Anything, Floats, as_faces, as_floats, as_vertices
 from ..scene import Mesh
 from .bounded import MESH_BYTES, check_file, read_bytes, reason_of
 from .files import replace_file
+from .off import read_off
 from .polygons import polygons_in, read_polygons, triangles_in
 from .triangulation import triangles_of
 
@@ -57,18 +58,19 @@ def check_mesh(path: Path, mesh: Mesh) -> Mesh:
 
 
 def _read_by_trimesh(path: Path) -> Mesh:
-    vertices, faces, elements = _arrays_of(path)
+    vertices, faces, counts, elements = _arrays_of(path)
     vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32).reshape(-1, 3)
-    for element, found in (("vertex", len(vertices)), ("face", len(faces))):
+    for element, found in (("vertex", len(vertices)), ("face", len(counts))):
         said = elements.get(element, {}).get("length", 0)
         if found < said:  # text that was cut off reads as a smaller mesh
             raise UserError(f"{path}: its header says {said} of element {element}, it holds {found}")
-    labels = _ply_labels(path, elements, len(vertices), faces)
+    labels = _ply_labels(path, elements, len(vertices), faces, counts)
     return Mesh(vertices, faces, face_labels=labels, confidence=_ply_confidence(path, elements, len(vertices)))
 
 
-def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
-    """Vertices, faces and, of a PLY, the raw elements of a file. trimesh's mesh object would hash them all."""
+def _arrays_of(path: Path) -> tuple[Any, Any, Any, Any]:
+    """Vertices and triangles; of a PLY also how many corners the polygons have that these are of (p,), and the raw elements. trimesh's mesh
+    object would hash them all."""
     import trimesh
 
     if path.suffix.lower() == ".ply":
@@ -84,17 +86,17 @@ def _arrays_of(path: Path) -> tuple[Any, Any, Any]:
         if "tristrips" in elements:
             raise UserError(f"{path}: element tristrips: strips of triangles are not read: save it as faces")
         if "faces" not in found:
-            return found["vertices"], np.zeros((0, 3)), {}
+            return found["vertices"], np.zeros((0, 3)), (), {}
         polygons = polygons_in(found)
         if polygons is None:
             return read_polygons(path)
         if np.shape(polygons)[1:] == (3,):
-            return found["vertices"], polygons, elements
-        return found["vertices"], triangles_in(found["vertices"], polygons), elements
+            return found["vertices"], polygons, np.full(len(polygons), 3), elements
+        return found["vertices"], *triangles_in(found["vertices"], polygons), elements
+    if path.suffix.lower() == ".off":
+        return *read_off(path), (), {}
     loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
-    if path.suffix.lower() == ".stl":
-        return *_welded(np.asarray(loaded.vertices), np.asarray(loaded.faces)), {}
-    return loaded.vertices, loaded.faces, (loaded.metadata or {}).get("_ply_raw", {})
+    return *_welded(np.asarray(loaded.vertices), np.asarray(loaded.faces)), (), {}
 
 
 def _welded(V: Anything, F: Anything) -> tuple[Anything, Anything]:
@@ -104,15 +106,17 @@ def _welded(V: Anything, F: Anything) -> tuple[Anything, Anything]:
     return V[first[order]], np.argsort(order)[place.ravel()][F]
 
 
-def _ply_labels(path: Path, elements: Any, n: int, faces: Anything) -> Any:
-    """The property `label` (m,) uint8 of a PLY's faces; that of its vertices as the faces' (two corners of three, else the
-    first); None without either."""
-    for element, count in (("face", len(faces)), ("vertex", n)):
+def _ply_labels(path: Path, elements: Any, n: int, faces: Anything, counts: Anything) -> Any:
+    """The property `label` (m,) uint8 of a PLY's polygons of `counts` (p,) corners, whose triangles carry it; that of its vertices as the
+    faces' (two corners of three, else the first); None without either."""
+    for element, count in (("face", len(counts)), ("vertex", n)):
         labels = _ply_property(elements.get(element, {}).get("data"), "label")
         if labels is None:
             continue
         labels = _ids(path, labels, count, element)
-        return face_labels_of(labels, faces) if element == "vertex" and (faces < n).all() else labels
+        if element == "face":
+            return np.repeat(labels, np.maximum(np.asarray(counts) - 2, 0))
+        return face_labels_of(labels, faces) if (faces < n).all() else labels
     return None
 
 
@@ -120,7 +124,7 @@ def _ids(path: Path, labels: Any, count: int, element: str) -> Any:
     """Labels (count,) uint8, one an element."""
     labels = np.asarray(labels).ravel()
     if len(labels) != count:
-        raise UserError(f"{path}: label: {len(labels)} values for {count} triangles; only triangles carry labels")
+        raise UserError(f"{path}: label: {len(labels)} values, expected {count}, one a {element}")
     if labels.dtype.kind not in "iu" or labels.min(initial=0) < 0 or labels.max(initial=0) > 255:
         raise UserError(f"{path}: label: expected whole numbers from 0 to 255 (uchar), one a {element}")
     return labels.astype(np.uint8)

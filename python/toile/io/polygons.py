@@ -32,16 +32,16 @@ def polygons_in(found: Any) -> Any:
     return None if (rows["f0"] != rows["f0"][:1]).any() else rows["f1"]
 
 
-def triangles_in(vertices: Anything, polygons: Any) -> Anything:
-    """Triangles (m,3) of polygons, each its corners, in their order."""
+def triangles_in(vertices: Anything, polygons: Any) -> tuple[Anything, Anything]:
+    """Triangles (m,3) of polygons, each its corners, in their order; and how many corners each polygon has (p,)."""
     corners = np.concatenate([np.zeros(0, np.int64), *polygons]).astype(np.int64)
     counts = np.array([len(polygon) for polygon in polygons], np.int64)
-    return corners[triangles_of(vertices, corners, counts)]
+    return corners[triangles_of(vertices, corners, counts)], counts
 
 
-def read_polygons(path: Path) -> tuple[Anything, Anything, dict[str, dict[str, Any]]]:
-    """Vertices (n,3), triangles (m,3) of the polygons in their order, and the elements as trimesh gives them.
-    UserError: the file ends too early, or goes on."""
+def read_polygons(path: Path) -> tuple[Anything, Anything, Anything, dict[str, dict[str, Any]]]:
+    """Vertices (n,3), triangles (m,3) of the polygons in their order, how many corners each of these has (p,), and the elements as trimesh
+    gives them. UserError: the file ends too early, or goes on."""
     data = read_bytes(path, MESH_BYTES)
     elements: dict[str, dict[str, Any]] = {}
     at = data.index(b"\n", data.index(b"end_header")) + 1
@@ -56,7 +56,7 @@ def read_polygons(path: Path) -> tuple[Anything, Anything, dict[str, dict[str, A
     vertex, face = elements["vertex"]["data"], elements["face"]["data"]
     polygons = next(face[name] for name in CORNERS if name in face)
     vertices = np.stack([vertex[axis] for axis in "xyz"], 1)
-    return vertices, triangles_in(vertices, polygons), elements
+    return vertices, *triangles_in(vertices, polygons), elements
 
 
 def _header(text: str) -> list[tuple[str, int, Properties]]:

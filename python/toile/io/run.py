@@ -17,9 +17,10 @@ from pydantic import ValidationError
 
 from ..errors import UserError, first_line
 from ..scene import BodyModel
-from .bounded import check_file
+from .bounded import check_file, read_json
 from .camera import first_error
 from .capture import Capture, open_capture
+from .inputs import differ
 from .layout import (
     DIAGNOSTICS,
     DOUBTFUL,
@@ -34,7 +35,7 @@ from .layout import (
     StoredGarment,
     layout_of,
 )
-from .run_folder import body_model_of, capture_folder, read_config, read_diagnostics, scans_folder
+from .run_folder import body_model_of, capture_folder, note_of, read_config, read_diagnostics, scans_folder
 from .status import Status
 
 LARGEST = 2**31  # bytes of one chunk: a larger one is no person's
@@ -350,6 +351,13 @@ class Run:
     def capture(self) -> Capture:
         """The Capture that the run was made of, with the scans that the run made."""
         return replace(open_capture(capture_folder(self.path)), made=scans_folder(self.path))
+
+    def changed(self, frame: int) -> bool:
+        """Whether the capture's files of a frame are no more those that were registered; False where that was not noted."""
+        made = Path(self.config["align"]["run"]) if "align" in self.config else self.path  # that which read the capture
+        path = note_of(made, frame)
+        files = read_json(path, dict).get("files", {}) if path.exists() else {}
+        return bool(files) and differ(self.capture.root, self.capture.inputs(frame), files)
 
 
 def open_run(path: Path | str) -> Run:

@@ -38,6 +38,11 @@ def capture_folder(run: Path | str, check: bool = True) -> Path:
     return Path(named)
 
 
+def note_of(run: Path, frame: int) -> Path:
+    """Where a run keeps what it has read of a frame: {"files": {file in the capture: [bytes, time [ns], sha256]}, ...}."""
+    return run / "inputs" / f"{frame:06d}.json"
+
+
 def scans_folder(run: Path | str) -> Path:
     """Where a run keeps the scans that it makes of frames' pictures, a folder a frame."""
     return Path(run) / "scans"

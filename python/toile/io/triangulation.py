@@ -34,8 +34,8 @@ def triangles_of(V: Anything, corners: Anything, counts: Anything) -> Anything:
 
 
 def _concave(P: Floats, counts: Anything) -> tuple[Bools, Floats]:
-    """Which of the polygons with corners P (c,3) have a corner that points inwards (p,), and their normals (p,3), as long as twice
-    their areas."""
+    """Which of the polygons with corners P (c,3) have a corner that points inwards, or fans that overlap, as of many corners that point
+    inwards by little (p,), and their normals (p,3), as long as twice their areas."""
     first, owner = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
     after = np.arange(len(P)) + 1
     after[first + counts - 1] = first
@@ -45,8 +45,9 @@ def _concave(P: Floats, counts: Anything) -> tuple[Bools, Floats]:
         fans = np.cross(spokes, spokes[after])
         normals = np.stack([np.bincount(owner, axis, len(counts)) for axis in fans.T], 1)
         turns = np.vecdot(np.cross(P - P[before], P[after] - P), normals[owner])
-        inwards = turns < -FLAT * np.vecdot(normals, normals)[owner]
-    return np.bincount(owner, inwards, len(counts)) > 0, normals
+        flat = FLAT * np.vecdot(normals, normals)
+        overlap = np.bincount(owner, np.minimum(np.vecdot(fans, normals[owner]), 0), len(counts))
+    return (np.bincount(owner, turns < -flat[owner], len(counts)) > 0) | (overlap < -flat), normals
 
 
 def _in_plane(P: Floats, normal: Floats) -> Floats:
@@ -58,12 +59,12 @@ def _in_plane(P: Floats, normal: Floats) -> Floats:
 
 def _ears(Q: Floats) -> Anything:
     """Triangles (k-2,3) of a counter-clockwise polygon (k,2)."""
-    left, ears = list(range(len(Q))), []
-    while len(left) > 3:
+    left, ears, at = np.arange(len(Q)), [], 0
+    while (n := len(left)) > 3:
         rest = Q[left]
-        ear = next((i for i in range(len(left)) if _is_ear(rest, i)), 1)  # none: it crosses itself
-        ears.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
-        del left[ear]
+        at = next((i % n for i in range(at, at + n) if _is_ear(rest, i % n)), 1)  # none: it crosses itself
+        ears.append(left[[at - 1, at, (at + 1) % n]])
+        left = np.delete(left, at)
     return np.array([*ears, left])
 
 
@@ -71,8 +72,7 @@ def _is_ear(Q: Floats, i: int) -> bool:
     """Whether corner i of a counter-clockwise polygon (k,2) points outwards, and its triangle holds no other corner."""
     a, b, c = Q[i - 1], Q[i], Q[(i + 1) % len(Q)]
     left_of = lambda p, q: (q[0] - p[0]) * (Q[:, 1] - p[1]) - (q[1] - p[1]) * (Q[:, 0] - p[0])
-    if left_of(a, b)[(i + 1) % len(Q)] <= 0:
+    if (b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0]):
         return False
-    held = (left_of(a, b) >= 0) & (left_of(b, c) >= 0) & (left_of(c, a) >= 0)
-    at_corner = (Q[:, None] == np.stack([a, b, c])).all(2).any(1)
-    return not (held & ~at_corner).any()
+    held = Q[(left_of(a, b) >= 0) & (left_of(b, c) >= 0) & (left_of(c, a) >= 0)]
+    return bool((held[:, None] == np.stack([a, b, c])).all(2).any(1).all())  # corners at its own

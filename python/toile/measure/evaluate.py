@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -13,7 +14,10 @@ from ..errors import UserError
 from ..io.layout import FAILED, VERDICTS
 from ..io.run import Run, open_run
 from ..scene import HIDDEN, OBSERVED, frame_ranges
+from .empty_masks import pixel_side, wrongly_empty
 from .evidence import evidence, nothing
+from .glimpse import glimpse
+from .judged import JudgedLayer
 from .motion import Followed, MotionError, Slip
 from .truth import mean_measures, millimetres, open_truth
 
@@ -70,6 +74,7 @@ class _Evaluation:
         self.borders = {name: self.truth.border_names(name, self.model) for name in self.known}
         self.outside = ~self.model.inside
         self.followed, self.slips, self.lost = None, defaultdict(Slip), []
+        self.empty, self.changed = {}, []  # {frame: masks left out}, frames
 
     def result(self):
         per_frame, motions = [], defaultdict(MotionError)
@@ -97,6 +102,13 @@ class _Evaluation:
         if self.lost:
             lost = f"frames {frame_ranges(self.lost, 4)}: they can no more be read of {self.capture.root}"
             said.append(f"{lost}: no evidence is measured of them")
+        if self.changed:
+            changed = f"frames {frame_ranges(self.changed, 4)}: the capture's files are no more those"
+            said.append(f"{changed} that were registered: they are measured against what lies there now")
+        if self.empty:
+            where, many = frame_ranges([*self.empty], 4), sum(self.empty.values())
+            empty = f"frames {where}: masks that are empty although the person is in their pictures, {many} in all"
+            said.append(f"{empty}, are left out of silhouette_iou")
         without = [name for name, mapped in self.mapped.items() if not mapped]
         return said + [
             f"garment {name}: the truth has no map of this template: correspondence_mm and jitter_mm are not measurable"
@@ -224,11 +236,23 @@ class _Evaluation:
         except UserError:
             self.lost.append(number)
             return {}
+        self.changed += [number] if self.run.changed(number) else []
         confidence, joints = self.run.track.confidence.at(number), self._model_joints(number)
+        body = JudgedLayer("body", None, tracked, self.model.skin_faces, confidence, np.flatnonzero(self.outside))
+        empty = self._empty(frame, body)
+        frame = replace(frame, masks={name: mask for name, mask in frame.masks.items() if name not in empty})
         found = evidence(frame, self.capture.cameras, self.model, tracked, joints, confidence, self.outside)
         seen = (confidence == OBSERVED) & self.outside
         near = frame.scan.index.closest(tracked[seen])[3] if frame.scan is not None and seen.any() else []
         return {"track_to_scan_mm": millimetres(near), "evidence": found}
+
+    def _empty(self, frame, body):
+        """Names of the frame's masks that are empty although the person is in their pictures, noted for a warning."""
+        cameras = self.capture.cameras
+        masks = {name: (mask, pixel_side(cameras[name], body.vertices)) for name, mask in frame.masks.items()}
+        empty = wrongly_empty(glimpse(frame), cameras, body, masks)
+        self.empty |= {frame.number: len(empty)} if empty else {}
+        return empty
 
     def _model_joints(self, number):
         return self.model.joint_transforms(self.rest[1], *self.run.pose.at(number))[1]

@@ -18,6 +18,7 @@ from ..config import Config
 from ..io.bounded import read_json
 from ..io.capture import VOTES, Capture
 from ..io.inputs import contents
+from ..io.run_folder import note_of
 from ..io.scene_file import network_files
 from ..scene import Camera, Vote
 
@@ -136,11 +137,6 @@ class Identities:
             return ""
         files, lacks_scan, tries = _noted(str(path), path.stat().st_mtime_ns)
         return digest(files, self.stages["scan"] if lacks_scan else "", tries)
-
-
-def note_of(run: Path, frame: int) -> Path:
-    """Where a run keeps what it has read of a frame."""
-    return run / "inputs" / f"{frame:06d}.json"
 
 
 @lru_cache(maxsize=4096)

@@ -24,9 +24,9 @@ from ..io.inputs import contents, stamps
 from ..io.layout import STORE
 from ..io.locks import locked
 from ..io.run import is_run, open_run
-from ..io.run_folder import capture_folder, config_file, read_config
+from ..io.run_folder import capture_folder, config_file, note_of, read_config
 from ..scene import Vote
-from .identity import STAGES, Identities, facts_of, note_of, stages_of
+from .identity import STAGES, Identities, facts_of, stages_of
 from .scanning import lacks_scan
 
 OWN = (".lock", ".busy", ".config.toml", "inputs")  # what a run that was killed at once may have left

@@ -158,7 +158,7 @@ def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
 
 def _said_of_empty(frames: Sequence[int]) -> list[str]:
     """What to warn of frames in which masks that are empty where the person is were left out of the verdicts."""
-    text = "masks that are empty where scan or keypoints show the person are left out of verdicts"
+    text = "masks that are empty where scan, keypoints or other masks show the person are left out of verdicts"
     return [f"{text}: frames {frame_ranges(frames)}"] if frames else []
 
 

@@ -17,6 +17,10 @@ from .blocks import FrameFolders, Progress, blocks
 from .overlap import overlapped
 from .workers import Workers
 
+BLIND = (
+    "prints: in some frames the pictures show nothing of garment {}, as where masks are empty: it slides as beside them"
+)
+
 
 def slide(load: Callable, numbers: Sequence[int], slid: FrameFolders, prepared, pool: Workers, progress: Progress):
     """Slides the printed garments of the frames `numbers` into the folders of `slid`. `load(prepared, number)` gives a
@@ -71,6 +75,8 @@ def _slide(load, slid, prepared, numbers) -> Iterator[int]:
         start = time.perf_counter()
         near = before is not None and number - before <= NEAR
         found[number] = aligner.match(number, views, layers[-1], upon, found[before] if near else None)
+        for name in (name for name, matched in found[number].items() if matched.blind):
+            slid.status.add(frame=number, stage=slid.stage, ok=True, warning=BLIND.format(name))
         seconds[number] += time.perf_counter() - start
 
     for number, error in overlapped(begin, pictured):

@@ -33,7 +33,7 @@ from ..io.holdout import apart, held
 from ..io.layout import STORE
 from ..io.locks import BUSY, abandoned, at_work, locked
 from ..io.run import is_run
-from ..io.run_folder import config_file, read_config, write_diagnostics
+from ..io.run_folder import config_file, note_of, read_config, write_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.glimpse import Glimpse, glimpse, outlines
@@ -44,7 +44,6 @@ from ..vision.segmenters.asked import scene_segmenter
 from . import scanning
 from .blocks import BlockJob, FrameFolders, Progress, blocks, check_shares, frame_numbers_of, run_job
 from .fusing import fuse
-from .identity import note_of
 from .manifest import check_folder, config_of, note_frame, request_of, try_again, write_request
 from .outcome import Outcome, RunStores, again, diagnostics_of, outcome_of, recover
 from .overlap import overlapped

@@ -15,6 +15,7 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric 3 x 3
 WHICH = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 HOLD = 1e4  # against the rest of the matrix
 SEEN = 0.25  # share of a blurred point's neighbourhood that must have been seen
+HARDLY = 0.01  # of the garment's area compared
 KEPT = 0.5  # of what is compared: a slide that keeps less in sight is believed last
 
 
@@ -27,6 +28,11 @@ class Matched:
     after: float
     seen: float  # share of the garment's area that was compared
     kept: float  # the same once it has slid: of what slides out of sight nothing is left
+
+    @property
+    def blind(self):
+        """Whether pictures show next to nothing of the print, so that it lies as where the search began."""
+        return self.seen < HARDLY
 
 
 class Matcher:

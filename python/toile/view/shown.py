@@ -12,14 +12,14 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import UserError, first_line
-from ..io.animation import is_animation
+from ..io.animation import FACTS, is_animation
 from ..io.bounded import read_bytes
 from ..io.capture import open_capture
 from ..io.export.clip import Clip
 from ..io.export.glb import split_layer
 from ..io.export.source import open_clip
 from ..io.image import read_rgba
-from ..io.layout import FAILED, PENDING, VERDICTS
+from ..io.layout import FAILED, PENDING, STORE, VERDICTS
 from ..io.run import is_run, open_run
 from ..kernels import SurfaceIndex
 from ..kernels.arrays import Floats
@@ -31,6 +31,12 @@ TEXTURE = "texture"
 FARTHEST = 0.02  # m: the end of the scale of distances
 PICTURE = 720  # pixels, the longer side of pictures that are sent
 LAST = 65535
+KINDS = {  # what a folder may be: the file that makes it one, and what else shows that it was meant to be
+    "an avatar": ("avatar.json", ("avatar.safetensors", "checkpoints", "assets")),
+    "a run": (STORE, ("config.toml", "status.jsonl", "diagnostics")),
+    "an animation": (FACTS, ("skeleton.npz", "meshes", "layers")),
+    "a capture": ("scene.toml", ("cameras.json", "frames")),
+}
 CURVES = ("two_sided_mm", "surface_to_scan_mm", "keypoint_mm")  # of the verdict's evidence, the first that there is
 
 
@@ -42,6 +48,17 @@ class Posed(Protocol):
     warnings: Sequence[str]  # what a user should know of how it follows its motion
 
     def vertices(self, frame: int, turns: dict[str, float]) -> dict[str, Floats]: ...
+
+
+def check_kind(path: Path) -> None:
+    """UserError: a folder that is none of KINDS; it names what the folder lacks, and by which of its contents it is taken for what."""
+    if not path.is_dir() or any((path / file).exists() for file, _ in KINDS.values()):
+        return
+    for kind, (file, others) in KINDS.items():
+        if there := [name for name in others if (path / name).exists()]:
+            raise UserError(f"{path}: taken for {kind} by its {' and '.join(there)}, but it lacks {file}")
+    expected = ", ".join(f"{file} of {kind}" for kind, (file, _) in KINDS.items())
+    raise UserError(f"{path}: there is nothing to view; expected one of {expected}")
 
 
 class Shown:
@@ -56,6 +73,7 @@ class Shown:
         elif self.run is not None or is_animation(path):
             self.clip = open_clip(path, skeleton=False)
         else:
+            check_kind(self.path)
             self.clip = self._bare()
         self.layers = {layer.name: layer for layer in self.clip.layers}
 

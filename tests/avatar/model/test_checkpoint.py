@@ -78,6 +78,12 @@ def test_weights_and_moments_come_back(model, optimiser, tmp_path):
     assert torch.equal(other.weight, model.weight) and torch.equal(other.bias, model.bias)
 
 
+def test_a_checkpoint_without_any_moments_is_refused(model, optimiser):
+    tensors = {MODEL + name: value for name, value in model.state_dict().items()}
+    with pytest.raises(UserError, match=r"^here: optimiser\.\*: is missing"):
+        load_optimiser(optimiser, tensors, "here")
+
+
 def test_two_checkpoints_are_kept_and_an_abandoned_course_goes(model, optimiser, tmp_path):
     checkpoints = Checkpoints(tmp_path)
     for number in (0, 5, 10, 15):

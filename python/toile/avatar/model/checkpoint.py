@@ -111,7 +111,8 @@ def load_model(model, tensors, path="checkpoint"):
 
 
 def load_optimiser(optimiser, tensors, path="checkpoint"):
-    """The moments of a checkpoint into an AdamW over the same parameters. UserError: they are those of others, or not finite."""
+    """The moments of a checkpoint that was written after a step, into an AdamW over the same parameters. UserError: they are missing,
+    those of others, or not finite."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     found, state = {name: value for name, value in tensors.items() if name.startswith(OPTIMISER)}, {}
     for i, parameter in enumerate(parameters):
@@ -125,6 +126,8 @@ def load_optimiser(optimiser, tensors, path="checkpoint"):
         state[i] = own
     if found:
         raise UserError(f"{path}: {min(found)}: this avatar has no such weight")
+    if not state:
+        raise UserError(f"{path}: {OPTIMISER}*: is missing: without the moments training would go on another way")
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
 

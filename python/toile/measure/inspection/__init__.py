@@ -38,7 +38,20 @@ from .cameras import (
 from .detections import at_origin, blind
 from .doubts import asked, doubted
 from .exposure import exposures
-from .files import bare, gaps, hollow, labels_seen, looks, profiled, repeated, uneven, unpadded, unread, upended
+from .files import (
+    bare,
+    gaps,
+    hollow,
+    labels_seen,
+    lacking,
+    looks,
+    profiled,
+    repeated,
+    uneven,
+    unpadded,
+    unread,
+    upended,
+)
 from .fractions import fractions
 from .late import out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes
@@ -91,8 +104,8 @@ def inspect(path: Path) -> Inspection:
         found.findings.append(Finding(str(error)))
         return found
     found.findings += [Finding(warning, serious=False) for warning in capture.warnings]
-    found.findings += gaps(capture.frames) + hollow(capture) + uneven(capture) + upended(capture) + unread(capture)
-    found.findings += profiled(capture) + bare(capture) + repeated(capture)
+    found.findings += gaps(capture.frames) + hollow(capture) + uneven(capture) + lacking(capture)
+    found.findings += upended(capture) + unread(capture) + profiled(capture) + bare(capture) + repeated(capture)
     found.findings += off_centre(capture.cameras.values())
     found.facts |= {"frames": len(capture.frames), "cameras": len(capture.cameras)}
     _look(found, capture)

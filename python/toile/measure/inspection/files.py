@@ -82,6 +82,21 @@ def uneven(capture: Capture) -> list[Finding]:
     return found
 
 
+def lacking(capture: Capture) -> list[Finding]:
+    """Frames with pictures that have no mask at all, or no scan, where other such frames have one. Labels of few frames are enough."""
+    inputs = {number: capture.inputs(number) for number in capture.frames}
+    holds = lambda number, kind: any(path.parent.name == kind for path in inputs[number])
+    pictured = [number for number in capture.frames if holds(number, "images")]
+    scanned = [number for number in pictured if capture.folder(number) / "scan.ply" in inputs[number]]
+    found = []
+    for what, there in (("masks", [number for number in pictured if holds(number, "masks")]), ("scan", scanned)):
+        missing = sorted(set(pictured) - set(there))
+        if there and missing:
+            text = f"frames: {len(missing)} with pictures have no {what}, as others have: {frame_ranges(missing, MANY)}"
+            found.append(Finding(text, serious=False))
+    return found
+
+
 def upended(capture: Capture) -> list[Finding]:
     """Cameras whose pictures other programs turn as their headers ask, as the first frame with pictures tells; here they are not turned."""
     such = _cameras_of(path for path in _first_pictures(capture) if _asked(turned, path))
@@ -245,6 +260,12 @@ def looks(frames: list[Any]) -> list[Finding]:
         empty = [name for name, mask in frame.masks.items() if not mask.any()]
         if empty and anyone:
             found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
+        blank = [
+            name for name, labels in frame.labels.items() if not labels.any() and frame.masks.get(name, labels).any()
+        ]
+        if blank:
+            text = f"{', '.join(blank[:MANY])}: frame {frame.number} has an empty label image, and a mask that is not"
+            found.append(Finding(text, serious=False))
     for name, values in sharp.items():
         usual = float(np.median(list(values.values())))
         for number, value in values.items():

@@ -20,10 +20,10 @@ SIDE = 30  # pixels of a band
 
 
 def off_masks(frame: Frame) -> Iterator[tuple[str, float]]:
-    """(camera, share of what its label image shows that lies off its mask), where a picture has both."""
+    """(camera, share of what its label image shows that lies off its mask), where a picture has both and neither is empty."""
     for name, labels in frame.labels.items():
         mask, on = frame.masks.get(name), labels > 0
-        if mask is not None and on.any():
+        if mask is not None and mask.any() and on.any():
             yield name, float((on & ~mask).sum() / on.sum())
 
 

@@ -121,7 +121,7 @@ KINDS = (  # in the order of the page
     _Kind(r"evidence:uncovered_mm", "not covered", "mm", POSE, 10, "how far the masks reach beyond the silhouette, likewise", HIGH, "uncovered_mm"),
     _Kind(r"evidence:labels_off", "labels not covered", "share", POSE, 3, "share of the label images beyond the silhouette, where there are no masks", HIGH, "labels_off"),
     _Kind(r"evidence:silhouette_iou", "silhouettes", "share", POSE, 3, "intersection over union of body and masks", LOW, "silhouette_iou"),
-    _Kind(r"evidence:masks_empty", "empty masks", "", POSE, 1, "masks that are empty where scan or keypoints show the person, and left out of the silhouettes"),
+    _Kind(r"evidence:masks_empty", "empty masks", "", POSE, 1, "masks that are empty where scan, keypoints or other masks show the person, and left out of the silhouettes"),
     _Kind(r"seconds:all", "all stages", "s", SECONDS, 5, "seconds of all stages together"),
     _Kind(rf"seconds:{N}", "{n}", "s", SECONDS, 3, "seconds of this stage"),
     _Kind(r"truth:joint_mm", "joints", "mm", TRUTH, 5, "joints to the true joints of the same name"),
