@@ -9,9 +9,11 @@ import pytest
 
 from tests.support.small_disk import largest_file
 from toile.errors import UserError, first_line
+from toile.io import files
 from toile.io.export.writing import whole_file
 from toile.io.files import copy_folder, whole_folder
 from toile.io.inputs import files_under
+from toile.io.locks import BUSY, at_work
 
 
 def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
@@ -58,6 +60,20 @@ def test_of_two_writers_of_one_place_the_first_to_end_wins_and_the_other_is_refu
             (first / "a").write_text("first")
         assert (late / "a").read_text() == "late"
     assert [p.name for p in tmp_path.iterdir()] == ["out"] and (tmp_path / "out" / "a").read_text() == "first"
+
+
+def test_a_writer_that_has_just_begun_is_not_taken_for_one_that_was_killed(tmp_path, monkeypatch):
+    """Another one begins while the first has made its folder and does not hold it yet."""
+
+    def late(folder, alone, refusal):
+        (folder / BUSY).touch()
+        files._remove_abandoned(tmp_path / "out")
+        return at_work(folder, alone, refusal)
+
+    monkeypatch.setattr(files, "at_work", late)
+    with whole_folder(tmp_path / "out") as folder:
+        (folder / "a").write_text("all")
+    assert (tmp_path / "out" / "a").read_text() == "all" and len(os.listdir(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("kind", ["whole_folder", "whole_file"])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tests.support.synthetic_run import SAMPLE
-from toile.config import preset
 from toile.io.capture import open_capture
 from toile.measure.triage import facts
 from toile.measure.triage.advice import of_garment, title_of, trouble_of
@@ -16,7 +15,7 @@ from toile.measure.triage.columns import columns_of
 from toile.measure.triage.measured import Row
 from toile.measure.triage.outliers import FINE, GRAVE, OUT, levels, middle_and_edge
 from toile.measure.triage.pictures import _captured
-from toile.measure.verdicts import _limits as limits_of_verdicts
+from toile.measure.verdicts import REASONS
 
 GOOD = np.zeros(20, int)
 
@@ -178,7 +177,7 @@ def test_a_triangle_turned_inside_out_is_folded_and_a_plane_has_no_part_along_it
 
 
 def test_every_reason_of_a_verdict_has_an_advice_of_its_own():
-    reasons = [words.format("12") for _, _, words in limits_of_verdicts(preset("standard").verdict).values()]
+    reasons = [words.format("12") for words in REASONS.values()]
     found = [
         trouble_of(f"tshirt: {reason} (at most 3 is good)")
         for reason in [*reasons, "no scan shows where the surface lies"]
@@ -194,7 +193,7 @@ def test_every_reason_of_a_verdict_has_an_advice_of_its_own():
 
 
 def test_every_limit_of_a_verdict_has_a_column_to_be_seen_in():
-    limits = set(limits_of_verdicts(preset("standard").verdict))
+    limits = set(REASONS)
     keys = [f"evidence:{of}{name}" for name in limits for of in ("", "tshirt.", "tshirt.hem.")] + [
         "dress tshirt:loop_mm.hem"
     ]

@@ -77,15 +77,18 @@ def part_folder(path):
     `path` go too. UserError: it cannot be made."""
     _remove_abandoned(path)
     folder = _part_of(path)
+    new = folder.with_suffix(".new")  # until it is held: another writer takes what nobody holds for abandoned
     try:
-        folder.mkdir(parents=True)
+        new.mkdir(parents=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be made: {error.strerror or first_line(error)}") from None
     try:
-        with at_work(folder, False, ""), called(folder, path):
+        with at_work(new, False, ""), called(folder, path):
+            new.rename(folder)
             yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        for left in (new, folder):
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _remove_abandoned(path):

@@ -222,9 +222,9 @@ class Evidence:
         """Which points (n,) lie outside of the silhouettes: `outside_views` pictures or more show background about them."""
         own, count = self.settings.evidence, np.zeros(len(points), int)
         for name, view in self.views.items():
-            uv, depth = view.camera.project(points)
-            within = (depth > 0) & (uv >= 0).all(1) & (uv < view.camera.size[::-1]).all(1)
-            count += within & (self.maps[name].read(uv)[:, -1] > own.outside_share)
+            there = np.flatnonzero(view.camera.sees(points))
+            shown = self.maps[name].read(view.camera.project(points[there])[0])
+            count[there] += shown[:, -1] > own.outside_share
         return count >= own.outside_views
 
     def edges(self, points, normals, s):
