@@ -122,6 +122,9 @@ def test_where_masks_lack_the_cloth_or_little_of_a_loop_is_seen_it_stays(seen):
     assert within(at, covered, evidence, Mesh(V, F), LoopSettings()) is covered
     most_outside = LoopMatch(at * [1.25, 1.25, 1], every, np.zeros(len(at)))
     assert within(at, most_outside, evidence, Mesh(V, F), LoopSettings()) is most_outside
+    far = np.where(few[:, None], most_outside.target, at * [3, 3, 1])  # of these the cloth lies beyond `far_reach`
+    beyond = LoopMatch(far, every, np.zeros(len(at)))
+    assert within(at, beyond, evidence, Mesh(V, F), LoopSettings()) is beyond
 
 
 def test_cloth_within_the_silhouettes_is_none_where_pictures_and_scan_disagree(seen):

@@ -85,10 +85,13 @@ def within(at, match, evidence, cloth, settings):
     stays, as pictures did not lay it; so does one of which most lies outside: then masks lack the cloth."""
     if not len(cloth.faces) or match.observed.mean() < settings.min_observed:
         return match
-    web = np.flatnonzero(evidence.outside(match.target))
+    outside = evidence.outside(match.target)
+    if not 0 < outside.mean() < evidence.settings.evidence.outside_loop:
+        return match
+    web = np.flatnonzero(outside)
     face, nearest, *_ = cloth.index.closest(match.target[web], radius=settings.far_reach)
     web, nearest = web[face >= 0], nearest[face >= 0]
-    if not 0 < len(web) < evidence.settings.evidence.outside_loop * len(at):
+    if not len(web):
         return match
     instead, false = match.target.copy(), np.isin(np.arange(len(at)), web)
     instead[web] = _first_within(match.target[web], nearest, evidence)
