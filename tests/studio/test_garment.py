@@ -64,6 +64,10 @@ def test_checks_find_what_breaks_a_bound(body, cut):
         truth.check_frame("shirt", low, F, low, edges, body.rest, body.skin_faces, hands, 3, allowed=pierced - 1)
     with pytest.raises(truth.TruthRejected, match="strain"):
         truth.check_frame("shirt", V, F, 0.7 * V, edges, body.rest, body.skin_faces, hands, 0)
+    with pytest.raises(truth.TruthRejected, match="strain .*bounds 0.25"):
+        truth.check_frame("shirt", V, F, 0.79 * V, edges, body.rest, body.skin_faces, hands, 0, strained=0.25)
+    less = truth.check_frame("shirt", V, F, 0.82 * V, edges, body.rest, body.skin_faces, hands, 0, strained=0.25)
+    assert 0.2 < less["strain_p99"] < 0.25
     jump = np.stack([body.rest, body.rest, body.rest + [0, 0, 0.3]])
     with pytest.raises(truth.TruthRejected, match="frame 2: the body jumps"):
         truth.check_motion(jump, None)

@@ -133,7 +133,7 @@ def accepted_sequence(work, options, progress):
         return StudioReport(Path(), seed, rejected), folder
     raise UserError(
         f"{work.parent}: the truth of {ATTEMPTS} seeds was discarded ({'; '.join(rejected)}); remove it, and try another --seed, a "
-        "calmer --motion or a looser --subject; --set pairs=N allows intersecting triangles"
+        "calmer --motion or a looser --subject; --set pairs=N allows intersecting triangles, --set strain=S more stretch"
     )
 
 
@@ -224,7 +224,7 @@ def versions():
 def studio_json(options, report):
     return {
         "options": options.model_dump(), "seed": report.seed, "rejected": report.rejected, "figures": report.figures,
-        "bounds": {"strain_p99": checks.STRAIN_P99, "strain_max": checks.STRAIN_MAX, "step_m": checks.STEP_MAX},
+        "bounds": {"strain_p99": options.strain, "strain_max": checks.STRAIN_MAX, "step_m": checks.STEP_MAX},
         "self_contact": "off: the cloth may pierce itself; triangle pairs are counted per frame in truth.zarr",
         "label_errors": "alike in all views, and " + ("lasting" if options.amounts.lasting_labels else "drawn every frame"),
         "versions": versions(),

@@ -13,6 +13,7 @@ from .cut import CUTS
 from .garment import SIZES
 from .motion_file import ENDINGS
 from .motions import JOIN, MOTIONS
+from .truth import STRAIN_P99
 from .truths import PARTS, Hard, chosen
 
 TEMPLATES = ("other", "scan", "settled")
@@ -55,6 +56,9 @@ class StudioOptions(Settings):
     )
     pairs: int = setting(
         0, "count", "intersecting triangles of a garment and what is under it that a frame may keep", ge=0
+    )
+    strain: float = setting(
+        STRAIN_P99, "1", "change of length over rest length that 99 % of a garment's edges may have in a frame", gt=0
     )
     trousers: bool = setting(False, "switch", "a garment of their own, cut from the body, under the shirt")
     wear: str = setting("", "name", "garments joined by +, inner to outer, instead of garment and trousers")

@@ -164,7 +164,8 @@ class Sequence:
         under, faces, found = vertices.astype(np.float64), self.body.skin_faces, []
         for s, V, edges in zip(self.settled, split(garment.astype(np.float64), self.settled), self._edges):
             worn = s.name, V, s.faces, s.rest, edges
-            found.append(checks.check_frame(*worn, under, faces, self._hands, number, self.options.pairs))
+            bounds = self.options.pairs, self.options.strain
+            found.append(checks.check_frame(*worn, under, faces, self._hands, number, *bounds))
             under, faces = np.concatenate([under, V]), np.concatenate([faces, s.faces + len(under)])
         return {name: worst(f[name] for f in found) for name, worst in checks.WORST.items()}
 
