@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from tests.support.shapes import tube
-from toile.measure.judged import JudgedLayer, uncovered
+from toile.measure.judged import JudgedLayer, covered_shares, uncovered
+from toile.pipeline.outcome import said_of_covered
 
 
 def layer(name, low, high, radius, rings=80):
@@ -21,6 +22,12 @@ def test_what_a_garment_farther_out_covers_is_not_looked_for():
     bare = (sleeve.vertices[:, 2] < 0.3) | (sleeve.vertices[:, 2] > 0.7)
     assert len(z) == bare.sum() and ((z < 0.3) | (z > 0.7)).all()
     assert len(outer.looks) == len(shirt.vertices)
+    assert covered_shares([inner, outer]) == {"sleeve": 1 - bare.mean()}
+
+
+def test_how_much_of_a_garment_is_not_judged_is_said():
+    (said,) = said_of_covered({"trousers": [0.2, 0.31, 0.9], "vest": [0.0, 0.01]})
+    assert said.startswith("trousers: other garments cover 31 % of it")
 
 
 def test_what_lies_inside_or_far_off_covers_nothing():

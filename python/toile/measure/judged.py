@@ -38,6 +38,11 @@ def uncovered(garments: Sequence[JudgedLayer]) -> list[JudgedLayer]:
     return out
 
 
+def covered_shares(layers: Sequence[JudgedLayer]) -> dict[str, float]:
+    """Of each `uncovered` garment but the outermost the share at which nothing looks."""
+    return {layer.name: 1 - len(layer.looks) / len(layer.vertices) for layer in layers[:-1]}
+
+
 def _covered(layer: JudgedLayer, over: JudgedLayer) -> Bools:
     """Which vertices lie within COVERED behind a garment, their closest point of it none of its border, or face it across a GAP."""
     V = layer.vertices

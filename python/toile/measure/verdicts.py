@@ -11,7 +11,7 @@ from ..surface.joined import Sleeves
 from ..surface.loops import loop_length
 from .empty_masks import PATCH, wrongly_empty
 from .evidence import keypoint_errors, overlap, parted
-from .judged import JudgedLayer, uncovered
+from .judged import JudgedLayer, covered_shares, uncovered
 from .limbs import limbs_shown
 
 VERTICES = 2000  # of a surface, that look for the scan
@@ -79,6 +79,7 @@ def judge(
         [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
     )
     measures = agreement(seen, cameras, model, joints, body, layers)
+    measures |= {f"{name}.covered": share for name, share in covered_shares(layers).items()}
     if len(seen.points):
         measures |= limbs_shown(seen, cameras, model, body)
     measures["stature_off_m"] = beyond_people(person.rest)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 
 from ..errors import UserError
 from ..io.layout import DOUBTFUL, STORE, WRONG
@@ -20,11 +22,13 @@ from ..scene import frame_ranges
 from .blocks import FrameFolders, frame_numbers_of
 from .identity import LAST, Identities, digest
 
+COVERED = 0.05  # of a garment: where others cover more of it, that is said
+
 
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended: frames registered; frames failed with their reasons; registered frames in which hands touch cloth
-    in a way that the layers cannot represent; what the preparation warned of, and of empty masks; frames that wait for other shards;
+    in a way that the layers cannot represent; what the preparation warned of, and of empty masks and covered cloth; frames that wait for other shards;
     those of the registered frames that are judged doubtful and wrong, with their reasons; what was made again and why.
     """
 
@@ -137,6 +141,7 @@ def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
     run, frames = stored.run, stored.frames
     with locked(run):
         failed, contact, empty, left = {}, [], [], frozenset(stored.left())
+        covered: dict[str, list[float]] = defaultdict(list)
         judged: dict[int, dict[int, str]] = {DOUBTFUL: {}, WRONG: {}}
         for number in frames:
             diagnostics = {} if number in left else read_diagnostics(run, number)
@@ -146,13 +151,17 @@ def outcome_of(stored: RunStores, results: FrameFolders) -> Outcome:
                 continue
             if any(stage.get("unsupported_contact") for stage in numbers_of(diagnostics).values()):
                 contact.append(number)
-            if diagnostics.get("evidence", {}).get("masks_empty"):
+            evidence = diagnostics.get("evidence", {})
+            if evidence.get("masks_empty"):
                 empty.append(number)
+            for key in evidence:
+                if key.endswith(".covered"):
+                    covered[key.removesuffix(".covered")].append(evidence[key])
             if diagnostics.get("verdict") in judged:
                 judged[diagnostics["verdict"]][number] = "; ".join(diagnostics.get("reasons", ()))
         pending = tuple(number for number in frames if number in left and number not in failed)
         ok = tuple(number for number in frames if number not in failed and number not in left)
-        warnings = (*results.status.warnings(), *_said_of_empty(empty))
+        warnings = (*results.status.warnings(), *_said_of_empty(empty), *said_of_covered(covered))
         return Outcome(ok, failed, tuple(contact), warnings, pending, judged[DOUBTFUL], judged[WRONG])
 
 
@@ -160,6 +169,16 @@ def _said_of_empty(frames: Sequence[int]) -> list[str]:
     """What to warn of frames in which masks that are empty where the person is were left out of the verdicts."""
     text = "masks that are empty where scan, keypoints or other masks show the person are left out of verdicts"
     return [f"{text}: frames {frame_ranges(frames)}"] if frames else []
+
+
+def said_of_covered(shares: dict[str, list[float]]) -> list[str]:
+    """What to warn of garments of which others cover a good part: {name: the share of each frame}."""
+    middle = {name: median(found) for name, found in shares.items()}
+    return [
+        f"{name}: other garments cover {100 * share:.0f} % of it, where no verdict looks at it"
+        for name, share in middle.items()
+        if share > COVERED
+    ]
 
 
 def numbers_of(diagnostics: dict) -> dict[str, dict]:

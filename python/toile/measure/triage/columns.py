@@ -84,6 +84,7 @@ KINDS = (  # in the order of the page
     _Kind(rf"evidence:{G}\.garment_to_cloth_mm", "{g} to scan, mean", "mm", SCAN, 4, "the garment to its part of the scan"),
     _Kind(rf"evidence:{G}\.garment_to_cloth_p95_mm", "{g} to scan, 95 %", "mm", SCAN, 10, f"the garment to its part of the scan: {P95}"),
     _Kind(rf"evidence:{G}\.garment_observed", "{g} found on the scan", "share", SCAN, 10, "share of the garment's surface", LOW, "garment_observed"),
+    _Kind(rf"evidence:{G}\.covered", "{g}: covered", "share", SCAN, 20, "share of the garment that others cover, where no verdict looks at it", NEITHER),
     _Kind(rf"dress {G}:loop_mm\.{N}", "{g} {n}: off", "mm", OPENINGS, 5, "the registered opening to the one that was seen; a dash: none was", HIGH, "loop_mm"),
     _Kind(rf"dress {G}:loop_observed\.{N}", "{g} {n}: seen", "share", OPENINGS, 20, "share of the opening that was seen", LOW),
     _Kind(rf"evidence:{G}\.opening_observed", "{g}: openings seen", "share", OPENINGS, 10, "of the openings that are not hidden throughout", LOW, "opening_observed"),
