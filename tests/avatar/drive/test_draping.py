@@ -92,6 +92,18 @@ def test_frames_in_any_order_give_the_same_bits(driven):
     assert not np.array_equal(first, last)
 
 
+def test_a_waistband_goes_where_codes_place_it_and_the_rest_hangs(driven, monkeypatch):
+    avatar, shirt = driven.avatar, driven.avatar.layer("tshirt")
+    waist = shirt.loops["neck"]
+    skirt = replace(shirt, loops={"waist": waist, "hem": shirt.loops["hem"]})
+    layers = [skirt if layer is shirt else layer for layer in avatar.layers]
+    monkeypatch.setattr(avatar, "layers", layers)
+    draping, decoded = driven.draped(driven.draping.cloths, np.arange(4)), driven.geometry(3)
+    draping.at(3, decoded, driven.unseen(3))
+    off = np.linalg.norm(draping.fallen["tshirt"] - decoded["tshirt"].vertices[0].double().numpy(), axis=1)
+    assert off[waist].max() < 1e-9 and np.delete(off, waist).mean() > 1e-4
+
+
 def test_an_animation_by_physics_is_another_and_leaves_no_pair(avatar_folder, sample_run, tmp_path):
     options = dict(frames=[2, 3], height=32)
     learnt = animate(avatar_folder, sample_run, tmp_path / "learnt", **options)

@@ -26,7 +26,8 @@ LOST = 2.0  # strain at which none of it is shown
 RINGS = 4  # of edges about such a place that go with it, and as many over which the rest goes over into it
 CAUGHT = 0.2  # share of a garment that is not shown from which on it begins anew
 RETURN = 0.5  # [s] in which cloth is shown in full again
-VERSION = 6  # of how cloth is simulated and what is kept of it
+WAIST = "waist"  # the opening that a waistband holds: skirts and trousers fall without
+VERSION = 7  # of how cloth is simulated and what is kept of it
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ class Draping:
 
     `frame(i)` gives {layer: Decoded} of frame i, whose garments matter only where cloth begins, and its batch; `times` (T,) [s] and
     `rotations` (T,K,3) of the frames; `readers` {name: the avatar by whose features a cloth's residual reads poses}. Cloth
-    begins at rest on the first frame, out of the body by `layering`, and settles there. About edges that are drawn out beyond TORN more
+    begins at rest on the first frame, out of the body by `layering`, and settles there. A waistband goes where codes place it. About edges that are drawn out beyond TORN more
     and more of the codes' shape is shown in its stead; a garment of which that takes CAUGHT begins anew.
     """
 
@@ -175,6 +176,7 @@ class Draping:
         rotations = torch.as_tensor(rotations, dtype=torch.float32)
         read = {one: moving(one.carried(rotations.to(one.up.device)).cpu().numpy(), times) for one in readers.values()}
         self.poses = {name: read[readers[name]] for name in cloths}
+        self.held = {name: waistband(avatar.layer(name)) for name in cloths}
 
     @torch.no_grad()
     def at(self, i, decoded, batch):
@@ -221,11 +223,11 @@ class Draping:
 
     def _step(self, name, under, dt, decoded, batch):
         """A garment one step on; from the codes' shape, where too much of it had been drawn out."""
-        found = self.solvers[name].step(under, dt)
+        found = self.solvers[name].step(under, dt, points(decoded[name])[self.held[name]])
         self.strain = max(self.strain, found.strain)
-        held = whole(found.V, self.layering.edges[name], self.cloths[name].lengths)
-        caught = held.mean() < 1 - CAUGHT
-        self.shares[name] = np.minimum(np.zeros_like(held) if caught else held, self.shares[name] + dt / RETURN)
+        sound = whole(found.V, self.layering.edges[name], self.cloths[name].lengths)
+        caught = sound.mean() < 1 - CAUGHT
+        self.shares[name] = np.minimum(np.zeros_like(sound) if caught else sound, self.shares[name] + dt / RETURN)
         return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under) if caught else found
 
     def _fall(self, decoded, move):
@@ -242,7 +244,13 @@ class Draping:
     def _solver(self, layer, under_F, under_n):
         cloth, gravity = self.cloths[layer.name], -GRAVITY * self.avatar.up.cpu().numpy().astype(np.float64)
         options = cloth.asked.solver() | {"gravity": gravity, "margin": float(cloth.margin)}
-        return DrapeSolver(layer.faces, len(layer.rest), cloth.lengths, under_F, under_n, **options)
+        held = self.held[layer.name]
+        return DrapeSolver(layer.faces, len(layer.rest), cloth.lengths, under_F, under_n, held, **options)
+
+
+def waistband(layer):
+    """(h,) the vertices of a garment's waist, none of one that hangs from the shoulders."""
+    return np.asarray(layer.loops.get(WAIST, ()), np.int32)
 
 
 def whole(V, edges, lengths):
@@ -250,23 +258,23 @@ def whole(V, edges, lengths):
     between the two over as many more."""
     i, j = edges
     strain = np.linalg.norm(V[i] - V[j], axis=1) / lengths - 1
-    held, known = np.ones(len(V)), np.clip((LOST - strain) / (LOST - TORN), 0, 1)
+    sound, known = np.ones(len(V)), np.clip((LOST - strain) / (LOST - TORN), 0, 1)
     if known.min(initial=1) == 1:
-        return held
-    np.minimum.at(held, i, known)
-    np.minimum.at(held, j, known)
+        return sound
+    np.minimum.at(sound, i, known)
+    np.minimum.at(sound, j, known)
     for _ in range(RINGS):
-        near = held.copy()
-        np.minimum.at(near, i, held[j])
-        np.minimum.at(near, j, held[i])
-        held = near
+        near = sound.copy()
+        np.minimum.at(near, i, sound[j])
+        np.minimum.at(near, j, sound[i])
+        sound = near
     degree = 1 + np.bincount(edges.ravel(), minlength=len(V))
     for _ in range(RINGS):
-        total = held.copy()
-        np.add.at(total, i, held[j])
-        np.add.at(total, j, held[i])
-        held = total / degree
-    return held
+        total = sound.copy()
+        np.add.at(total, i, sound[j])
+        np.add.at(total, j, sound[i])
+        sound = total / degree
+    return sound
 
 
 def points(decoded):
