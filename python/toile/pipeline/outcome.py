@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import UserError
+from ..io.inputs import digest
 from ..io.layout import DOUBTFUL, STORE, WRONG
 from ..io.locks import locked
 from ..io.run import is_run, open_run
@@ -18,7 +19,7 @@ from ..io.status import Status
 from ..measure.verdicts import severity
 from ..scene import frame_ranges
 from .blocks import FrameFolders, frame_numbers_of
-from .identity import LAST, Identities, digest
+from .identity import LAST, Identities
 
 
 @dataclass(frozen=True)
