@@ -69,7 +69,7 @@ def _fits(frame: Frame) -> dict[tuple[str, str], float]:
     shown = silhouettes(frame)
     found = {}
     for size in {image.shape[:2] for image in frame.images.values()}:
-        lines = {name: _outline(mask) for name, mask in shown.items() if mask.shape == size}
+        lines = {name: outline(mask) for name, mask in shown.items() if mask.shape == size}
         lines = {name: line for name, line in lines.items() if line is not None}
         for name, image in frame.images.items() if lines else ():
             if image.shape[:2] == size:
@@ -84,11 +84,11 @@ def _fits(frame: Frame) -> dict[tuple[str, str], float]:
 def _turned(mask: Array, size: tuple[int, ...]) -> dict[str, tuple[Floats, Floats]]:
     """{one of TURNS: the outline of a mask that was turned so}, of those that still have the picture's size (H,W)."""
     turned = {how: np.ascontiguousarray(turn(mask)) for how, turn in TURNS.items()}
-    lines = {how: _outline(of) for how, of in turned.items() if of.shape == size}
+    lines = {how: outline(of) for how, of in turned.items() if of.shape == size}
     return {how: line for how, line in lines.items() if line is not None}
 
 
-def _outline(mask: Array) -> tuple[Floats, Floats] | None:
+def outline(mask: Array) -> tuple[Floats, Floats] | None:
     """Places (9,POINTS,2) [px] of points on a mask's outline and moved aside, and the outline's normals (POINTS,2); None where
     it is too short away from the picture's border."""
     import cv2
