@@ -12,7 +12,7 @@ from toile.measure.triage import facts
 from toile.measure.triage.advice import of_garment, title_of, trouble_of
 from toile.measure.triage.between import Between, along, folded, labels_alike
 from toile.measure.triage.columns import columns_of
-from toile.measure.triage.measured import Row
+from toile.measure.triage.measured import Row, _truth
 from toile.measure.triage.outliers import FINE, GRAVE, OUT, levels, middle_and_edge
 from toile.measure.triage.pictures import _captured, pictures
 from toile.measure.verdicts import REASONS
@@ -256,6 +256,13 @@ def test_files_of_a_frame_that_can_no_more_be_read_are_named(tmp_path):
     run = SimpleNamespace(capture=capture, ok=[], scene=capture.scene)
     assert pictures(run, 0, said.append) == [] and len(said) == 2
     assert all(path in text for path, text in zip(("cam00.", "scan.ply"), said))
+
+
+def test_a_truth_that_cannot_be_read_is_named_and_nothing_is_measured_against_it(tmp_path):
+    folder = shutil.copytree(SAMPLE, tmp_path / "capture")
+    (folder / "truth" / "truth.zarr" / "zarr.json").write_text("{")
+    result = _truth(SimpleNamespace(capture=open_capture(folder)), {}, {})["result"]
+    assert result.keys() == {"warnings"} and str(folder / "truth") in result["warnings"][0]
 
 
 def test_the_command_names_the_run_its_settings_and_all_its_frames():

@@ -146,7 +146,7 @@ def _legend(run) -> str:
 
 def _means(result) -> str:
     """The means of `evaluate` in words, where there is a truth."""
-    if not result:
+    if "all" not in result:
         return ""
     found = {f"truth:{name}": value for name, value in flatten(result["all"]).items() if value is not None}
     shown = {f"{c.words}{f' [{c.unit}]' if c.unit else ''}": c.factor * found[c.key] for c in columns_of(found)}
