@@ -16,7 +16,7 @@ from toile.io.body import load_body_model
 from toile.io.capture import Capture, open_capture
 from toile.measure.inspection import readings
 from toile.measure.inspection.aside import displaced
-from toile.measure.inspection.late import out_of_step
+from toile.measure.inspection.late import out_of_step, pictures_out_of_step
 from toile.measure.inspection.readings import misread
 from toile.measure.inspection.scans import astray, inside_out, short
 from toile.scene import Frame, Mesh
@@ -78,6 +78,23 @@ def test_scans_of_another_moment_than_the_pictures_are_said_with_how_far(step):
     assert len(said) == (step != 0)
     assert all(f"masks of {many} {'later' if step > 0 else 'earlier'} better" in text for text in said)
     assert out_of_step(capture, [replace(frame, scan=None) for frame in frames]) == []
+
+
+@pytest.mark.parametrize("kind", ("images", "labels"))
+@pytest.mark.parametrize("step", (-2, -1, 0, 1))
+def test_images_and_label_images_of_another_moment_than_the_masks_are_said(kind, step):
+    capture = open_capture(SAMPLE)
+    frames = [capture.pictures(number) for number in capture.frames]
+    moved = [
+        replace(f, **{kind: getattr(frames[f.number + step], kind)}) for f in frames if f.number + step in range(6)
+    ]
+    said = [finding.text for finding in pictures_out_of_step(capture, moved)]
+    many = f"{abs(step)} frame{'s' if abs(step) > 1 else ''}"
+    what = "label images" if kind == "labels" else kind
+    when, late = ("later", "early") if step > 0 else ("earlier", "late")
+    text = f"{what}: the masks of {many} {when} fit them better than their own: are they {many} {late}?"
+    assert said == [text] * (step != 0)
+    assert pictures_out_of_step(capture, [replace(frame, images={}, labels={}) for frame in moved]) == []
 
 
 @pytest.mark.parametrize("step", (-1, 1))
@@ -146,8 +163,21 @@ def test_masks_that_are_wider_or_narrower_than_the_scans_all_around_are_said(sca
     assert (
         f"masks: they are {'wider' if pixels > 0 else 'narrower'} than the scans by" in said.text and not said.serious
     )
-    one = replace(frame, masks=frame.masks | {"cam02": masks["cam02"]})
-    assert displaced(capture.cameras, [one]) == displaced(capture.cameras, [frame, replace(frame, masks=masks)]) == []
+    assert displaced(capture.cameras, [frame, replace(frame, masks=masks)]) == []
+
+
+@pytest.mark.parametrize("kind", ("masks", "label images"))
+@pytest.mark.parametrize(
+    "name, how", [("cam03", "mirrored"), ("cam00", "mirrored"), ("cam05", "of cam01"), ("cam06", "wide")]
+)
+def test_a_single_camera_whose_masks_do_not_fit_the_scans_is_named(scanned, kind, name, how):
+    capture, frame = scanned
+    shown = frame.masks if kind == "masks" else {n: labels > 0 for n, labels in frame.labels.items()}
+    wide = cv2.dilate(shown[name].astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
+    other = {"mirrored": shown[name][:, ::-1].copy(), "of cam01": shown["cam01"], "wide": wide}[how]
+    odd = {"masks": shown | {name: other}} if kind == "masks" else {"labels": shown | {name: other}, "masks": {}}
+    (said,) = displaced(capture.cameras, [replace(frame, **odd)])
+    assert said.text.startswith(f"{name}: the outlines of its {kind} run ") and not said.serious
 
 
 def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(scanned):

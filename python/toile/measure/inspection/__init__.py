@@ -55,7 +55,7 @@ from .files import (
     upended,
 )
 from .fractions import fractions
-from .late import out_of_step
+from .late import out_of_step, pictures_out_of_step
 from .masks import COVERED, centroids, coverage, silhouettes, without_specks
 from .order import leaps, out_of_order
 from .others import somebody_else
@@ -117,6 +117,7 @@ def inspect(path: Path) -> Inspection:
         late = [] if said else out_of_step(capture, found.frames)  # of another moment, which explains it too
         aside = [] if said or late else displaced(capture.cameras, found.frames)
         found.findings += said or late + (aside or astray(capture.cameras, found.frames))
+        found.findings += pictures_out_of_step(capture, found.frames)
         found.findings += [] if found.facts.get("stature m") else short(found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)

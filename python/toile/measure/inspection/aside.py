@@ -24,29 +24,33 @@ REACH = 0.15  # m: what of an outline lies farther from the scan's belongs to so
 NEAR = 0.8  # share of the outlines that must lie within: of a scan of a part nothing is told
 SPREAD = 0.005  # m, from which on distances count as outliers do
 EXPLAINED = 0.6  # of the mean distance between outlines, that may be left
+OFF, ODD = 0.012, 4  # m, and times what is usual of all cameras: a camera whose outlines lie off
 ASIDE, WIDE, LARGER = 0.015, 0.025, 0.015  # m, m, 1
 
 
 class Fit(NamedTuple):
     """How a scan lies against the masks of its frame: moved `aside` (3,) of them [m], larger about its middle by the share `larger`,
-    and narrower all around by `wide` [m]; `left`: share of the mean distance between their outlines that this does not explain."""
+    and narrower all around by `wide` [m]; `left`: share of the mean distance between their outlines that this does not explain;
+    `off`: {camera: how far outside of the scan's outline its mask's runs in the mean [m]}; a scan of other things too has no part in it."""
 
     aside: Floats
     larger: float
     wide: float
     left: float
+    off: dict[str, float]
 
 
 def displaced(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
-    """Scans that are larger or smaller than the masks (or label images) show, or else lie aside of them, or masks that are wider or
-    narrower than the scans all around, in all of the frames that are looked at alike."""
+    """Single cameras whose masks (or label images) lie off the scans; or else scans that are larger or smaller than the masks show, or lie
+    aside of them, or masks that are wider or narrower than the scans all around, in all of the frames that are looked at alike."""
     scanned = [
         frame for frame in frames if frame.scan is not None and any(m.any() for m in silhouettes(frame).values())
     ]
     fits = [fit for frame in (evenly(scanned, FRAMES) if scanned else []) if (fit := _fit(cameras, frame)) is not None]
-    if not fits or max(fit.left for fit in fits) > EXPLAINED:
-        return []
-    shown, found = "masks" if any(frame.masks for frame in scanned) else "label images", []
+    shown = "masks" if any(frame.masks for frame in scanned) else "label images"
+    found = _of_single_cameras(fits, shown)
+    if found or not fits or max(fit.left for fit in fits) > EXPLAINED:
+        return found
     aside, wide = np.median([fit.aside for fit in fits], axis=0), median(fit.wide for fit in fits)
     far, larger = float(np.linalg.norm(aside)), median(fit.larger for fit in fits)
     if min(fit.larger * np.sign(larger) for fit in fits) > LARGER:
@@ -63,6 +67,21 @@ def displaced(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Fi
     return found
 
 
+def _of_single_cameras(fits: Sequence[Fit], shown: str) -> list[Finding]:
+    """Cameras, of three and more, whose outlines lie off in all frames that show them, farther than is usual of the others."""
+    off = {name: [fit.off[name] for fit in fits if name in fit.off] for fit in fits for name in fit.off}
+    usual = median(median(of) for of in off.values()) if len(off) > FEWEST else np.inf
+    return [
+        Finding(
+            f"{name}: the outlines of its {shown} run {100 * median(of):.1f} cm outside of the scans' in the mean, {100 * usual:.1f} in "
+            "most cameras: are they mirrored, of another camera, or is its calibration off?",
+            serious=False,
+        )
+        for name, of in off.items()
+        if min(of) > max(OFF, ODD * usual)
+    ]
+
+
 def _fit(cameras: Mapping[str, Camera], frame: Frame) -> Fit | None:
     """Robust least squares of d = w - n . J (t + s (p - m)) over points p of the masks' outlines, n their normals, m the scan's middle,
     d [m] how far outside of the scan's outline they lie: t, s and w of `Fit`. None where too little of the outlines is near the scan's."""
@@ -70,20 +89,22 @@ def _fit(cameras: Mapping[str, Camera], frame: Frame) -> Fit | None:
 
     assert frame.scan is not None
     masks = {name: mask for name, mask in silhouettes(frame).items() if mask.any()}
-    told = [
-        _equations(thin_camera(cameras[name], SIDE), thin_picture(masks[name], SIDE), frame.scan)
+    told = {
+        name: rows
         for name in evenly(sorted(masks), VIEWS)
-    ]
-    told = [of for of in told if of is not None]
+        if (rows := _equations(thin_camera(cameras[name], SIDE), thin_picture(masks[name], SIDE), frame.scan))
+    }
     if len(told) < FEWEST:
         return None
-    A, d = np.concatenate([of[0] for of in told]), np.concatenate([of[1] for of in told])
+    A, d = (np.concatenate(part) for part in zip(*told.values()))
     near = np.abs(d) < REACH
     if near.mean() < NEAR:
         return None
     A, d = A[near], d[near]
     x = least_squares(lambda x: A @ x - d, np.zeros(5), lambda x: A, loss="soft_l1", f_scale=SPREAD).x
-    return Fit(x[:3], float(x[3]), float(x[4]), float(np.abs(A @ x - d).mean() / max(np.abs(d).mean(), 1e-6)))
+    left = float(np.abs(A @ x - d).mean() / max(np.abs(d).mean(), 1e-6))
+    off = {name: float(np.clip(rows[1], 0, REACH).mean()) for name, rows in told.items()}
+    return Fit(x[:3], float(x[3]), float(x[4]), left, off)
 
 
 def _equations(camera: Camera, mask: Array, scan: Mesh) -> tuple[Floats, Floats] | None:

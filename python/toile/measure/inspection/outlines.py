@@ -64,8 +64,6 @@ def exchanged(frames: Sequence[Frame]) -> list[Finding]:
 def _fits(frame: Frame) -> dict[tuple[str, str], float]:
     """{(camera of a picture, camera of a mask of the same size or one of TURNS of its own): how many times the contrast across the
     mask's outline is that across the outline moved aside}."""
-    import cv2
-
     shown = silhouettes(frame)
     found = {}
     for size in {image.shape[:2] for image in frame.images.values()}:
@@ -73,12 +71,19 @@ def _fits(frame: Frame) -> dict[tuple[str, str], float]:
         lines = {name: line for name, line in lines.items() if line is not None}
         for name, image in frame.images.items() if lines else ():
             if image.shape[:2] == size:
-                soft = cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32)
                 asked = lines | (_turned(shown[name], size) if name in lines else {})
-                contrast = _contrasts(soft, *(np.stack(part) for part in zip(*asked.values())))
-                fit = contrast[:, 0] / np.maximum(contrast[:, 1:].mean(1), 1e-6)
+                fit = clearness(image, [*asked.values()])
                 found |= {(name, other): float(value) for other, value in zip(asked, fit)}
     return found
+
+
+def clearness(image: Anything, lines: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """How many times the contrast of a picture (H,W,3) across each of some outlines is that across it moved aside (M,)."""
+    import cv2
+
+    soft = cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32)
+    contrast = _contrasts(soft, *(np.stack(part) for part in zip(*lines)))
+    return contrast[:, 0] / np.maximum(contrast[:, 1:].mean(1), 1e-6)
 
 
 def _turned(mask: Array, size: tuple[int, ...]) -> dict[str, tuple[Floats, Floats]]:
