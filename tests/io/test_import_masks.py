@@ -7,6 +7,7 @@ from PIL import Image
 from tests.support.imported import imported, rig, save
 from toile.errors import UserError
 from toile.io.capture import open_capture
+from toile.io.image import read_image
 
 
 def in_palette(mask):
@@ -37,14 +38,23 @@ def test_a_mask_is_the_same_in_whatever_way_it_was_saved(tmp_path, way):
         assert mask[10:40, 20:50].all() and mask.sum() == 900
 
 
-def test_masks_of_0_and_1_are_refused_by_name_but_not_an_empty_one_among_others(tmp_path):
-    made = rig(tmp_path / "their", numbers=(0,))
-    for v in made:
-        save(tmp_path / "their" / "masks" / v.name / "0.png", (v.width, v.height), 1, "L")
-    with pytest.raises(UserError, match=r"masks.*0\.png: a mask of 0 and 1, expected 0 and 255"):
-        imported(tmp_path / "their", tmp_path / "ours")
-    save(tmp_path / "their" / "masks" / made[0].name / "0.png", (made[0].width, made[0].height), 255, "L")
+@pytest.mark.parametrize("mode", ["L", "RGB", "P"])
+def test_png_masks_of_0_and_1_show_what_those_of_0_and_255_do(tmp_path, mode):
+    for v in rig(tmp_path / "their", numbers=(0,)):
+        mask = np.zeros((v.height, v.width), np.uint8)
+        mask[10:40, 20:50] = 1
+        path = tmp_path / "their" / "masks" / v.name / "0.png"
+        path.parent.mkdir(parents=True)
+        Image.fromarray(mask).convert(mode).save(path)
     imported(tmp_path / "their", tmp_path / "ours")
+    for mask in open_capture(tmp_path / "ours").frame(0).masks.values():
+        assert mask[10:40, 20:50].all() and mask.sum() == 900
+
+
+def test_faint_values_of_a_mask_that_is_no_png_of_0_and_1_show_nobody(tmp_path):
+    for suffix, brightest in (("jpg", 1), ("png", 2)):
+        Image.new("L", (16, 16), brightest).save(tmp_path / f"mask.{suffix}")
+        assert read_image(tmp_path / f"mask.{suffix}", (16, 16), "L").max() <= 2
 
 
 def test_masks_in_jpeg_arrive_and_labels_in_jpeg_are_refused_by_name(tmp_path):

@@ -1,14 +1,18 @@
 """Label images that are wrong alike in all cameras are found without truth; right ones, a tenth of them in error, are not."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
 from toile.config import preset
+from toile.io.capture import open_capture
 from toile.measure.inspection import doubts, inspect
+from toile.measure.inspection.doubts import doubted
 from toile.measure.inspection.page import write_inspection
 from toile.pipeline import run
 
@@ -30,6 +34,31 @@ def relabelled(root, change, cameras=None):
         if cameras is None or path.stem in cameras:
             labels = np.array(Image.open(path))
             Image.fromarray(change(labels)).save(path)
+
+
+SCALED = {
+    "smaller": lambda labels: cv2.resize(labels, None, fx=0.7, fy=0.7),
+    "much smaller": lambda labels: cv2.resize(labels, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA),
+    "larger": lambda labels: cv2.resize(labels, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC),
+    "undistorted": lambda labels: cv2.warpAffine(
+        labels, np.array([[1.01, 0, 0.3], [0, 0.99, 0.6]]), labels.shape[::-1]
+    ),
+}
+
+
+@pytest.mark.parametrize("way", SCALED)
+def test_label_images_whose_ids_were_interpolated_are_said_and_those_of_the_nearest_pixel_are_not(way):
+    capture = open_capture(SAMPLES / "tshirt-talk")
+    frame = replace(capture.pictures(0), images={}, masks={})
+    said = lambda change: [
+        finding.text
+        for finding in doubted(
+            capture, [replace(frame, labels={n: change(i) for n, i in frame.labels.items()})], {}
+        ).findings
+    ]
+    (text,) = said(SCALED[way])
+    assert "of the borders of their label images lie seams of ids between those of both sides" in text
+    assert said(lambda labels: np.ascontiguousarray(labels[::2, ::2])) == said(lambda labels: labels) == []
 
 
 def swapped(one, other):

@@ -1,5 +1,6 @@
 """evaluate on a run whose errors are known, because it is made of the truth."""
 
+import json
 import os
 import shutil
 from types import SimpleNamespace
@@ -9,10 +10,12 @@ import pytest
 import zarr
 from PIL import Image
 
+from tests.support.inspected import posed, recalibrated
 from tests.support.shapes import tube
 from tests.support.synthetic_run import copy_capture, true_run, with_another_template
 from toile.io.body import load_body_model
 from toile.io.capture import open_capture
+from toile.io.facts import facts_of
 from toile.io.mesh import read_mesh, write_mesh
 from toile.io.status import Status
 from toile.measure.evaluate import evaluate
@@ -201,6 +204,24 @@ def test_frames_whose_files_are_no_more_those_that_were_registered_are_named(mad
     (made[0] / "frames" / "000004" / "keypoints.json").unlink()
     (said,) = evaluate(run)["warnings"]
     assert said.startswith("frames 1, 4: the capture's files are no more those that were registered")
+
+
+@pytest.mark.parametrize("where", ("run", "aligned run"))
+def test_cameras_and_labels_that_are_no_more_those_that_were_registered_are_named(made, tmp_path, where):
+    root, run = made
+    (run / "inputs").mkdir()
+    (run / "inputs" / "scene.json").write_text(json.dumps({"facts": facts_of(open_capture(root))}))
+    if where == "aligned run":
+        aligned = shutil.copytree(run, tmp_path / "aligned", ignore=shutil.ignore_patterns("inputs"))
+        with (aligned / "config.toml").open("a") as file:
+            file.write(f"[align]\nrun = {json.dumps(str(run))}\n")
+        run = aligned
+    assert not evaluate(run)["warnings"]
+    recalibrated(root, posed(lambda T: T + 0.01 * np.eye(4, k=3)), only="cam02")
+    scene = root / "scene.toml"
+    scene.write_text(scene.read_text().replace("hair = ", "locks = "))
+    (said,) = evaluate(run)["warnings"]
+    assert said.startswith(f"{root}: cameras.cam02, labels.hair, labels.locks: no more as {run} was registered with")
 
 
 def test_a_garment_that_the_truth_lacks_is_named_and_not_measured(made):

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.support.inspected import FRAMES, edited, person, texts
 from toile.io.camera import read_cameras
@@ -125,6 +126,24 @@ def test_a_limb_that_is_mistaken_is_not_somebody_else_s(walk):
         walk, lambda name, t, rows: rows[t][name] + (np.arange(len(AT)) < k)[:, None] * [80 * (name == "cam1"), 0, 0]
     )
     assert not any("somebody else" in text for text in texts(walk))
+
+
+@pytest.mark.parametrize(
+    "moved, words", [(range(18, 30), "18-29; all from then on"), (range(9), "0-8; all up to then")]
+)
+def test_a_camera_that_was_moved_on_the_way_is_asked_about_from_when(walk, moved, words):
+    turn = Rotation.from_euler("y", 4, degrees=True).as_matrix()
+
+    def put(name, t, rows):
+        if name != "cam1" or t not in moved:
+            return rows[t][name]
+        camera = read_cameras(walk / "cameras.json")[name]
+        at = camera.to_camera(person(t)[1]) @ turn.T @ camera.K.T
+        return np.c_[at[:, :2] / at[:, 2:], rows[t][name][:, 2]]
+
+    edited(walk, put)
+    (said,) = texts(walk)
+    assert said.startswith("cam1: ") and said.endswith(f": {words}: was the camera moved?")
 
 
 def test_somebody_else_in_most_frames_is_a_camera_that_disagrees(walk):

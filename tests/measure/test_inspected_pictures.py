@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from toile.io.capture import open_capture
+from toile.measure.inspection.colours import blue_faces
 from toile.measure.inspection.outlines import exchanged
 from toile.scene import Frame
 
@@ -81,3 +82,16 @@ def test_of_turns_that_fit_alike_always_the_same_is_named(how, back):
         picture = np.where(back(mask)[..., None], 200, 40).astype(np.uint8).repeat(3, 2)
         (said,) = exchanged([Frame(0, None, images={"cam": picture}, masks={"cam": mask})])
         assert f"outlines of its masks {how}:" in said.text
+
+
+@pytest.mark.parametrize("name", ["tshirt-talk", "tshirt-pictures"])
+def test_red_and_blue_exchanged_in_all_pictures_are_said_by_faces_and_in_one_camera_or_in_grey_they_are_not(name):
+    capture = open_capture(SAMPLE.parent / name)
+    frame = capture.pictures(0)
+    change = lambda cameras, how: replace(frame, images=frame.images | {n: how(frame.images[n]) for n in cameras})
+    exchanged_colours = lambda image: image[..., ::-1]
+    (said,) = blue_faces(capture, [change(frame.images, exchanged_colours)])
+    assert said.text.startswith("images: faces are bluer than red in all ") and not said.serious
+    grey = change(frame.images, lambda image: np.repeat(image[..., 1:2], 3, axis=2))
+    for sound in (frame, grey, change(["cam00"], exchanged_colours), replace(frame, images={})):
+        assert blue_faces(capture, [sound]) == []

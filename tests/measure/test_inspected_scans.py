@@ -1,9 +1,11 @@
 """What `inspect` says of scans: which way they look, where, when and how large they are."""
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,7 +15,8 @@ from tests.support.rig import ring_of_cameras
 from toile.io.body import load_body_model
 from toile.io.capture import Capture, open_capture
 from toile.measure.inspection import readings
-from toile.measure.inspection.late import out_of_step
+from toile.measure.inspection.aside import displaced
+from toile.measure.inspection.late import out_of_step, pictures_out_of_step
 from toile.measure.inspection.readings import misread
 from toile.measure.inspection.scans import astray, inside_out, short
 from toile.scene import Frame, Mesh
@@ -77,6 +80,23 @@ def test_scans_of_another_moment_than_the_pictures_are_said_with_how_far(step):
     assert out_of_step(capture, [replace(frame, scan=None) for frame in frames]) == []
 
 
+@pytest.mark.parametrize("kind", ("images", "labels"))
+@pytest.mark.parametrize("step", (-2, -1, 0, 1))
+def test_images_and_label_images_of_another_moment_than_the_masks_are_said(kind, step):
+    capture = open_capture(SAMPLE)
+    frames = [capture.pictures(number) for number in capture.frames]
+    moved = [
+        replace(f, **{kind: getattr(frames[f.number + step], kind)}) for f in frames if f.number + step in range(6)
+    ]
+    said = [finding.text for finding in pictures_out_of_step(capture, moved)]
+    many = f"{abs(step)} frame{'s' if abs(step) > 1 else ''}"
+    what = "label images" if kind == "labels" else kind
+    when, late = ("later", "early") if step > 0 else ("earlier", "late")
+    text = f"{what}: the masks of {many} {when} fit them better than their own: are they {many} {late}?"
+    assert said == [text] * (step != 0)
+    assert pictures_out_of_step(capture, [replace(frame, images={}, labels={}) for frame in moved]) == []
+
+
 @pytest.mark.parametrize("step", (-1, 1))
 def test_a_camera_whose_masks_are_of_another_moment_is_said_with_its_offset(step, monkeypatch):
     capture, files = open_capture(SAMPLE), Capture.picture_files
@@ -121,6 +141,45 @@ def test_whether_scans_are_late_is_told_without_masks_of_frames_that_may_not_be_
     assert len(out_of_step(capture, frames, (0, 1, 2, 3))) == 1 and set(read) <= {0, 1, 2, 3}
 
 
+@pytest.mark.parametrize("by", [(0.03, 0, 0), (0, 0, -0.03), (0.017, -0.017, 0.017)])
+@pytest.mark.parametrize("kind", ("masks", "label images"))
+def test_scans_that_lie_aside_are_said_with_how_far_and_which_way(scanned, by, kind):
+    capture, frame = scanned
+    frame = frame if kind == "masks" else replace(frame, masks={})
+    (said,) = displaced(capture.cameras, [rescanned(frame, frame.scan.vertices + by)])
+    far, where = re.fullmatch(
+        r"scans: they lie (.*) cm aside of the .*, by \((.*)\) cm along x, y and z: .*", said.text
+    ).groups()
+    assert kind in said.text and not said.serious and 2.4 < float(far) < 3.2
+    assert np.allclose([float(value) for value in where.split(", ")], np.multiply(by, 100), atol=0.5)
+
+
+@pytest.mark.parametrize("pixels", (-7, 10))
+def test_masks_that_are_wider_or_narrower_than_the_scans_all_around_are_said(scanned, pixels):
+    capture, frame = scanned
+    change, box = cv2.dilate if pixels > 0 else cv2.erode, np.ones((2 * abs(pixels) + 1,) * 2, np.uint8)
+    masks = {name: change(mask.astype(np.uint8), box) > 0 for name, mask in frame.masks.items()}
+    (said,) = displaced(capture.cameras, [replace(frame, masks=masks)])
+    assert (
+        f"masks: they are {'wider' if pixels > 0 else 'narrower'} than the scans by" in said.text and not said.serious
+    )
+    assert displaced(capture.cameras, [frame, replace(frame, masks=masks)]) == []
+
+
+@pytest.mark.parametrize("kind", ("masks", "label images"))
+@pytest.mark.parametrize(
+    "name, how", [("cam03", "mirrored"), ("cam00", "mirrored"), ("cam05", "of cam01"), ("cam06", "wide")]
+)
+def test_a_single_camera_whose_masks_do_not_fit_the_scans_is_named(scanned, kind, name, how):
+    capture, frame = scanned
+    shown = frame.masks if kind == "masks" else {n: labels > 0 for n, labels in frame.labels.items()}
+    wide = cv2.dilate(shown[name].astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
+    other = {"mirrored": shown[name][:, ::-1].copy(), "of cam01": shown["cam01"], "wide": wide}[how]
+    odd = {"masks": shown | {name: other}} if kind == "masks" else {"labels": shown | {name: other}, "masks": {}}
+    (said,) = displaced(capture.cameras, [replace(frame, **odd)])
+    assert said.text.startswith(f"{name}: the outlines of its {kind} run ") and not said.serious
+
+
 def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(scanned):
     capture, frame = scanned
     V, F = frame.scan.vertices, frame.scan.faces
@@ -132,7 +191,29 @@ def test_a_scan_with_a_floor_a_hole_or_another_person_is_not_called_elsewhere(sc
     hole = rescanned(frame, faces=F[(V[F][:, :, 2] > 0.9).all(1)])
     second = rescanned(frame, np.vstack([V, V + [0.9, 0, 0]]), np.vstack([F, F + len(V)]))
     for one in (frame, floor, hole, second):
-        assert astray(capture.cameras, [one]) == misread(capture.cameras, [one]) == []
+        assert (
+            astray(capture.cameras, [one]) == misread(capture.cameras, [one]) == displaced(capture.cameras, [one]) == []
+        )
+
+
+@pytest.mark.parametrize("way", sorted(ELSEWHERE.keys() - {"aside"}))
+def test_scans_that_are_elsewhere_otherwise_than_aside_are_not_called_aside(scanned, way):
+    capture, frame = scanned
+    assert displaced(capture.cameras, [rescanned(frame, ELSEWHERE[way](frame.scan.vertices))]) == []
+
+
+@pytest.mark.parametrize("factor, words", [(1.03, "larger"), (0.97, "smaller")])
+def test_scans_of_another_scale_than_the_cameras_are_said_and_not_to_lie_aside(scanned, factor, words):
+    capture, frame = scanned
+    (said,) = displaced(capture.cameras, [rescanned(frame, factor * frame.scan.vertices)])
+    told = re.fullmatch(rf"scans: they are (.*) % {words} than the masks show: .*", said.text)
+    assert 2.2 < float(told[1]) < 3.2 and not said.serious
+
+
+def test_a_scan_from_the_front_is_not_called_aside(scanned):
+    capture, frame = scanned
+    V, F = frame.scan.vertices, frame.scan.faces
+    assert displaced(capture.cameras, [rescanned(frame, faces=F[(V[F][:, :, 1] < np.median(V[:, 1])).all(1)])]) == []
 
 
 @pytest.mark.parametrize("axis, share", [(0, 0), (0, 1), (1, 1)], ids=["x about 0", "x about the person", "y"])

@@ -12,9 +12,9 @@ from toile.measure.triage import facts
 from toile.measure.triage.advice import of_garment, title_of, trouble_of
 from toile.measure.triage.between import Between, along, folded, labels_alike
 from toile.measure.triage.columns import columns_of
-from toile.measure.triage.measured import Row
+from toile.measure.triage.measured import Row, _truth
 from toile.measure.triage.outliers import FINE, GRAVE, OUT, levels, middle_and_edge
-from toile.measure.triage.pictures import _captured
+from toile.measure.triage.pictures import _captured, pictures
 from toile.measure.verdicts import REASONS
 
 GOOD = np.zeros(20, int)
@@ -242,8 +242,27 @@ def test_pictures_are_of_every_trouble_before_they_are_of_its_neighbours():
 def test_a_picture_is_shown_whatever_lies_beside_it(tmp_path):
     folder = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth"))
     (folder / "frames" / "000000" / "images" / "cam00.CR2").write_bytes(b"as the camera wrote it")
-    ((name, picture),) = _captured(SimpleNamespace(capture=open_capture(folder)), 0, [])
-    assert name == "cam00" and picture.shape == (*open_capture(SAMPLE).cameras["cam00"].size, 3)
+    said = []
+    ((name, picture),) = _captured(SimpleNamespace(capture=open_capture(folder)), 0, [], said.append)
+    assert name == "cam00" and picture.shape == (*open_capture(SAMPLE).cameras["cam00"].size, 3) and not said
+
+
+def test_files_of_a_frame_that_can_no_more_be_read_are_named(tmp_path):
+    folder = shutil.copytree(SAMPLE, tmp_path / "capture", ignore=shutil.ignore_patterns("truth"))
+    (image,) = (folder / "frames" / "000000" / "images").glob("cam00.*")
+    image.write_bytes(b"cut")
+    (folder / "frames" / "000000" / "scan.ply").write_bytes(b"cut")
+    capture, said = open_capture(folder), []
+    run = SimpleNamespace(capture=capture, ok=[], scene=capture.scene)
+    assert pictures(run, 0, said.append) == [] and len(said) == 2
+    assert all(path in text for path, text in zip(("cam00.", "scan.ply"), said))
+
+
+def test_a_truth_that_cannot_be_read_is_named_and_nothing_is_measured_against_it(tmp_path):
+    folder = shutil.copytree(SAMPLE, tmp_path / "capture")
+    (folder / "truth" / "truth.zarr" / "zarr.json").write_text("{")
+    result = _truth(SimpleNamespace(capture=open_capture(folder)), {}, {})["result"]
+    assert result.keys() == {"warnings"} and str(folder / "truth") in result["warnings"][0]
 
 
 def test_the_command_names_the_run_its_settings_and_all_its_frames():

@@ -5,13 +5,16 @@ import multiprocessing
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from tests.support.synthetic_run import copy_capture, true_run
 from toile.config import preset
 from toile.errors import UserError
 from toile.io.capture import open_capture
+from toile.io.layout import FAILED, OK
 from toile.io.run import open_run
 from toile.pipeline.commands.tune import tune as tune_command
 from toile.pipeline.tuning import tune
@@ -19,6 +22,7 @@ from toile.pipeline.tuning.fit import LoopFit, diagnosis
 from toile.pipeline.tuning.forecast import in_one_process, on_workers
 from toile.pipeline.tuning.heldout import agreement, witnesses
 from toile.pipeline.tuning.trial import Cost, Trial, alone, first_at_each_place, sampled, tried
+from toile.pipeline.tuning.tune import failures
 
 SAMPLE = Path(__file__).parents[2] / "data_samples" / "tshirt-talk"
 
@@ -80,6 +84,14 @@ def test_true_layers_agree_with_cameras_that_no_one_showed_them(tmp_path):
     moved = capture.cameras[cameras[0]]
     moved.K[0, 2] += 20  # the same layers, 20 pixels beside
     assert agreement(run, capture, cameras[:1])["silhouette"] < true["silhouette"] - 0.1
+
+
+def test_frames_that_a_trial_could_not_register_are_told_with_why():
+    why = {2: {"reason": "labels/cam02.png: cannot be read"}}
+    run = SimpleNamespace(
+        done=np.array([OK, OK, FAILED]), frames=np.array([0, 1, 2]), diagnostics=SimpleNamespace(at=why.get)
+    )
+    assert list(failures(run)) == ["frame 2 failed: labels/cam02.png: cannot be read"]
 
 
 def test_few_cameras_are_all_shown():

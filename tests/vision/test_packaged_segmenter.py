@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from toile.cli import app
 from toile.errors import UserError
 from toile.io.capture import open_capture
+from toile.io.facts import facts_of
 from toile.io.scene_file import SEGMENTERS
-from toile.pipeline.identity import facts_of
 from toile.pipeline.plan import plan
 from toile.vision.segmenters.asked import scene_segmenter
 from toile.vision.segmenters.network import Segmenter

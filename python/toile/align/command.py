@@ -39,7 +39,8 @@ def align(
     speech.result(
         words, aligned=outcome.matched, between=outcome.between, pending=outcome.pending, failed=outcome.failed
     )
-    for warning in (*filter(None, [open_run(run).judgement]), *outcome.warnings):
+    registered = open_run(run)
+    for warning in (*filter(None, (registered.judgement, registered.outdated)), *outcome.warnings):
         speech.warn(warning)
     speech.frame_notes({"failed": outcome.failed})
     speech.next_step("status" if outcome.pending else "report", out)

@@ -54,9 +54,14 @@ def colour_profile(path: Path | str) -> str:
 
 def one_channel(path: Path) -> Anything:
     """(H,W) uint8 of a mask that was saved in colour, by a palette or as transparency: its alpha where that is not opaque
-    throughout, else the brightest channel of each pixel's colour."""
+    throughout, else the brightest channel of each pixel's colour; `_full` of a PNG."""
     with _opened(path) as image:
-        return _brightest(image)
+        return _full(_brightest(image), image)
+
+
+def _full(mask: Anything, image: Any) -> Anything:
+    """A mask (H,W) uint8; of a PNG of 0 and 1 alone, as booleans are saved, that of 0 and 255. A JPEG's 1 is noise."""
+    return 255 * mask if image.format == "PNG" and mask.max() == 1 else mask
 
 
 def _brightest(image: Any) -> Anything:
@@ -66,8 +71,8 @@ def _brightest(image: Any) -> Anything:
 
 
 def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
-    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L", of a palette by its colours, and for "P", label ids, by its indices.
-    UserError for another size than (height, width)."""
+    """(H,W,3) uint8 for mode "RGB", (H,W) uint8 for "L", a mask, of a palette by its colours and of 0 and 1 as of 0 and 255, and for
+    "P", label ids, by its indices. UserError for another size than (height, width)."""
     with _opened(path) as image:
         _check_size(path, image, size)
         if mode == "P":
@@ -75,7 +80,7 @@ def read_image(path: Path, size: tuple[int, int], mode: str) -> Anything:
             return np.array(image.convert("L") if image.mode == "1" else image)
         if mode == "L":
             _check_channel(path, image)
-            return _brightest(image) if image.mode == "P" else np.array(image.convert("L"))
+            return _full(_brightest(image) if image.mode == "P" else np.array(image.convert("L")), image)
         return np.array(image if image.mode == mode else image.convert(mode))
 
 

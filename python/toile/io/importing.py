@@ -55,7 +55,6 @@ def write_capture(found: Found, out: Path, head: str, copy: bool = False) -> Fou
     found = replace(found, cameras=cameras, notes=(*found.notes, *_scaled_cameras(found, cameras)))
     flat = {name: Flattening(camera) for name, camera in found.cameras.items() if isinstance(camera, Bent)}
     pinholes = {name: flattening.camera for name, flattening in flat.items()}
-    _check_masks(found)
     with whole_folder(out) as part:
         for number in sorted(found.frames):
             _write_frame(part / "frames" / f"{number:06d}", found.frames[number], found.cameras, flat, copy)
@@ -114,18 +113,6 @@ def _write_frame(
                 write_image(path, flat[camera.name].read(written, kind))
             elif kind == "masks" and mode not in ("L", "1"):
                 write_image(path, one_channel(path))
-
-
-def _check_masks(found: Found) -> None:
-    """UserError for masks of 0 and 1, which would be read as empty; those of the first frame that has some are looked at."""
-    for _, sources in sorted(found.frames.items()):
-        masks = [source for name, source in sources.items() if name.startswith("masks/") and isinstance(source, Path)]
-        if masks:
-            brightest = {path: one_channel(path).max() for path in masks}
-            shown = [path for path in masks if brightest[path]]
-            if shown and all(brightest[path] == 1 for path in shown):
-                raise UserError(f"{shown[0]}: a mask of 0 and 1, expected 0 and 255: above 127 is the person")
-            return
 
 
 def _check_size(path: Path, size: tuple[int, ...], camera: Camera, kind: str = "images") -> None:

@@ -20,6 +20,7 @@ from ..scene import BodyModel
 from .bounded import check_file, read_json
 from .camera import first_error
 from .capture import Capture, open_capture
+from .facts import changed_facts, facts_of
 from .inputs import differ
 from .layout import (
     DIAGNOSTICS,
@@ -35,9 +36,18 @@ from .layout import (
     StoredGarment,
     layout_of,
 )
-from .run_folder import body_model_of, capture_folder, note_of, read_config, read_diagnostics, scans_folder
+from .run_folder import (
+    body_model_of,
+    capture_folder,
+    note_of,
+    read_config,
+    read_diagnostics,
+    scans_folder,
+    scene_note_of,
+)
 from .status import Status
 
+NAMED = 4  # things in a message
 LARGEST = 2**31  # bytes of one chunk: a larger one is no person's
 
 
@@ -354,10 +364,25 @@ class Run:
 
     def changed(self, frame: int) -> bool:
         """Whether the capture's files of a frame are no more those that were registered; False where that was not noted."""
-        made = Path(self.config["align"]["run"]) if "align" in self.config else self.path  # that which read the capture
-        path = note_of(made, frame)
+        path = note_of(self._reader, frame)
         files = read_json(path, dict).get("files", {}) if path.exists() else {}
         return bool(files) and differ(self.capture.root, self.capture.inputs(frame), files)
+
+    @property
+    def outdated(self) -> str:
+        """In words, what the capture holds beside its frames, such as "cameras.cam00", and is no more what was registered; "" where
+        nothing is, or that was not noted."""
+        path = scene_note_of(self._reader)
+        then = read_json(path, dict).get("facts", {}) if path.exists() else {}
+        names = list(changed_facts(facts_of(self.capture), then)) if then else []
+        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+        told = f"{', '.join(names[:NAMED])}{more}: no more as {self.path} was registered with"
+        return f"{self.capture.root}: {told}" if names else ""
+
+    @property
+    def _reader(self) -> Path:
+        """The run that read the capture: this one, or the one that it was aligned from."""
+        return Path(self.config["align"]["run"]) if "align" in self.config else self.path
 
 
 def open_run(path: Path | str) -> Run:

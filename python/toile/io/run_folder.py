@@ -43,6 +43,11 @@ def note_of(run: Path, frame: int) -> Path:
     return run / "inputs" / f"{frame:06d}.json"
 
 
+def scene_note_of(run: Path) -> Path:
+    """Where a run keeps what it has read beside the frames: {"facts": see io/facts.py, "stages": their identities, ...}."""
+    return run / "inputs" / "scene.json"
+
+
 def scans_folder(run: Path | str) -> Path:
     """Where a run keeps the scans that it makes of frames' pictures, a folder a frame."""
     return Path(run) / "scans"

@@ -105,6 +105,8 @@ class _Evaluation:
         if self.changed:
             changed = f"frames {frame_ranges(self.changed, 4)}: the capture's files are no more those"
             said.append(f"{changed} that were registered: they are measured against what lies there now")
+        if outdated := self.run.outdated:
+            said.append(f"{outdated}: frames are measured by what stands there now")
         if self.empty:
             where, many = frame_ranges([*self.empty], 4), sum(self.empty.values())
             empty = f"frames {where}: masks that are empty although the person is in their pictures, {many} in all"

@@ -47,15 +47,15 @@ def write_report(run: Path | str, out: Path | str | None = None, more: str = "",
     reasons = facts.reasons_of(rows, columns)
     order = facts.ranking(rows, columns, reasons)
     worst = facts.shown(order, rows, reasons, WORST)
-    made = []
+    made, lost = [], []
     for k, i in enumerate(worst):
-        made.append((i, pictures(opened, rows[i].frame)))
+        made.append((i, pictures(opened, rows[i].frame, lost.append)))
         if progress is not None:
             progress("pictures", k + 1, len(worst))
     table = facts.as_table(rows, columns, reasons)
     write_text(beside[".json"], json.dumps(table | {"all": result.get("all", {})}, allow_nan=False))
     write_text(beside[".csv"], as_csv(rows, columns, reasons))
-    write_text(path, page(opened, rows, columns, reasons, order, made, result, more))
+    write_text(path, page(opened, rows, columns, reasons, order, made, result, more, tuple(dict.fromkeys(lost))))
     return path
 
 
@@ -78,7 +78,7 @@ def _inert(text):
     return f"'{text}" if text[:1] in "=+-@\t\r" and text else text
 
 
-def page(run, rows, columns, reasons, order, made, result, more) -> str:
+def page(run, rows, columns, reasons, order, made, result, more, lost=()) -> str:
     """The HTML; all that comes from files is escaped, or data that the script puts into text alone."""
     shown, blocks = [], []
     for i, found in made:
@@ -98,7 +98,7 @@ def page(run, rows, columns, reasons, order, made, result, more) -> str:
         "title": html.escape(_title(run, rows)),
         "about": html.escape(f"{run.path}. Layers: {layers}. A row a frame, worst first; colours mark only what is truly out."),
         "style": STYLE + (PAGE / "triage.css").read_text(encoding="utf-8"),
-        "warnings": _warnings([*run.status.warnings(), *result.get("warnings", [])]),
+        "warnings": _warnings([*run.status.warnings(), *result.get("warnings", []), *lost]),
         "legend": _legend(run),
         "more": _means(result) + more + _settings(run),
         "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
@@ -146,7 +146,7 @@ def _legend(run) -> str:
 
 def _means(result) -> str:
     """The means of `evaluate` in words, where there is a truth."""
-    if not result:
+    if "all" not in result:
         return ""
     found = {f"truth:{name}": value for name, value in flatten(result["all"]).items() if value is not None}
     shown = {f"{c.words}{f' [{c.unit}]' if c.unit else ''}": c.factor * found[c.key] for c in columns_of(found)}

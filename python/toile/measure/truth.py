@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import kernels
-from ..errors import UserError
+from ..errors import UserError, first_line
 from ..surface.loop_names import name_loops
 from ..surface.operators import distance_to_polyline
 
@@ -147,11 +147,14 @@ def _uncovered(V, F, over):
 
 
 def open_truth(capture, garments=()):
-    """The truth of an opened capture, or None where it brings none. UserError where one of the garments has no truth."""
+    """The truth of an opened capture, or None where it brings none. UserError: it cannot be read, or one of the garments has none."""
     path = capture.root / "truth" / "truth.zarr"
     if not path.exists():
         return None
-    truth = Truth(path, capture)
+    try:
+        truth = Truth(path, capture)
+    except Exception as error:  # zarr raises whatever a damaged file leads it to
+        raise UserError(f"{path}: cannot be read: {first_line(error)}") from None
     missing = [name for name in garments if not truth.has(name)]
     if missing:
         raise UserError(f"{path}: garment/{missing[0]}: the run has this garment, the truth does not")

@@ -4,28 +4,22 @@ is kept, any other is made again: so a changed setting, file or frame redoes wha
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..config import Config
 from ..io.bounded import read_json
-from ..io.capture import VOTES, Capture
-from ..io.inputs import contents
+from ..io.capture import Capture
+from ..io.inputs import digest
 from ..io.run_folder import note_of
-from ..io.scene_file import network_files
-from ..scene import Camera, Vote
+from ..scene import Vote
 
 
 @dataclass(frozen=True)
 class Stage:
-    """`settings`: fields of Config; `facts`: tables of `facts_of`; `after`: stages. `clothed`: it runs where the scene names
+    """`settings`: fields of Config; `facts`: tables of io/facts.py; `after`: stages. `clothed`: it runs where the scene names
     a garment, `printed`: where one has prints."""
 
     settings: tuple[str, ...] = ()
@@ -49,41 +43,6 @@ STAGES = {  # the first four are made once a run, the others of every frame
     "verdict": Stage(("verdict",), (), ("inner", "motion")),
 }
 LAST = "verdict"
-
-
-def digest(*values: Any) -> str:
-    """A digest of values that JSON can hold."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32]
-
-
-def facts_of(capture: Capture) -> dict[str, dict[str, Any]]:
-    """What the stages read of a capture beside its frames, in tables: values of scene.toml, and digests of files."""
-    scene, root = capture.scene, capture.root
-    network = network_files(root, scene.segmenter)
-    worn = [garment.template for garment in scene.garments if garment.template]
-    files = {path.relative_to(root).as_posix(): path for path in capture.files}
-    apart = {"scene.toml", VOTES, scene.body_model, *worn, *network}
-    printed = [garment.name for garment in scene.garments if garment.prints]
-    return {
-        "scene": {"units": scene.units, "up": scene.up, "face": scene.face_keypoints},
-        "time": {"fps": scene.fps},
-        "body": {"model": scene.body_model} | _digests(files, [scene.body_model]),
-        "cameras": {name: digest(_numbers(camera)) for name, camera in capture.cameras.items()},
-        "labels": dict(scene.labels),
-        "segmenter": {Path(name).name: contents(root / name) for name in network},
-        "garments": {g.name: [i, g.label, g.template] for i, g in enumerate(scene.garments)} | _digests(files, worn),
-        "prints": {"garments": printed}
-        | _digests(files, [name for name in files if printed and name not in apart and not name.endswith(".json")]),
-    }
-
-
-def _digests(files: dict[str, Path], names: Iterable[str]) -> dict[str, str]:
-    return {name: contents(files[name]) for name in names if name in files}
-
-
-def _numbers(camera: Camera) -> list[Any]:
-    matrices = camera.K, camera.distortion, camera.T_camera_world
-    return [camera.width, camera.height, *(np.asarray(matrix).tolist() for matrix in matrices)]
 
 
 def stages_of(capture: Capture, config: Config, facts: dict[str, Any], sampled: dict[int, str]) -> dict[str, str]:

@@ -18,20 +18,20 @@ from ..config.settings import listed
 from ..errors import UserError
 from ..io.bounded import read_json
 from ..io.capture import Capture
+from ..io.facts import changed_facts, facts_of
 from ..io.files import write_text
 from ..io.holdout import apart, words_of
 from ..io.inputs import contents, stamps
 from ..io.layout import STORE
 from ..io.locks import locked
 from ..io.run import is_run, open_run
-from ..io.run_folder import capture_folder, config_file, note_of, read_config
+from ..io.run_folder import capture_folder, config_file, note_of, read_config, scene_note_of
 from ..scene import Vote
-from .identity import STAGES, Identities, facts_of, stages_of
+from .identity import STAGES, Identities, stages_of
 from .scanning import lacks_scan
 
 OWN = (".lock", ".busy", ".config.toml", "inputs")  # what a run that was killed at once may have left
 MADE = ("status.jsonl", "work", "prepared", "diagnostics", "scans", STORE)  # by a run, once it has its config.toml
-SCENE = "scene"
 PLACE = "capture", "capture_from_here"  # what `place_of` says
 
 
@@ -94,7 +94,7 @@ def request_of(
     before = read_config(run) if config_file(run).exists() else {}
     known = tuple(int(number) for number in before.get("frames", ()))
     wanted = known if set(frames) <= set(known) else tuple(sorted({*known, *frames})) if known else tuple(frames)
-    facts, old = facts_of(capture), read_json(_noted(run), dict) if _noted(run).exists() else {}
+    facts, old = facts_of(capture), read_json(scene_note_of(run), dict) if scene_note_of(run).exists() else {}
     if before and not _same_place(run, capture.root):
         _check_moved(run, capture, facts, old, own)
     changed = [n for n in own if note_of(run, n).exists() and note_frame(run, capture, n, verify)]
@@ -121,15 +121,15 @@ def write_request(run: Path, capture: Capture, config: Config, request: Asked) -
     }
     votes = [[int(v.label), v.vertices.tolist(), v.prefer, v.frames and list(v.frames)] for v in capture.votes]
     note = {"facts": facts_of(capture), "stages": request.identities.stages, "votes": votes}
-    if not _noted(run).exists() or read_json(_noted(run), dict) != note:
-        write_text(_noted(run), json.dumps(note, indent=1))
+    if not scene_note_of(run).exists() or read_json(scene_note_of(run), dict) != note:
+        write_text(scene_note_of(run), json.dumps(note, indent=1))
     _write_config(run, asked)
 
 
 def asked_last(run: Path) -> tuple[Identities, str] | None:
     """The identities that a run was asked for last, and the stage that ends its first pass; None where an older version kept less.
     UserError: the file was changed."""
-    note = read_json(_noted(run), dict) if _noted(run).exists() else {}
+    note = read_json(scene_note_of(run), dict) if scene_note_of(run).exists() else {}
     if "votes" not in note:
         return None
     try:
@@ -140,7 +140,7 @@ def asked_last(run: Path) -> tuple[Identities, str] | None:
         return Identities(run, stages, votes=tuple(votes)), "dress" if note["facts"]["garments"] else "track"
     except (KeyError, TypeError, ValueError):
         raise UserError(
-            f"{_noted(run)}: stages, facts, votes: not as they were written; toile register writes them anew"
+            f"{scene_note_of(run)}: stages, facts, votes: not as they were written; toile register writes them anew"
         ) from None
 
 
@@ -155,7 +155,7 @@ def note_moved(run: Path, capture: Capture) -> None:
     another capture is told."""
     config = read_config(run)
     made = Path(config["align"]["run"]) if "align" in config else run  # that which read the capture
-    old = read_json(_noted(made), dict) if _noted(made).exists() else {}
+    old = read_json(scene_note_of(made), dict) if scene_note_of(made).exists() else {}
     with locked(run):
         _check_moved(made, capture, facts_of(capture), old, config.get("frames", ()))
         _write_config(run, config | place_of(run, capture.root))
@@ -215,11 +215,6 @@ def try_again(run: Path, frames: Iterable[int]) -> None:
         write_text(path, json.dumps(note | {"tries": note.get("tries", 0) + 1}, indent=1))
 
 
-def _noted(run):
-    """What the run has read beside the frames, and the identities of its stages."""
-    return run / "inputs" / f"{SCENE}.json"
-
-
 def _sampled(run, config, frames, sample):
     """The frames that the preparation is made of; once chosen they stay, also where the run is extended."""
     path, asked = run / "inputs" / "sampled.json", config.preparation_frames
@@ -262,7 +257,7 @@ def _another(run, capture, why):
 
 def _words(config, before, facts, old, redone, changed, more):
     """What differs from what was asked before, a line each."""
-    found, named = [], [*_changed_settings(config, before), *_changed_facts(facts, old.get("facts", facts))]
+    found, named = [], [*_changed_settings(config, before), *changed_facts(facts, old.get("facts", facts))]
     if redone and before:
         what = f"changed: {', '.join(named[:4])}{f' and {len(named) - 4} more' if len(named) > 4 else ''}"
         what = what if named else "files of the frames that the preparation is made of have changed"
@@ -286,13 +281,6 @@ def _changed_settings(config, before):
     by = before.get("versions", {}).get("toile", __version__)
     if by != __version__:
         yield f"toile {by} -> {__version__}"
-
-
-def _changed_facts(facts, then):
-    """TABLE.NAME of what was read of the capture and is other now."""
-    for table, values in facts.items():
-        known = then.get(table, {})
-        yield from (f"{table}.{n}" for n in sorted(values.keys() | known.keys()) if values.get(n) != known.get(n))
 
 
 def _some(numbers):

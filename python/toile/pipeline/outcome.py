@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import median
 
 from ..errors import UserError
+from ..io.inputs import digest
 from ..io.layout import DOUBTFUL, STORE, WRONG
 from ..io.locks import locked
 from ..io.run import is_run, open_run
@@ -20,7 +21,7 @@ from ..io.status import Status
 from ..measure.verdicts import severity
 from ..scene import frame_ranges
 from .blocks import FrameFolders, frame_numbers_of
-from .identity import LAST, Identities, digest
+from .identity import LAST, Identities
 
 COVERED = 0.05  # of a garment: where others cover more of it, that is said
 

@@ -17,6 +17,7 @@ from ..io.files import identity_of, load_record, save_record
 from ..io.holdout import apart
 from ..io.image import read_rgba
 from ..io.status import Status
+from ..measure.inspection.aside import displaced
 from ..measure.inspection.body import STANDING, check_up, upward
 from ..measure.inspection.doubts import doubted_on
 from ..measure.inspection.late import out_of_step
@@ -187,6 +188,7 @@ def _said_of_masks(capture, config, frames):
     if not capture.scene.garments:  # whose samples hold no pictures
         frames = [with_outlines(capture, frame, config.picture_side) for frame in scanned(frames)]
     doubts = misread(cameras, frames) or out_of_step(capture, frames, apart(capture.frames, config.holdout))
+    doubts = doubts or displaced(cameras, frames)
     return [doubt.text for doubt in doubts]
 
 

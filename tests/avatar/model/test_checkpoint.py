@@ -84,6 +84,18 @@ def test_a_checkpoint_without_any_moments_is_refused(model, optimiser):
         load_optimiser(optimiser, tensors, "here")
 
 
+def test_a_checkpoint_without_the_moments_of_one_weight_is_refused_unless_its_phase_did_not_train_that(model, tmp_path):
+    optimiser = torch.optim.AdamW([*model.parameters(), torch.nn.Parameter(torch.ones(1))], lr=0.1)
+    model(torch.ones(3)).sum().backward()
+    optimiser.step()
+    Checkpoints(tmp_path).write(3, model, optimiser, {})
+    tensors, _ = Checkpoints(tmp_path).latest()
+    load_optimiser(optimiser, tensors)  # the third has none
+    kept = {name: value for name, value in tensors.items() if not name.startswith("optimiser.1.")}
+    with pytest.raises(UserError, match=r"^here: optimiser\.1\.step: is missing"):
+        load_optimiser(optimiser, kept, "here")
+
+
 def test_two_checkpoints_are_kept_and_an_abandoned_course_goes(model, optimiser, tmp_path):
     checkpoints = Checkpoints(tmp_path)
     for number in (0, 5, 10, 15):

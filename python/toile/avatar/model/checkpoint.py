@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+import torch
 from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -33,6 +34,7 @@ BASELINE = "baseline"  # in AVATAR: the single-layer avatar
 DIGEST = re.compile("[0-9a-f]{64}")  # which tells a reader nothing
 KEPT = 2  # checkpoints; older ones are removed
 MODEL, OPTIMISER = "model.", "optimiser."
+TRAINED = OPTIMISER + "trained"  # numbers of the parameters that have moments: a phase does not train all
 MOMENTS = "step", "exp_avg", "exp_avg_sq"  # of AdamW, by parameter
 
 
@@ -68,11 +70,9 @@ class Checkpoints:
 
     def write(self, number, model, optimiser, facts):
         """`number` orders the checkpoints; later ones of an abandoned course are removed, and all but the last two."""
-        moments = {
-            f"{OPTIMISER}{i}.{name}": value
-            for i, state in optimiser.state_dict()["state"].items()
-            for name, value in state.items()
-        }
+        states = optimiser.state_dict()["state"]
+        moments = {f"{OPTIMISER}{i}.{name}": value for i, state in states.items() for name, value in state.items()}
+        moments[TRAINED] = torch.tensor(sorted(states), dtype=torch.int64)
         weights = {MODEL + name: value for name, value in model.state_dict().items()}
         write_tensors(self._path(number), weights | moments, facts)
         earlier = [n for n in self.numbers() if n < number]
@@ -115,10 +115,12 @@ def load_optimiser(optimiser, tensors, path="checkpoint"):
     those of others, or not finite."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     found, state = {name: value for name, value in tensors.items() if name.startswith(OPTIMISER)}, {}
+    told = found.pop(TRAINED, None)  # which older checkpoints lack
+    trained = set() if told is None else set(told.flatten().tolist())
     for i, parameter in enumerate(parameters):
         shapes = dict(zip(MOMENTS, ((), parameter.shape, parameter.shape)))
         own = {moment: found.pop(f"{OPTIMISER}{i}.{moment}", None) for moment in MOMENTS}
-        if all(value is None for value in own.values()):  # a parameter that its phase does not train has none
+        if i not in trained and all(value is None for value in own.values()):
             continue
         for moment, value in own.items():
             if value is None or value.shape != shapes[moment] or not value.isfinite().all():

@@ -67,8 +67,8 @@ def make_avatar(request, folder, baseline=False):
     frames = [number for number in run.pictured if number not in left_out]
     if not frames:
         raise UserError(f"{request.run}: the hold-out leaves no pictured frame to train on")
-    if run.judgement:
-        request.say(run.judgement)
+    for words in filter(None, (run.judgement, run.outdated)):
+        request.say(words)
     registered, run = run, request.still(run, folder)
     begun = time.monotonic()
     if left_out and not run.holdout:

@@ -21,6 +21,7 @@ from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
 from ...surface.sampling import evenly
 from ..evidence import UNSEEN
+from .aside import displaced
 from .body import FACING, check_bones, check_names, check_sides, check_units, check_up, stature, upward
 from .cameras import (
     CONVENTIONS,
@@ -35,6 +36,7 @@ from .cameras import (
     steps,
     strangers,
 )
+from .colours import blue_faces
 from .detections import at_origin, blind
 from .doubts import asked, doubted
 from .exposure import exposures
@@ -53,8 +55,8 @@ from .files import (
     upended,
 )
 from .fractions import fractions
-from .late import out_of_step
-from .masks import COVERED, centroids, coverage, silhouettes
+from .late import out_of_step, pictures_out_of_step
+from .masks import COVERED, centroids, coverage, silhouettes, without_specks
 from .order import leaps, out_of_order
 from .others import somebody_else
 from .outlines import exchanged
@@ -112,7 +114,10 @@ def inspect(path: Path) -> Inspection:
     _detections(found, capture)
     if not found.wasted:  # by cameras that are wrong nothing is told of scans and labels
         said = misread(capture.cameras, found.frames)  # which explains why scans lie elsewhere
-        found.findings += said or astray(capture.cameras, found.frames) + out_of_step(capture, found.frames)
+        late = [] if said else out_of_step(capture, found.frames)  # of another moment, which explains it too
+        aside = [] if said or late else displaced(capture.cameras, found.frames)
+        found.findings += said or late + (aside or astray(capture.cameras, found.frames))
+        found.findings += pictures_out_of_step(capture, found.frames)
         found.findings += [] if found.facts.get("stature m") else short(found.frames)
         _doubts(found, capture)
     found.findings.sort(key=lambda finding: not finding.serious)
@@ -143,13 +148,15 @@ def _look(found: Inspection, capture: Capture) -> None:
                 found.frames[-1] = replace(found.frames[-1], scan=scan)
             except UserError as error:
                 found.findings.append(Finding(str(error)))
+    found.findings += looks(found.frames) + blue_faces(capture, found.frames)
+    found.frames = [without_specks(frame) for frame in found.frames]
     found.findings += exchanged(found.frames) + inside_out(found.frames)
     try:
         found.frames = asked(capture, found.frames)
     except UserError as error:
         found.findings.append(Finding(str(error)))
     found.labels, said = labels_seen(capture, found.frames)
-    found.findings += exposures(found.frames) + looks(found.frames) + said
+    found.findings += exposures(found.frames) + said
 
 
 def _detections(found: Inspection, capture: Capture) -> None:

@@ -19,7 +19,7 @@ from ...vision.segmenters.asked import labelled
 from ...vision.thin_pictures import thin_cameras, thin_pictures
 from .cameras import Finding
 from .clothed import Clothed, Reading, bare, clothed, read_labels
-from .labels import alike, off_masks, on_template, skin_colours
+from .labels import alike, between_others, off_masks, on_template, skin_colours
 
 FRAMES, VIEWS = 2, 8  # that are looked at
 SIDE = 768  # px, longer side, to which a run's pictures are thinned for this
@@ -28,6 +28,7 @@ OFF = 0.15  # share of a label image that lies off the mask
 OWN = 0.7  # of a template's seen area carries the garment's label
 ALIKE, PICTURES = 0.85, 3  # colours of both sides of a border that pictures do not show, and how many pictures must
 HARDLY = 0.005  # share of what label images show
+BETWEEN, PLACES = 0.15, 200  # of a border's places, whose ids lie between their neighbours', and how many there must be
 UNSURE, DOUBTED = 0.5, 0.15  # certainty of an unsure pixel, and share of the person's pixels
 
 Posed = list[tuple[Frame, Clothed, Reading]]
@@ -105,6 +106,7 @@ def _of_labels(scene: Scene, model: BodyModel, looked: Sequence[Frame], posed: P
     """All that is said of labels, but for templates; `ahead` of a registration, which will tell a network's legs again."""
     yield from _of_garments(scene, looked)
     yield from _of_masks(looked)
+    yield from _of_scaling(looked)
     yield from _of_borders(scene, looked)
     yield from _of_skin(scene, model, posed, ahead)
     unsure = _unsure(looked)
@@ -133,6 +135,20 @@ def _of_masks(frames: Sequence[Frame]) -> Iterator[Finding]:
     if odd:
         text = f"{', '.join(odd)}: {100 * median(odd.values()):.0f} % of what the label images show lies off the masks"
         yield Finding(f"{text}: are they of other cameras or frames, or mirrored?", serious=False)
+
+
+def _of_scaling(frames: Sequence[Frame]) -> Iterator[Finding]:
+    """Label images whose ids were interpolated."""
+    told: dict[str, list[tuple[int, int]]] = {}
+    for name, image in (pair for frame in frames for pair in frame.labels.items()):
+        told.setdefault(name, []).append(between_others(image))
+    counts = {name: np.sum(of, axis=0) for name, of in told.items()}
+    odd = {name: between / places for name, (places, between) in counts.items() if places >= PLACES}
+    odd = {name: share for name, share in odd.items() if share > BETWEEN}
+    if odd:
+        text = f"{', '.join(odd)}: at {100 * median(odd.values()):.0f} % of the borders of their label images lie seams of ids between"
+        ask = "were they scaled by interpolation? Ids ask for the nearest pixel"
+        yield Finding(f"{text} those of both sides: {ask}", serious=False)
 
 
 def _of_borders(scene: Scene, frames: Sequence[Frame]) -> Iterator[Finding]:

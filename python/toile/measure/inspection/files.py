@@ -19,6 +19,7 @@ from ...io.mesh import KINDS as MESHES
 from ...scene import frame_ranges
 from .cameras import Finding
 from .exposure import DARK
+from .masks import hardly
 
 MANY = 4  # numbers in a message
 COMPARED = 200  # frames whose files are held against those of the frame before
@@ -233,16 +234,15 @@ def labels_seen(capture: Capture, frames: list[Any]) -> tuple[dict[str, dict[str
 
 
 def looks(frames: list[Any]) -> list[Finding]:
-    """Masks that are empty or show the corners, blurred frames."""
+    """Masks that are empty, but for specks, or show the corners, blurred frames."""
     import cv2
 
     sharp: dict[str, dict[int, float]] = {}
     found = []
     masks = [mask for frame in frames for mask in frame.masks.values()]
-    anyone = any(mask.any() for mask in masks)
-    if masks and not anyone:
-        found.append(Finding("masks: all that were looked at are empty: above 127 is the person"))
-    shown = [mask for mask in masks if mask.any()]
+    shown = [mask for mask in masks if not hardly(mask)]
+    if masks and not shown:
+        found.append(Finding("masks: all that were looked at are empty, or nearly: above 127 is the person"))
     cornered = sum(bool(mask[[0, 0, -1, -1], [0, -1, 0, -1]].all()) for mask in shown)
     if 2 * cornered > len(shown):
         text = f"masks: {cornered} of {len(masks)} that were looked at show all corners of the picture"
@@ -257,9 +257,11 @@ def looks(frames: list[Any]) -> list[Finding]:
             sharp.setdefault(name, {})[frame.number] = (
                 float(cv2.Laplacian(grey, cv2.CV_32F).var()) / float(part.mean() + 1) ** 2
             )
-        empty = [name for name, mask in frame.masks.items() if not mask.any()]
-        if empty and anyone:
-            found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has an empty mask", serious=False))
+        empty = [name for name, mask in frame.masks.items() if hardly(mask)]
+        if empty and shown:
+            most = max(int(frame.masks[name].sum()) for name in empty)
+            what = f"a mask that is all but empty, of {most} pixels" if most else "an empty mask"
+            found.append(Finding(f"{', '.join(empty[:MANY])}: frame {frame.number} has {what}", serious=False))
         blank = [
             name for name, labels in frame.labels.items() if not labels.any() and frame.masks.get(name, labels).any()
         ]

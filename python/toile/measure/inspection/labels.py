@@ -27,6 +27,18 @@ def off_masks(frame: Frame) -> Iterator[tuple[str, float]]:
             yield name, float((on & ~mask).sum() / on.sum())
 
 
+def between_others(labels: Array) -> tuple[int, int]:
+    """Of a label image (H,W) the places where ids two and more apart lie on both sides of a pixel, and those where its own id lies
+    between: nearly none, unless ids were interpolated as a picture was scaled or undistorted."""
+    places, between = 0, 0
+    for ids in (labels.astype(np.int16), labels.T.astype(np.int16)):
+        one, own, other = ids[:-2], ids[1:-1], ids[2:]
+        apart = np.abs(one - other) > 1
+        places += int(apart.sum())
+        between += int((apart & (own > np.minimum(one, other)) & (own < np.maximum(one, other))).sum())
+    return places, between
+
+
 def on_template(clothed: Clothed, reading: Reading, ids: Array, garment: int, over: Sequence[int]) -> Floats:
     """Areas (L,) [m^2] of a garment's template, away from its openings, on which most cameras show each label of `ids`; the
     labels of garments worn `over` it count as unseen."""

@@ -1,4 +1,5 @@
-"""Scans against the masks of the frames before and after: whether they, or single cameras, were taken at another moment."""
+"""Scans, pictures and label images against the masks of the frames before and after: whether they, or single cameras, were taken at
+another moment."""
 
 from __future__ import annotations
 
@@ -6,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from statistics import mean, median, median_low
 from typing import NamedTuple
+
+import numpy as np
 
 from ...errors import UserError
 from ...io.capture import Capture
@@ -17,11 +20,14 @@ from ...vision.visibility import DepthView
 from ..evidence import overlap
 from .cameras import Finding
 from .masks import overlap_aside
+from .outlines import clearness, outline
 
 STEPS = 3  # frames that scans or cameras may be late or early, of those that have masks
 FRAMES, VIEWS = 5, 8  # whose scans are looked at, and cameras of each
 SIDE = 256  # px, longer side, to which masks are thinned for this
 BETTER = 0.008  # of overlap, by which the masks of another frame must fit better
+PICTURED, OUTLINES = 3, 512  # frames whose pictures are looked at, and px, longer side, to which those are thinned
+CLEARER = 0.02  # share of the contrast across outlines, by which that of another frame's masks must be larger
 
 
 def out_of_step(capture: Capture, frames: Sequence[Frame], among: Sequence[int] | None = None) -> list[Finding]:
@@ -46,6 +52,26 @@ def out_of_step(capture: Capture, frames: Sequence[Frame], among: Sequence[int] 
     return found
 
 
+def pictures_out_of_step(capture: Capture, frames: Sequence[Frame]) -> list[Finding]:
+    """Images and label images that the masks of other frames fit better than those of their own, in all cameras and frames that are
+    looked at by as many frame numbers."""
+    masked = [number for number in capture.frames if len(capture.masked(number)) > 1]
+    looked = [frame for frame in frames if frame.number in masked]
+    looked = evenly(looked, PICTURED) if looked else []
+    masks = {frame.number: _masks(capture, frame, masked, VIEWS, OUTLINES) for frame in looked}
+    found = []
+    for kind, fits, least in (("label images", _labels_fit, BETTER), ("images", _outlines_fit, CLEARER)):
+        told = [
+            {name: fit for name, of in masks[frame.number].items() if (fit := fits(frame, name, of))}
+            for frame in looked
+        ]
+        if step := _better([_together(of) for of in told if of], least):
+            text = f"{kind}: the masks of {step.words} fit them better than their own"
+            ask = f"are they {step.many} {'late' if step.frames < 0 else 'early'}?"
+            found.append(Finding(f"{text}: {ask}", serious=False))
+    return found
+
+
 class Lag(NamedTuple):
     """Masks of `frames` numbers later (earlier: negative) overlap scans by `other`, those of their own frames by `own`, in the median."""
 
@@ -62,9 +88,10 @@ class Lag(NamedTuple):
         return f"{self.many} {'earlier' if self.frames < 0 else 'later'}"
 
 
-def _better(fits: Sequence[Mapping[int, float]]) -> Lag | None:
-    """The step by which the masks fit better than a frame's own, in all of several frames {step: overlap} that know it, at least 0."""
-    best, gained = 0, BETTER
+def _better(fits: Sequence[Mapping[int, float]], least: float = BETTER) -> Lag | None:
+    """The step by which the masks fit better than a frame's own, by more than `least`, in all of several frames {step: overlap} that
+    know it, at least 0."""
+    best, gained = 0, least
     for step in sorted({step for of in fits for step in of}):
         gains = [of[step] - of[0] for of in fits if step in of]
         if len(gains) > 1 and min(gains) >= 0 and median(gains) > gained:
@@ -89,17 +116,47 @@ class Compared(NamedTuple):
 
 
 def _views(capture: Capture, frame: Frame, masked: list[int]) -> dict[str, Compared]:
-    """{camera: Compared} of some of the cameras that show the person in the frame; masks that cannot be read are left out."""
+    """{camera: Compared} of some of the cameras that show the person in the frame."""
     assert frame.scan is not None
+    found = {}
+    for name, masks in _masks(capture, frame, masked, VIEWS, SIDE).items():
+        shown = DepthView(thin_camera(capture.cameras[name], SIDE), frame.scan.vertices, frame.scan.faces).face >= 0
+        found[name] = Compared(shown, masks)
+    return found
+
+
+def _masks(capture: Capture, frame: Frame, masked: list[int], views: int, most: int) -> dict[str, dict[int, Anything]]:
+    """{camera: {step: its mask of the frame whose number is by so much higher}}, thinned to a side of `most` [px], of some of the cameras
+    that show the person in the frame; masks that cannot be read are left out."""
     apart = median_low([later - number for number, later in pairwise(masked)] or [1])
     steps = [k * apart for k in range(-STEPS, STEPS + 1) if frame.number + k * apart in masked]
     found = {}
-    for name in evenly(sorted(capture.masked(frame.number)), VIEWS):
-        masks = {step: _mask(capture, frame.number + step, name) for step in steps}
+    for name in evenly(sorted(capture.masked(frame.number)), views):
+        masks = {step: _mask(capture, frame.number + step, name, most) for step in steps}
         if masks[0] is not None:
-            shown = DepthView(thin_camera(capture.cameras[name], SIDE), frame.scan.vertices, frame.scan.faces).face >= 0
-            found[name] = Compared(shown, {step: mask for step, mask in masks.items() if mask is not None})
+            found[name] = {step: mask for step, mask in masks.items() if mask is not None}
     return found
+
+
+def _labels_fit(frame: Frame, name: str, masks: Mapping[int, Anything]) -> dict[int, float]:
+    """{step: overlap of what a camera's label image shows with that mask}; {} where it shows nothing."""
+    if name not in frame.labels or not frame.labels[name].any():
+        return {}
+    shown = thin_picture(frame.labels[name] > 0, OUTLINES)
+    return {step: float(overlap(shown, mask)) for step, mask in masks.items()}
+
+
+def _outlines_fit(frame: Frame, name: str, masks: Mapping[int, Anything]) -> dict[int, float]:
+    """{step: logarithm of how many times the contrast of a camera's image across the mask's outline is that beside it}."""
+    if name not in frame.images:
+        return {}
+    image = thin_picture(frame.images[name], OUTLINES)
+    lines = {step: outline(mask) for step, mask in masks.items() if mask.shape == image.shape[:2]}
+    lines = {step: line for step, line in lines.items() if line is not None}
+    if 0 not in lines:
+        return {}
+    clear = np.log(np.maximum(clearness(image, [*lines.values()]), 1e-6))
+    return {step: float(value) for step, value in zip(lines, clear)}
 
 
 def _fits(view: Compared, overlap: Callable[[Anything, Anything], float]) -> dict[int, float]:
@@ -107,11 +164,11 @@ def _fits(view: Compared, overlap: Callable[[Anything, Anything], float]) -> dic
     return {step: float(overlap(view.shown, mask)) for step, mask in view.masks.items()}
 
 
-def _mask(capture: Capture, number: int, name: str) -> Anything | None:
+def _mask(capture: Capture, number: int, name: str, most: int) -> Anything | None:
     """A camera's thinned mask of a frame; None where there is none that can be read."""
     try:
         path = capture.picture_files(number, "masks").get(name)
         mask = None if path is None else capture.picture("masks", name, path) > 127
     except UserError:
         return None
-    return thin_picture(mask, SIDE) if mask is not None and mask.any() else None
+    return thin_picture(mask, most) if mask is not None and mask.any() else None

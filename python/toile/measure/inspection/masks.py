@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,12 +14,23 @@ from .rays import Sighting, meet
 GRID = 56  # cells a side
 COVERED = 0.93  # share of the masks that the hull must explain
 MARGIN = 1.15
+SPECKS = 1e-4  # of a picture: a mask of less shows nobody
 ASIDE = 6  # px, even, by which a silhouette may be moved upon a mask
 
 
 def silhouettes(frame: Frame) -> dict[str, Anything]:
     """Masks, or where there are none what the label images show."""
     return {**{name: labels > 0 for name, labels in frame.labels.items()}, **frame.masks}
+
+
+def hardly(mask: Array) -> bool:
+    """Whether a mask (H,W) is empty, but for specks."""
+    return bool(np.count_nonzero(mask) < SPECKS * mask.size)
+
+
+def without_specks(frame: Frame) -> Frame:
+    """The frame whose masks are empty where they are so but for specks."""
+    return replace(frame, masks={name: mask & (not hardly(mask)) for name, mask in frame.masks.items()})
 
 
 def centroids(cameras: Mapping[str, Camera], masks: list[Mapping[str, Anything]]) -> Sighting:

@@ -15,6 +15,7 @@ from .rays import SURE, Meeting, Sighting, meet
 from .sides import FEWEST, MANY
 
 POINTS = 12  # of the keypoints, that are compared
+FEW = 3  # pictures in a row, from which on a camera may have been moved
 CONFIRMED = 3  # pictures of a frame that agree, of which each is told by the others
 
 
@@ -26,12 +27,23 @@ def somebody_else(
     pictures, found = _strange(sighting.thinned(POINTS * sighting.weight[..., 0].size)), []
     for i, (camera, own) in enumerate(zip(sighting.cameras, pictures)):
         if own.any():
-            seen = int((sighting.weight[i] > SURE).any(1).sum())
+            seen = np.flatnonzero((sighting.weight[i] > SURE).any(1))
             numbers = first + (shifts or {}).get(i, 0) + np.flatnonzero(own)
-            text = f"{camera.name}: its keypoints in {own.sum()} of {seen} frames are of somebody else, or of another moment"
-            text = f"{text}, than those of the other cameras: {frame_ranges(numbers.tolist(), MANY)}"
+            text = f"{camera.name}: its keypoints in {own.sum()} of {len(seen)} frames are of somebody else, or of another moment"
+            text = f"{text}, than those of the other cameras: {frame_ranges(numbers.tolist(), MANY)}{_moved(own[seen])}"
             found.append(Finding(text, serious=False))
     return found, _without(sighting, pictures)
+
+
+def _moved(own: Bools) -> str:
+    """What to ask where the pictures (T,) that see somebody else are all of the first or all of the last ones."""
+    changes = np.count_nonzero(np.diff(own))
+    when = "up to" if own[0] else "from"
+    return (
+        f"; all {when} then{'' if own[0] else ' on'}: was the camera moved?"
+        if changes == 1 and own.sum() >= FEW
+        else ""
+    )
 
 
 def _without(sighting: Sighting, pictures: Bools) -> Sighting:

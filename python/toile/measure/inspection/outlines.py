@@ -64,31 +64,36 @@ def exchanged(frames: Sequence[Frame]) -> list[Finding]:
 def _fits(frame: Frame) -> dict[tuple[str, str], float]:
     """{(camera of a picture, camera of a mask of the same size or one of TURNS of its own): how many times the contrast across the
     mask's outline is that across the outline moved aside}."""
-    import cv2
-
     shown = silhouettes(frame)
     found = {}
     for size in {image.shape[:2] for image in frame.images.values()}:
-        lines = {name: _outline(mask) for name, mask in shown.items() if mask.shape == size}
+        lines = {name: outline(mask) for name, mask in shown.items() if mask.shape == size}
         lines = {name: line for name, line in lines.items() if line is not None}
         for name, image in frame.images.items() if lines else ():
             if image.shape[:2] == size:
-                soft = cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32)
                 asked = lines | (_turned(shown[name], size) if name in lines else {})
-                contrast = _contrasts(soft, *(np.stack(part) for part in zip(*asked.values())))
-                fit = contrast[:, 0] / np.maximum(contrast[:, 1:].mean(1), 1e-6)
+                fit = clearness(image, [*asked.values()])
                 found |= {(name, other): float(value) for other, value in zip(asked, fit)}
     return found
+
+
+def clearness(image: Anything, lines: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """How many times the contrast of a picture (H,W,3) across each of some outlines is that across it moved aside (M,)."""
+    import cv2
+
+    soft = cv2.GaussianBlur(image, (0, 0), SOFT).astype(np.float32)
+    contrast = _contrasts(soft, *(np.stack(part) for part in zip(*lines)))
+    return contrast[:, 0] / np.maximum(contrast[:, 1:].mean(1), 1e-6)
 
 
 def _turned(mask: Array, size: tuple[int, ...]) -> dict[str, tuple[Floats, Floats]]:
     """{one of TURNS: the outline of a mask that was turned so}, of those that still have the picture's size (H,W)."""
     turned = {how: np.ascontiguousarray(turn(mask)) for how, turn in TURNS.items()}
-    lines = {how: _outline(of) for how, of in turned.items() if of.shape == size}
+    lines = {how: outline(of) for how, of in turned.items() if of.shape == size}
     return {how: line for how, line in lines.items() if line is not None}
 
 
-def _outline(mask: Array) -> tuple[Floats, Floats] | None:
+def outline(mask: Array) -> tuple[Floats, Floats] | None:
     """Places (9,POINTS,2) [px] of points on a mask's outline and moved aside, and the outline's normals (POINTS,2); None where
     it is too short away from the picture's border."""
     import cv2

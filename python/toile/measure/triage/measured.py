@@ -34,7 +34,8 @@ class Row:
 
 
 def measured(run, progress=None) -> tuple[list[Row], dict[str, Any]]:
-    """The rows of a run, and the result of `evaluate` where its capture has a truth, else {}. `progress(stage, done, total)`."""
+    """The rows of a run, and the result of `evaluate` where its capture has a truth, of one that cannot be read "warnings" alone, else {}.
+    `progress(stage, done, total)`."""
     numbers = run.frames.tolist()
     told = {number: run.diagnostics.at(number) for number in numbers}
     prints = {number: _fingerprint(stages) for number, stages in told.items()}
@@ -107,11 +108,11 @@ def _between(run, prints, kept, progress):
 
 
 def _truth(run, prints, kept):
-    """{"of", "result" of `evaluate`} where the capture has a truth, {} elsewhere."""
+    """{"of", "result" of `evaluate`} where the capture has a truth, its "result" a warning where that cannot be read; {} elsewhere."""
     try:
         truth = open_truth(run.capture)
-    except UserError:
-        return {}
+    except UserError as error:
+        return {"result": {"warnings": [str(error)]}}
     if truth is None:
         return {}
     stamp = (truth.path / "zarr.json").stat()

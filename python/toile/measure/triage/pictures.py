@@ -23,15 +23,17 @@ MARGIN = 0.08  # about the person, of its extent
 OUTLINES = ((70, 235, 255), (255, 64, 190), (255, 225, 40), (120, 255, 90), (255, 150, 60))  # body, then garments
 
 
-def pictures(run, number) -> list[tuple[str, bytes]]:
-    """[(caption, JPEG)] of a frame; of one that failed only what was captured. What the capture lacks is left out."""
+def pictures(run, number, warn=lambda said: None) -> list[tuple[str, bytes]]:
+    """[(caption, JPEG)] of a frame; of one that failed only what was captured. What the capture lacks is left out; `warn` hears of
+    what can no more be read."""
     registered = number in set(run.ok)
     layers = _layers(run, number) if registered else []
-    made = list(_captured(run, number, layers))
+    made = list(_captured(run, number, layers, warn))
     try:
         scan = run.capture.scan(number)
-    except UserError:
+    except UserError as error:
         scan = None
+        warn(str(error))
     up = run.scene.up
     angle = facing(run.pose.rotations.at(number)[0], up) if registered else 0.0
     box = np.concatenate([V for V, _, _ in layers]) if layers else None
@@ -60,18 +62,20 @@ def _distances(scan, layers):
     return heat(distance[scan.faces].mean(1) * 1e3 / HEAT_MM)
 
 
-def _captured(run, number, layers):
+def _captured(run, number, layers, warn):
     """(caption, picture) of up to two cameras that see the person largest, from opposite sides if there are such."""
     try:
         capture = run.capture
         files = capture.picture_files(number, "images")
-    except UserError:
+    except UserError as error:
+        warn(str(error))
         return
     V = np.concatenate([V for V, _, _ in layers]) if layers else np.zeros((0, 3))
     for name in _telling(capture.cameras, tuple(files), V):
         try:
             picture = capture.picture("images", name, files[name])
-        except (UserError, OSError):
+        except (UserError, OSError) as error:
+            warn(str(error))
             continue
         yield name, _outlined(picture, capture.cameras[name], layers)
 

@@ -47,6 +47,8 @@ def tune(
     for name, said in tuned.said.items():
         for text in said or ["the template fits"]:
             speech.result(f"{name}: {text}", quality=name)
+    for text in tuned.warnings:
+        speech.warn(text)
     for row in jobs(tuned):
         speech.result("  ".join(f"{cell:<{width}}" for cell, width in zip(row, (10, 24, 8, 9, 32, 9))).rstrip())
     for words, *values in errors(tuned):

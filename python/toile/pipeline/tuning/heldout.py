@@ -31,7 +31,9 @@ def agreement(run: Run, capture: Capture, cameras: Sequence[str]) -> dict[str, f
     for number in run.ok:
         try:
             shown = capture.pictures(number)
-        except UserError:
+        except (
+            UserError
+        ):  # of a camera that the trial did not see; in the one that did this frame failed, which is told
             continue
         layers = [(run.body.at(number), run.body.faces, 0)]
         layers += [(garment.at(number), garment.faces, garment.label) for garment in run.garments.values()]

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...config import QUALITIES, Config, preset
 from ...errors import UserError
 from ...io.capture import Capture
+from ...io.layout import FAILED
 from ...io.run import Run, open_run
 from ...measure.evaluate import evaluate
 from ..blocks import Progress
@@ -35,7 +38,7 @@ class Tried:
 @dataclass(frozen=True)
 class Tuned:
     """`qualities` from coarse to fine; the cameras held out; what does not fit of each garment's template, in words;
-    what its preparation warned of."""
+    frames that failed, and what its preparation warned of."""
 
     capture: Capture
     frames: tuple[int, ...]
@@ -79,7 +82,15 @@ def tune(
         found[quality] = Tried(trial, run, told, evaluate(run)["all"], seen, loops)
     finest = found[qualities[-1]]
     said = {name: diagnosis(loops) for name, loops in finest.loops.items()}
-    return Tuned(capture, frames, cameras, found, said, tuple(finest.run.status.warnings()))
+    warnings = (*failures(finest.run), *finest.run.status.warnings())
+    return Tuned(capture, frames, cameras, found, said, warnings)
+
+
+def failures(run):
+    """A line a frame that the trial could not register, and that is in none of its figures."""
+    for row in np.flatnonzero(run.done == FAILED):
+        number = int(run.frames[row])
+        yield f"frame {number} failed: {run.diagnostics.at(number).get('reason')}"
 
 
 def _unshown(capture, run, settings, frames, cameras):
