@@ -8,7 +8,8 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh, blended_by, unblended
+from ..kinematics import blended_by, unblended
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh
 from ..surface.attachments import Attachments
 from ..surface.crumpling import crumpling
 from ..surface.curves import isolines, pieces

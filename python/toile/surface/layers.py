@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..io.run import RegisteredSurface, Run
-from ..scene import blended_transforms, unblended
+from ..kinematics import blended_transforms, unblended
 from .sampling import evenly
 
 BLEND = 8  # joints that move one vertex of a garment, at most

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...kernels.arrays import Anything, Floats
-from ...scene import blend_skinning, blended_transforms, joint_transforms, unblended
+from ...kinematics import blend_skinning, blended_transforms, joint_transforms, unblended
 
 TO_Y_UP = {  # rotations (3,3) that take this axis upwards to y upwards
     "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
