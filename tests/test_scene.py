@@ -5,17 +5,10 @@ import pytest
 
 from tests.fuzz.bodies import sound_body
 from toile.kernels import InputError
-from toile.scene import frame_ranges
 
 MODEL = sound_body()
 REST, J = MODEL.v_template, MODEL.J
 TURNS, MOVE = np.linspace(0, 0.3, J.size).reshape(J.shape), np.array([0.1, 0.2, 0.3])
-
-
-def test_frame_numbers_in_words_are_the_runs_of_them():
-    assert frame_ranges([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10" and frame_ranges([]) == ""
-    assert frame_ranges([1, 3, 5, 6, 8], 2) == "1, 3, ..." and frame_ranges([1, 3], 2) == "1, 3"
-    assert frame_ranges([0, 1, 2, 7], between=",") == "0-2,7"
 
 
 @pytest.mark.parametrize(

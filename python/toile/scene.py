@@ -6,7 +6,6 @@ z forward, and pixel (0,0) has its centre at (0.5, 0.5). Image sizes are (height
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -398,26 +397,3 @@ class Inner:
     garments: dict[str, Anything]  # name -> (g,3)
     intersections_left: int
     diagnostics: dict[str, float]
-
-
-def frame_ranges(numbers: Sequence[int], most: int | None = None, between: str = ", ") -> str:
-    """Ascending numbers in words, [1, 2, 3, 7] -> "1-3, 7"; of many runs the first `most`."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
-    return between.join(shown[:most]) + (f"{between}..." if most is not None and len(shown) > most else "")
-
-
-def stride_of(frames: Anything) -> int:
-    """The commonest step from one frame number to the next; 0 for a single frame."""
-    steps, counts = np.unique(np.diff(frames), return_counts=True)
-    return int(steps[counts.argmax()]) if len(steps) else 0
-
-
-def rate_of(frames: Anything, fps: float) -> float:
-    """Pictures a second of a film of these frames, whose numbers count at `fps`: a step of 5 leaves a fifth. A gap is no pause."""
-    return fps / (stride_of(frames) or 1)

@@ -8,6 +8,7 @@ import json
 import numpy as np
 
 from .. import kernels
+from ..frame_numbers import evenly
 from ..io.bounded import read_json
 from ..io.files import write_text
 from ..io.image import write_image
@@ -16,7 +17,6 @@ from ..pipeline.blocks import blocks
 from ..prints.colours import logarithms
 from ..prints.views import PrintViews
 from ..surface.layers import read_layers
-from ..surface.sampling import evenly
 from ..surface.uv import UvMap
 from ..vision.unwrapping import mean_texture
 from .surfaces import layers_at, pictures

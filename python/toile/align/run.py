@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..io.files import copy_file, load_record, save_record
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
@@ -36,7 +37,7 @@ from ..prints.lengths import true_lengths
 from ..prints.matching import Matched
 from ..prints.reference import NEAR, Reference
 from ..prints.smoothing import over_time
-from ..scene import GarmentTemplate, frame_ranges
+from ..scene import GarmentTemplate
 from ..surface.layering import Layering
 from ..surface.layers import Layer, read_layers
 from .report import torn, write_report

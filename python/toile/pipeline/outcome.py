@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..io.layout import DOUBTFUL, STORE, WRONG
 from ..io.locks import locked
 from ..io.run import is_run, open_run
@@ -16,7 +17,6 @@ from ..io.run_folder import read_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.verdicts import severity
-from ..scene import frame_ranges
 from .blocks import FrameFolders, frame_numbers_of
 from .identity import LAST, Identities, digest
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..frame_numbers import evenly
 from ..kernels import bilinear
-from ..surface.sampling import evenly
 from .colours import CHANNELS, blended, camera_offsets, logarithms
 
 SEEN = 0.3  # share of the reference's frames in which a point must have been seen to count in full

@@ -10,7 +10,8 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked, frame_ranges
+from ..frame_numbers import frame_ranges
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked
 from ..surface.keypoint_side import KeypointSide
 from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on

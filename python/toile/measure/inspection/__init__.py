@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...io.body import model_in_capture
 from ...io.capture import KINDS, Capture, open_capture
 from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
-from ...surface.sampling import evenly
 from ..evidence import UNSEEN
 from .body import FACING, check_bones, check_names, check_sides, check_units, check_up, stature, upward
 from .cameras import (

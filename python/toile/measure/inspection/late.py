@@ -8,10 +8,10 @@ from statistics import mean, median, median_low
 from typing import NamedTuple
 
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...io.capture import Capture
 from ...kernels.arrays import Anything
 from ...scene import Frame
-from ...surface.sampling import evenly
 from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView
 from ..evidence import overlap

@@ -8,9 +8,9 @@ from statistics import median
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Frame
-from ...surface.sampling import evenly
 from ...vision.thin_pictures import thin_pictures
 from .cameras import Finding
 from .masks import silhouettes

@@ -10,10 +10,10 @@ from statistics import median
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...io.capture import Capture
 from ...kernels.arrays import Anything, Array
 from ...scene import Camera, Frame, Mesh
-from ...surface.sampling import evenly
 from ...surface.thinning import thinned
 from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...kernels import SurfaceIndex
 from ...kernels.arrays import Anything
 from ...kernels.geometry import face_normals
 from ...scene import Camera, Frame, Mesh
-from ...surface.sampling import evenly
 from .cameras import Finding
 from .masks import covered, silhouettes, within
 
