@@ -189,6 +189,16 @@ class Frame:
         """Label ids (m,) of the scan's faces; None where it carries none."""
         return None if self.scan is None else self.scan.face_labels
 
+    def silhouette(self, camera: str) -> Anything | None:
+        """Where a camera shows the person, (H,W) bool: its mask, else its label image; None without both."""
+        labels = self.labels.get(camera)
+        return self.masks.get(camera, None if labels is None else labels > 0)
+
+    @property
+    def silhouettes(self) -> dict[str, Anything]:
+        """`silhouette` of all cameras that have one."""
+        return {name: labels > 0 for name, labels in self.labels.items()} | self.masks
+
 
 INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that lie within the skin
 

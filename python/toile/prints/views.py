@@ -53,9 +53,11 @@ class PrintViews:
 
     def _view(self, frame, name, camera):
         image, labels = frame.images.get(name), frame.labels.get(name)
-        mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
+        mask = frame.silhouette(name)
         if image is None:  # a view that shows nothing
             image, mask = np.zeros((*camera.size, 3), np.uint8), np.zeros(camera.size, bool)
+        elif mask is None:
+            mask = np.ones(camera.size, bool)
         flat = None if labels is None else undistorted(camera, labels, True)
         mask = undistorted(camera, mask.astype(np.uint8), True) > 0
         return self.unwrapper.view(pinhole(camera), undistorted(camera, image), mask, flat)

@@ -264,7 +264,7 @@ class AvatarData(Dataset):
         cameras, V, masks = list(self.capture.cameras.values()), self.run.track.at(number), {}
         for c in numbers:
             name = cameras[c].name
-            masks[c] = frame.masks[name] if name in frame.masks else frame.labels[name] > 0
+            masks[c] = frame.silhouette(name)
         kept = {c: mask for c, mask in masks.items() if not misses_body(mask, cameras[c], V)}
         return kept if 2 * len(kept) >= len(masks) else masks
 

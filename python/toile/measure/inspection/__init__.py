@@ -54,7 +54,7 @@ from .files import (
 )
 from .fractions import fractions
 from .late import out_of_step
-from .masks import COVERED, centroids, coverage, silhouettes
+from .masks import COVERED, centroids, coverage
 from .order import leaps, out_of_order
 from .others import somebody_else
 from .outlines import exchanged
@@ -157,7 +157,7 @@ def _detections(found: Inspection, capture: Capture) -> None:
     given, found.first = _sighting(found, capture)
     of_masks = given is None
     if given is None:
-        masks = [silhouettes(frame) for frame in found.frames]
+        masks = [frame.silhouettes for frame in found.frames]
         given = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
     sighting = given.only(given.seeing)
     if len(sighting.cameras) < 2:
@@ -310,7 +310,7 @@ def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
 
 def _hulls(found: Inspection, cameras: dict[str, Camera]) -> None:
     for frame in found.frames:
-        masks = {name: mask for name, mask in silhouettes(frame).items() if name in cameras}
+        masks = {name: mask for name, mask in frame.silhouettes.items() if name in cameras}
         found.hulls = coverage(cameras, masks)
         if found.hulls:
             break

@@ -7,18 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...kernels.arrays import Anything, Array, Floats
-from ...scene import Camera, Frame
+from ...scene import Camera
 from .rays import Sighting, meet
 
 GRID = 56  # cells a side
 COVERED = 0.93  # share of the masks that the hull must explain
 MARGIN = 1.15
 ASIDE = 6  # px, even, by which a silhouette may be moved upon a mask
-
-
-def silhouettes(frame: Frame) -> dict[str, Anything]:
-    """Masks, or where there are none what the label images show."""
-    return {**{name: labels > 0 for name, labels in frame.labels.items()}, **frame.masks}
 
 
 def centroids(cameras: Mapping[str, Camera], masks: list[Mapping[str, Anything]]) -> Sighting:

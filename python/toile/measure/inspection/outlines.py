@@ -13,7 +13,6 @@ from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Frame
 from ...vision.thin_pictures import thin_pictures
 from .cameras import Finding
-from .masks import silhouettes
 
 SIDE = 512  # px, longer side, to which pictures are thinned for this
 SOFT = 1.0  # px, by which they are blurred
@@ -66,7 +65,7 @@ def _fits(frame: Frame) -> dict[tuple[str, str], float]:
     mask's outline is that across the outline moved aside}."""
     import cv2
 
-    shown = silhouettes(frame)
+    shown = frame.silhouettes
     found = {}
     for size in {image.shape[:2] for image in frame.images.values()}:
         lines = {name: _outline(mask) for name, mask in shown.items() if mask.shape == size}
