@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
+from ..config import PrintSettings
 from ..kernels.arrays import Anything, Floats
 from ..prints.aligner import PrintAligner, PrintedLayer, Texture
 from ..prints.views import Views
@@ -22,7 +22,7 @@ def prepare(
     templates: Sequence[GarmentTemplate],
     lengths: Mapping[str, Floats],
     cameras: Mapping[str, Camera],
-    settings: Any,
+    settings: PrintSettings,
     textures: Mapping[str, Anything] = MappingProxyType({}),
 ) -> PrintAligner:
     """What aligns the garments named in `lengths`, which gives each the vertices (g,3) whose edges' lengths its cloth keeps;
