@@ -26,7 +26,7 @@ def make(capture, number):
     import zarr
 
     from toile.io.body import load_body_model
-    from toile.scene import blend_skinning
+    from toile.kinematics import blend_skinning
     from toile.surface.transfer import move_with_body
 
     truth = zarr.open_group(str(capture.root / "truth" / "truth.zarr"), mode="r")

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toile.config import preset
+from toile.frame_numbers import evenly
 from toile.io.body import model_in_capture
 from toile.io.capture import open_capture
 from toile.measure.truth import Truth
 from toile.surface.pose_search import PoseSearch
-from toile.surface.sampling import evenly
 from toile.surface.two_sided import TwoSided
 
 MOVED = np.array([0.3, -2.0, 0.5])  # [m]

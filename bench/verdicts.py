@@ -25,6 +25,7 @@ import numpy as np
 
 from bench.spoiling import OF_GARMENTS, SPOILINGS, instead, unsearched
 from toile.config import preset
+from toile.frame_numbers import evenly
 from toile.io.capture import open_capture
 from toile.io.layout import VERDICTS
 from toile.kernels import SurfaceIndex
@@ -34,7 +35,6 @@ from toile.measure.verdicts import judge, verdict
 from toile.pipeline import preparation, samples
 from toile.pipeline.manifest import request_of
 from toile.pipeline.run import register
-from toile.surface.sampling import evenly
 
 WRONG_MM, RIGHT_MM = 15.0, 10.0
 

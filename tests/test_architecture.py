@@ -8,13 +8,15 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PYTHON, BENCH, CPP = ROOT / "python" / "toile", ROOT / "bench", ROOT / "cpp"
-BASE = {"errors", "scene", "kernels"}
+BASE = {"errors", "frame_numbers", "kernels", "kinematics", "scene"}
 ROOMS = {  # a room: those that it imports; none of them comes back to it
     "kernels": set(),
     "errors": set(),
     "config": {"errors", "kernels"},
     "lens": {"kernels"},
-    "scene": {"errors", "kernels", "lens"},
+    "kinematics": {"kernels"},
+    "frame_numbers": set(),
+    "scene": {"errors", "kernels", "kinematics", "lens"},
     "io": BASE,
     "surface": BASE | {"io"},
     "vision": BASE | {"io", "surface"},

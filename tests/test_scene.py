@@ -2,21 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from tests.fuzz.bodies import sound_body
 from toile.kernels import InputError
-from toile.scene import frame_ranges, posed_joints
 
 MODEL = sound_body()
 REST, J = MODEL.v_template, MODEL.J
 TURNS, MOVE = np.linspace(0, 0.3, J.size).reshape(J.shape), np.array([0.1, 0.2, 0.3])
-
-
-def test_frame_numbers_in_words_are_the_runs_of_them():
-    assert frame_ranges([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10" and frame_ranges([]) == ""
-    assert frame_ranges([1, 3, 5, 6, 8], 2) == "1, 3, ..." and frame_ranges([1, 3], 2) == "1, 3"
-    assert frame_ranges([0, 1, 2, 7], between=",") == "0-2,7"
 
 
 @pytest.mark.parametrize(
@@ -49,12 +41,3 @@ def test_a_body_is_posed_alike_by_whatever_holds_its_numbers(given):
 def test_a_body_refuses_by_name_what_does_not_fit_it(call, said):
     with pytest.raises(InputError, match=said):
         call()
-
-
-def test_joints_of_many_frames_are_those_of_each():
-    rotations = np.random.default_rng(0).normal(scale=0.4, size=(5, *J.shape))
-    local = Rotation.from_rotvec(rotations.reshape(-1, 3)).as_matrix().reshape(*rotations.shape, 3)
-    R, x = posed_joints(MODEL.parents, J, local, MOVE)
-    for t, vectors in enumerate(rotations):
-        alone = MODEL.joint_transforms(J, vectors, MOVE)
-        assert np.allclose(R[t], alone[0], atol=1e-14) and np.allclose(x[t], alone[1], atol=1e-14)

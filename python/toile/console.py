@@ -134,6 +134,11 @@ def garments_of(given: Iterable[str] | None) -> dict[str, Path]:
     return found
 
 
+def is_avatar(path: Path) -> bool:
+    """Whether a folder is an avatar's and no run's, be it of a training that was stopped."""
+    return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()
+
+
 def frame_numbers(text: str | None, available: Iterable[int], step: int = 1) -> tuple[int, ...]:
     """ "60,1-50" -> the numbers of that list that are captured, rising and each once, every `step`-th; all of them for None."""
     if step < 1:

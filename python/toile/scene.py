@@ -6,7 +6,6 @@ z forward, and pixel (0,0) has its centre at (0.5, 0.5). Image sizes are (height
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 
 from .kernels import InputError, SurfaceIndex
 from .kernels.arrays import Anything, Array, Bools, Floats, Ints, as_floats
+from .kinematics import blend_skinning, blended_transforms, joint_transforms, unblended
 from .lens import distort, lens_limit
 
 
@@ -189,6 +189,16 @@ class Frame:
         """Label ids (m,) of the scan's faces; None where it carries none."""
         return None if self.scan is None else self.scan.face_labels
 
+    def silhouette(self, camera: str) -> Anything | None:
+        """Where a camera shows the person, (H,W) bool: its mask, else its label image; None without both."""
+        labels = self.labels.get(camera)
+        return self.masks.get(camera, None if labels is None else labels > 0)
+
+    @property
+    def silhouettes(self) -> dict[str, Anything]:
+        """`silhouette` of all cameras that have one."""
+        return {name: labels > 0 for name, labels in self.labels.items()} | self.masks
+
 
 INSIDE = ("eyes", "eye_sockets", "mouth_interior", "tongue")  # segments that lie within the skin
 
@@ -314,61 +324,6 @@ class BodyModel(_Record):
         return near
 
 
-def joint_transforms(
-    parents: Sequence[int] | Ints, J: Anything, rotations: Array, translation: Anything
-) -> tuple[Floats, Floats]:
-    """Forward kinematics: world rotations (K,3,3) and joint positions (K,3)."""
-    from scipy.spatial.transform import Rotation
-
-    return posed_joints(parents, J, Rotation.from_rotvec(rotations).as_matrix(), translation)
-
-
-def posed_joints(
-    parents: Sequence[int] | Ints, J: Anything, local: Anything, translation: Anything
-) -> tuple[Floats, Floats]:
-    """The same of rotations (...,K,3,3) relative to the parent, of one frame or of many: (...,K,3,3) and (...,K,3)."""
-    R, x = np.empty_like(local), np.empty(local.shape[:-1])
-    for k, p in enumerate(parents):
-        if p < 0:
-            R[..., k, :, :], x[..., k, :] = local[..., k, :, :], J[k] + translation
-        else:
-            R[..., k, :, :] = R[..., p, :, :] @ local[..., k, :, :]
-            x[..., k, :] = x[..., p, :] + R[..., p, :, :] @ (J[k] - J[p])
-    return R, x
-
-
-def blended_transforms(
-    J: Anything, R: Anything, x: Anything, weights_idx: Anything, weights_val: Anything
-) -> tuple[Floats, Floats]:
-    """Per vertex A (n,3,3) and b (n,3) so that skinning is A v + b."""
-    from scipy.sparse import csr_matrix
-
-    n, most = weights_idx.shape
-    starts = np.arange(0, n * most + 1, most)
-    return blended_by(csr_matrix((weights_val.ravel(), weights_idx.ravel(), starts), shape=(n, len(R))), J, R, x)
-
-
-def blended_by(weights: Anything, J: Anything, R: Anything, x: Anything) -> tuple[Floats, Floats]:
-    """`blended_transforms` by weights (n,K) of all joints, dense or sparse."""
-    bones = np.concatenate([R.reshape(-1, 9), x - np.einsum("kij,kj->ki", R, J)], axis=1)
-    blended = weights @ bones
-    return blended[:, :9].reshape(-1, 3, 3), blended[:, 9:]
-
-
-def unblended(posed: Anything, A: Anything, b: Anything) -> Floats:
-    """Rest vertices (n,3) of posed ones (n,3): A^-1 (v - b)."""
-    rest: Floats = np.linalg.solve(A, (posed - b)[..., None])[..., 0].astype(np.float64, copy=False)
-    return rest
-
-
-def blend_skinning(
-    rest: Anything, J: Anything, R: Anything, x: Anything, weights_idx: Anything, weights_val: Anything
-) -> Floats:
-    """sum_k w_k (R_k (v - J_k) + x_k) for rest vertices (n,3)."""
-    A, b = blended_transforms(J, R, x, weights_idx, weights_val)
-    return np.einsum("nij,nj->ni", A, rest) + b
-
-
 # What the stages give on. Confidence is uint8 per vertex: OBSERVED, INTERPOLATED or HIDDEN.
 OBSERVED, INTERPOLATED, HIDDEN = 2, 1, 0
 
@@ -452,26 +407,3 @@ class Inner:
     garments: dict[str, Anything]  # name -> (g,3)
     intersections_left: int
     diagnostics: dict[str, float]
-
-
-def frame_ranges(numbers: Sequence[int], most: int | None = None, between: str = ", ") -> str:
-    """Ascending numbers in words, [1, 2, 3, 7] -> "1-3, 7"; of many runs the first `most`."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    shown = [f"{a}" if a == b else f"{a}-{b}" for a, b in runs]
-    return between.join(shown[:most]) + (f"{between}..." if most is not None and len(shown) > most else "")
-
-
-def stride_of(frames: Anything) -> int:
-    """The commonest step from one frame number to the next; 0 for a single frame."""
-    steps, counts = np.unique(np.diff(frames), return_counts=True)
-    return int(steps[counts.argmax()]) if len(steps) else 0
-
-
-def rate_of(frames: Anything, fps: float) -> float:
-    """Pictures a second of a film of these frames, whose numbers count at `fps`: a step of 5 leaves a fifth. A gap is no pause."""
-    return fps / (stride_of(frames) or 1)

@@ -15,7 +15,7 @@ from toile.errors import UserError, first_line
 from toile.io.bvh import read_bvh
 from toile.io.export.source import with_frames, with_layers, with_textures
 from toile.io.export.writing import format_of, whole_file
-from toile.scene import joint_transforms
+from toile.kinematics import joint_transforms
 
 # arrays and sequences ---------------------------------------------------------------------------------------------------
 

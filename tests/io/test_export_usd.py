@@ -10,9 +10,10 @@ from PIL import Image
 from tests.support.bending_clip import bending_clip
 from tests.support.exported import NEAR, usd_name, write
 from toile.errors import UserError
-from toile.io.export.clip import blend_skinning, rest_surface
+from toile.io.export.clip import rest_surface
 from toile.io.export.source import with_textures
 from toile.io.export.writing import MOTIONS
+from toile.kinematics import blend_skinning
 
 
 def open_usd(path):

@@ -17,7 +17,7 @@ def best_fit(model, body, counted, picks=500):
     """The model's surface (n,3) fitted to the truth's at rest: shape, every joint's rotation and translation, by scipy."""
     from scipy.optimize import least_squares
 
-    from toile.scene import blend_skinning
+    from toile.kinematics import blend_skinning
 
     target, F = body.rest, body.skin_faces
     pick = np.flatnonzero(counted)[np.random.default_rng(0).permutation(counted.sum())[:picks]]

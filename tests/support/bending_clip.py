@@ -9,7 +9,8 @@ from toile.io.export.clip import Clip, ClipLayer, ClipSkeleton
 from toile.io.files import save_record
 from toile.io.image import write_image
 from toile.io.mesh import write_mesh
-from toile.scene import Mesh, blend_skinning, joint_transforms
+from toile.kinematics import blend_skinning, joint_transforms
+from toile.scene import Mesh
 
 ROUND, HIGH = 8, 6
 

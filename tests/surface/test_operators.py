@@ -15,7 +15,6 @@ from toile.surface.operators import (
     smooth_on,
     umbrella_laplacian,
 )
-from toile.surface.sampling import evenly
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +73,3 @@ def test_offsets_end_on_the_nearest_point_of_a_square():
     points = np.array([[0.5, -2, 0], [2, 2, 0], [-0.25, 0.75, 1], [1, 0, 0]])
     np.testing.assert_allclose(offset_to_polyline(points, square), [[0, 2, 0], [-1, -1, 0], [0.25, 0, -1], [0, 0, 0]])
     np.testing.assert_allclose(distance_to_polyline(points, square), [2, 2**0.5, (1 / 16 + 1) ** 0.5, 0])
-
-
-@pytest.mark.parametrize(
-    "n, count, wanted",
-    [(7, 3, [0, 3, 6]), (5, 9, [0, 1, 2, 3, 4]), (4, 1, [0]), (1, 3, [0]), (10, 4, [0, 3, 6, 9]), (0, 3, [])],
-)
-def test_items_are_spread_evenly_with_both_ends(n, count, wanted):
-    assert evenly(range(n), count) == wanted

@@ -8,17 +8,18 @@ import json
 import numpy as np
 
 from .. import kernels
+from ..frame_numbers import evenly
 from ..io.bounded import read_json
 from ..io.files import write_text
 from ..io.image import write_image
 from ..measure.page import cards, document, figure, heat, table
 from ..pipeline.blocks import blocks
 from ..prints.colours import logarithms
+from ..prints.views import PrintViews
 from ..surface.layers import read_layers
-from ..surface.sampling import evenly
 from ..surface.uv import UvMap
 from ..vision.unwrapping import mean_texture
-from .prints import PrintReader
+from .surfaces import layers_at, pictures
 
 SIZE = 512  # texels
 FRAMES = 24  # read, spread evenly over the aligned ones
@@ -39,9 +40,10 @@ def write_report(run, aligned, frames, progress):
     layers = {layer.name: layer for layer in read_layers(run, frames[:1])}
     for side, shown in zip(SIDES, (run, aligned)):
         maps = {name: UvMap(layer, SIZE) for name, layer in layers.items() if layer.kind == "garment"}
-        reader = PrintReader(shown, list(layers.values()), maps)
+        unwrapped = PrintViews(list(layers.values()), maps, shown.capture.cameras)
         for k, number in enumerate(frames):
-            for name, views in reader.views(number).items():
+            seen = unwrapped.of(pictures(shown, number), *layers_at(shown, layers.values(), number))
+            for name, views in seen.items():
                 colours, weights = mean_texture(views, SIZE).maps(SIZE)
                 textures.setdefault(name, {}).setdefault(side, []).append((colours, (weights > 0) & maps[name].inside))
             progress("report", SIDES.index(side) * len(frames) + k + 1, 2 * len(frames))

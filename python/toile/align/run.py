@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..io.files import copy_file, load_record, save_record
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
@@ -29,19 +30,19 @@ from ..io.run_writer import RunWriter, copy_store
 from ..io.status import Status
 from ..pipeline.blocks import BLOCK, BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
 from ..pipeline.manifest import check_own, claim, place_of
+from ..pipeline.printing import references
 from ..pipeline.workers import everywhere
-from ..prints.colours import Places
+from ..prints.aligner import PrintAligner, PrintedLayer, Target
 from ..prints.lengths import true_lengths
-from ..prints.matching import Matched, Matcher
-from ..prints.reference import NEAR, Reference, anchors_and_samples, pyramid_of, reference_of
-from ..prints.sliding import SlidingSurface
+from ..prints.matching import Matched
+from ..prints.reference import NEAR, Reference
 from ..prints.smoothing import over_time
-from ..scene import GarmentTemplate, frame_ranges
+from ..scene import GarmentTemplate
 from ..surface.layering import Layering
-from ..surface.layers import read_layers
-from .prints import PrintReader
+from ..surface.layers import Layer, read_layers
 from .report import torn, write_report
 from .settings import AlignSettings
+from .surfaces import garments_at, layers_at, pictures
 
 
 @dataclass(frozen=True)
@@ -133,15 +134,17 @@ def _begin(run, out, settings):
 
 @dataclass(frozen=True)
 class PreparedAlignment:
-    """What the frames are matched with; dictionaries by garment."""
+    """What the frames are matched with."""
 
     run: Run
-    settings: AlignSettings
-    reader: PrintReader
-    matchers: dict[str, Matcher]
+    layers: list[Layer]
+    aligner: PrintAligner
+    targets: dict[str, Target]
     layering: Layering
-    references: dict[str, Reference]
-    onto: dict[str, list]  # a reference as `Matcher.target` gives it
+
+    def views(self, number):
+        """What the pictures of a frame show of every garment."""
+        return self.aligner.views(pictures(self.run, number), *layers_at(self.run, self.layers, number))
 
 
 def prepare(run, out, settings, span, progress=lambda *_: None) -> PreparedAlignment:
@@ -149,20 +152,23 @@ def prepare(run, out, settings, span, progress=lambda *_: None) -> PreparedAlign
     paths = {name: out / "reference" / f"{name}.npz" for name in run.garments}
     rests = {name: load_record(path, Reference).rest for name, path in paths.items() if path.exists()}
     layers = [replace(x, rest=rests[x.name]) if x.name in rests else x for x in read_layers(run, apart(run.ok, span))]
-    of = {layer.name: layer for layer in layers}
-    surfaces = {
-        n: SlidingSurface(of[n].rest, of[n].faces, of[n].loops.values(), settings.lattice_spacing) for n in paths
-    }
-    matchers = {name: Matcher(surface, _template(run, of[name]), settings) for name, surface in surfaces.items()}
-    places = {name: Places(of[name], s.lattice.face, s.lattice.bary) for name, s in surfaces.items()}
-    reader = PrintReader(run, layers, places)
-    if any(not path.exists() for path in paths.values()):
-        _make_references(apart(run.pictured, span), settings, reader, matchers, paths, progress)
-    references = {name: load_record(path, Reference) for name, path in paths.items()}
-    onto = {name: matchers[name].target(r.values, r.weights) for name, r in references.items()}
-    body, sizes = run.body_model, [(name, s.faces, len(s.rest)) for name, s in surfaces.items()]
+    aligner = PrintAligner([_printed(run, layer) for layer in layers], run.capture.cameras, settings)
+    body, garments = run.body_model, [layer for layer in layers if layer.kind == "garment"]
+    sizes = [(garment.name, garment.faces, len(garment.rest)) for garment in garments]
     layering = Layering(body.skin_faces, len(body.v_template), sizes, settings.margin)
-    return PreparedAlignment(run, settings, reader, matchers, layering, references, onto)
+    prepared = PreparedAlignment(run, layers, aligner, {}, layering)
+    if any(not path.exists() for path in paths.values()):
+        read = lambda number: (prepared.views(number), garments_at(run, number))
+        for name, reference in references(aligner, apart(run.pictured, span), read, progress).items():
+            save_record(paths[name], reference)
+    loaded = {name: load_record(path, Reference) for name, path in paths.items()}
+    return replace(prepared, targets=aligner.targets(loaded))
+
+
+def _printed(run, layer):
+    """A Layer of the run as a PrintedLayer; all garments slide."""
+    template = _template(run, layer) if layer.kind == "garment" else None
+    return PrintedLayer(layer.name, layer.label, layer.rest, layer.faces, tuple(layer.loops.values()), template)
 
 
 def _template(run, layer):
@@ -176,34 +182,17 @@ def _template(run, layer):
     return found
 
 
-def _make_references(pictured, settings, reader, matchers, paths, progress):
-    anchors, samples = anchors_and_samples(
-        pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames
-    )
-    views = []
-    for k, number in enumerate([*anchors, *samples]):
-        views.append(reader.views(number))
-        progress("reference", k + 1, len(anchors) + len(samples) + 1)
-    for name, matcher in matchers.items():
-        posed = [reader.vertices(number, name) for number in [*anchors, *samples]]
-        seen = [v[name] for v in views]
-        save_record(paths[name], reference_of(matcher, [*anchors, *samples], seen, posed, len(anchors)))
-    progress("reference", len(views) + 1, len(views) + 1)
-
-
 # Every pictured frame -------------------------------------------------------------------------------------------------
 
 
 def match(prepared, number, previous, results) -> None:
-    """Matches a frame's prints upon the references, from the slides of the frame `previous` if there is one."""
-    start, views, blind = time.perf_counter(), prepared.reader.views(number), []
-    for name, matcher in prepared.matchers.items():
-        pyramid = pyramid_of(matcher, views[name], prepared.references[name].offsets)
-        reference, posed = prepared.references[name], prepared.reader.vertices(number, name)
-        starts = reference.starts(number) if previous is None else [_matched(results, previous, name).d]
-        matched = matcher.best(pyramid, prepared.onto[name], posed, starts)
-        save_record(results.folder(number) / f"{name}.npz", matched)
-        blind += [name] if matched.blind else []
+    """Matches a frame's prints to the references, from the slides of the frame `previous` if there is one."""
+    start, run = time.perf_counter(), prepared.run
+    before = None if previous is None else {name: _matched(results, previous, name) for name in run.garments}
+    matched = prepared.aligner.match(number, prepared.views(number), garments_at(run, number), prepared.targets, before)
+    for name, slide in matched.items():
+        save_record(results.folder(number) / f"{name}.npz", slide)
+    blind = [name for name, slide in matched.items() if slide.blind]
     results.status.add(frame=number, stage="align", seconds=time.perf_counter() - start, ok=True, blind=blind)
 
 
@@ -239,18 +228,15 @@ def _slides(prepared, results, name, wanted):
     """Of one block's frames, None where none of them was matched."""
     known = [number for number in wanted if results.whole(number)]
     slides = [_matched(results, number, name).d for number in known]
-    return over_time(known, slides, wanted, prepared.run.capture.scene.fps, prepared.settings)
+    return over_time(known, slides, wanted, prepared.run.capture.scene.fps, prepared.aligner.settings)
 
 
 def _write_frame(prepared, writer, number, slides):
     """Garments slid, and out of what lies under them where their triangles now meet it."""
-    run, confidence = prepared.run, {}
-    cloth = {name: garment.at(number) for name, garment in run.garments.items()}
+    run, cloth, confidence = prepared.run, garments_at(prepared.run, number), {}
     for name, d in slides.items():
-        surface = prepared.matchers[name].surface
-        face, bary = surface.slid(d)
-        cloth[name] = surface.curved_points_at(cloth[name], face, bary)
-        confidence[name] = run.garments[name].confidence.at(number)[surface.faces[face, bary.argmax(1)]]
+        registered = run.garments[name].confidence.at(number)
+        cloth[name], confidence[name] = prepared.aligner.slid(name, cloth[name], registered, d)
     placed = prepared.layering.solve(run.body.at(number), cloth)
     for name, V in (placed.vertices if placed.intersections_before else cloth).items():
         if name in slides:

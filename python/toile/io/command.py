@@ -136,7 +136,7 @@ def export(
 def left_out(run, frames):
     """What a user should know of a Run's frames that were asked for: those that are not there, and those judged doubtful or wrong."""
     from ..console import frame_numbers
-    from ..scene import frame_ranges
+    from ..frame_numbers import frame_ranges
 
     absent = sorted(set(frame_numbers(frames, run.frames.tolist())) - set(run.ok))
     found = [run.judgement] if run.judgement else []

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..kernels.arrays import Anything, Floats
-from ..scene import Camera, frame_ranges
+from ..scene import Camera
 from .calibration.checked import few
 from .calibration.lenses import Bent
 from .files import whole_folder

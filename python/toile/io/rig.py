@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..kernels.arrays import Floats
-from ..scene import Camera, frame_ranges
+from ..scene import Camera
 from .calibration import KINDS, find_calibration, read_calibration
 from .calibration.checked import SHOWN, few
 from .calibration.lenses import Bent

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene import posed_joints
+from ..kinematics import posed_joints
 from .retargeting import BONES, clip_places, roles_of
 
 TRUNK = ("root", "neck01")

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .. import _core
-from .._core import InnerFused, InnerFusion, InnerGuess, InnerResult, InnerSums, InputError
+from .._core import InnerFused, InnerFusion, InnerResult, InnerSums, InputError
+from .._core import InnerGuess as InnerGuess
 from .arrays import Array, as_faces, as_floats, as_vertices
 from .body import BodyArrays
 from .rebuilt import Rebuilt

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._core import InputError, SkeletonResult
+from .._core import InputError
+from .._core import SkeletonResult as SkeletonResult
 from .arrays import Array, Floats, Ints, as_faces, as_floats, as_vertices
 from .body import BodyArrays
 from .geometry import SurfaceIndex

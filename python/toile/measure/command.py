@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from .. import speech
-from ..console import numbers_of, progress_bars, table
+from ..console import is_avatar, numbers_of, progress_bars, table
 from ..errors import UserError
 
 RunOrAvatar = Annotated[Path, typer.Argument(help="a run or an avatar")]
@@ -141,10 +141,6 @@ def measure(path, frames, run, driven, physics=None):
 
     no_avatar(path, frames, run, driven)
     return evaluate_run(path)
-
-
-def is_avatar(path):
-    return (path / "avatar.json").exists() or (path / "checkpoints").is_dir()  # a stopped training is told so
 
 
 def no_avatar(path, frames, run, driven):

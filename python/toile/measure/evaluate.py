@@ -11,9 +11,10 @@ import numpy as np
 
 from .. import kernels
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..io.layout import FAILED, VERDICTS
 from ..io.run import Run, open_run
-from ..scene import HIDDEN, OBSERVED, frame_ranges
+from ..scene import HIDDEN, OBSERVED
 from .empty_masks import pixel_side, wrongly_empty
 from .evidence import evidence, nothing
 from .glimpse import glimpse

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..frame_numbers import evenly
 from ..kernels.arrays import Anything
-from ..surface.sampling import by_area, evenly
+from ..surface.sampling import by_area
 
 SCAN_POINTS = 4000  # of a scan, evenly by area
 MASK_VIEWS = 8  # pictures whose masks are kept, spread over the cameras

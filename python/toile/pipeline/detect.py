@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..config import ReconstructSettings
+from ..frame_numbers import frame_ranges
 from ..io.capture import Capture
 from ..io.files import write_text
 from ..io.image import write_image
 from ..measure.inspection.files import upended
-from ..scene import Keypoints, frame_ranges
+from ..scene import Keypoints
 from ..stages.reconstruct import agreement, triangulate
 from ..vision.detectors import Detection
 from .workers import Workers, check_workers, everywhere

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..config.triangulation import ReconstructSettings
+from ..frame_numbers import evenly
 from ..io.body import model_in_capture
 from ..io.capture import Capture
 from ..io.image import write_image
 from ..measure.inspection.clothed import posed_body
 from ..scene import BodyModel, Frame
 from ..stages.reconstruct import triangulate
-from ..surface.sampling import evenly
 from ..vision.evidence import depth_views
 from ..vision.limb_colours import LimbCloth, limb_cloth, parts_of, retold
 from ..vision.segmenters.asked import labelled_by, scene_segmenter

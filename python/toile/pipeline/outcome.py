@@ -11,6 +11,7 @@ from pathlib import Path
 from statistics import median
 
 from ..errors import UserError
+from ..frame_numbers import frame_ranges
 from ..io.inputs import digest
 from ..io.layout import DOUBTFUL, STORE, WRONG
 from ..io.locks import locked
@@ -19,7 +20,6 @@ from ..io.run_folder import read_diagnostics
 from ..io.run_writer import RunWriter
 from ..io.status import Status
 from ..measure.verdicts import severity
-from ..scene import frame_ranges
 from .blocks import FrameFolders, frame_numbers_of
 from .identity import LAST, Identities
 

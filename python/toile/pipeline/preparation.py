@@ -24,6 +24,7 @@ from ..measure.inspection.late import out_of_step
 from ..measure.inspection.outlines import exchanged
 from ..measure.inspection.readings import misread, scanned, with_outlines
 from ..measure.inspection.scans import inside_out
+from ..prints.aligner import PrintAligner
 from ..prints.lengths import true_lengths
 from ..scene import BodyModel, GarmentTemplate, InnerShape, Person, Segmented
 from ..stages import dress, inner, motion, prints, segment, track
@@ -56,7 +57,7 @@ class PreparedRun:
     dressers: tuple[dress.Dresser, ...] = ()
 
     @cached_property
-    def aligner(self) -> prints.PrintAligner:
+    def aligner(self) -> PrintAligner:
         """Slides printed garments."""
         printed = [garment.name for garment in self.capture.scene.garments if garment.prints]
         meshes = {
@@ -69,7 +70,7 @@ class PreparedRun:
             name: path for name, path in self.capture.textures.items() if name in meshes and meshes[name].uv is not None
         }
         textures = {name: read_rgba(path)[..., :3] for name, path in drawn.items()}
-        return prints.PrintAligner(self.model, self.person, self.templates, lengths, cameras, settings, textures)
+        return prints.prepare(self.model, self.person, self.templates, lengths, cameras, settings, textures)
 
     @cached_property
     def smoother(self) -> motion.Smoother:

@@ -10,9 +10,11 @@ from functools import partial
 from ..errors import first_line
 from ..io.files import identity_of, load_record, save_record
 from ..io.holdout import apart, held
+from ..prints.aligner import PrintAligner
 from ..prints.matching import Matched
 from ..prints.reference import NEAR, Reference, anchors_and_samples
 from ..prints.smoothing import over_time
+from ..stages import prints
 from .blocks import FrameFolders, Progress, blocks
 from .overlap import overlapped
 from .workers import Workers
@@ -24,8 +26,8 @@ BLIND = (
 
 def slide(load: Callable, numbers: Sequence[int], slid: FrameFolders, prepared, pool: Workers, progress: Progress):
     """Slides the printed garments of the frames `numbers` into the folders of `slid`. `load(prepared, number)` gives a
-    frame's Tracked, Segmented and {garment: Dressed}. `prepared.aligner` is a stages.prints.PrintAligner, of each process."""
-    make_references(load, numbers, prepared, progress)
+    frame's Tracked, Segmented and {garment: Dressed}. `prepared.aligner` is a PrintAligner, of each process."""
+    _make_references(load, numbers, prepared, progress)
     left = [own for own in blocks(numbers, held(prepared.config.holdout)) if not all(map(slid.whole, own))]
     for i, _ in enumerate(pool.each(partial(_slide, load, slid), left)):
         progress("prints", i + 1, sum(map(len, left)))
@@ -35,26 +37,40 @@ def reference_path(prepared, name):
     return prepared.folder / f"print.{name}.npz"
 
 
-def make_references(load, numbers, prepared, progress):
+def _make_references(load, numbers, prepared, progress):
     """Makes the reference of every printed garment, unless it is there, of frames that are not held out."""
     paths = {name: reference_path(prepared, name) for name in prepared.aligner.matchers}
-    known = apart(numbers, prepared.config.holdout)
-    pictured = [number for number in known if prepared.capture.pictured(number)]
+    pictured = [number for number in apart(numbers, prepared.config.holdout) if prepared.capture.pictured(number)]
     identity = prepared.identities.stages["prints"]
     if all(identity_of(path) == identity for path in paths.values()) or not pictured:
         return
-    settings = prepared.config.prints
+
+    def read(number):
+        layers = load(prepared, number)
+        return prints.views(prepared.aligner, prepared.capture.pictures(number), *layers), posed(layers[-1])
+
+    for name, reference in references(prepared.aligner, pictured, read, progress).items():
+        save_record(paths[name], reference, identity)
+
+
+def references(aligner: PrintAligner, pictured: Sequence[int], read: Callable, progress: Progress):
+    """The {garment: Reference} of frames that have pictures. `read(number)` gives a frame's Views and {garment: vertices (g,3)}."""
+    settings = aligner.settings
     anchors, samples = anchors_and_samples(
         pictured, blocks(pictured)[0], settings.anchor_frames, settings.sample_frames
     )
-    views, dressed, chosen = [], [], [*anchors, *samples]
+    views, surfaces, chosen = [], [], [*anchors, *samples]
     for number in chosen:
-        layers = load(prepared, number)
-        views.append(prepared.aligner.views(prepared.capture.pictures(number), *layers))
-        dressed.append(layers[-1])
+        seen, V = read(number)
+        views.append(seen)
+        surfaces.append(V)
         progress("reference print", len(views), len(chosen))
-    for name, reference in prepared.aligner.reference(chosen, views, dressed, len(anchors)).items():
-        save_record(paths[name], reference, identity)
+    return aligner.references(chosen, views, surfaces, len(anchors))
+
+
+def posed(dressed):
+    """{garment: vertices (g,3)} of {garment: Dressed}."""
+    return {name: garment.vertices for name, garment in dressed.items()}
 
 
 def _slide(load, slid, prepared, numbers) -> Iterator[int]:
@@ -62,19 +78,19 @@ def _slide(load, slid, prepared, numbers) -> Iterator[int]:
     be matched, slide as the frames beside them."""
     aligner, found = prepared.aligner, {}
     pictured = [number for number in numbers if prepared.capture.pictured(number)]
-    references = {name: load_record(reference_path(prepared, name), Reference) for name in aligner.matchers if pictured}
-    upon = aligner.upon(references)
+    paths = {name: reference_path(prepared, name) for name in aligner.matchers if pictured}
+    targets = aligner.targets({name: load_record(path, Reference) for name, path in paths.items()})
     seconds = dict.fromkeys(numbers, 0.0)
 
     def begin(number, before):
         start = time.perf_counter()
         layers = load(prepared, number)
-        views = aligner.views(prepared.capture.pictures(number), *layers)
+        views = prints.views(aligner, prepared.capture.pictures(number), *layers)
         seconds[number] += time.perf_counter() - start
         yield
         start = time.perf_counter()
         near = before is not None and number - before <= NEAR
-        found[number] = aligner.match(number, views, layers[-1], upon, found[before] if near else None)
+        found[number] = aligner.match(number, views, posed(layers[-1]), targets, found[before] if near else None)
         for name in (name for name, matched in found[number].items() if matched.blind):
             slid.status.add(frame=number, stage=slid.stage, ok=True, warning=BLIND.format(name))
         seconds[number] += time.perf_counter() - start
@@ -109,5 +125,5 @@ def _write(folder, prepared, dressed, slides):
     for name in prepared.aligner.matchers:
         garment = dressed[name]
         if name in slides:
-            garment = prepared.aligner.slid(name, garment, slides[name].d)
+            garment = prints.slid(prepared.aligner, name, garment, slides[name].d)
         save_record(folder / f"dress.{name}.npz", garment)

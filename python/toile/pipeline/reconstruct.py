@@ -105,8 +105,7 @@ def made_of(capture, number, settings):
     frame = capture.pictures(number)
     if not frame.images:
         raise UserError(f"{capture.folder(number) / 'images'}: no pictures")
-    masks = {name: labels > 0 for name, labels in frame.labels.items()} | frame.masks
-    found = scan(frame.images, masks, capture.cameras, settings.stereo, free_memory())
+    found = scan(frame.images, frame.silhouettes, capture.cameras, settings.stereo, free_memory())
     mesh = replace(found.scan, vertices=found.scan.vertices / METRES[capture.scene.units])
     keypoints = capture.folder(number) / "keypoints.json"
     points = None

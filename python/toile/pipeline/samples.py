@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import UserError, first_line
+from ..frame_numbers import evenly
 from ..io.files import naming
 from ..io.status import Status
 from ..stages import reconstruct
-from ..surface.sampling import evenly
 from ..surface.thinning import thinned
 from ..vision.segmenters.asked import labelled
 from ..vision.thin_pictures import thin_picture, thin_pictures

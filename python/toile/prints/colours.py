@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-
-from ..vision.unwrapping import pinhole, undistorted
 
 DARK = 0.04  # added to colours 0..1 before their logarithm is taken
 # lightness and two chromas of logarithms of RGB
@@ -16,35 +11,6 @@ SURE = 0.25  # total squared weight of a point's views from which it counts in f
 SHARED = 0.2  # weight of other views that a point needs to be compared with theirs
 ROUNDS = 5  # of bettering what cameras add
 SHARE = 0.7  # of a round's step: all cameras move at once, whole steps would overshoot
-
-
-@dataclass(frozen=True)
-class Places:
-    """Points on a layer, in the form that an Unwrapper reads."""
-
-    layer: Any  # its `name`, `label` (-1: the body's), `rest` (n,3) and `faces` (m,3)
-    face: np.ndarray  # (N,)
-    bary: np.ndarray  # (N,3)
-
-    @property
-    def valid(self):
-        return np.ones(len(self.face), bool)
-
-
-def unwrapped(unwrapper, frame, cameras):
-    """[[Unwrapped a camera] a layer] of a frame's pictures; an Unwrapper's `frame` was set before. Without labels and masks all
-    of a picture counts; a camera without a picture sees nothing."""
-    return list(zip(*(_view(unwrapper, frame, name, camera) for name, camera in cameras.items())))
-
-
-def _view(unwrapper, frame, name, camera):
-    image, labels = frame.images.get(name), frame.labels.get(name)
-    mask = frame.masks.get(name, labels > 0 if labels is not None else np.ones(camera.size, bool))
-    if image is None:  # a view that shows nothing
-        image, mask = np.zeros((*camera.size, 3), np.uint8), np.zeros(camera.size, bool)
-    flat = None if labels is None else undistorted(camera, labels, True)
-    mask = undistorted(camera, mask.astype(np.uint8), True) > 0
-    return unwrapper.view(pinhole(camera), undistorted(camera, image), mask, flat)
 
 
 def logarithms(colours):

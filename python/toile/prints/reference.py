@@ -1,4 +1,4 @@
-"""The print that all frames are laid upon: the mean over the anchors, the run's first chunk, and over frames spread over it."""
+"""The print that all frames are laid upon: the mean over the anchors, the run's first block, and over frames spread over it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..frame_numbers import evenly
 from ..kernels import bilinear
-from ..surface.sampling import evenly
 from .colours import CHANNELS, blended, camera_offsets, logarithms
 
 SEEN = 0.3  # share of the reference's frames in which a point must have been seen to count in full
@@ -34,7 +34,7 @@ class Reference:
 
 
 def anchors_and_samples(frames, first, anchors, samples):
-    """(anchors, samples): frames spread evenly over the `first` chunk, and over all of `frames`, without those."""
+    """(anchors, samples): frames spread evenly over the `first` block, and over all of `frames`, without those."""
     near = evenly(first, anchors)
     return near, [n for n in evenly(frames, samples) if n not in near]
 

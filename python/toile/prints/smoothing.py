@@ -1,4 +1,4 @@
-"""Slides over the frames of a chunk: measured where there are pictures, smooth over time between."""
+"""Slides over the frames of a block: measured where there are pictures, smooth over time between."""
 
 import numpy as np
 

@@ -1,14 +1,32 @@
 """Dress each frame: the template posed by the tracked skeleton, its loops laid on the scan's openings, then registered."""
 
+from __future__ import annotations
+
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from .. import kernels
+from ..config import DressSettings
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Dressed, GarmentTemplate, Mesh, blended_by, unblended
+from ..kinematics import blended_by, unblended
+from ..scene import (
+    HIDDEN,
+    INTERPOLATED,
+    OBSERVED,
+    BodyModel,
+    Dressed,
+    Frame,
+    Garment,
+    GarmentTemplate,
+    Mesh,
+    Person,
+    Segmented,
+    Tracked,
+)
 from ..surface.attachments import Attachments
 from ..surface.crumpling import crumpling
 from ..surface.curves import isolines, pieces
@@ -19,16 +37,26 @@ from ..surface.loop_names import name_loops
 from ..surface.loops import LoopMatch, astray, beside_loops, loop_length, match_loops
 from ..surface.operators import smooth_on, umbrella_laplacian
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
+from ..vision.evidence import Evidence
 from ..vision.openings import Rivals, cloth_within, trace_opening, within
 from ..vision.threads import parallel_map, parallel_map_with
 
+Sample = tuple[Frame, Tracked, Segmented, Callable[[], Evidence]]
 HANDS = "hand_left", "hand_right"  # segments of a body model
 
 
-def prepare(model, person, garment, label_id, mesh, samples, settings, over=()):
+def prepare(
+    model: BodyModel,
+    person: Person,
+    garment: Garment,
+    label_id: int,
+    mesh: Mesh,
+    samples: Sequence[Sample],
+    settings: DressSettings,
+    over: Sequence[int] = (),
+) -> GarmentTemplate:
     """A template that fits the person. `mesh` lies roughly over the body model at rest; `samples`, chosen by `fit_samples`,
-    are [(Frame, Tracked, Segmented, evidence)], of which `evidence()` gives the Evidence: they are registered loosely,
-    unposed and averaged. `over`: label ids of the garments worn over this one.
+    are registered loosely, unposed and averaged. `over`: label ids of the garments worn over this one.
 
     Warns where the template does not fit: size by loop lengths, a loop that no frame shows; and where the body model has
     no hands. Raises UserError for a template without open loops."""
@@ -71,7 +99,7 @@ def _surface_under(model, person, samples, over):
     return person.rest + share * (model.rest(person.shape)[0] - person.rest)
 
 
-def fit_samples(samples, settings):
+def fit_samples(samples: Sequence[Sample], settings: DressSettings) -> Sequence[Sample]:
     """Those of the sampled frames that personalise a template."""
     return samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
 
@@ -207,7 +235,14 @@ class Dresser:
     """Registers one garment frame by frame; what depends on the template alone is computed once. `over`: label ids of
     the garments worn over this one, whose openings hide it and are none of its own. Components without a loop follow."""
 
-    def __init__(self, body_model, person, template, settings, over=()):
+    def __init__(
+        self,
+        body_model: BodyModel,
+        person: Person,
+        template: GarmentTemplate,
+        settings: DressSettings,
+        over: Sequence[int] = (),
+    ):
         self.model, self.person, self.settings, self.over = body_model, person, settings, over
         self.whole, self.attachments = template, Attachments(template.faces, len(template.rest))
         self.template = template = self.attachments.cloth_of(template)
@@ -224,8 +259,8 @@ class Dresser:
         )
         self.hands = [body_model.segments[name] for name in HANDS if name in body_model.segments]
 
-    def dress(self, frame, tracked, segmented, evidence):
-        """One frame -> Dressed. Without a scan no vertex was observed: pictures tell openings, and without those either all is guessed."""
+    def dress(self, frame: Frame, tracked: Tracked, segmented: Segmented, evidence: Evidence) -> Dressed:
+        """One frame. Without a scan no vertex was observed: pictures tell openings, and without those either all is guessed."""
         cloth, _ = self.register(frame, tracked, segmented, evidence)
         vertices = self.attachments.follow(self.whole.rest, cloth.vertices)
         confidence = self.attachments.extend(self.whole.rest, cloth.confidence)
@@ -235,7 +270,9 @@ class Dresser:
         diagnostics = cloth.diagnostics | {"observed": 0.0}
         return replace(cloth, vertices=vertices, confidence=np.minimum(confidence, known), diagnostics=diagnostics)
 
-    def register(self, frame, tracked, segmented, evidence):
+    def register(
+        self, frame: Frame, tracked: Tracked, segmented: Segmented, evidence: Evidence
+    ) -> tuple[Dressed, list[LoopMatch]]:
         """The Dressed of the cloth alone, and the LoopMatch of each loop.
 
         The garment is fitted; its ends that lie off the scan go on as what lies on it leads; each loop is laid on the opening

@@ -1,12 +1,31 @@
 """The body under the garments, and the garments moved out of it."""
 
+from __future__ import annotations
+
 import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import kernels
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Inner, InnerShape, Mesh
+from ..config import InnerSettings
+from ..kernels.arrays import Floats
+from ..kernels.inner import InnerGuess
+from ..scene import (
+    HIDDEN,
+    INTERPOLATED,
+    OBSERVED,
+    BodyModel,
+    Dressed,
+    GarmentTemplate,
+    Inner,
+    InnerShape,
+    Mesh,
+    Person,
+    Segmented,
+    Tracked,
+)
 from ..surface.attachments import Attachments
 from ..surface.layering import Layering
 
@@ -15,10 +34,10 @@ from ..surface.layering import Layering
 class Gathered:
     """What the frames of a block say in one pass of the fusion, as a file keeps it; see `kernels.InnerSums`."""
 
-    position: np.ndarray
-    weight: np.ndarray
-    skin: np.ndarray
-    room: np.ndarray
+    position: Floats
+    weight: Floats
+    skin: Floats
+    room: Floats
     frames: int
 
 
@@ -26,7 +45,7 @@ class Fusion:
     """The fused rest shape of a whole sequence, in memory that does not grow with it: while not `done`, every block is
     gathered at `guess`, and the blocks are added in their order. Blocks may be gathered by other processes."""
 
-    def __init__(self, model, person, templates, settings):
+    def __init__(self, model: BodyModel, person: Person, templates: Sequence[GarmentTemplate], settings: InnerSettings):
         self.model, self.settings, self.J = model, settings, person.J
         self.worn = _Worn(templates)
         self.skin = Mesh(model.rest(person.shape)[0], model.skin_faces)
@@ -34,31 +53,31 @@ class Fusion:
         self.fusion = self.solver.fusion()
 
     @property
-    def done(self):
+    def done(self) -> bool:
         return self.fusion.done
 
     @property
-    def guess(self):
+    def guess(self) -> InnerGuess:
         """What the frames of this pass are asked; it pickles."""
         return self.fusion.guess
 
-    def gather(self, guess, frames):
-        """The Gathered of an iterable of frames (Tracked, Segmented, {name: Dressed}), taken one at a time."""
+    def gather(self, guess: InnerGuess, frames: Iterable[tuple[Tracked, Segmented, Mapping[str, Dressed]]]) -> Gathered:
+        """What frames say, taken one at a time."""
         worn = self.worn
         sums = self.solver.gather(
             ((t.rotations, t.translation, t.vertices, worn.visible(s), worn.meshes(d)) for t, s, d in frames), guess
         )
         return Gathered(sums.position, sums.weight, sums.skin, sums.room, sums.frames)
 
-    def step(self, blocks):
+    def step(self, blocks: Iterable[Gathered]) -> None:
         """Ends a pass, with the Gathered of every block in the blocks' order."""
         total = self.solver.gather((), self.guess)
         for block in blocks:
             total += kernels.InnerSums(block.position, block.weight, block.skin, block.room, int(block.frames))
         self.fusion.step(total)
 
-    def shape(self):
-        """The InnerShape, once done; it warns of a spike."""
+    def shape(self) -> InnerShape:
+        """The fused shape, once done; it warns of a spike."""
         fused = self.fusion.fused
         steepest, vertex = steepest_edge(self.skin, np.asarray(fused.rest), self.settings.spike_length)
         if steepest > self.settings.spike:
@@ -71,7 +90,7 @@ class Fusion:
         return InnerShape(np.asarray(fused.rest), {"iterations": float(fused.iterations), "steepest_edge": steepest})
 
 
-def steepest_edge(skin, moved, shortest):
+def steepest_edge(skin: Mesh, moved: Floats, shortest: float) -> tuple[float, int]:
     """(steepness, vertex) of the edge of the Mesh `skin` whose ends part most on the way to `moved` (n,3): by how much [m],
     over its length, or over `shortest` [m] where that is more. A smooth displacement parts them by a fraction of it."""
     ends = skin.edges
@@ -85,7 +104,14 @@ def steepest_edge(skin, moved, shortest):
 class InnerLayer:
     """Solves frames against one fused shape; the solvers' factors are kept between frames."""
 
-    def __init__(self, model, person, inner_shape, templates, settings):
+    def __init__(
+        self,
+        model: BodyModel,
+        person: Person,
+        inner_shape: InnerShape,
+        templates: Sequence[GarmentTemplate],
+        settings: InnerSettings,
+    ):
         self.model, self.shape, self.worn = model, inner_shape, _Worn(templates)
         options = settings.solver.model_dump() | {"tolerance": settings.tolerance}
         self.solver = kernels.InnerSolver(model, person.shape, person.J, **options)
@@ -98,17 +124,17 @@ class InnerLayer:
             **settings.untangle.model_dump(),
         )
 
-    def solve(self, tracked, segmented, dressed):
+    def solve(self, tracked: Tracked, segmented: Segmented, dressed: Mapping[str, Dressed]) -> Inner:
         """The inner body of one frame, then every garment out of the body and of the garments under it."""
         return self.layered(self.body(tracked, segmented, dressed), tracked, segmented, dressed)
 
-    def body(self, tracked, segmented, dressed):
+    def body(self, tracked: Tracked, segmented: Segmented, dressed: Mapping[str, Dressed]) -> Floats:
         """The vertices (n,3) of the inner body of one frame."""
         pose, visible = (tracked.rotations, tracked.translation), self.worn.visible(segmented)
         fit = self.solver.solve(self.shape.rest, *pose, tracked.vertices, visible, self.worn.meshes(dressed))
         return np.asarray(fit.V)
 
-    def layered(self, V, tracked, segmented, dressed):
+    def layered(self, V: Floats, tracked: Tracked, segmented: Segmented, dressed: Mapping[str, Dressed]) -> Inner:
         """The Inner of one frame from its inner body (n,3): every garment out of it and of the garments under it."""
         visible = self.worn.visible(segmented)
         hidden = {name: d.confidence < OBSERVED for name, d in dressed.items()}

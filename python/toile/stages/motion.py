@@ -16,12 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from .. import kernels
-from ..kernels.arrays import Floats
+from ..config.stages import MotionSettings
+from ..kernels.arrays import Bools, Floats
+from ..kinematics import blended_transforms
 from ..scene import (
     INTERPOLATED,
     OBSERVED,
@@ -30,7 +31,6 @@ from ..scene import (
     GarmentTemplate,
     Person,
     Tracked,
-    blended_transforms,
 )
 from ..surface.between_scans import between_scans, told_by
 from ..surface.loops import astray, beside_loops, loop_length
@@ -85,7 +85,12 @@ class Smoother:
     """Smooths consecutive frames of one person; what does not change from frame to frame is kept."""
 
     def __init__(
-        self, model: BodyModel, person: Person, templates: Sequence[GarmentTemplate], settings: Any, fps: float
+        self,
+        model: BodyModel,
+        person: Person,
+        templates: Sequence[GarmentTemplate],
+        settings: MotionSettings,
+        fps: float,
     ):
         self.model, self.person, self.templates, self.settings = model, person, templates, settings
         self.reach = max(round(settings.reach * fps), 1)  # [frames]
@@ -206,7 +211,7 @@ class Smoother:
         return (tracked.face @ R[head].T + x[head] - y[head]) @ S[head]
 
 
-def scans_show(frames: Sequence[Layers]) -> np.ndarray:
+def scans_show(frames: Sequence[Layers]) -> Bools:
     """(T,) bool: whether a scan shows something of the frame."""
     return np.array([bool((tracked.confidence == OBSERVED).any()) for tracked, _ in frames])
 

@@ -1,10 +1,15 @@
 """From pixels to space: 2D keypoints of several views become 3D points with their uncertainty."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 
+from ..config import ReconstructSettings
 from ..errors import UserError
 from ..lens import distort, lens_limit
-from ..scene import Points3D
+from ..scene import Camera, Frame, Keypoints, Points3D
 from ..surface.keypoints import mirrored
 
 _UNDISTORT_STEPS = 20
@@ -19,13 +24,12 @@ LIMBS = (  # whose sides a detector confuses together
 )
 
 
-def triangulate(keypoints, cameras, settings):
+def triangulate(keypoints: Keypoints, cameras: Mapping[str, Camera], settings: ReconstructSettings) -> Points3D:
     """Robust triangulation: RANSAC over view pairs, then least squares on the reprojection error of the inliers. What an
     inlier is follows the pictures' size, and then the noise of the frame's own residuals (`Points3D.gate` [px]). A view in
     which left and right of the body or of a limb are swapped against the others (seen from behind, for one) is turned back.
 
-    `keypoints` Keypoints with k names; `cameras` {name: Camera}; `settings` ReconstructSettings. Returns Points3D:
-    a point is NaN (sigma infinite, views = inliers found) unless enough views agree on it. `sigma` is the square root
+    A point is NaN (sigma infinite, views = inliers found) unless enough views agree on it. `sigma` is the square root
     of the trace of the covariance s^2 (J'WJ)^-1 [m], s [px] the larger of the stated and the observed noise.
     Raises UserError for a camera that the calibration lacks.
     """
@@ -52,8 +56,8 @@ def triangulate(keypoints, cameras, settings):
     return _points(keypoints.names, *fit, seen, gate, settings)
 
 
-def check_with_scans(samples, settings):
-    """UserError where in every sampled frame [(Frame, Points3D | None)] that has both the points lie beside the scan: half
+def check_with_scans(samples: Iterable[tuple[Frame, Points3D | None]], settings: ReconstructSettings) -> None:
+    """UserError where in every sampled frame that has both the points lie beside the scan: half
     of them farther than `settings.apart`, though the scan is as long as they are, or they longer than anybody is."""
     found = {}
     for frame, points in samples:
@@ -108,8 +112,10 @@ def _other_side(names):
     return np.array([row.get(mirrored(name), i) for i, name in enumerate(names)], dtype=int)
 
 
-def agreement(keypoints, points, cameras, settings):
-    """{camera: share of its detections that lie within the inlier distance of `points` (Points3D), either side of a pair}."""
+def agreement(
+    keypoints: Keypoints, points: Points3D, cameras: Mapping[str, Camera], settings: ReconstructSettings
+) -> dict[str, float]:
+    """{camera: share of its detections that lie within the inlier distance of `points`, either side of a pair}."""
     other, shares = _other_side(keypoints.names), {}
     for name, found in keypoints.points.items():
         seen = found[:, 2] >= settings.min_confidence

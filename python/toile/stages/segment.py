@@ -1,13 +1,18 @@
 """Labels of a captured surface: labels given in images or on the scan, colour models and neighbours in space and time,
 fused by an MRF; the border of each garment is then placed between scan vertices by the pictures' own edges."""
 
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .. import kernels
+from ..config import SegmentSettings
 from ..errors import UserError
-from ..scene import Mesh, Segmented
+from ..kernels.arrays import Anything, Bools, Floats, Ints
+from ..scene import Camera, Frame, Mesh, Scene, Segmented, Tracked, Vote
 from ..surface.curves import Curve, isolines, pieces, resample, smooth, tangents
 from ..surface.operators import adjacency
 from ..vision.colours import ColourModel, fit_colours
@@ -25,19 +30,21 @@ from ..vision.limb_colours import LimbCloth, limb_cloth, retold
 from ..vision.strip import Strip
 from ..vision.visibility import occlusion_border
 
+Sample = tuple[Frame, Tracked]
+
 
 @dataclass(frozen=True)
 class SegmentModel:
     """What is fixed for a sequence: the labels' colours, and how often each place carries each label."""
 
-    ids: np.ndarray  # (L,) uint8, ascending
+    ids: Anything  # (L,) uint8, ascending
     colours: ColourModel | None
-    prior: np.ndarray  # (n,L) per tracked vertex, rows sum to 1
+    prior: Floats  # (n,L) per tracked vertex, rows sum to 1
     cloth: LimbCloth | None = None  # that a network took for skin
 
 
-def coarse_pictures(cameras, samples, settings):
-    """What to warn of where a pixel of the labelled pictures of sampled frames [(Frame, Tracked)] is wide at the person."""
+def coarse_pictures(cameras: Mapping[str, Camera], samples: Sequence[Sample], settings: SegmentSettings) -> list[str]:
+    """What to warn of where a pixel of the labelled pictures of sampled frames is wide at the person."""
     shown = [(cameras[name], tracked.vertices.mean(0)) for frame, tracked in samples for name in frame.labels]
     widths = [camera.to_camera(middle)[2] / camera.K[0, 0] for camera, middle in shown]
     if not widths or np.median(widths) <= settings.coarse_pixel:
@@ -45,8 +52,15 @@ def coarse_pictures(cameras, samples, settings):
     return [f"pictures: a pixel is {1e3 * np.median(widths):.0f} mm wide at the person: openings are as uncertain"]
 
 
-def prepare(scene, cameras, samples, faces, settings, parts=None):
-    """Fits the colour models on sampled frames [(Frame, Tracked)]; `faces` (m,3) of the tracked surface, `parts` {name: bool
+def prepare(
+    scene: Scene,
+    cameras: Mapping[str, Camera],
+    samples: Sequence[Sample],
+    faces: Ints,
+    settings: SegmentSettings,
+    parts: Mapping[str, Bools] | None = None,
+) -> SegmentModel:
+    """Fits the colour models on sampled frames; `faces` (m,3) of the tracked surface, `parts` {name: bool
     (n,)} of the body, by which cloth is found that a network took for skin."""
     ids = np.array(sorted(set(scene.labels.values())), dtype=np.uint8)
     if not any(frame.labels or frame.scan_labels is not None for frame, _ in samples):
@@ -73,7 +87,14 @@ def prepare(scene, cameras, samples, faces, settings, parts=None):
     return model
 
 
-def believed(frame, names, cameras, cloth, tracked, faces):
+def believed(
+    frame: Frame,
+    names: Collection[str],
+    cameras: Mapping[str, Camera],
+    cloth: LimbCloth | None,
+    tracked: Tracked,
+    faces: Ints,
+) -> Frame:
     """The frame with what its network took for skin told again, in pictures of the cameras `names`; itself where there is no such
     LimbCloth."""
     if cloth is None:
@@ -116,8 +137,8 @@ def _prior(votes, faces, settings):
     return prior / prior.sum(1, keepdims=True)
 
 
-def unlabelled_pictures(samples):
-    """What to warn of where pictures of sampled frames [(Frame, Tracked)] have no label image."""
+def unlabelled_pictures(samples: Sequence[Sample]) -> list[str]:
+    """What to warn of where pictures of sampled frames have no label image."""
     pictures = [name in frame.labels for frame, _ in samples for name in frame.images]
     if all(pictures) or not any(frame.labels for frame, _ in samples):
         return []
@@ -150,7 +171,14 @@ def _scan_votes(scan, points, ids, settings):
     return shares * (distance < settings.depth_tolerance)[:, None]
 
 
-def evidence(frame, cameras, model, tracked, faces, settings):
+def evidence(
+    frame: Frame,
+    cameras: Mapping[str, Camera],
+    model: SegmentModel,
+    tracked: Tracked,
+    faces: Ints,
+    settings: SegmentSettings,
+) -> Evidence:
     """What the frame's pictures say, seen past the scan and the tracked surface, and what labels its scan carries."""
     scan = Mesh(tracked.vertices, faces) if frame.scan is None else frame.scan
     V, F = scan.vertices, scan.faces
@@ -164,7 +192,16 @@ def evidence(frame, cameras, model, tracked, faces, settings):
     return Evidence(frame, views, scan, model.ids, model.colours, settings)
 
 
-def segment(scene, evidence, model, tracked, faces, settings, previous=None, votes=()):
+def segment(
+    scene: Scene,
+    evidence: Evidence,
+    model: SegmentModel,
+    tracked: Tracked,
+    faces: Ints,
+    settings: SegmentSettings,
+    previous: Segmented | None = None,
+    votes: Sequence[Vote] = (),
+) -> Segmented:
     """Labels of one frame on the tracked vertices and on the scan (on the tracked surface where there is no scan). `votes`:
     those of the frame."""
     scan, surface = evidence.scan, Mesh(tracked.vertices, faces)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import kernels
+from ..config.stereo import StereoSettings
 from ..errors import RoomError, UserError
+from ..kernels.arrays import Anything
 from ..kernels.stereo import HOLES, memory_of
-from ..scene import Mesh
+from ..scene import Camera, Mesh
 from ..surface.poisson import keep_vertices, large_pieces, poisson
 from ..vision.ideal import ideal, reduced
 
@@ -27,9 +30,15 @@ class Scanned:
     holes: dict[str, float]
 
 
-def scan(images, masks, cameras, settings, room=None):
-    """The surface that pictures show. `images` {camera: (H,W,3) uint8}, `masks` {camera: (H,W) bool}, `cameras` {name:
-    Camera}; `settings` StereoSettings. Returns Scanned, whose scan has a confidence (n,) from 0 to 1 a vertex: 0 where
+def scan(
+    images: Mapping[str, Anything],
+    masks: Mapping[str, Anything],
+    cameras: Mapping[str, Camera],
+    settings: StereoSettings,
+    room: int | None = None,
+) -> Scanned:
+    """The surface that pictures show. `images` {camera: (H,W,3) uint8}, `masks` {camera: (H,W) bool}.
+    The scan has a confidence (n,) from 0 to 1 a vertex: 0 where
     nothing supports it, at the borders of holes. Nothing is kept between calls; no randomness but the settings' seed.
 
     Raises UserError where fewer than two cameras have a picture with a mask, or no surface is found; RoomError where the depth

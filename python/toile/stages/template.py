@@ -1,10 +1,13 @@
 """Makes a garment template from a tracked surface: cut along labels, remeshed, unwrapped, skinned."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from .. import kernels
 from ..errors import UserError
-from ..scene import GarmentTemplate
+from ..kernels.arrays import Anything, Floats, Ints
+from ..scene import BodyModel, GarmentTemplate, Person
 from ..surface.loop_names import name_loops
 from ..surface.operators import compact, smooth_on
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
@@ -16,7 +19,15 @@ REACH = 0.04  # [m] over which the way from the person to the model's mean body 
 BORDER_STEPS, SKIN_STEPS = 2, 10  # of umbrella smoothing
 
 
-def make_template(model, person, name, label_id, vertex_labels, edge=EDGE, hole=HOLE):
+def make_template(
+    model: BodyModel,
+    person: Person,
+    name: str,
+    label_id: int,
+    vertex_labels: Anything,
+    edge: float = EDGE,
+    hole: float = HOLE,
+) -> GarmentTemplate:
     """A template of the region that `vertex_labels` ((n,) ids, or (T,n): the majority over frames) give `label_id`
     on the tracked surface: its rest shape cut along the smoothed border, OFFSET outside it, remeshed to edges of
     about `edge` [m]. Islands of other labels smaller than `hole` [m^2] are no openings. Raises UserError where no region or
@@ -33,7 +44,9 @@ def make_template(model, person, name, label_id, vertex_labels, edge=EDGE, hole=
     return GarmentTemplate(name, int(label_id), V, F, uv, face_uv, skin, loops, name_loops(model, at_rest, loops))
 
 
-def worn_region(model, person, name, label_id, vertex_labels, hole=HOLE):
+def worn_region(
+    model: BodyModel, person: Person, name: str, label_id: int, vertex_labels: Anything, hole: float = HOLE
+) -> tuple[Floats, Ints]:
     """The largest part (V, F) of the person's rest surface that carries the label, cut along its smoothed border. UserError:
     none is larger than `hole` [m^2]."""
     share = (np.atleast_2d(vertex_labels) == label_id).mean(0)
@@ -57,15 +70,16 @@ def _islands(V, F, other, area):
     return other & (size[part] < area)
 
 
-def cut(V, F, value, level):
+def cut(V: Floats, F: Ints, value: Floats, level: float) -> tuple[Floats, Ints]:
     """The part of a mesh where the piecewise linear `value` (n,) is above `level`; crossed faces are split."""
     high = value > level
     count = high[F].sum(1)
     keep = [F[count == 3]]
     crossed = F[(count == 1) | (count == 2)]
-    edges, points = {}, []
+    edges: dict[tuple[int, int], int] = {}  # the new vertex on each crossed edge
+    points: list[Floats] = []
 
-    def crossing(a, b):
+    def crossing(a: int, b: int) -> int:
         key = (min(a, b), max(a, b))
         if key not in edges:
             t = (level - value[key[0]]) / (value[key[1]] - value[key[0]])

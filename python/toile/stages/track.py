@@ -1,16 +1,23 @@
 """Single-layer tracking: one rest surface for the person, a pose a frame, then a free-form fit of the surface."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import kernels
+from ..config import TrackSettings
 from ..errors import UserError
-from ..scene import HIDDEN, INTERPOLATED, OBSERVED, Person, Points3D, Tracked, frame_ranges
+from ..frame_numbers import frame_ranges
+from ..kernels.arrays import Anything, Floats
+from ..kernels.skeleton import SkeletonResult
+from ..scene import HIDDEN, INTERPOLATED, OBSERVED, BodyModel, Frame, Person, Points3D, Tracked
 from ..surface.keypoint_side import KeypointSide
 from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
@@ -22,24 +29,26 @@ from ..vision.threads import parallel_map, parallel_map_with
 HALVES = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")  # roles of the joints where halves of limbs begin
 HELD_STEP = 5  # of their vertices every fifth holds them
 NO_OVERLAP = "scan.ply: the scan and the posed body do not overlap"
+Sample = tuple[Frame, Points3D | None]
+Surface = tuple[Floats, Anything]  # vertices (n,3) [m], confidence (n,) uint8
 FACE = 5  # facial keypoints: of fewer no share is told that lies off the face
 
 
 class Unmatched(UserError):
     """The body model does not reach the scans or keypoints of the frames `numbers`."""
 
-    numbers = ()
+    numbers: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, numbers, said):
+    def of(cls, numbers: Sequence[int], said: str) -> Unmatched:
         many = f"frame{'s' if len(numbers) > 1 else ''} {frame_ranges(numbers)}"
         error = cls(f"{many}: {said}")
         error.numbers = tuple(numbers)
         return error
 
 
-def prepare(model, frames, settings):
-    """The Person from sampled frames [(Frame, Points3D | None)], and their Tracked. Unmatched: some of them fit no body.
+def prepare(model: BodyModel, frames: Sequence[Sample], settings: TrackSettings) -> tuple[Person, list[Tracked]]:
+    """The Person from sampled frames, and their Tracked. Unmatched: some of them fit no body.
 
     One shape is fitted to all of them with a pose each; each frame's free-form surface is then unposed, and where
     most frames saw it the mean of the offsets is added, smoothed, to the shape. Where the detector's keypoints lie beside
@@ -109,7 +118,7 @@ def _search(model, settings, person=None):
 class _Attempt(NamedTuple):
     """A pose that was fitted, and how far it lies from the scan, see TwoSided, and from the keypoints, see KeypointSide."""
 
-    fit: Any  # SkeletonResult
+    fit: SkeletonResult
     surface: np.ndarray | None  # (n,3) that gave the start
     distance: float
     astray: float
@@ -124,7 +133,7 @@ class _Attempt(NamedTuple):
 class Tracker:
     """Tracks frames of one person; the template's part of the solvers is made once."""
 
-    def __init__(self, model, person, settings):
+    def __init__(self, model: BodyModel, person: Person, settings: TrackSettings):
         self.model, self.person, self.settings = model, person, settings
         beside = with_offsets(model, person.keypoint_offsets)
         self.skeleton = kernels.SkeletonSolver(
@@ -136,8 +145,8 @@ class Tracker:
         quick = quick_solver(model, settings.starts, _options(settings) | {"solve_shape": False})
         self.starts = Starts(model, person, settings.starts, quick, self.poser)
 
-    def track(self, frame, points, previous=None):
-        """One frame; `previous` (Tracked) starts the pose and gives the temporal term. Where nothing gives a start, and where
+    def track(self, frame: Frame, points: Points3D | None, previous: Tracked | None = None) -> Tracked:
+        """One frame; `previous` starts the pose and gives the temporal term. Where nothing gives a start, and where
         the frame was lost from it, the pose is searched."""
         person, model = self.person, self.model
         fit, V, measures = self._fit(frame, points, previous)
@@ -153,8 +162,16 @@ class Tracker:
             surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
         return self.tracked(frame, points, fit, surface, previous, measures)
 
-    def tracked(self, frame, points, fit, surface, previous=None, measures=MappingProxyType({})):
-        """The Tracked of a frame whose pose was fitted, and its `surface`: vertices (n,3) and confidence (n,)."""
+    def tracked(
+        self,
+        frame: Frame,
+        points: Points3D | None,
+        fit: SkeletonResult,
+        surface: Surface,
+        previous: Tracked | None = None,
+        measures: Mapping[str, float] = MappingProxyType({}),
+    ) -> Tracked:
+        """The Tracked of a frame whose pose was fitted; `measures` go to its diagnostics."""
         person, model, (V, confidence) = self.person, self.model, surface
         pose = np.asarray(fit.rotations), np.asarray(fit.translation)
         posed = model.skin(person.rest, person.J, *pose)

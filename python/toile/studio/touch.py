@@ -110,7 +110,7 @@ def on_belly(body, trunk, x, dz):
 
 
 def posed(body, vertices, rotations):
-    from ..scene import blend_skinning
+    from ..kinematics import blend_skinning
 
     R, x = body.model.joint_transforms(body.J, rotations, np.zeros(3))
     idx, val = body.model.weights_idx[vertices], body.model.weights_val[vertices]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import UserError
+from ..frame_numbers import evenly
 from ..io.run import RegisteredSurface, Run
-from ..scene import blended_transforms, unblended
-from .sampling import evenly
+from ..kinematics import blended_transforms, unblended
 
 BLEND = 8  # joints that move one vertex of a garment, at most
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from .. import kernels
-from ..scene import blended_by, posed_joints
+from ..kinematics import blended_by, posed_joints
 from .operators import distance_along_edges
 from .sampling import spread_points
 

@@ -7,11 +7,6 @@ import numpy as np
 from .. import kernels
 
 
-def evenly(items, count):
-    """At most `count` of the items, evenly spaced, the first and the last among them (for one, the first)."""
-    return [items[i] for i in np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int))]
-
-
 def spread_points(V, count):
     """Indices (k,), rising, of at most `count` of the points (n,3): number 0, then each the farthest from those before it
     (Gonzalez 1985)."""

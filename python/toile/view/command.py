@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import speech
-from ..console import Apart, Garments, garments_of
+from ..console import Apart, Garments, garments_of, is_avatar
 from ..errors import UserError
 
 
@@ -51,10 +51,6 @@ def view(
         pass
     finally:
         server.server_close()
-
-
-def is_avatar(path):
-    return (path / "avatar.json").exists()
 
 
 def posable(path, motion=None, garments=(), apart=True):

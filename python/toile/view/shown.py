@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import UserError, first_line
+from ..frame_numbers import rate_of
 from ..io.animation import FACTS, is_animation
 from ..io.bounded import read_bytes
 from ..io.capture import open_capture
@@ -24,7 +25,6 @@ from ..io.run import is_run, open_run
 from ..kernels import SurfaceIndex
 from ..kernels.arrays import Floats
 from ..measure.truth import open_truth
-from ..scene import rate_of
 
 PLAIN, CONFIDENCE, DISTANCE, TRUTH = "plain", "confidence", "distance to the scan", "distance to the truth"
 TEXTURE = "texture"

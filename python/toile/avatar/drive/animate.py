@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ...frame_numbers import frame_ranges, rate_of
 from ...io.animation import (
     AnimatedLayer,
     AnimatedSkeleton,
@@ -27,7 +28,7 @@ from ...io.motion import Motion
 from ...io.run_folder import body_model_of
 from ...io.video import VideoWriter
 from ...pipeline.workers import Workers, check_workers, everywhere
-from ...scene import Mesh, frame_ranges, rate_of
+from ...scene import Mesh
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from ..model.poses import joints_apart, leaning, leans, nearest_poses

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import rate_of, stride_of
 from ...io.motion import Motion, read_motion
 from ...io.run import is_run
 from ...io.run_folder import body_model_of
-from ...scene import rate_of, stride_of
 from ...surface.apart import Apart, keep_apart
 from ...surface.limbs import Limbs
 from ..model.assets import training_poses

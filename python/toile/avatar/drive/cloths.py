@@ -10,11 +10,10 @@ import torch
 
 from ... import kernels
 from ...errors import UserError
+from ...frame_numbers import evenly, stride_of
 from ...io.files import identity_of, save_record
 from ...io.holdout import kept_apart
 from ...io.run import is_run, open_run
-from ...scene import stride_of
-from ...surface.sampling import evenly
 from ..model.checkpoint import read_facts
 from ..settings import ClothSettings
 from ..train.data import check_registration

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from torch import nn
 
 from ...errors import UserError, first_line
+from ...frame_numbers import stride_of
 from ...io.camera import first_error
-from ...scene import stride_of
 from ..model.carried import COMPONENTS, Projection
 from ..model.checkpoint import load_avatar, load_model, read_tensors
 from ..model.kriging import KrigedModel

@@ -15,9 +15,9 @@ from torch import nn
 from torch.utils.data import default_collate
 
 from ...errors import UserError
+from ...frame_numbers import stride_of
 from ...io.holdout import kept_apart
 from ...io.run import open_run
-from ...scene import stride_of
 from ..model.carried import COMPONENTS
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology, write_tensors
 from ..model.kriging import KrigedModel

@@ -15,9 +15,9 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
+from ...frame_numbers import evenly
 from ...io.files import called
 from ...io.image import write_image
-from ...surface.sampling import evenly
 from ..drive.layering import GarmentLayering
 from ..measure.heldout import CROP, SAMPLES, HeldOut
 from ..measure.sheet import GAP, PAPER, TILE, text_line, tiles

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ...frame_numbers import stride_of
 from ...kernels import self_intersections
 from ...measure.truth import second_difference
-from ...scene import stride_of
 from ..drive.draping import Draping, doubts, outdated, relieved, worn_cloths
 from ..drive.driver import hardly_foretold, load_driver, run_track
 from ..model.checkpoint import load_avatar

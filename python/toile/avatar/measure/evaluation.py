@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...measure.truth import mean_measures
-from ...surface.sampling import evenly
 from ..model.poses import joints_apart
 from .intervals import mean_change
 from .metrics import ErrorSums, errors_over, pixel_sets, squared_error, ssim_map

@@ -11,10 +11,10 @@ from torch.utils.data import default_collate
 
 from ... import kernels
 from ...errors import UserError
+from ...frame_numbers import evenly, frame_ranges
 from ...io.run import is_run, open_run
 from ...measure.truth import millimetres, open_truth
-from ...scene import HIDDEN, frame_ranges
-from ...surface.sampling import evenly
+from ...scene import HIDDEN
 from ..drive.layering import GarmentLayering
 from ..model.checkpoint import check_same, load_avatar, read_facts, topology
 from ..model.poses import nearest_poses

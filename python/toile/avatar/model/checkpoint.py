@@ -18,10 +18,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from ...errors import UserError
+from ...frame_numbers import frame_ranges
 from ...io.bounded import check_file, read_json, reason_of
 from ...io.camera import first_error
 from ...io.files import replace_file, save_record, write_text
-from ...scene import frame_ranges
 from ..settings import AvatarSettings
 from .assets import read_assets
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...surface.sampling import evenly
+from ...frame_numbers import evenly
 
 ASKED = 256  # poses that tell how far they usually lie from one another
 LEAN_FAR = 45.0  # degrees: a body that leans so much farther than every other pose is warned of

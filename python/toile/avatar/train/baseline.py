@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
+from ...frame_numbers import evenly
 from ...surface.layers import surface_layer
-from ...surface.sampling import evenly
 from ...surface.uv import UvMap
 from ..model.assets import read_assets
 from ..model.checkpoint import load_avatar, read_facts

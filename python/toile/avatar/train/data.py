@@ -17,6 +17,7 @@ from safetensors.numpy import load_file, save
 from torch.utils.data import Dataset
 
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...io.bounded import reason_of
 from ...io.files import replace_file, write_text
 from ...io.holdout import kept_apart
@@ -27,7 +28,6 @@ from ...io.run import Run, open_run
 from ...kernels import vertex_normals
 from ...measure.empty_masks import misses_body
 from ...surface.layers import read_layers, registered_surface, surface_layer
-from ...surface.sampling import evenly
 from ...surface.uv import UvMap
 from ...vision.unwrapping import Unwrapper, crop_about, filled, mean_texture, pinhole, undistorted, undistorted_crop
 from ..model.checkpoint import topology
@@ -264,7 +264,7 @@ class AvatarData(Dataset):
         cameras, V, masks = list(self.capture.cameras.values()), self.run.track.at(number), {}
         for c in numbers:
             name = cameras[c].name
-            masks[c] = frame.masks[name] if name in frame.masks else frame.labels[name] > 0
+            masks[c] = frame.silhouette(name)
         kept = {c: mask for c, mask in masks.items() if not misses_body(mask, cameras[c], V)}
         return kept if 2 * len(kept) >= len(masks) else masks
 

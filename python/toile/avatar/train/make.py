@@ -17,11 +17,10 @@ from lightning_fabric import Fabric
 from lightning_fabric.strategies import DDPStrategy
 
 from ...errors import UserError
+from ...frame_numbers import evenly, frame_ranges
 from ...io.holdout import agreed, held, words_of
 from ...io.locks import locked
 from ...io.run import Run, open_run
-from ...scene import frame_ranges
-from ...surface.sampling import evenly
 from ...vision.unwrapping import pinhole
 from ..model.avatar import Avatar
 from ..model.checkpoint import ALIGNED, BASELINE, asked_before, begin, save_assets, save_avatar, topology

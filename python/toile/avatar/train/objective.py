@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch.utils.data import default_collate
 
-from ...surface.sampling import evenly
+from ...frame_numbers import evenly
 from ..model.layer_model import Decoded
 from . import losses
 

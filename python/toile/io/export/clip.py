@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...kernels.arrays import Anything, Floats
-from ...scene import blend_skinning, blended_transforms, joint_transforms, unblended
+from ...kinematics import blend_skinning, blended_transforms, joint_transforms, unblended
 
 TO_Y_UP = {  # rotations (3,3) that take this axis upwards to y upwards
     "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
@@ -117,7 +118,7 @@ def rest_surface(clip: Clip, layer: ClipLayer) -> tuple[Floats, Floats]:
     (f,n) [m] in these frames."""
     skeleton, joints, weights = clip.skeleton, layer.joints, layer.weights
     assert skeleton is not None and joints is not None and weights is not None
-    J, frames = np.asarray(skeleton.J), spread(clip.frames, SPREAD)
+    J, frames = np.asarray(skeleton.J), evenly(clip.frames, SPREAD)
     rest: Floats = np.zeros(0)
     for i, frame in enumerate(frames):
         unskinned = unblended(layer.at(frame), *blended_transforms(J, *skeleton.posed(frame), joints, weights))
@@ -125,8 +126,3 @@ def rest_surface(clip: Clip, layer: ClipLayer) -> tuple[Floats, Floats]:
     skinned = (blend_skinning(rest, J, *skeleton.posed(frame), joints, weights) for frame in frames)
     off = [np.linalg.norm(V - layer.at(frame), axis=1) for V, frame in zip(skinned, frames)]
     return rest, np.array(off)
-
-
-def spread(frames: Sequence[int], count: int) -> list[int]:
-    """At most `count` of the frames, evenly."""
-    return [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int))]

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...io.body import model_in_capture
 from ...io.capture import KINDS, Capture, open_capture
 from ...io.keypoints import read_keypoints
 from ...kernels.arrays import Floats
 from ...scene import Camera, Frame, Points3D
-from ...surface.sampling import evenly
 from ..evidence import UNSEEN
 from .aside import displaced
 from .body import FACING, check_bones, check_names, check_sides, check_units, check_up, stature, upward
@@ -56,7 +56,7 @@ from .files import (
 )
 from .fractions import fractions
 from .late import out_of_step, pictures_out_of_step
-from .masks import COVERED, centroids, coverage, silhouettes, without_specks
+from .masks import COVERED, centroids, coverage, without_specks
 from .order import leaps, out_of_order
 from .others import somebody_else
 from .outlines import exchanged
@@ -164,7 +164,7 @@ def _detections(found: Inspection, capture: Capture) -> None:
     given, found.first = _sighting(found, capture)
     of_masks = given is None
     if given is None:
-        masks = [silhouettes(frame) for frame in found.frames]
+        masks = [frame.silhouettes for frame in found.frames]
         given = centroids(capture.cameras, [frame for frame in masks if len(frame) > 1])
     sighting = given.only(given.seeing)
     if len(sighting.cameras) < 2:
@@ -317,7 +317,7 @@ def _person(found: Inspection, capture: Capture, meeting: Meeting) -> None:
 
 def _hulls(found: Inspection, cameras: dict[str, Camera]) -> None:
     for frame in found.frames:
-        masks = {name: mask for name, mask in silhouettes(frame).items() if name in cameras}
+        masks = {name: mask for name, mask in frame.silhouettes.items() if name in cameras}
         found.hulls = coverage(cameras, masks)
         if found.hulls:
             break

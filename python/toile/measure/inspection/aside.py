@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...kernels.arrays import Array, Floats
 from ...scene import Camera, Frame, Mesh
-from ...surface.sampling import evenly
 from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView
 from .cameras import Finding
-from .masks import silhouettes
 from .outlines import outline
 
 FRAMES, VIEWS = 3, 8  # whose scans are looked at, and cameras of each
@@ -43,9 +42,7 @@ class Fit(NamedTuple):
 def displaced(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
     """Single cameras whose masks (or label images) lie off the scans; or else scans that are larger or smaller than the masks show, or lie
     aside of them, or masks that are wider or narrower than the scans all around, in all of the frames that are looked at alike."""
-    scanned = [
-        frame for frame in frames if frame.scan is not None and any(m.any() for m in silhouettes(frame).values())
-    ]
+    scanned = [frame for frame in frames if frame.scan is not None and any(m.any() for m in frame.silhouettes.values())]
     fits = [fit for frame in (evenly(scanned, FRAMES) if scanned else []) if (fit := _fit(cameras, frame)) is not None]
     shown = "masks" if any(frame.masks for frame in scanned) else "label images"
     found = _of_single_cameras(fits, shown)
@@ -88,7 +85,7 @@ def _fit(cameras: Mapping[str, Camera], frame: Frame) -> Fit | None:
     from scipy.optimize import least_squares
 
     assert frame.scan is not None
-    masks = {name: mask for name, mask in silhouettes(frame).items() if mask.any()}
+    masks = {name: mask for name, mask in frame.silhouettes.items() if mask.any()}
     told = {
         name: rows
         for name in evenly(sorted(masks), VIEWS)

@@ -12,7 +12,8 @@ import numpy as np
 from ... import kernels
 from ...io.capture import Capture
 from ...kernels.arrays import Array, Bools, Floats
-from ...scene import BodyModel, Camera, Frame, Points3D, blended_by
+from ...kinematics import blended_by
+from ...scene import BodyModel, Camera, Frame, Points3D
 from ...surface.transfer import move_with_body, transfer_skin
 from ...vision.visibility import DepthView
 

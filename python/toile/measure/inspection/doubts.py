@@ -9,11 +9,11 @@ from statistics import median
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...io.body import model_in_capture
 from ...io.capture import Capture
 from ...kernels.arrays import Floats
 from ...scene import BodyModel, Camera, Frame, Points3D, Scene
-from ...surface.sampling import evenly
 from ...vision.limb_colours import REFERENCE, SEEN_BARE, WORN, cover_of, odd_parts, surely_covered
 from ...vision.segmenters.asked import labelled
 from ...vision.thin_pictures import thin_cameras, thin_pictures

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
+from ...frame_numbers import frame_ranges
 from ...kernels.arrays import Anything, Floats
-from ...scene import Frame, frame_ranges
+from ...scene import Frame
 from .cameras import Finding
 
 DARK = 4.0  # mean of a picture, or of the person in it, that is black

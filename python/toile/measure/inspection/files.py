@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import frame_ranges
 from ...io.capture import ALONE, KINDS, Capture, pictures_in
 from ...io.image import colour_profile, turned
 from ...io.mesh import KINDS as MESHES
-from ...scene import frame_ranges
 from .cameras import Finding
 from .exposure import DARK
 from .masks import hardly

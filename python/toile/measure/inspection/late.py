@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...io.capture import Capture
 from ...kernels.arrays import Anything
 from ...scene import Frame
-from ...surface.sampling import evenly
 from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView
 from ..evidence import overlap

@@ -18,11 +18,6 @@ SPECKS = 1e-4  # of a picture: a mask of less shows nobody
 ASIDE = 6  # px, even, by which a silhouette may be moved upon a mask
 
 
-def silhouettes(frame: Frame) -> dict[str, Anything]:
-    """Masks, or where there are none what the label images show."""
-    return {**{name: labels > 0 for name, labels in frame.labels.items()}, **frame.masks}
-
-
 def hardly(mask: Array) -> bool:
     """Whether a mask (H,W) is empty, but for specks."""
     return bool(np.count_nonzero(mask) < SPECKS * mask.size)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...frame_numbers import frame_ranges
 from ...kernels.arrays import Bools, Floats
-from ...scene import frame_ranges
 from .body import MOST
 from .cameras import Finding, agrees
 from .rays import SURE, Meeting, Sighting, meet

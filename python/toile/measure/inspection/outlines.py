@@ -8,12 +8,11 @@ from statistics import median
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...kernels.arrays import Anything, Array, Floats
 from ...scene import Frame
-from ...surface.sampling import evenly
 from ...vision.thin_pictures import thin_pictures
 from .cameras import Finding
-from .masks import silhouettes
 
 SIDE = 512  # px, longer side, to which pictures are thinned for this
 SOFT = 1.0  # px, by which they are blurred
@@ -64,7 +63,7 @@ def exchanged(frames: Sequence[Frame]) -> list[Finding]:
 def _fits(frame: Frame) -> dict[tuple[str, str], float]:
     """{(camera of a picture, camera of a mask of the same size or one of TURNS of its own): how many times the contrast across the
     mask's outline is that across the outline moved aside}."""
-    shown = silhouettes(frame)
+    shown = frame.silhouettes
     found = {}
     for size in {image.shape[:2] for image in frame.images.values()}:
         lines = {name: outline(mask) for name, mask in shown.items() if mask.shape == size}

@@ -10,15 +10,15 @@ from statistics import median
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...io.capture import Capture
 from ...kernels.arrays import Anything, Array
 from ...scene import Camera, Frame, Mesh
-from ...surface.sampling import evenly
 from ...surface.thinning import thinned
 from ...vision.thin_pictures import thin_camera, thin_picture
 from ...vision.visibility import DepthView
 from .cameras import Finding
-from .masks import overlap_aside, silhouettes
+from .masks import overlap_aside
 
 FRAMES, VIEWS = 3, 4  # that are looked at, and cameras of each
 SIDE = 256  # px, longer side, to which masks are thinned for this
@@ -42,7 +42,7 @@ TURNS: list[Reading] = [(f"turned by 180 degrees about {axis}", share) for axis 
 def misread(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Finding]:
     """Scans that the masks (or label images) of all frames looked at fit clearly better if they are mirrored or turned by half a
     turn, which stops, or if the lenses have another distortion. Nothing of what is its own image, nor where scans or masks are missing."""
-    seen = scanned([frame for frame in frames if any(mask.any() for mask in silhouettes(frame).values())])
+    seen = scanned([frame for frame in frames if any(mask.any() for mask in frame.silhouettes.values())])
     fits = [_fits(cameras, frame) for frame in seen]
     if not fits:
         return []
@@ -97,7 +97,7 @@ def _gains(fits: Fits, reading: Reading) -> list[float]:
 def _fits(cameras: Mapping[str, Camera], frame: Frame) -> dict[Reading, float]:
     """{reading: mean overlap of the scan's silhouette with the masks, near these}."""
     assert frame.scan is not None
-    masks = {name: mask for name, mask in silhouettes(frame).items() if mask.any()}
+    masks = {name: mask for name, mask in frame.silhouettes.items() if mask.any()}
     views = [
         (thin_camera(cameras[name], SIDE), thin_picture(masks[name], SIDE)) for name in evenly(sorted(masks), VIEWS)
     ]

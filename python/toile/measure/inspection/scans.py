@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ...frame_numbers import evenly
 from ...kernels import SurfaceIndex
 from ...kernels.arrays import Anything
 from ...kernels.geometry import face_normals
 from ...scene import Camera, Frame, Mesh
-from ...surface.sampling import evenly
 from .cameras import Finding
-from .masks import covered, silhouettes, within
+from .masks import covered, within
 
 PROBED = 2000  # faces of a scan
 NEAR = 1e-3  # m, from a face, where a ray begins
@@ -64,7 +64,7 @@ def astray(cameras: Mapping[str, Camera], frames: Sequence[Frame]) -> list[Findi
     told = {}
     for frame in frames:
         shares = [
-            share for name, mask in silhouettes(frame).items() if (share := _shares(cameras[name], mask, frame.scan))
+            share for name, mask in frame.silhouettes.items() if (share := _shares(cameras[name], mask, frame.scan))
         ]
         if shares:
             told[frame.number] = np.median(shares, axis=0)

@@ -9,8 +9,8 @@ from itertools import combinations
 
 import numpy as np
 
+from ...frame_numbers import frame_ranges
 from ...kernels.arrays import Anything, Bools, Floats
-from ...scene import frame_ranges
 from .body import MOST
 from .cameras import BETTER, Finding, agrees
 from .rays import SURE, Sighting, directions, meet

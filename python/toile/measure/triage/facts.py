@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import UserError
+from ...frame_numbers import frame_ranges
 from ...io.layout import DOUBTFUL, WRONG
 from ...io.run_folder import capture_folder, config_file
-from ...scene import frame_ranges
 from .advice import CONTACT, FAILURE, OUT, advice_of, of_garment, title_of, trouble_of
 from .columns import Column, columns_of
 from .measured import FAILED_STATE, PENDING_STATE, STATES, Row

@@ -27,9 +27,9 @@ from ...console import (
     shown,
 )
 from ...errors import UserError
+from ...frame_numbers import frame_ranges
 from ...io.capture import Capture
 from ...io.faults import faults
-from ...scene import frame_ranges
 from .standing import go_on, warn_of_unread
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from ... import kernels
 from ...config import Config
 from ...errors import UserError
+from ...frame_numbers import evenly
 from ...io.capture import Capture
 from ...io.run import open_run
-from ...surface.sampling import evenly
 from ..blocks import BLOCK
 from ..run import register
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...scene import blend_skinning
+from ...kinematics import blend_skinning
 from ...surface.operators import smooth_on
 from ..body import make_body
 from ..cut import cut_garment, hung, shirt_field
