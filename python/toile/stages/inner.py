@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import kernels
 from ..config import InnerSettings
-from ..kernels.arrays import Floats
+from ..kernels.arrays import Anything, Floats
 from ..kernels.inner import InnerGuess
 from ..scene import (
     HIDDEN,
@@ -37,7 +37,7 @@ class Gathered:
     position: Floats
     weight: Floats
     skin: Floats
-    room: Floats
+    room: Anything
     frames: int
 
 

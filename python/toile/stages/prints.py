@@ -40,7 +40,7 @@ def views(
     """What the pictures of a frame show of every printed garment, which the tracked surface hides but for its cloth."""
     body, *garments = aligner.layers.values()
     cloth = np.isin(segmented.vertices, [garment.label for garment in garments])[body.faces].any(1)
-    surfaces = [tracked, *(dressed[garment.name] for garment in garments)]
+    surfaces: list[Tracked | Dressed] = [tracked, *(dressed[garment.name] for garment in garments)]
     return aligner.views(frame, [s.vertices for s in surfaces], [s.confidence for s in surfaces], np.flatnonzero(cloth))
 
 

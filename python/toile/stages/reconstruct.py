@@ -61,7 +61,8 @@ def check_with_scans(samples: Iterable[tuple[Frame, Points3D | None]], settings:
     of them farther than `settings.apart`, though the scan is as long as they are, or they longer than anybody is."""
     found = {}
     for frame, points in samples:
-        known = [] if points is None else points.points[np.isfinite(points.points).all(1)]
+        found_points = np.zeros((0, 3)) if points is None else points.points
+        known = found_points[np.isfinite(found_points).all(1)]
         if len(known) and frame.scan is not None:
             whole = _length(frame.scan.vertices) >= settings.whole * _length(known)
             whole = whole or _length(np.percentile(known, (10, 90), axis=0)) > LONGEST

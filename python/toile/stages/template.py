@@ -87,7 +87,7 @@ def cut(V: Floats, F: Ints, value: Floats, level: float) -> tuple[Floats, Ints]:
             points.append(V[key[0]] + t * (V[key[1]] - V[key[0]]))
         return edges[key]
 
-    split = []
+    split: list[tuple[int, int, int]] = []
     for face in crossed.tolist():
         one = sum(high[v] for v in face) == 1
         k = next(i for i in range(3) if high[face[i]] == one)

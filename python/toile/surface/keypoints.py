@@ -11,7 +11,7 @@ from ..kernels.arrays import Anything, Floats
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, BodyModel
 
 
-def learnt_offsets(model: BodyModel, J: Anything, poses: Any, found: Any, few: int) -> Any:
+def learnt_offsets(model: BodyModel, J: Anything, poses: Any, found: Any, few: float) -> Any:
     """Offsets (q,3) [m] of the detector's keypoints from the model's, in the frame of each one's bone at rest.
 
     `poses`: (rotations, translation, vertices (n,3)) of frames, `found`: their Points3D. The median over the frames that saw a
