@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from toile.avatar.model.checkpoint import read_facts
 from toile.avatar.settings import AvatarSettings
 from toile.avatar.train import baseline
-from toile.avatar.train.baseline import search, texel_factor
+from toile.avatar.train.baseline import equal_settings, search, texel_factor
+from toile.errors import UserError
 from toile.io.run import open_run
 from toile.surface.layers import read_layers, surface_layer
 from toile.surface.uv import UvMap
@@ -59,3 +61,19 @@ def test_the_cloth_has_as_many_texels_on_the_body_s_chart_as_on_its_own(sample_r
         texels[k] = cloth[shown.face[shown.inside]].sum()
     assert texels[finer] > 0.9 * UvMap(garment, 64).inside.sum() > texels[finer // 2]
     assert texel_factor(run, [], run.ok, 64) == 1
+
+
+def test_where_as_many_texels_would_need_more_parameters_the_texture_is_the_finest_that_does_not(
+    sample_avatar, sample_run, monkeypatch
+):
+    run, facts, said = open_run(sample_run), read_facts(sample_avatar), []
+    own = facts["settings"].data.texture_size
+    monkeypatch.setattr(baseline, "texel_factor", lambda *_: 64)
+    found = equal_settings(run, sample_avatar, facts, said.append)
+    assert own <= found.data.texture_size < 64 * own
+    assert said[0].startswith(f"baseline: a texture of {found.data.texture_size} texels a side: {64 * own}")
+    monkeypatch.setattr(baseline, "texel_factor", lambda *_: found.data.texture_size // own)
+    assert equal_settings(run, sample_avatar, facts, said.append) == found and len(said) == 1
+    monkeypatch.setattr(baseline, "matched_settings", lambda *_: None)
+    with pytest.raises(UserError, match="no baseline has as many parameters"):
+        equal_settings(run, sample_avatar, facts)

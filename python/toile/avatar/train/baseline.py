@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch.utils.data import default_collate
 
+from ...errors import UserError
 from ...frame_numbers import evenly
 from ...surface.layers import surface_layer
 from ...surface.uv import UvMap
@@ -28,7 +29,7 @@ LABELLED = 8  # frames that say where the cloth is
 def train_baseline(job, folder):
     """AVATAR/baseline of a trained AVATAR by a TrainingJob: its frames and steps, and the learning rate that is best for it."""
     layered, base = read_facts(folder), folder / "baseline"
-    settings = equal_settings(job.run, folder, layered)
+    settings = equal_settings(job.run, folder, layered, job.request.say)
     scores = search(job, base, settings)
     best = min(scores, key=scores.get)
     job.request.say(f"baseline: learning rate {best:g} of {', '.join(f'{rate:g}' for rate in sorted(scores))}")
@@ -36,20 +37,28 @@ def train_baseline(job, folder):
     job.train(base, settings.model_copy(update={"lr": best}), "baseline", False, searched=searched)
 
 
-def equal_settings(run, folder, layered):
-    """The baseline's AvatarSettings, from the `layered` avatar's facts."""
+def equal_settings(run, folder, layered, say=lambda text: None):
+    """The baseline's AvatarSettings, from the `layered` avatar's facts: as many texels on the cloth and as many parameters. Where garments
+    cover one another both cannot be had, and its texture is the finest that as many parameters allow."""
     own, assets = layered["settings"], read_assets(folder, layered)
     garments = [layer for layer in assets["layers"] if layer.kind == "garment"]
     steps = {f"{name}_steps": layered["steps"].get(name, 0) for name in ("body", "garment", "joint")}
-    finer = texel_factor(run, garments, layered["frames"], own.data.texture_size)
-    data = {"texture_size": finer * own.data.texture_size, "modes": sum(map(modes_of, garments)), "window": 0}
-    network = {"latent": max(len(garments), 1) * own.network.latent}
-    settings = own.model_copy(update=steps | {
-        "data": own.data.model_copy(update=data), "network": own.network.model_copy(update=network),
-    })  # fmt: skip
+    network = own.network.model_copy(update={"latent": max(len(garments), 1) * own.network.latent})
     points = 0 if assets["face_mean"] is None else len(assets["face_mean"])
-    scene = assets["cameras"], assets["scene"], len(assets["J"]), points
-    return matched_settings(own, settings, assets["layers"], *scene)
+    scene = assets["layers"], assets["cameras"], assets["scene"], len(assets["J"]), points
+    own_texels, wanted = own.data.texture_size, texel_factor(run, garments, layered["frames"], own.data.texture_size)
+    for times in (wanted >> k for k in range(wanted.bit_length())):
+        data = {"texture_size": times * own_texels, "modes": sum(map(modes_of, garments)), "window": 0}
+        settings = own.model_copy(update=steps | {"data": own.data.model_copy(update=data), "network": network})
+        found = matched_settings(own, settings, *scene)
+        if found is not None:
+            if times < wanted:
+                say(
+                    f"baseline: a texture of {times * own_texels} texels a side: {wanted * own_texels}, as many on the cloth as the "
+                    "layers have, would need more parameters than theirs"
+                )
+            return found
+    raise UserError(f"{folder}: no baseline has as many parameters as its layers: other sizes of networks are needed")
 
 
 def texel_factor(run, garments, frames, size):
