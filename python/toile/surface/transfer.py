@@ -6,11 +6,10 @@ from .. import kernels
 from .operators import adjacency, neighbour_mean, sides, smooth_on
 
 _CARRY_NEIGHBOURS = 24
-SURE_REACH, SURE_ANGLE = (
-    0.03,
-    30.0,
-)  # m, degrees: so near to the body and so much along it, cloth moves as the body there
-SURE, SCALE = 1e6, 0.1  # what sure values count against others; m: over so much the others are smoothed
+# m, degrees: so near to the body and so much along it, cloth moves as the body there
+SURE_REACH, SURE_ANGLE = 0.05, 30.0
+# what sure values count against others; m: over so much the others are smoothed
+SURE, SCALE = 1e6, 0.1
 
 
 def unwrap(V, F):
