@@ -55,7 +55,7 @@ def view(
 
 def posable(path, motion=None, garments=(), apart=True):
     """The PosedAvatar of an avatar's folder, see there for the arguments; None of any other folder."""
-    if not is_avatar(path):
+    if not (path / "avatar.json").exists():
         return None
     from ..avatar.drive.posing import PosedAvatar
 
