@@ -38,7 +38,7 @@ def transfer_skin(model, V, F, smoothing):
 
 def _filled(V, F, values, sure):
     """argmin_w sum_i c_i |w_i - values_i|^2 + SCALE^4 |(laplacian w)_i|^2 over a mesh, not below 0; c_i is SURE where values (g,K) are `sure`
-    (g,), else 1. The Laplacian is that of evenly spaced vertices: 4 / h^2 times the mean of the neighbours less w, h their mean distance."""
+    (g,), else 1. The Laplacian is that of evenly spaced vertices: 4 / h^2 times the mean of the neighbours less w, h^2 their mean squared distance."""
     from scipy.sparse import diags, identity
 
     i, j = kernels.unique_edges(F).T

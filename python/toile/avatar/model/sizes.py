@@ -43,7 +43,7 @@ def layer_parameters(kinds, settings, *scene):
 
 def matched_settings(layered, settings, layers, cameras, scene, joints, face_points=0):
     """The baseline's `settings` with widths that give one surface as many parameters as `layers` have together by the settings
-    `layered`, within PARITY; None where the narrowest has more."""
+    `layered`, within PARITY; None where no width does."""
 
     def widened(least):
         factor = least / settings.network.least_width
