@@ -43,8 +43,8 @@ def test_a_film_lasts_as_long_as_its_rate_says_down_to_a_picture_in_1001_seconds
 
 
 def test_the_same_pictures_give_the_same_bits(tmp_path):
-    a, b = (write(tmp_path / f"{n}.mp4", pictures()).read_bytes() for n in "ab")
-    assert a == b
+    once = write(tmp_path / "a.mp4", pictures()).read_bytes()
+    assert all(write(tmp_path / "b.mp4", pictures()).read_bytes() == once for _ in range(40))
 
 
 def test_odd_sides_lose_one_row_or_column(tmp_path):
