@@ -5,9 +5,12 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <thread>
 #include <vector>
 
 #include "base/errors.h"
@@ -65,11 +68,13 @@ SurfacePoint closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, co
 namespace {
 
 /// Embree's devices that build no tree at present. A device takes one of the process' 1024 keys for storage of threads, and
-/// builds one tree at a time: there are as many as trees were ever built at once.
+/// builds one tree at a time: there are as many as trees were ever built at once. A process is forked when none is built:
+/// TBB, by which Embree builds, has locks that a child would find held by threads that it has not.
 class Devices {
 public:
     RTCDevice take() {
-        const std::lock_guard lock(mutex_);  // also while one is made: no process is forked amid it
+        const std::lock_guard gate(gate_);
+        const std::lock_guard lock(idle_mutex_);
         RTCDevice device = nullptr;
         if (idle_.empty()) {
             device = rtcNewDevice("threads=1");
@@ -78,22 +83,32 @@ public:
             device = idle_.back();
             idle_.pop_back();
         }
+        ++building_;
         return device;
     }
     void give_back(RTCDevice device) {
-        const std::lock_guard lock(mutex_);
-        idle_.push_back(device);
+        {
+            const std::lock_guard lock(idle_mutex_);
+            idle_.push_back(device);
+        }
+        --building_;
     }
-    std::mutex& mutex() { return mutex_; }
+    /// Returns when no tree is built; none is begun before `go_on`, in the parent and in the child.
+    void rest() {
+        gate_.lock();
+        while (building_ > 0) std::this_thread::sleep_for(std::chrono::microseconds(50));
+    }
+    void go_on() { gate_.unlock(); }
 
 private:
-    std::mutex mutex_;
+    std::mutex gate_, idle_mutex_;
+    std::atomic<int> building_ = 0;
     std::vector<RTCDevice> idle_;
 };
 
 Devices& devices = *new Devices;  // never destroyed: trees outlive static objects
 [[maybe_unused]] const int handler =
-    pthread_atfork([] { devices.mutex().lock(); }, [] { devices.mutex().unlock(); }, [] { devices.mutex().unlock(); });
+    pthread_atfork([] { devices.rest(); }, [] { devices.go_on(); }, [] { devices.go_on(); });
 
 constexpr const char* no_memory = "closest: Embree built no tree: out of memory";
 

@@ -163,7 +163,7 @@ def test_a_model_of_before_several_drove_together_drives_as_it_did(driven, tmp_p
 
 def test_a_window_that_nobody_chose_holds_half_a_second_of_poses(sample_avatar, tmp_path):
     folder = shutil.copytree(sample_avatar, tmp_path / "avatar")
-    train_temporal(folder, TemporalSettings())
+    train_temporal(folder, TemporalSettings(channels=8, steps=5))
     driver, stride, _ = load_driver(folder)
     assert stride == 1 and driver.settings.window == round(load_avatar(folder).scene.fps / 2) > 1
 

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from ... import kernels
+from ...surface.dent import dented
 from ...surface.layering import Layering
 
 MARGIN = 0.002  # of cloth off what lies under it [m]
@@ -32,7 +33,7 @@ class GarmentLayering:
     def __call__(self, decoded, pose):
         """({layer: Decoded} of one sample, pairs of triangles that intersected, pairs left). `pose` {"rotations" (1,K,3),
         "translation" (1,3)}: the sample's. What keeps pairs, or is drawn out long, is led there in its stead, if that
-        leaves fewer pairs, or as few and shorter edges."""
+        leaves fewer pairs, or as few and shorter edges. Where cloth meets skin even so, for want of room, the skin gives way."""
         cloth = {g.name: points(decoded[g.name]) for g in self.garments}
         found = self.layering.solve(points(decoded[self.body.name]), cloth)
         before = found.intersections_before
@@ -42,7 +43,20 @@ class GarmentLayering:
         moved = dict(decoded)
         for name, V in found.vertices.items():
             moved[name] = replace(decoded[name], vertices=self._tensor(V, decoded[name]))
-        return moved, before, found.intersections_left
+        moved, left = self._given_way(moved, found.intersections_left)
+        return moved, before, left
+
+    def _given_way(self, placed, left):
+        """(`placed`, pairs left) with the skin dented where garments meet it, if that ends it."""
+        skin, parts = placed[self.body.name], self.layering.attachments
+        cloths = [(points(placed[name])[part.cloth], part.faces) for name, part in parts.items()]
+        meet = lambda V: sum(len(kernels.intersecting_pairs(V, self.skin_faces, *cloth)) for cloth in cloths)
+        pairs = meet(points(skin)) if left else 0
+        V = dented(points(skin), self.skin_faces, cloths) if pairs else None
+        if V is None:
+            return placed, left
+        skin = replace(skin, vertices=self._tensor(V, skin))
+        return placed | {self.body.name: skin}, left - pairs + meet(points(skin))
 
     def _caught(self, cloth, found):
         """Whether cloth was not led out, or was drawn out long."""
