@@ -45,8 +45,8 @@ class SegmentModel:
 
 def coarse_pictures(cameras: Mapping[str, Camera], samples: Sequence[Sample], settings: SegmentSettings) -> list[str]:
     """What to warn of where a pixel of the labelled pictures of sampled frames is wide at the person."""
-    shown = [(cameras[name], tracked.vertices.mean(0)) for frame, tracked in samples for name in frame.labels]
-    widths = [camera.to_camera(middle)[2] / camera.K[0, 0] for camera, middle in shown]
+    middles = [(cameras[name], tracked.vertices.mean(0)) for frame, tracked in samples for name in frame.labels]
+    widths = [camera.to_camera(middle)[2] / camera.K[0, 0] for camera, middle in middles]
     if not widths or np.median(widths) <= settings.coarse_pixel:
         return []
     return [f"pictures: a pixel is {1e3 * np.median(widths):.0f} mm wide at the person: openings are as uncertain"]
@@ -68,8 +68,8 @@ def prepare(
             "labels: no sampled frame has label images or labels on its scan, and the scene names a garment"
         )
     views = lambda frame, tracked: depth_views(frame.certainty, cameras, tracked.vertices, faces)
-    shown = ((frame, views(frame, tracked)) for frame, tracked in samples)
-    cloth = limb_cloth(scene, parts or {}, faces, shown, settings.skin_colour)
+    viewed = ((frame, views(frame, tracked)) for frame, tracked in samples)
+    cloth = limb_cloth(scene, parts or {}, faces, viewed, settings.skin_colour)
     samples = [
         (believed(frame, frame.certainty, cameras, cloth, tracked, faces), tracked) for frame, tracked in samples
     ]

@@ -23,34 +23,35 @@ def refine_border(labels, column, evidence, settings) -> Border:
     SegmentSettings."""
     from scipy.spatial import cKDTree
 
-    V, own, inside = evidence.scan.vertices, settings.opening, labels == column
-    distance = np.where(inside, own.ramp, -own.ramp)
-    coarse, outside = _coarse_curves(evidence.scan, inside, own), np.flatnonzero(~inside)
+    V, s, inside = evidence.scan.vertices, settings.opening, labels == column
+    distance = np.where(inside, s.ramp, -s.ramp)
+    coarse, outside = _coarse_curves(evidence.scan, inside, s), np.flatnonzero(~inside)
     if not coarse or len(outside) == 0:
         return Border(distance, (), np.zeros(0))
     nearest = cKDTree(V[outside], balanced_tree=False, compact_nodes=False)  # few queries: quickly built
     rival = lambda curve: labels[outside[nearest.query(curve.points)[1]]]
-    traced = [_traced(curve, rival(curve), column, evidence, own) for curve in coarse]
+    traced = [_traced(curve, rival(curve), column, evidence, s) for curve in coarse]
     at, across, shifts = (np.concatenate(of) for of in list(zip(*traced))[:3])
-    near, signed = _signed_distance(V, at, across, shifts, own.reach + own.ramp)
-    distance[near] = np.clip(signed, -own.ramp, own.ramp)
+    near, signed = _signed_distance(V, at, across, shifts, s.reach + s.ramp)
+    distance[near] = np.clip(signed, -s.ramp, s.ramp)
     return Border(distance, tuple(curve for *_, curves in traced for curve in curves), shifts)
 
 
-def _coarse_curves(scan, inside, own):
-    """[Curve] between the scan's vertices that are `inside` (n,) and the others, evenly sampled and smoothed."""
+def _coarse_curves(scan, inside, s):
+    """[Curve] between the scan's vertices that are `inside` (n,) and the others, evenly sampled and smoothed; `s` is `opening` of
+    SegmentSettings."""
     soft, whole = with_neighbours(np.stack([inside, np.ones(len(inside))], 1), scan.edges, 2).T
-    curves = [curve for curve in isolines(scan.vertices, scan.faces, soft / whole) if curve.length > own.min_length]
-    curves = [resample(curve, own.spacing) for curve in curves]
-    return [Curve(smooth(curve.points, curve.closed, own.presmoothing), curve.closed) for curve in curves]
+    curves = [curve for curve in isolines(scan.vertices, scan.faces, soft / whole) if curve.length > s.min_length]
+    curves = [resample(curve, s.spacing) for curve in curves]
+    return [Curve(smooth(curve.points, curve.closed, s.presmoothing), curve.closed) for curve in curves]
 
 
-def _traced(curve, rival, column, evidence, own):
+def _traced(curve, rival, column, evidence, s):
     """Along a coarse curve of k points, beyond which the labels are `rival` (k,): its points (k,3), the directions (k,3) across it,
     the shifts (k,) [m] along these, and the pieces of the border that pictures show."""
     left, surface = _strip(curve, evidence.scan)
     shift, border, sides = Strip(curve, surface).minimal_path(evidence, column, rival)
-    return curve.points, left, shift, pieces(border, np.minimum(-sides[:, 0], sides[:, 1]) > own.min_log_odds)
+    return curve.points, left, shift, pieces(border, np.minimum(-sides[:, 0], sides[:, 1]) > s.min_log_odds)
 
 
 def _strip(curve, scan):
