@@ -38,25 +38,25 @@ def write_report(run, aligned, frames, progress):
     anchors = [n in blocks(frames)[0] for n in frames]
     textures = {}
     layers = {layer.name: layer for layer in read_layers(run, frames[:1])}
-    for side, shown in zip(SIDES, (run, aligned)):
+    for side, source in zip(SIDES, (run, aligned)):
         maps = {name: UvMap(layer, SIZE) for name, layer in layers.items() if layer.kind == "garment"}
-        unwrapped = PrintViews(list(layers.values()), maps, shown.capture.cameras)
+        unwrapped = PrintViews(list(layers.values()), maps, source.capture.cameras)
         for k, number in enumerate(frames):
-            seen = unwrapped.of(pictures(shown, number), *layers_at(shown, layers.values(), number))
+            seen = unwrapped.of(pictures(source, number), *layers_at(source, layers.values(), number))
             for name, views in seen.items():
                 colours, weights = mean_texture(views, SIZE).maps(SIZE)
                 textures.setdefault(name, {}).setdefault(side, []).append((colours, (weights > 0) & maps[name].inside))
             progress("report", SIDES.index(side) * len(frames) + k + 1, 2 * len(frames))
     measures, parts = {}, []
     for name, sides in textures.items():
-        found = {side: _Textures(sides[side], anchors) for side in SIDES}
-        both = found["before"].often & found["after"].often
-        measures[name] = {side: found[side].measures(both) for side in SIDES} | {
+        compared = {side: _Textures(sides[side], anchors) for side in SIDES}
+        both = compared["before"].often & compared["after"].often
+        measures[name] = {side: compared[side].measures(both) for side in SIDES} | {
             "frames": len(frames),
             "texels": int(both.sum()),
             "drawn_out": drawn_out(run.garments[name], aligned.garments[name], frames),
         }
-        parts.append(_section(name, measures[name], found, frames, out))
+        parts.append(_section(name, measures[name], compared, frames, out))
     write_text(out / "alignment.html", document(f"{out.name}: textures before and after alignment", "".join(parts)))
     write_text(out / "alignment.json", json.dumps(measures, indent=1))
     return measures
@@ -75,10 +75,10 @@ def drawn_out(registered, aligned, frames):
 def torn(out):
     """What a user should know of the garments of an aligned run's folder."""
     path = out / "alignment.json"
-    found = {name: of.get("drawn_out", 0.0) for name, of in read_json(path, dict).items()} if path.exists() else {}
+    shares = {name: of.get("drawn_out", 0.0) for name, of in read_json(path, dict).items()} if path.exists() else {}
     return tuple(
         f"{name} is torn: sliding has made {100 * share:.1f} % of its edges {LONG:g} times as long (at most {100 * TORN:g} % is usual)"
-        for name, share in found.items()
+        for name, share in shares.items()
         if share > TORN
     )
 
@@ -123,35 +123,35 @@ def _moments(values, seen):
     return mean, np.sqrt((((values - mean) * seen[..., None]) ** 2).sum(0) / count)
 
 
-def _section(name, measures, found, frames, out):
+def _section(name, measures, compared, frames, out):
     """HTML of a garment; its pictures also as PNG beside it."""
     pictures = {}
-    for side, textures in found.items():
+    for side, textures in compared.items():
         pictures[f"mean {side}"] = textures.mean.astype(np.uint8) * textures.seen.any(0)[..., None]
         spread = heat(np.sqrt((textures.deviation**2).mean(-1)) / HOT)
         pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
     for label, picture in pictures.items():
         write_image(out / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
-    rows = "".join(_row(found, k, frames[k]) for k in evenly(range(len(frames)), SHOWN))
+    rows = "".join(_row(compared, k, frames[k]) for k in evenly(range(len(frames)), SHOWN))
     change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
     lines = [
         (key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()
     ]
     figures = "".join(figure(p, label) for label, p in pictures.items())
-    shown = {"frames": measures["frames"], "texels": measures["texels"]}
-    shown |= {"% of edges drawn out": 100 * measures["drawn_out"]}
+    facts = {"frames": measures["frames"], "texels": measures["texels"]}
+    facts |= {"% of edges drawn out": 100 * measures["drawn_out"]}
     return (
-        f"<h2>{html.escape(name)}</h2>{cards(shown)}"
+        f"<h2>{html.escape(name)}</h2>{cards(facts)}"
         f"{table(('', 'before', 'after', 'change'), lines)}<section class='frame'><div class='row'>{figures}</div></section>"
         f"<h2>Frames, and their errors to the anchors' mean</h2>{rows}"
     )
 
 
-def _row(found, k, number):
+def _row(compared, k, number):
     figures = []
-    for side, textures in found.items():
+    for side, textures in compared.items():
         error = textures.error(k)
         coloured = np.where(np.isfinite(error)[..., None], heat(np.nan_to_num(error) / HOT), 0)
-        shown = textures.colours[k] * textures.seen[k][..., None]
-        figures += [figure(shown, side), figure(coloured.astype(np.uint8), f"error {side}")]
+        picture = textures.colours[k] * textures.seen[k][..., None]
+        figures += [figure(picture, side), figure(coloured.astype(np.uint8), f"error {side}")]
     return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{''.join(figures)}</div></section>"

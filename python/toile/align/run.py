@@ -9,53 +9,28 @@ a killed alignment goes on with the same bits.
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import UserError
-from ..frame_numbers import frame_ranges
-from ..io.files import copy_file, load_record, save_record
+from ..io.files import copy_file
 from ..io.holdout import agreed, apart, held, words_of
 from ..io.layout import PENDING
 from ..io.locks import locked
 from ..io.registration import registration
-from ..io.run import Run, is_run, open_run
-from ..io.run_folder import capture_folder, read_diagnostics, write_diagnostics
-from ..io.run_writer import RunWriter, copy_store
+from ..io.run import is_run, open_run
+from ..io.run_folder import capture_folder
 from ..io.status import Status
-from ..pipeline.blocks import BLOCK, BlockJob, FrameFolders, Progress, blocks, check_shares, run_job
+from ..pipeline.blocks import BlockJob, FrameFolders, Progress, check_shares, run_job
 from ..pipeline.manifest import check_own, claim, place_of
-from ..pipeline.printing import references
 from ..pipeline.workers import everywhere
-from ..prints.aligner import PrintAligner, PrintedLayer, Target
-from ..prints.lengths import true_lengths
-from ..prints.matching import Matched
-from ..prints.reference import NEAR, Reference
-from ..prints.smoothing import over_time
-from ..scene import GarmentTemplate
-from ..surface.layering import Layering
-from ..surface.layers import Layer, read_layers
-from .report import torn, write_report
+from ..prints.reference import NEAR
+from .matching import match
+from .outcome import Alignment, outcome_of
+from .preparation import prepare
+from .report import write_report
 from .settings import AlignSettings
-from .surfaces import garments_at, layers_at, pictures
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """Frames aligned by their own pictures, frames without pictures that slide as those of their block, frames whose pictures
-    could not be used with why, frames that wait for other shards; whether the new run is whole; what should be known of it."""
-
-    matched: tuple[int, ...]
-    between: tuple[int, ...]
-    failed: dict[int, str]
-    pending: tuple[int, ...]
-    whole: bool
-    warnings: tuple[str, ...] = ()
+from .writing import write
 
 
 def align(
@@ -95,7 +70,7 @@ def align(
         if is_run(out) and not (out / "alignment.json").exists():
             matched = [number for number in run.pictured if results.whole(number)]
             write_report(run, open_run(out), matched or run.pictured, progress)
-    return _outcome(run, out, results, span)
+    return outcome_of(run, out, results, span)
 
 
 def _check(run, out):
@@ -114,7 +89,7 @@ def _begin(run, out, settings):
     """Makes OUT with its config.toml and the run's status lines, or checks that it is of the same run and settings."""
     from .. import __version__
 
-    asked = {
+    origin = {
         "run": str(run.path.resolve()),
         "frames_ok": len(run.ok),
         "registration": registration(run, run.ok, run.garments.values()),
@@ -123,152 +98,7 @@ def _begin(run, out, settings):
     }
     place = place_of(out, capture_folder(run.path, check=False))
     other = "this run was aligned from another run, from another registration of it, or with other settings"
-    claim(out, run.config | place | {"align": asked}, other)
+    claim(out, run.config | place | {"align": origin}, other)
     with locked(out):
         if run.status.path.exists() and not Status.of(out).path.exists():
             copy_file(run.status.path, Status.of(out).path)
-
-
-# Preparation: one reference a garment ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class PreparedAlignment:
-    """What the frames are matched with."""
-
-    run: Run
-    layers: list[Layer]
-    aligner: PrintAligner
-    targets: dict[str, Target]
-    layering: Layering
-
-    def views(self, number):
-        """What the pictures of a frame show of every garment."""
-        return self.aligner.views(pictures(self.run, number), *layers_at(self.run, self.layers, number))
-
-
-def prepare(run, out, settings, span, progress=lambda *_: None) -> PreparedAlignment:
-    """Makes the references that OUT/reference does not hold yet, of frames that are not held out, and loads all."""
-    paths = {name: out / "reference" / f"{name}.npz" for name in run.garments}
-    rests = {name: load_record(path, Reference).rest for name, path in paths.items() if path.exists()}
-    layers = [replace(x, rest=rests[x.name]) if x.name in rests else x for x in read_layers(run, apart(run.ok, span))]
-    aligner = PrintAligner([_printed(run, layer) for layer in layers], run.capture.cameras, settings)
-    body, garments = run.body_model, [layer for layer in layers if layer.kind == "garment"]
-    sizes = [(garment.name, garment.faces, len(garment.rest)) for garment in garments]
-    layering = Layering(body.skin_faces, len(body.v_template), sizes, settings.margin)
-    prepared = PreparedAlignment(run, layers, aligner, {}, layering)
-    if any(not path.exists() for path in paths.values()):
-        read = lambda number: (prepared.views(number), garments_at(run, number))
-        for name, reference in references(aligner, apart(run.pictured, span), read, progress).items():
-            save_record(paths[name], reference)
-    loaded = {name: load_record(path, Reference) for name, path in paths.items()}
-    return replace(prepared, targets=aligner.targets(loaded))
-
-
-def _printed(run, layer):
-    """A Layer of the run as a PrintedLayer; all garments slide."""
-    template = _template(run, layer) if layer.kind == "garment" else None
-    return PrintedLayer(layer.name, layer.label, layer.rest, layer.faces, tuple(layer.loops.values()), template)
-
-
-def _template(run, layer):
-    """Vertices of the template, whose lengths the cloth keeps; where the run cut one from the capture, the run's own."""
-    prepared, mesh = run.path / "prepared" / f"template.{layer.name}.npz", run.capture.templates.get(layer.name)
-    own = load_record(prepared, GarmentTemplate, ("loops",)).rest if prepared.exists() else None
-    cut = layer.name in run.config.get("settings", {}).get("template_from_scan", ())
-    found = true_lengths(None if cut else mesh, own, layer.faces)
-    if found is None:
-        raise UserError(f"{run.capture.root}: the template of {layer.name} is not the one that {run.path} registered")
-    return found
-
-
-# Every pictured frame -------------------------------------------------------------------------------------------------
-
-
-def match(prepared, number, previous, results) -> None:
-    """Matches a frame's prints to the references, from the slides of the frame `previous` if there is one."""
-    start, run = time.perf_counter(), prepared.run
-    before = None if previous is None else {name: _matched(results, previous, name) for name in run.garments}
-    matched = prepared.aligner.match(number, prepared.views(number), garments_at(run, number), prepared.targets, before)
-    for name, slide in matched.items():
-        save_record(results.folder(number) / f"{name}.npz", slide)
-    blind = [name for name, slide in matched.items() if slide.blind]
-    results.status.add(frame=number, stage="align", seconds=time.perf_counter() - start, ok=True, blind=blind)
-
-
-def _matched(results, number, name):
-    return load_record(results.folder(number) / f"{name}.npz", Matched)
-
-
-# The new run ----------------------------------------------------------------------------------------------------------
-
-
-def write(run, out, results, progress, span, prepared, pool) -> None:
-    """A copy of the run's store in which the garments have slid, with its diagnostics; written whole."""
-    frames, written = run.ok, count(1)
-
-    def slide(writer: RunWriter):
-        for wanted in blocks(frames, held(span)):
-            slides = {name: _slides(prepared, results, name, wanted) for name in run.garments}
-            with writer.together():
-                for k, number in enumerate(wanted):
-                    _write_frame(prepared, writer, number, {n: d[k] for n, d in slides.items() if d is not None})
-                    progress("write", next(written), len(frames))
-
-    for number in run.frames.tolist():
-        stages = read_diagnostics(run.path, number)
-        if results.whole(number):
-            stages |= {f"align {name}": _measured(_matched(results, number, name)) for name in run.garments}
-        if stages:
-            write_diagnostics(out, number, stages)
-    copy_store(run, out, slide)
-
-
-def _slides(prepared, results, name, wanted):
-    """Of one block's frames, None where none of them was matched."""
-    known = [number for number in wanted if results.whole(number)]
-    slides = [_matched(results, number, name).d for number in known]
-    return over_time(known, slides, wanted, prepared.run.capture.scene.fps, prepared.aligner.settings)
-
-
-def _write_frame(prepared, writer, number, slides):
-    """Garments slid, and out of what lies under them where their triangles now meet it."""
-    run, cloth, confidence = prepared.run, garments_at(prepared.run, number), {}
-    for name, d in slides.items():
-        registered = run.garments[name].confidence.at(number)
-        cloth[name], confidence[name] = prepared.aligner.slid(name, cloth[name], registered, d)
-    placed = prepared.layering.solve(run.body.at(number), cloth)
-    for name, V in (placed.vertices if placed.intersections_before else cloth).items():
-        if name in slides:
-            writer.write_garment(number, name, V, confidence[name])
-
-
-def _measured(matched):
-    """What the diagnostics say of a garment's slide."""
-    slide = float(np.linalg.norm(matched.d, axis=1).mean() * 1e3)
-    return {"misfit_before": matched.before, "misfit": matched.after, "compared": matched.seen, "slide_mm": slide}
-
-
-def _outcome(run, out, results, span):
-    pictured = set(run.pictured)
-    failed = {number: why for number in run.pictured if (why := results.reason(number)) is not None}
-    matched = tuple(number for number in run.pictured if results.whole(number))
-    pending = tuple(number for number in run.pictured if not results.done(number))
-    told, between, left = {*matched, *pending}, [], []
-    for block in blocks(run.ok, held(span)):
-        kind = between if told.intersection(block) else left
-        kind += [number for number in block if number not in pictured]
-    words = (
-        f"frames {frame_ranges(left, 4)} lie as they were registered: no picture of their blocks of {BLOCK} was matched"
-    )
-    warnings = (*([words] if left else []), *_blind(run, results), *torn(out))
-    return Alignment(matched, tuple(between), failed, pending, is_run(out), warnings)
-
-
-def _blind(run, results):
-    """What to say of frames whose pictures show nothing of a garment."""
-    told = {line.get("frame"): line.get("blind", ()) for line in results.status.lines() if line.get("stage") == "align"}
-    for name in run.garments:
-        if frames := sorted(number for number, blind in told.items() if name in blind):
-            words = f"frames {frame_ranges(frames, 4)}: the pictures show nothing of garment {name}, as where masks are empty"
-            yield f"{words}: it slides as in the frames beside them"

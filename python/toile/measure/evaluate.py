@@ -125,8 +125,8 @@ class _Evaluation:
         for measures in per_frame:
             measures["verdict"] = VERDICTS[self.run.verdict[self.run.row(measures["frame"])]]
             measures["reasons"] = self.run.diagnostics.at(measures["frame"]).get("reasons", [])
-        found = [measures["verdict"] for measures in per_frame]
-        return {name: found.count(name) for name in VERDICTS}
+        verdicts = [measures["verdict"] for measures in per_frame]
+        return {name: verdicts.count(name) for name in VERDICTS}
 
     def _frame(self, number, motions):
         """The measures of one frame; `motions` {garment, or None for the inner layer: MotionError} hear of it."""
@@ -162,9 +162,11 @@ class _Evaluation:
 
     def _true_garment(self, name, V, number, motions):
         """The errors of a garment V (g,3) in a frame against the true one."""
-        garment, told = self.run.garments[name], (self.mapped[name], self.borders[name])
+        garment, correspondence = self.run.garments[name], (self.mapped[name], self.borders[name])
         seen = garment.confidence.at(number) == OBSERVED
-        measures, error = self.truth.garment_errors(name, garment.loops, V, garment.faces, number, *told, seen)
+        measures, error = self.truth.garment_errors(
+            name, garment.loops, V, garment.faces, number, *correspondence, seen
+        )
         if error is not None:
             motions[name].add(number, V, V - error)
             self.slips[name].add(error, V - error, garment.faces)
@@ -244,10 +246,10 @@ class _Evaluation:
         body = JudgedLayer("body", None, tracked, self.model.skin_faces, confidence, np.flatnonzero(self.outside))
         empty = self._empty(frame, body)
         frame = replace(frame, masks={name: mask for name, mask in frame.masks.items() if name not in empty})
-        found = evidence(frame, self.capture.cameras, self.model, tracked, joints, confidence, self.outside)
+        measures = evidence(frame, self.capture.cameras, self.model, tracked, joints, confidence, self.outside)
         seen = (confidence == OBSERVED) & self.outside
         near = frame.scan.index.closest(tracked[seen])[3] if frame.scan is not None and seen.any() else []
-        return {"track_to_scan_mm": millimetres(near), "evidence": found}
+        return {"track_to_scan_mm": millimetres(near), "evidence": measures}
 
     def _empty(self, frame, body):
         """Names of the frame's masks that are empty although the person is in their pictures, noted for a warning."""

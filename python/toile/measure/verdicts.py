@@ -76,7 +76,7 @@ def judge(
     body = JudgedLayer("body", None, tracked.vertices, model.skin_faces, tracked.confidence, outside)
     joints = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
     layers = uncovered(
-        [JudgedLayer(t.name, t.label, V, t.faces, made.confidence, np.arange(len(V))) for t, V, made in worn]
+        [JudgedLayer(t.name, t.label, V, t.faces, dressed.confidence, np.arange(len(V))) for t, V, dressed in worn]
     )
     measures = agreement(seen, cameras, model, joints, body, layers)
     measures |= {f"{name}.covered": share for name, share in covered_shares(layers).items()}
@@ -85,10 +85,10 @@ def judge(
     measures["stature_off_m"] = beyond_people(person.rest)
     measures |= {name: tracked.diagnostics[name] for name in OF_TRACKING if name in tracked.diagnostics}
     sleeves = Sleeves(model, tracked.vertices, joints)
-    for template, V, made in worn:
-        measures |= _openings(template, made.diagnostics) | _excess(template, V, made.diagnostics)
+    for template, V, dressed in worn:
+        measures |= _openings(template, dressed.diagnostics) | _excess(template, V, dressed.diagnostics)
         measures |= _joined(sleeves, template, V)
-        measures |= _bare(seen, template, V, made.diagnostics)
+        measures |= _bare(seen, template, V, dressed.diagnostics)
         measures[f"{template.name}.edge_stretch"] = stretch(V, template.rest, template.faces)
     if worn:
         measures["pairs_left"] = float(pairs_left)
@@ -128,10 +128,10 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
     for layer in garments:
         if len(seen.points):  # without a scan it is said that none shows the surface
             out[f"{layer.name}.garment_observed"] = float((layer.confidence[layer.looks] == OBSERVED).mean())
-        own = seen.points[seen.labels == layer.label]
-        if len(own):
+        of_garment = seen.points[seen.labels == layer.label]
+        if len(of_garment):
             cloth = kernels.SurfaceIndex(layer.vertices, layer.faces)
-            out |= _spread(f"{layer.name}.cloth_to_garment", "mm", 1e3 * cloth.closest(own)[3], np.mean)
+            out |= _spread(f"{layer.name}.cloth_to_garment", "mm", 1e3 * cloth.closest(of_garment)[3], np.mean)
             out |= _spread(f"{layer.name}.garment_to_cloth", "mm", 1e3 * _to_points(seen, layer.label, layer), np.mean)
             sides = out[f"{layer.name}.cloth_to_garment_mm"], out[f"{layer.name}.garment_to_cloth_mm"]
             out[f"{layer.name}.garment_mm"] = min(sides)
@@ -141,24 +141,24 @@ def agreement(seen, cameras, model, joints, body, garments=()) -> dict[str, floa
 def _outlined(seen, cameras, body, garments):
     """What `agreement` says of masks, or where there are none of label images. A camera that looks elsewhere, whose empty mask is
     right, tells nothing; neither does one whose mask is empty although the frame shows that she is there."""
-    shown = [
+    pictures = [
         (name, layer, mask, side)
         for name, layer, mask, side in _silhouettes(seen, cameras, (body, *garments))
         if mask.any() or (layer >= 0).any()
     ]
-    if not shown:
+    if not pictures:
         return {}
     if seen.of_labels:
-        return {"labels_off": float(np.mean([_beyond_all(layer, mask) for _, layer, mask, _ in shown]))}
-    empty = wrongly_empty(seen, cameras, body, {name: (mask, side) for name, _, mask, side in shown})
-    shown = [picture for name, *picture in shown if name not in empty]
+        return {"labels_off": float(np.mean([_beyond_all(layer, mask) for _, layer, mask, _ in pictures]))}
+    empty = wrongly_empty(seen, cameras, body, {name: (mask, side) for name, _, mask, side in pictures})
+    pictures = [picture for name, *picture in pictures if name not in empty]
     out = {"masks_empty": float(len(empty))} if empty else {}
-    out["silhouette_iou"] = float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in shown]))
+    out["silhouette_iou"] = float(np.mean([overlap(layer >= 0, mask) for layer, mask, _ in pictures]))
     if garments:  # a surface tracked alone lacks sleeves' ends and hems that hang free
-        out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in shown)
-    out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in shown)
+        out["uncovered_mm"] = _reach((mask, layer >= 0, side) for layer, mask, side in pictures)
+    out["overhang_mm"] = _reach((layer >= 0, mask, side) for layer, mask, side in pictures)
     for i, garment in enumerate(garments, 1):
-        out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in shown)
+        out[f"{garment.name}.cloth_overhang_mm"] = _reach((layer == i, mask, side) for layer, mask, side in pictures)
     return out
 
 
@@ -170,7 +170,7 @@ def beyond_people(rest) -> float:
 
 def verdict(measures, settings) -> tuple[int, list[str]]:
     """GOOD, DOUBTFUL or WRONG by the settings' limits, and the reasons in words, the gravest first."""
-    found = []
+    faults = []
     for name, words in REASONS.items():
         doubtful, wrong = getattr(settings, name)
         for key in measures:
@@ -181,26 +181,26 @@ def verdict(measures, settings) -> tuple[int, list[str]]:
             level = WRONG if _beyond(value, wrong, low) else DOUBTFUL if _beyond(value, doubtful, low) else GOOD
             if level != GOOD and not _said_by_others(key, measures, settings):
                 said = f"{words.format(_words(value))} ({'at least' if low else 'at most'} {_words(doubtful)} is good)"
-                found.append((level, f"{owner}: {said}" if owner else said))
+                faults.append((level, f"{owner}: {said}" if owner else said))
     if "scan_to_surface_mm" not in measures:
-        found.append((DOUBTFUL, "no scan shows where the surface lies"))
-    found.sort(key=lambda item: -item[0])
-    return max([GOOD, *(level for level, _ in found)]), [reason for _, reason in found]
+        faults.append((DOUBTFUL, "no scan shows where the surface lies"))
+    faults.sort(key=lambda item: -item[0])
+    return max([GOOD, *(level for level, _ in faults)]), [reason for _, reason in faults]
 
 
 def severity(measures, settings) -> float:
     """How far the worst measure is from its limit of a good frame: 1 at that limit, more beyond, 2 at that of a wrong one."""
-    found = [0.0]
+    severities = [0.0]
     for name in REASONS:
         doubtful, wrong = getattr(settings, name)
         for key, value in measures.items():
             if key.rpartition(".")[2] == name and not _said_by_others(key, measures, settings):
                 low = name in AT_LEAST
                 if _beyond(value, doubtful, low):
-                    found.append(1 + abs(value - doubtful) / max(abs(wrong - doubtful), 1e-9))
+                    severities.append(1 + abs(value - doubtful) / max(abs(wrong - doubtful), 1e-9))
                 elif value > 0:
-                    found.append(doubtful / value if low else value / doubtful)
-    return max(found)
+                    severities.append(doubtful / value if low else value / doubtful)
+    return max(severities)
 
 
 def _said_by_others(key, measures, settings):
@@ -221,11 +221,11 @@ def _openings(template, diagnostics):
     throughout is no fault of a frame), the largest distance, openings that belong to none, and of each how its length departs from
     its opening's, and from what the cloth about it leads to expect."""
     seen = [diagnostics[f"loop_observed.{name}"] for name in template.loop_names]
-    shown = [not _hidden(diagnostics, name) for name in template.loop_names]
+    in_sight = [not _hidden(diagnostics, name) for name in template.loop_names]
     off = [diagnostics[f"loop_mm.{name}"] for name in template.loop_names]  # -1 where none was seen
     return {
         f"{template.name}.loop_observed": float(np.mean(seen)),
-        **({f"{template.name}.opening_observed": float(np.mean(np.array(seen)[shown]))} if any(shown) else {}),
+        **({f"{template.name}.opening_observed": float(np.mean(np.array(seen)[in_sight]))} if any(in_sight) else {}),
         f"{template.name}.loop_mm": max([0.0, *off]),
         **{f"{template.name}.{name}": diagnostics[name] for name in CRUMPLED if name in diagnostics},
         **{
@@ -300,8 +300,8 @@ def _to_points(seen, label, layer):
     and along them beyond half their spacing."""
     from scipy.spatial import cKDTree
 
-    own = slice(None) if label is None else seen.labels == label
-    points, normals = seen.points[own], seen.normals[own]
+    of_label = slice(None) if label is None else seen.labels == label
+    points, normals = seen.points[of_label], seen.normals[of_label]
     V = layer.vertices[layer.looks[:: max(len(layer.looks) // VERTICES, 1)]]
     at = cKDTree(points).query(V)[1]
     way = V - points[at]

@@ -6,13 +6,13 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import kernels
 from ..config import DressSettings
 from ..errors import UserError
-from ..kinematics import blended_by, unblended
 from ..scene import (
     HIDDEN,
     INTERPOLATED,
@@ -34,8 +34,10 @@ from ..surface.extension import continued
 from ..surface.girth import Girths
 from ..surface.joined import Sleeves
 from ..surface.loop_names import name_loops
-from ..surface.loops import LoopMatch, astray, beside_loops, loop_length, match_loops
-from ..surface.operators import smooth_on, umbrella_laplacian
+from ..surface.loops import LoopMatch, loop_length, match_loops
+from ..surface.operators import smooth_on
+from ..surface.personalising import personalised
+from ..surface.skinning import Skinning
 from ..surface.transfer import move_with_body, transfer_skin, unwrap
 from ..vision.evidence import Evidence
 from ..vision.openings import Rivals, cloth_within, trace_opening, within
@@ -64,6 +66,22 @@ def prepare(
         warnings.warn(
             "body model: neither segments nor joints named as hands: contact of hands is not watched", stacklevel=2
         )
+    whole, attachments = _as_made(model, garment, label_id, mesh, settings)
+    cloth = attachments.cloth_of(whole)
+    under = _surface_under(model, person, samples, over)
+    carried = replace(cloth, rest=move_with_body(cloth.rest, model.v_template, under, settings.fit_reach))
+    fitted = carried
+    if samples:
+        register = partial(_registered, model, person, samples, settings, over)
+        poses = [tracked for _, tracked, _, _ in samples]
+        fitted = personalised(model, person, carried, poses, register, settings, covered=bool(over))
+    flares = Girths(fitted.rest, fitted.faces, fitted.loops, settings.girth_distance).flares(carried.rest)
+    rest = attachments.follow(whole.rest, fitted.rest)
+    return replace(whole, rest=rest, opening_lengths=fitted.opening_lengths, flares=flares)
+
+
+def _as_made(model, garment, label_id, mesh, settings):
+    """The GarmentTemplate over the body model at rest, as its file gives it, and its Attachments."""
     V, F = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32)
     loops = tuple(kernels.boundary_loops(F)) if len(F) else ()
     if not loops:
@@ -71,23 +89,8 @@ def prepare(
     uv, face_uv = (mesh.uv, mesh.face_uv) if mesh.uv is not None and mesh.face_uv is not None else unwrap(V, F)
     attachments = Attachments(F, len(V))
     skin = transfer_skin(model, V[attachments.cloth], attachments.faces, settings.skin_smoothing)
-    skin = attachments.extend(V, skin)
-    names = name_loops(model, V, loops)
-    whole = GarmentTemplate(garment.name, int(label_id), V, F, uv, face_uv, skin, loops, names)
-    cloth = attachments.cloth_of(whole)
-    under = _surface_under(model, person, samples, over)
-    cloth = replace(cloth, rest=move_with_body(cloth.rest, model.v_template, under, settings.fit_reach))
-    carried = cloth.rest
-    if samples:
-        cloth = _personalise(model, person, cloth, samples, settings, over)
-    flares = _flares(carried, cloth.loops, Girths(cloth.rest, cloth.faces, cloth.loops, settings.girth_distance))
-    rest = attachments.follow(V, cloth.rest)
-    return replace(whole, rest=rest, opening_lengths=cloth.opening_lengths, flares=flares)
-
-
-def _flares(V, loops, girths):
-    """Each loop's length over its girth's (l,), NaN where it has none."""
-    return np.array([loop_length(V[loop]) for loop in loops]) / girths(V)
+    skin, names = attachments.extend(V, skin), name_loops(model, V, loops)
+    return GarmentTemplate(garment.name, int(label_id), V, F, uv, face_uv, skin, loops, names), attachments
 
 
 def _surface_under(model, person, samples, over):
@@ -99,136 +102,26 @@ def _surface_under(model, person, samples, over):
     return person.rest + share * (model.rest(person.shape)[0] - person.rest)
 
 
+def _registered(model, person, samples, settings, over, template):
+    """[(Dressed, [LoopMatch])] of the samples by a template."""
+    return parallel_map_with(
+        lambda: Dresser(model, person, template, settings, over),
+        lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
+        samples,
+    )
+
+
 def fit_samples(samples: Sequence[Sample], settings: DressSettings) -> Sequence[Sample]:
     """Those of the sampled frames that personalise a template."""
     return samples[:: max(len(samples) // max(settings.fit_frames, 1), 1)][: settings.fit_frames]
 
 
-class _Skinning:
-    """Garment vertices to and from one pose, by the template's own weights."""
+class _Cloth(NamedTuple):
+    """What carries the garment's label in one frame, of the faces that cameras see."""
 
-    def __init__(self, model, person, skin, rotations, translation):
-        R, self.joints = model.joint_transforms(person.J, rotations, translation)
-        self.A, self.b = blended_by(skin, person.J, R, self.joints)
-
-    def pose(self, rest):
-        return np.einsum("gij,gj->gi", self.A, rest) + self.b
-
-    def unpose(self, posed):
-        return unblended(posed, self.A, self.b)
-
-
-def _personalise(model, person, template, samples, settings, over):
-    """Rest shape from frames registered with the unfitted template: unposed, averaged over what was observed. A loop that is
-    false or at the trunk in one of them is left out of all, so that its rim goes on as the cloth about it leads: of another's size it
-    is laid on wrong borders. Then they are registered again, with a loop of this size."""
-    girths = Girths(template.rest, template.faces, template.loops, settings.girth_distance)
-    flares = _flares(template.rest, template.loops, girths)
-    stay = settings.covered_weight if over else settings.unseen_weight
-    poses = [tracked for _, tracked, _, _ in samples]
-    average = partial(_averaged, model, person, stay=stay, settings=settings, poses=poses)
-
-    def registered(template):
-        made = parallel_map_with(
-            lambda: Dresser(model, person, template, settings, over),
-            lambda dresser, sample: dresser.register(*sample[:3], sample[3]()),
-            samples,
-        )
-        joined = _at_trunk(model, person, template, made, poses) > settings.joined_share
-        return made, joined | _false(made, template.loops, girths, flares, settings)
-
-    fitted, (made, false) = template, registered(template)
-    if false.any():
-        fitted = average(template, made, _astray(made, settings) | false.any(0))
-        made, false = registered(fitted)
-    shown = _medians(np.where(false, np.nan, _lengths(made, settings)))
-    _report_fit(template, shown, settings)
-    return replace(average(fitted, made, _astray(made, settings) | false), opening_lengths=shown)
-
-
-def _lengths(registered, settings):
-    """Lengths (s,l) [m] of the openings that frames show, NaN where none."""
-    return np.array([[_observed_length(m, settings.measured_share) for m in matches] for _, matches in registered])
-
-
-def _astray(registered, settings):
-    """Which openings (s,l) say nothing of the cloth about them, beside the other frames. A scan that lacks the fold under a
-    sleeve shows its opening too short, often; labels that run over it show it too long, at times."""
-    of = _lengths(registered, settings).T
-    return np.stack([astray(lengths, settings.whole_rank, settings.whole_opening) for lengths in of], axis=1)
-
-
-def _false(registered, loops, girths, flares, settings):
-    """Which openings (s,l) are much shorter, or joined to other cloth, beside what the cloth a hand's breadth away leads to
-    expect by the template's `flares`: webs may cut a sleeve off in every frame."""
-    shares = np.array([_flares(dressed.vertices, loops, girths) for dressed, _ in registered]) / flares
-    return (shares < settings.whole_opening) | (shares > settings.joined_opening)
-
-
-def _at_trunk(model, person, template, registered, poses):
-    """Share (s,l) of each sleeve's opening that lies at the trunk, 0 of other loops."""
-    named, shares = list(zip(template.loop_names, template.loops)), []
-    for tracked, (dressed, _) in zip(poses, registered):
-        x = model.joint_transforms(person.J, tracked.rotations, tracked.translation)[1]
-        sleeves = Sleeves(model, tracked.vertices, x)
-        found = [sleeves.at_trunk(name, dressed.vertices[loop]) for name, loop in named]
-        shares.append([0.0 if of is None else of.mean() for of in found])
-    return np.array(shares)
-
-
-def _averaged(model, person, template, registered, wrong, poses, settings, stay):
-    """The template with the mean of registered frames, unposed, without the cloth about loops that are `wrong` (s,l) there."""
-    total, weight = 0, 0
-    for tracked, (dressed, _), loops in zip(poses, registered, wrong):
-        rest = _Skinning(model, person, template.skin, tracked.rotations, tracked.translation).unpose(dressed.vertices)
-        about = beside_loops(template.rest, [template.loops[i] for i in np.flatnonzero(loops)], settings.rim)
-        w = ((dressed.confidence == OBSERVED) & ~about)[:, None]
-        total, weight = total + w * (rest - template.rest), weight + w
-    shift = _filled(template, total / np.maximum(weight, 1), weight[:, 0] / len(poses), settings.fit_stiffness, stay)
-    return replace(template, rest=template.rest + shift)
-
-
-def _filled(template, shift, weight, stiffness, stay):
-    """argmin_s sum_i weight_i |s_i - shift_i|^2 + stay |s_i|^2 + stiffness |(L s)_i|^2 with the umbrella Laplacian,
-    so that what no sample showed follows its surroundings."""
-    from scipy.sparse import diags
-
-    L = umbrella_laplacian(template.faces, len(shift))
-    factor = kernels.CholeskyFactor().factorize((diags(weight + stay) + stiffness * (L.T @ L)).tocsc())
-    return factor.solve(weight[:, None] * shift)
-
-
-def _moved(at, match):
-    """How far [m] pictures move a loop at (k,3): what three quarters of its seen vertices stay below."""
-    seen = match.observed
-    return np.quantile(np.linalg.norm(match.target - at, axis=1)[seen], 0.75) if seen.any() else 0.0
-
-
-def _observed_length(match: LoopMatch, least):
-    return loop_length(match.target) if match.observed.mean() > least else np.nan
-
-
-def _medians(lengths):
-    """Of each column of lengths (s,l); NaN where it has none."""
-    seen = [column[np.isfinite(column)] for column in lengths.T]
-    return np.array([np.median(column) if len(column) else np.nan for column in seen])
-
-
-def _report_fit(template, shown, settings):
-    for i, name in enumerate(template.loop_names):
-        own = loop_length(template.rest[template.loops[i]])
-        if np.isnan(shown[i]):
-            warnings.warn(
-                f"garment {template.name}: no sampled frame shows loop {name} whole: it is missing, tucked in, covered or joined to other cloth; "
-                "its border is extrapolated",
-                stacklevel=4,
-            )
-        elif abs(shown[i] / own - 1) > settings.size_tolerance:
-            warnings.warn(
-                f"garment {template.name}: loop {name} is {shown[i] / own:.2f} times as long in the capture as "
-                "in the template: is it of another size, or labelled wrong?",
-                stacklevel=4,
-            )
+    mesh: Mesh
+    closest: Callable  # of points (k,3), as SurfaceIndex.closest says it within `observed_distance`
+    scanned: bool  # else a guess: the tracked surface stands in for a scan that is missing
 
 
 class Dresser:
@@ -278,42 +171,59 @@ class Dresser:
         The garment is fitted; its ends that lie off the scan go on as what lies on it leads; each loop is laid on the opening
         that the pictures show along it, which may hang free of the scan, and the garment is fitted again, and so on with loops that
         moved far. Before the first fit loops are laid on the scan's openings: without pictures all, else those that `_first` names."""
-        t, s, scan = self.template, self.settings, evidence.scan
-        V, F = scan.vertices, scan.faces
-        skinning = _Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation)
+        t, s = self.template, self.settings
+        skinning = Skinning(self.model, self.person, t.skin, tracked.rotations, tracked.translation)
         posed, sleeves = skinning.pose(t.rest), Sleeves(self.model, tracked.vertices, skinning.joints)
-        rivals = Rivals(V, F, segmented, t.label, self.over)
-        openings = _openings_of(segmented, t.label, V, F, rivals)
-        at = [posed[l] for l in t.loops]
-        matches, unclaimed = match_loops(at, openings, s.loop)
-        matches = [sleeves.parted(*of, s.loop) for of in zip(t.loop_names, at, matches)]
+        rivals = Rivals(evidence.scan.vertices, evidence.scan.faces, segmented, t.label, self.over)
+        matches, unclaimed = self._on_scan(posed, segmented, evidence.scan, rivals, sleeves)
         traced = s.trace_openings and bool(evidence.views)
         first = self._first(posed, matches) if traced else matches
         start = self._to_openings(posed, first)
+        cloth = self._cloth(frame, segmented, evidence)
+        vertices = self._fitted(self.solver, cloth, start, first)
+        if traced:
+            trace = self._tracing(evidence, rivals, sleeves, cloth)
+            fit = partial(self._fitted, self.traced_solver, cloth)
+            vertices, matches = self._traced(vertices, matches, trace, fit, cloth.closest)
+        distance = cloth.closest(vertices)[3]
+        confidence = self._confidence(vertices, distance, matches)
+        diagnostics = self._of_surface(vertices, confidence, distance, start)
+        diagnostics |= {"unclaimed_opening_mm": 1e3 * unclaimed}
+        diagnostics |= self._of_loops(vertices, matches) | self._of_hands(vertices, tracked)
+        diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
+        return Dressed(vertices, confidence, diagnostics), matches
+
+    def _on_scan(self, posed, segmented, scan, rivals, sleeves):
+        """The LoopMatch of each loop, as `posed` (g,3), on the openings that labels show on the scan; and the length of opening that no
+        loop claimed [m]."""
+        t, settings = self.template, self.settings.loop
+        openings = _openings_of(segmented, t.label, scan.vertices, scan.faces, rivals)
+        loops = [posed[loop] for loop in t.loops]
+        matches, unclaimed = match_loops(loops, openings, settings)
+        return [sleeves.parted(*of, settings) for of in zip(t.loop_names, loops, matches)], unclaimed
+
+    def _cloth(self, frame, segmented, evidence):
+        """The garment's _Cloth in a frame. UserError: there is hardly any."""
+        t, s, scan = self.template, self.settings, evidence.scan
         inside = (segmented.scan_faces == t.label) & evidence.seen
         if inside.sum() < s.min_faces:
             carried = f"{inside.sum()} faces of the scan carry garment {t.name}"
             raise UserError(f"frame {frame.number}: dress: {carried}: too few to register")
-        cloth = Mesh(V, F[inside], confidence=scan.confidence)
-        to_cloth = partial(cloth.index.closest, radius=s.observed_distance)
-        scanned = frame.scan is not None
-        vertices = self._fitted(self.solver, cloth, start, first, scanned)
-        if traced:
-            shown = cloth_within(cloth, evidence)
+        mesh = Mesh(scan.vertices, scan.faces[inside], confidence=scan.confidence)
+        return _Cloth(mesh, partial(mesh.index.closest, radius=s.observed_distance), frame.scan is not None)
 
-            def trace(i, garment, match):
-                loop, at = t.loops[i], garment.vertices[t.loops[i]]
-                match = trace_opening(garment, loop, evidence, rivals, match, s.loop)
-                return within(at, sleeves.parted(t.loop_names[i], at, match, s.loop), evidence, shown, s.loop)
+    def _tracing(self, evidence, rivals, sleeves, cloth):
+        """-> trace(i, garment, match): the LoopMatch of loop i of the garment, a Mesh, on the opening that pictures show along it."""
+        t, settings = self.template, self.settings.loop
+        in_silhouettes = cloth_within(cloth.mesh, evidence)
 
-            fit = lambda start, matches: self._fitted(self.traced_solver, cloth, start, matches, scanned)
-            vertices, matches = self._traced(vertices, matches, trace, fit, to_cloth)
-        confidence, distance = self._confidence(vertices, to_cloth)
-        for loop, match in zip(t.loops, matches):
-            confidence[loop[~match.observed]] = np.minimum(confidence[loop[~match.observed]], INTERPOLATED)
-        diagnostics = self._diagnostics(vertices, matches, unclaimed, tracked, confidence, distance, start)
-        diagnostics |= crumpling(t.rest, posed, vertices, t.faces)
-        return Dressed(vertices, confidence, diagnostics), matches
+        def trace(i, garment, match):
+            loop, at = t.loops[i], garment.vertices[t.loops[i]]
+            match = trace_opening(garment, loop, evidence, rivals, match, settings)
+            match = sleeves.parted(t.loop_names[i], at, match, settings)
+            return within(at, match, evidence, in_silhouettes, settings)
+
+        return trace
 
     def _traced(self, vertices, matches, trace, fit, to_cloth):
         """Vertices (g,3) with the loops where the pictures show them, and the LoopMatch of each. A loop that pictures moved far is sought
@@ -365,12 +275,11 @@ class Dresser:
         move = np.concatenate([m.target - vertices[l] for m, l in zip(matches, self.template.loops)])
         return vertices + self.biharmonic.solve(move)
 
-    def _fitted(self, solver, cloth, start, matches, scanned):
-        """Vertices (n,3) from `start` onto the labelled scan. Where it is not `scanned` but a guess, what finds nothing of it
-        stays at `start`."""
-        boundary, confidence = self._boundary(matches), cloth.confidence
-        fit = solver.solve(cloth.vertices, cloth.faces, start=start, boundary=boundary, scan_confidence=confidence)
-        if fit.stop == "no_overlap" and not scanned:
+    def _fitted(self, solver, cloth, start, matches):
+        """Vertices (g,3) from `start` onto the cloth. Where that is a guess, what finds nothing of it stays at `start`."""
+        mesh, boundary = cloth.mesh, self._boundary(matches)
+        fit = solver.solve(mesh.vertices, mesh.faces, start=start, boundary=boundary, scan_confidence=mesh.confidence)
+        if fit.stop == "no_overlap" and not cloth.scanned:
             return start
         if fit.stop == "no_overlap":
             raise UserError(
@@ -385,42 +294,52 @@ class Dresser:
         seen = [(l[m.observed], m.target) for l, m in pairs if m.observed.mean() > self.settings.loop.min_observed]
         return seen + [(l, m.target) for l, m in pairs if self.over and not m.observed.any()]
 
-    def _confidence(self, vertices, to_cloth):
-        """Observed: the labelled scan is near; interpolated: an observed vertex is near; hidden: neither."""
+    def _confidence(self, vertices, distance, matches):
+        """(g,) of vertices (g,3) at this `distance` (g,) from the cloth. Observed: it is near; interpolated: an observed vertex is near;
+        hidden: neither. A loop's vertex whose opening was not seen is at most interpolated."""
         from scipy.spatial import cKDTree
 
         s = self.settings
-        distance = to_cloth(vertices)[3]
         seen = distance < s.observed_distance
         confidence = np.where(seen, OBSERVED, HIDDEN).astype(np.uint8)
         if seen.any() and not seen.all():
             off = cKDTree(vertices[seen]).query(vertices[~seen], distance_upper_bound=s.interpolated_distance)[0]
             confidence[~seen] = np.where(np.isfinite(off), INTERPOLATED, HIDDEN)
-        return confidence, distance
+        for loop, match in zip(self.template.loops, matches):
+            unseen = loop[~match.observed]
+            confidence[unseen] = np.minimum(confidence[unseen], INTERPOLATED)
+        return confidence
 
-    def _diagnostics(self, vertices, matches, unclaimed, tracked, confidence, distance, start):
-        t, s = self.template, self.settings
+    def _of_surface(self, vertices, confidence, distance, start):
+        """What the diagnostics say of the garment on its scan."""
         seen = confidence == OBSERVED
-        out = {
+        return {
             "observed": float(seen.mean()),
             "surface_mm": float(1e3 * distance[seen].mean()) if seen.any() else -1.0,
             "moved_mm": float(1e3 * np.linalg.norm(vertices - start, axis=1).mean()),
-            "unclaimed_opening_mm": 1e3 * unclaimed,
         }
+
+    def _of_loops(self, vertices, matches):
+        """What the diagnostics say of its loops: how much of their openings was seen and how far they lie from them, and their lengths
+        against those of the sampled frames, and against what their girths lead to expect."""
+        t, out = self.template, {}
         for name, match, loop in zip(t.loop_names, matches, t.loops):
             out[f"loop_observed.{name}"] = float(match.observed.mean()) if match.shown is None else match.shown
             gap = np.linalg.norm(vertices[loop] - match.target, axis=1)[match.observed]
             out[f"loop_mm.{name}"] = float(1e3 * gap.mean()) if len(gap) else -1.0
         if t.opening_lengths is not None:
-            for name, loop, shown in zip(t.loop_names, t.loops, t.opening_lengths):
-                if shown > 0:
-                    out[f"loop_length.{name}"] = float(loop_length(vertices[loop]) / shown)
+            for name, loop, length in zip(t.loop_names, t.loops, t.opening_lengths):
+                if length > 0:
+                    out[f"loop_length.{name}"] = float(loop_length(vertices[loop]) / length)
         if self.girths is not None:
-            shares = _flares(vertices, t.loops, self.girths) / t.flares
+            shares = self.girths.flares(vertices) / t.flares
             out |= {f"loop_share.{name}": float(x) for name, x in zip(t.loop_names, shares) if np.isfinite(x)}
-        out["hand_contact"] = float(max(self._touching(vertices, tracked), default=0.0))
-        out["unsupported_contact"] = float(out["hand_contact"] > s.contact_share)
         return out
+
+    def _of_hands(self, vertices, tracked):
+        """What the diagnostics say of hands that touch it."""
+        contact = float(max(self._touching(vertices, tracked), default=0.0))
+        return {"hand_contact": contact, "unsupported_contact": float(contact > self.settings.contact_share)}
 
     def _touching(self, vertices, tracked):
         """The share of each hand's vertices that touch the garment."""
@@ -430,6 +349,12 @@ class Dresser:
             V = tracked.vertices[hand]
             about = V[((V > low) & (V < high)).all(1)]
             yield (garment.index.closest(about, reach)[3] < reach).sum() / len(V) if len(about) else 0.0
+
+
+def _moved(at, match):
+    """How far [m] pictures move a loop at (k,3): what three quarters of its seen vertices stay below."""
+    seen = match.observed
+    return np.quantile(np.linalg.norm(match.target - at, axis=1)[seen], 0.75) if seen.any() else 0.0
 
 
 def _openings_of(segmented, label, V, F, rivals):

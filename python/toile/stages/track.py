@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from operator import attrgetter
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,12 +15,11 @@ from ..frame_numbers import frame_ranges
 from ..kernels.arrays import Anything, Floats
 from ..kernels.skeleton import SkeletonResult
 from ..scene import HIDDEN, INTERPOLATED, OBSERVED, BodyModel, Frame, Person, Points3D, Tracked
-from ..surface.keypoint_side import KeypointSide
+from ..surface.cascade import PoseCascade, solver_evidence
 from ..surface.keypoints import facial_places, learnt_offsets, with_offsets
 from ..surface.operators import smooth_on
-from ..surface.pose_search import PoseSearch, quick_solver
-from ..surface.starts import Starts
-from ..surface.two_sided import FAR, TwoSided
+from ..surface.pose_search import PoseSearch
+from ..surface.two_sided import FAR
 from ..vision.threads import parallel_map, parallel_map_with
 
 HALVES = ("upperarm01", "lowerarm01", "upperleg01", "lowerleg01")  # roles of the joints where halves of limbs begin
@@ -59,12 +55,12 @@ def prepare(model: BodyModel, frames: Sequence[Sample], settings: TrackSettings)
     shape = np.asarray(fits[0].shape)
     rest, J = model.rest(shape)
 
-    def fitted(surface, sample):
+    def registered(surface, sample):
         (frame, _), fit = sample
         V = model.skin(rest, J, fit.rotations, fit.translation)
-        return surface.found(frame.scan, V) if frame.scan is not None else _unseen(V)
+        return surface.fit_or_none(frame.scan, V) if frame.scan is not None else _unseen(V)
 
-    surfaces = parallel_map_with(lambda: _Surface(model, rest, settings), fitted, zip(frames, fits))
+    surfaces = parallel_map_with(lambda: _Surface(model, rest, settings), registered, zip(frames, fits))
     if beyond := [frame.number for (frame, _), surface in zip(frames, surfaces) if surface is None]:
         raise Unmatched.of(beyond, NO_OVERLAP)
     offsets, weight = np.zeros_like(rest), np.zeros((len(rest), 1))
@@ -74,8 +70,8 @@ def prepare(model: BodyModel, frames: Sequence[Sample], settings: TrackSettings)
         weight += seen
     mean = offsets / np.maximum(weight, 1) * (weight >= max(len(frames) // 2, 1))
     poses = [(fit.rotations, fit.translation, fit.V) for fit, (_, points) in zip(fits, frames) if points is not None]
-    found = [points for _, points in frames if points is not None]
-    beside = learnt_offsets(model, J, poses, found, settings.keypoint_few_frames)
+    keypoints = [points for _, points in frames if points is not None]
+    beside = learnt_offsets(model, J, poses, keypoints, settings.keypoint_few_frames)
     person = Person(shape, rest + smooth_on(model.f, mean, settings.rest_smoothing), J, beside)
     tracker = Tracker(model, person, settings)
     return person, parallel_map(lambda one: tracker.tracked(*one[0], *one[1:]), zip(frames, fits, surfaces))
@@ -90,21 +86,19 @@ def _shared_fit(model, frames, settings):
     """One shape and a pose each. Where there are no keypoints the poses are searched first; where the fit lost a frame,
     after it, and all are fitted again."""
     solver, search = kernels.SkeletonSolver(model, **_options(settings)), _search(model, settings)
-    evidence, starts, near = [_evidence(frame, points) for frame, points in frames], [], None
+    evidence, starts, near = [solver_evidence(frame.scan, points) for frame, points in frames], [], None
     for frame, points in frames:
         near = search.pose(frame.scan, near) if points is None and frame.scan is not None else None
         starts.append(near and near[0])
     fits = solver.solve_shared([_started(*pair) for pair in zip(evidence, starts)])
-    astray = settings.search.astray
-    lost = [f.scan is not None and search.measure(f.scan, fit)[1] > astray for (f, _), fit in zip(frames, fits)]
+    scans, astray = [frame.scan for frame, _ in frames], settings.search.astray
+    lost = [scan is not None and search.measure(scan, fit)[1] > astray for scan, fit in zip(scans, fits)]
     if not any(lost) or not settings.headings:
         return fits
-    starts = [search.pose(f.scan)[0] if gone else start for (f, _), start, gone in zip(frames, starts, lost)]
+    starts = [search.pose(scan)[0] if gone else start for scan, start, gone in zip(scans, starts, lost)]
     again = solver.solve_shared([_started(*pair) for pair in zip(evidence, starts)])
-    total = [
-        sum(search.measure(f.scan, fit)[0] for (f, _), fit in zip(frames, made) if f.scan) for made in (fits, again)
-    ]
-    return again if total[1] < total[0] else fits
+    off = lambda fits: sum(search.measure(scan, fit)[0] for scan, fit in zip(scans, fits) if scan is not None)
+    return again if off(again) < off(fits) else fits
 
 
 def _started(evidence, start):
@@ -115,52 +109,33 @@ def _search(model, settings, person=None):
     return PoseSearch(model, settings.headings, settings.search, _options(settings), person)
 
 
-class _Attempt(NamedTuple):
-    """A pose that was fitted, and how far it lies from the scan, see TwoSided, and from the keypoints, see KeypointSide."""
-
-    fit: SkeletonResult
-    surface: np.ndarray | None  # (n,3) that gave the start
-    distance: float
-    astray: float
-    keypoints: float
-    contradicted: bool
-
-    @property
-    def cost(self):
-        return self.distance + self.keypoints
-
-
 class Tracker:
     """Tracks frames of one person; the template's part of the solvers is made once."""
 
     def __init__(self, model: BodyModel, person: Person, settings: TrackSettings):
         self.model, self.person, self.settings = model, person, settings
-        beside = with_offsets(model, person.keypoint_offsets)
-        self.skeleton = kernels.SkeletonSolver(
-            beside, **_options(settings) | {"solve_shape": False, "surface_samples": settings.surface_samples}
-        )
-        self.keypoints = KeypointSide(model, person)
         self.surface, self.search = _Surface(model, person.rest, settings), _search(model, settings, person)
         self.poser = _Poser(model, person, settings) if settings.pose_vertices else None
-        quick = quick_solver(model, settings.starts, _options(settings) | {"solve_shape": False})
-        self.starts = Starts(model, person, settings.starts, quick, self.poser)
+        self.cascade = PoseCascade(model, person, settings, self.search, self.poser, self.surface.lacking)
 
     def track(self, frame: Frame, points: Points3D | None, previous: Tracked | None = None) -> Tracked:
         """One frame; `previous` starts the pose and gives the temporal term. Where nothing gives a start, and where
         the frame was lost from it, the pose is searched."""
-        person, model = self.person, self.model
-        fit, V, measures = self._fit(frame, points, previous)
-        _refuse_unmatched([frame.number], [fit])
+        attempt, measures = self.cascade.fit(frame.scan, points, previous)
+        _refuse_unmatched([frame.number], [attempt.fit])
         previous = None if measures.get("searched") else previous  # a pose of its own
-        rest = person.rest if previous is None else self._start(previous)
-        posed = model.skin(rest, person.J, fit.rotations, fit.translation)
-        if frame.scan is None:
-            surface = _unseen(posed)
-        else:  # a surface that has followed a scan without a limb has drawn it elsewhere; keypoints tell where it is
-            vouched = self.keypoints(fit.rotations, fit.translation, points).vouched
-            held = np.flatnonzero(self.surface.lacking(frame.scan, posed))[::HELD_STEP] if vouched else ()
-            surface = self.surface.fit(frame.scan, posed if V is None or len(held) else V, held)
-        return self.tracked(frame, points, fit, surface, previous, measures)
+        rest = self.person.rest if previous is None else self._start(previous)
+        posed = self.model.skin(rest, self.person.J, attempt.fit.rotations, attempt.fit.translation)
+        surface = _unseen(posed) if frame.scan is None else self._registered(frame.scan, points, attempt, posed)
+        return self.tracked(frame, points, attempt.fit, surface, previous, measures)
+
+    def _registered(self, scan, points, attempt, posed):
+        """The Surface of an Attempt, from where its start has followed the scan, else from the `posed` (n,3). One that has followed
+        a scan without a limb has drawn that elsewhere; where keypoints tell where it is, it begins posed and is held there."""
+        vouched = self.cascade.keypoints(attempt.fit.rotations, attempt.fit.translation, points).vouched
+        held = np.flatnonzero(self.surface.lacking(scan, posed))[::HELD_STEP] if vouched else ()
+        start = posed if attempt.surface is None or len(held) else attempt.surface
+        return self.surface.fit(scan, start, held)
 
     def tracked(
         self,
@@ -179,21 +154,22 @@ class Tracker:
             pose = self.poser.pose(V, confidence, points, pose, previous)
         if not np.isfinite(V).all():
             raise UserError(f"frame {frame.number}: tracking left vertices that are not finite")
-        moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
-        diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
-        if points is not None and len(points.points):
-            diagnostics["keypoints_kept"] = float(np.isfinite(points.points).all(1).mean())
-            if points.gate:
-                diagnostics["keypoint_gate_px"] = points.gate
-        diagnostics["moved_mm"] = float(1e3 * moved.mean())
-        diagnostics["moved_p95_mm"] = float(1e3 * np.percentile(moved, 95))
         face, left_out = self._face(*pose, points, V, confidence)
-        facial = (
-            0 if points is None else np.isfinite(points.points[np.isin(points.names, model.face_names)]).all(1).sum()
-        )
-        if facial >= FACE:
-            diagnostics["face_off"] = left_out / int(facial)
+        diagnostics = {"skeleton_rms_m": float(fit.rms), "skeleton_iterations": float(fit.iterations), **measures}
+        diagnostics |= _of_keypoints(points) | self._of_surface(V, posed) | self._of_face(points, left_out)
         return Tracked(V, *pose, face, confidence, diagnostics)
+
+    def _of_surface(self, V, posed):
+        """What the diagnostics say of a surface V (n,3) beside the `posed` (n,3)."""
+        moved = np.linalg.norm(V - posed, axis=1)[self.search.looks]
+        return {"moved_mm": float(1e3 * moved.mean()), "moved_p95_mm": float(1e3 * np.percentile(moved, 95))}
+
+    def _of_face(self, points, left_out):
+        """What the diagnostics say of facial keypoints, of which so many were left out."""
+        if points is None:
+            return {}
+        facial = np.isfinite(points.points[np.isin(points.names, self.model.face_names)]).all(1).sum()
+        return {"face_off": left_out / int(facial)} if facial >= FACE else {}
 
     def _start(self, previous):
         """The person's rest surface (n,3), with a share of the frame's before that its surface was off the pose: a limb
@@ -203,68 +179,6 @@ class Tracker:
         off = before - person.rest
         off *= np.minimum(1, self.settings.carried_reach / np.maximum(np.linalg.norm(off, axis=1), 1e-12))[:, None]
         return person.rest + share * off
-
-    def _fit(self, frame, points, previous):
-        """The pose of a frame, the surface (n,3) that gave its start, or None, and what the diagnostics say of it.
-
-        It is the pose nearest to the scan from both sides and to the keypoints, of those from the frame before; where that lies
-        farther from the scan than is usual, from other starts; where keypoints put a limb elsewhere, from these, with the scan and
-        alone; and where nothing gives a start, or all have lost the scan, from a search."""
-        evidence, scan, s = _evidence(frame, points), frame.scan, self.settings
-        measure = None if scan is None else TwoSided(scan, self.search.looks)
-        attempt = partial(self._attempt, points, measure)
-        best, usual, others = None, np.inf, iter(())
-        if previous is not None:
-            before = (previous.rotations, previous.translation, self.person.shape)
-            best = attempt(evidence, start=before, previous=[before])
-            usual = previous.diagnostics.get("usual_mm", np.inf) / 1e3
-        elif points is not None:
-            best = attempt(evidence, start=self._cold_start(points))
-        elif scan is None or not s.headings:
-            best = attempt(evidence)
-        if scan is None:
-            return best.fit, None, {}
-        if previous is not None and np.isfinite(usual):
-            others = self.starts.of(scan, previous, points, measure)
-        while best is not None and best.distance > s.starts.doubtful * usual:
-            other = next(others, None)
-            if other is None:
-                break
-            best = min(best, attempt(evidence, other[1], start=other[0]), key=attrgetter("cost"))
-        if best is not None and best.contradicted:
-            start = self._cold_start(points)
-            again = attempt(evidence, start=start), attempt({"keypoints": points}, start=start)
-            best = min(best, *again, key=attrgetter("cost"))
-        searched = False
-        if best is None or best.astray > s.search.astray or best.distance > s.search.farther * usual:
-            start = self.search.pose(scan)[0]
-            found = None if start is None else attempt(evidence, start=start)
-            searched = found is not None and (best is None or s.search.as_close * found.cost < best.cost)
-            best = found if searched else best
-        pose_mm = 1e3 * best.distance
-        usual_mm = (1e3 * usual + pose_mm) / 2 if np.isfinite(usual) and not searched else pose_mm
-        told = {"pose_mm": pose_mm, "usual_mm": usual_mm, "astray": best.astray, "searched": float(searched)}
-        return best.fit, best.surface, told
-
-    def _attempt(self, points, measure, evidence, surface=None, **start):
-        """The _Attempt of a pose fitted to this evidence from `start`, by a TwoSided `measure` of the scan, None without one;
-        `surface` (n,3) gave the start."""
-        fit = self.skeleton.solve(**evidence, **start)
-        beside = self.keypoints(fit.rotations, fit.translation, points)
-        if measure is None or fit.stop == "unmatched":
-            return _Attempt(fit, surface, np.inf, 1.0, beside.distance, beside.contradicted)
-        lacking = self.surface.lacking(measure.scan, fit.V) if beside.vouched else None
-        return _Attempt(fit, surface, *measure(fit.V, lacking), beside.distance, beside.contradicted)
-
-    def _cold_start(self, points):
-        """Keypoints alone, with the person's shape, give the first pose."""
-        K = len(self.model.parents)
-        seen = points.points[~np.isnan(points.points).any(1)]
-        middle = np.median(seen, axis=0) - np.median(self.person.J, axis=0) if len(seen) else np.zeros(3)
-        start = kernels.SkeletonSolver(self.model, **_options(self.settings)).solve(keypoints=points)
-        if start.stop == "unmatched":
-            return np.zeros((K, 3)), middle, self.person.shape
-        return np.asarray(start.rotations), np.asarray(start.translation), self.person.shape
 
     def _face(self, rotations, translation, points, V, confidence):
         """Facial keypoints in the head joint's frame (q,3), NaN where unseen, and how many were left out."""
@@ -277,6 +191,14 @@ class Tracker:
         return (places - x[head]) @ R[head], left_out
 
 
+def _of_keypoints(points):
+    """What the diagnostics say of a frame's Points3D."""
+    if points is None or not len(points.points):
+        return {}
+    kept = {"keypoints_kept": float(np.isfinite(points.points).all(1).mean())}
+    return kept | {"keypoint_gate_px": points.gate} if points.gate else kept
+
+
 class _Poser:
     """The pose that a registered surface shows. Its vertices keep their identity, so they tell how far a limb has turned
     about its axis, where a bare scan does not."""
@@ -286,9 +208,9 @@ class _Poser:
         outside = np.flatnonzero(~model.inside)
         self.chosen = outside[:: max(len(outside) // settings.pose_vertices, 1)]
         self.names = tuple(f"vertex.{v}" for v in self.chosen)
-        own = replace(model, v_template=person.rest, J=person.J, shapedirs=np.zeros((len(person.rest), 3, 0)))
-        own = replace(own, J_shapedirs=np.zeros((len(person.J), 3, 0)))
-        beside = with_offsets(own, person.keypoint_offsets)
+        persons = replace(model, v_template=person.rest, J=person.J, shapedirs=np.zeros((len(person.rest), 3, 0)))
+        persons = replace(persons, J_shapedirs=np.zeros((len(person.J), 3, 0)))
+        beside = with_offsets(persons, person.keypoint_offsets)
         alike = replace(
             beside,
             keypoint_names=(*model.keypoint_names, *self.names),
@@ -335,12 +257,12 @@ class _Surface:
     def fit(self, scan, start, held=()):
         """-> vertices (n,3) and confidence (n,). The vertices `held` (k,) stay about where they start. UserError: the scan lies
         elsewhere."""
-        found = self.found(scan, start, held)
-        if found is None:
+        surface = self.fit_or_none(scan, start, held)
+        if surface is None:
             raise UserError(NO_OVERLAP)
-        return found
+        return surface
 
-    def found(self, scan, start, held=()):
+    def fit_or_none(self, scan, start, held=()):
         """`fit`; None where the scan lies elsewhere."""
         from scipy.sparse import csr_matrix
 
@@ -380,17 +302,6 @@ def _halves_of_limbs(model):
 def _options(settings):
     """TrackSettings as the SkeletonSolver takes them."""
     return settings.skeleton.model_dump()
-
-
-def _evidence(frame, points):
-    scan = frame.scan
-    return {
-        "scan_V": None if scan is None else scan.vertices,
-        "scan_F": None if scan is None else scan.faces,
-        "scan_confidence": None if scan is None else scan.confidence,
-        "scan_index": None if scan is None else scan.index,
-        "keypoints": points,
-    }
 
 
 def _refuse_unmatched(numbers, fits):

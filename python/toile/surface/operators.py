@@ -1,5 +1,5 @@
-"""Plain operators on triangle meshes and curves, by numpy and scipy alone: averages over neighbours, the mesh's border,
-the way along edges and to a closed polyline."""
+"""Plain operators on triangle meshes and curves, by numpy and scipy alone: averages over neighbours, values between vertices,
+the mesh's border, the way along edges and to a closed polyline."""
 
 import numpy as np
 
@@ -24,6 +24,25 @@ def neighbour_mean(A):
     from scipy.sparse import diags
 
     return diags(1 / np.maximum(np.asarray(A.sum(1)).ravel(), 1)) @ A
+
+
+def with_neighbours(values, edges, rounds=1):
+    """Sums of values (n, ...) over each vertex and its neighbours along edges (e,2), `rounds` times."""
+    A = adjacency(edges, len(values))
+    for _ in range(rounds):
+        values = values + A @ values
+    return values
+
+
+def interpolate(values, corners, bary):
+    """Vertex values (n,c) at k points of faces with these corners (k,3), by barycentrics (k,3)."""
+    return np.einsum("nc,ncl->nl", bary, values[corners])
+
+
+def at_closest(mesh, values, points):
+    """Vertex values (n,c) of a Mesh at its points closest to `points` (k,3)."""
+    face, _, bary, _ = mesh.index.closest(points)
+    return interpolate(values, mesh.faces[face], bary)
 
 
 def umbrella(mean, values, steps):

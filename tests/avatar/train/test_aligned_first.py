@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zarr
 
-from toile.align.run import Alignment
+from toile.align.outcome import Alignment
 from toile.avatar.command import laid_still
 from toile.avatar.model.checkpoint import asked_before
 from toile.errors import UserError

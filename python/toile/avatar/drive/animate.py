@@ -86,10 +86,10 @@ class DrivenAvatar:
 
     def _cloths(self, physics):
         lent = {one.name for one in self.lent}
-        found = worn_cloths(self.folder, [layer for layer in self.avatar.layers if layer.name not in lent], physics)
+        cloths = worn_cloths(self.folder, [layer for layer in self.avatar.layers if layer.name not in lent], physics)
         for one in self.lent:
-            found |= one.cloth(physics)
-        return found
+            cloths |= one.cloth(physics)
+        return cloths
 
     def draped(self, cloths, rows):
         """A Draping of these rows of the motion."""
@@ -130,26 +130,26 @@ class DrivenAvatar:
 
     def _warnings(self, poses):
         """What a user should know of this motion: joints it lacks, and how far it leaves the training poses."""
-        found = self.motion.unfollowed(self.rows)
-        found += self._far_from(poses, "the training's poses")
+        warnings = self.motion.unfollowed(self.rows)
+        warnings += self._far_from(poses, "the training's poses")
         lean = leans(self.motion.rotations[self.rows], poses["rotations"], self.avatar.up.cpu().numpy())
-        found += leaning(self.motion.frames[self.rows], lean, "the training's poses")
+        warnings += leaning(self.motion.frames[self.rows], lean, "the training's poses")
         for one in self.lent:
             taught = f"the poses that {one.name} of {one.folder} was taught with"
-            found += [*one.warnings, *self._far_from(one.poses, taught)]
-        return found
+            warnings += [*one.warnings, *self._far_from(one.poses, taught)]
+        return warnings
 
     def _far_from(self, poses, whose):
         distance, alone = nearest_poses(self.motion.rotations[self.rows], poses["rotations"])
-        frames, found = self.motion.frames[self.rows], []
+        frames, warnings = self.motion.frames[self.rows], []
         far = distance > FAR * poses["usual"]
         if far.any():
             worst = int(distance.argmax())
-            found.append(
+            warnings.append(
                 f"{far.sum()} of {len(distance)} poses are far from {whose}: frame {frames[worst]} is "
                 f"{distance[worst]:.1f} degrees a joint from the nearest, those are {poses['usual']:.1f} from one another"
             )
-        return found + joints_apart(frames, alone, self.model.joint_names[1:], whose)
+        return warnings + joints_apart(frames, alone, self.model.joint_names[1:], whose)
 
     def batch(self, i, camera, index=-1):
         """Frame i seen by a camera, `index` among the avatar's own, as `Avatar.decode` takes it."""
@@ -279,15 +279,15 @@ def animate(
         if hangs is None:
             hangs = any(worn_cloths(one, load_avatar(one).layers, None) for one in (folder, *dict(garments).values()))
         taken = take(folder, motion, apart, dict(garments), hangs, frames, progress)  # once, for all workers
-        asked = frames, camera, height, meshes, seed, physics, lent
-        with Workers(workers, Shot.of, place, taken.motion, out, *asked, scheduler=scheduler) as pool:
+        arguments = frames, camera, height, meshes, seed, physics, lent
+        with Workers(workers, Shot.of, place, taken.motion, out, *arguments, scheduler=scheduler) as pool:
             pool.start()
             shot = pool.prepared()
             driven, rows = shot.driven, shot.rows
-            shown = driven.motion.frames[rows]
-            with VideoWriter(out / "animation.mp4", rate_of(shown, driven.motion.fps)) as film:
-                made = filmed(pool.each(Shot.make, rows), shot, film, progress)
-        before, left, shares, strains, seen = zip(*(made[row] for row in rows))
+            numbers = driven.motion.frames[rows]
+            with VideoWriter(out / "animation.mp4", rate_of(numbers, driven.motion.fps)) as film:
+                measured = filmed(pool.each(Shot.make, rows), shot, film, progress)
+        before, left, shares, strains, seen = zip(*(measured[row] for row in rows))
         before, left = sum(before), sum(left)
         less = {int(driven.motion.frames[row]): share for row, share in zip(rows, shares) if share < 1}
         unseen = [int(driven.motion.frames[row]) for row, one in zip(rows, seen) if not one]
@@ -329,17 +329,17 @@ def out_of_sight(unseen, count):
     return [f"{words}: are the motion's places metres, and near where the cameras stand?"]
 
 
-def filmed(made, shot, film, progress):
+def filmed(shots, shot, film, progress):
     """{row: (pairs before, pairs left, share of cloth, strain, seen)} of the rows as they are made; their pictures go to the film in the rows'
     order."""
-    waiting, found = deque(shot.rows), {}
-    for row, *measured in made:
-        found[row] = measured
-        while waiting and waiting[0] in found:
+    waiting, by_row = deque(shot.rows), {}
+    for row, *measured in shots:
+        by_row[row] = measured
+        while waiting and waiting[0] in by_row:
             file = picture_file(shot.out, int(shot.driven.motion.frames[waiting.popleft()]))
             film.add(read_image(file, shot.size, "RGB"))
-        progress("animate", len(found), len(shot.rows))
-    return found
+        progress("animate", len(by_row), len(shot.rows))
+    return by_row
 
 
 def write_still(out, driven, decoded, rows):

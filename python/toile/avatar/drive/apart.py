@@ -39,8 +39,8 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
     if frames is not None:
         needed = rows_read(folder, motion, dict(garments), physics, np.isin(motion.frames, list(frames)))
     limbs = Limbs(_body_model(folder, avatar), moving_surface(avatar, folder), _joints(avatar))
-    found = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
-    return Taken(replace(motion, rotations=found.rotations), found)
+    kept = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
+    return Taken(replace(motion, rotations=kept.rotations), kept)
 
 
 def _taught(folder, motion):
@@ -61,9 +61,9 @@ def motion_of(folder, path):
 
 def check_face(avatar, motion, source):
     """UserError, which names the `source`, where a Motion's facial keypoints are not the avatar's."""
-    own, face = getattr(avatar, "face_mean", None), motion.face
-    if own is not None and len(own) and face is not None and face.shape[1:] != tuple(own.shape):
-        raise UserError(f"{source}: face is {face.shape}, expected {(len(face), *own.shape)}")
+    mean, face = getattr(avatar, "face_mean", None), motion.face
+    if mean is not None and len(mean) and face is not None and face.shape[1:] != tuple(mean.shape):
+        raise UserError(f"{source}: face is {face.shape}, expected {(len(face), *mean.shape)}")
 
 
 def _body_model(folder, avatar):

@@ -22,12 +22,12 @@ def asked_cameras(own, camera, height=None):
     """[(Camera, its index among an avatar's `own`, -1 for a new one)] that are taken in turn, for `camera` as `animate` takes it, of
     pictures `height` pixels high, as its own by default; of ORBIT the one that it begins with. UserError: it is none, or one that pictures
     cannot be drawn by."""
-    asked = [(resized(one, height), i) for one, i in _named_cameras(own, camera)]
-    for one, _ in asked:
+    chosen = [(resized(one, height), i) for one, i in _named_cameras(own, camera)]
+    for one, _ in chosen:
         if min(one.size) < SMALLEST or one.width * one.height > MAX_PIXELS:
             bounds = f"expected at least {SMALLEST} a side, and at most {MAX_PIXELS} pixels in all"
             raise UserError(f"--camera, --height: pictures of {one.width} x {one.height} pixels, {bounds}")
-    return asked
+    return chosen
 
 
 def _named_cameras(own, camera):
@@ -52,10 +52,10 @@ def _named_cameras(own, camera):
 
 def camera_path(driven, camera, height):
     """A function from the motion's row of a DrivenAvatar to (Camera, its index among the avatar's, -1 for a new one)."""
-    asked = asked_cameras(driven.avatar.cameras, camera, height)
+    cameras = asked_cameras(driven.avatar.cameras, camera, height)
     if camera != ORBIT:
-        return lambda i: asked[i % len(asked)]
-    (first, index), to = asked[0], driven.motion.translation
+        return lambda i: cameras[i % len(cameras)]
+    (first, index), to = cameras[0], driven.motion.translation
     home = training_poses(driven.folder)["translation"].mean(0)  # where that camera saw the person
     up, times = driven.avatar.up.cpu().numpy().astype(np.float64), driven.motion.frames / driven.motion.fps
     angles = 2 * np.pi / ROUND * (times - times[0])

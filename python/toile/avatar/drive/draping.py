@@ -100,16 +100,16 @@ def outdated(folder, layers, physics):
 
 def load_cloths(folder, layers):
     """{garment: Cloth} of an avatar's layers. UserError names the file and the field."""
-    found = {}
+    cloths = {}
     for layer in layers:
         if layer.kind != "garment":
             continue
         path = cloth_file(folder, layer.name)
         if not path.exists():
             raise UserError(f"{path}: the file is missing: `toile animate --physics` makes it while the run is there")
-        found[layer.name] = cloth = load_record(path, Cloth, residual=Residual)
+        cloths[layer.name] = cloth = load_record(path, Cloth, residual=Residual)
         check_cloth(path, cloth, len(layer.rest))
-    return found
+    return cloths
 
 
 def check_cloth(path, cloth, n):
@@ -137,14 +137,14 @@ def check_cloth(path, cloth, n):
 
 def doubts(cloths):
     """What a user should know of {garment: Cloth}: where physics tells less than no physics."""
-    found = []
+    warnings = []
     for name, cloth in cloths.items():
         missed = cloth.residual.missed
         if missed and missed[CLOTH] > missed[MEAN]:
             hung, still = 1e3 * missed[CLOTH], 1e3 * missed[MEAN]
             words = f"{name} as cloth lies {hung:.0f} mm from where it was registered, its mean shape {still:.0f} mm"
-            found.append(f"{words}: physics does not help it")
-    return found
+            warnings.append(f"{words}: physics does not help it")
+    return warnings
 
 
 def relieved(shares, strain):
@@ -186,19 +186,19 @@ class Draping:
         while self.row < i:
             self._go_on(*((decoded, batch) if self.row + 1 == i else self.frame(self.row + 1)))
         transforms = self.avatar.skeleton(batch["rotations"], batch["translation"])
-        shown = {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
-        return decoded | shown
+        cloth = {name: self._shown(name, V, decoded[name], transforms) for name, V in self.fallen.items()}
+        return decoded | cloth
 
     def clear(self, i, decoded, batch):
         """(What `layering` gives of frame i, the share of cloth in the garment that has least of it); by codes alone, if cloth keeps pairs
         and these fewer."""
-        found = self.layering(self.at(i, decoded, batch), batch)
+        layered = self.layering(self.at(i, decoded, batch), batch)
         share = min((float(of.mean()) for of in self.shares.values()), default=1.0)
-        if found[2] and share > 0:
+        if layered[2] and share > 0:
             by_codes = self.layering(decoded, batch)
-            if by_codes[2] < found[2]:
+            if by_codes[2] < layered[2]:
                 return by_codes, 0.0
-        return found, share
+        return layered, share
 
     def _shown(self, name, V, decoded, transforms):
         """The residual added and the codes' shape mixed in, where the body carries it."""
@@ -223,12 +223,12 @@ class Draping:
 
     def _step(self, name, under, dt, decoded, batch):
         """A garment one step on; from the codes' shape, where too much of it had been drawn out."""
-        found = self.solvers[name].step(under, dt, points(decoded[name])[self.held[name]])
-        self.strain = max(self.strain, found.strain)
-        sound = whole(found.V, self.layering.edges[name], self.cloths[name].lengths)
+        moved = self.solvers[name].step(under, dt, points(decoded[name])[self.held[name]])
+        self.strain = max(self.strain, moved.strain)
+        sound = whole(moved.V, self.layering.edges[name], self.cloths[name].lengths)
         caught = sound.mean() < 1 - CAUGHT
         self.shares[name] = np.minimum(np.zeros_like(sound) if caught else sound, self.shares[name] + dt / RETURN)
-        return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under) if caught else found
+        return self.solvers[name].start(points(self.layering(decoded, batch)[0][name]), under) if caught else moved
 
     def _fall(self, decoded, move):
         under_V, under_F = points(decoded[self.layering.body.name]), self.layering.layering.skin_faces

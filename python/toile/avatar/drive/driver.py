@@ -161,16 +161,16 @@ class Driver(nn.Module):
     def believe(self, unseen, targets):
         """Sets the share of each garment that leaves the least squared error, of codes (F,Z) that poses told where they were not taught
         and the right ones: what poses say by chance is not shown."""
-        told, right = self.scaled(unseen), self.scaled(targets)
-        parts = zip(told.split(list(self.sizes.values()), 1), right.split(list(self.sizes.values()), 1))
+        by_poses, right = self.scaled(unseen), self.scaled(targets)
+        parts = zip(by_poses.split(list(self.sizes.values()), 1), right.split(list(self.sizes.values()), 1))
         shares = [(a * b).sum() / a.square().sum().clamp(min=1e-12) for a, b in parts]
         sizes = torch.tensor(list(self.sizes.values()))
         self.code_trust.copy_(torch.stack(shares).clamp(0, 1).repeat_interleave(sizes))
 
     def told(self, poses):
         """What the models say together, of windows (B,L,COMPONENTS) scaled codes (B,Z), of stretches (B,T,COMPONENTS) such (B,T,Z)."""
-        told = torch.stack([model(poses) for model in self.models]).mean(0)
-        return told if self.kriged is None else told.lerp(self.kriged(poses), self.kriged.share)
+        codes = torch.stack([model(poses) for model in self.models]).mean(0)
+        return codes if self.kriged is None else codes.lerp(self.kriged(poses), self.kriged.share)
 
     def _read(self, track):
         features = self.projection(track.features)
@@ -260,10 +260,10 @@ def hardly_foretold(measured):
     error = measured.get("held_out", 0.0)
     if error < FORETOLD:
         return []
-    told = (
+    words = (
         f"poses foretell garments badly: in the frames held out codes err by {error:.2f} of their variance in training"
     )
-    return [f"{told} (below {FORETOLD:g} is usual): a longer motion teaches more"]
+    return [f"{words} (below {FORETOLD:g} is usual): a longer motion teaches more"]
 
 
 def unseen_codes(folder):

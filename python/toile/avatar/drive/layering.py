@@ -35,15 +35,15 @@ class GarmentLayering:
         "translation" (1,3)}: the sample's. What keeps pairs, or is drawn out long, is led there in its stead, if that
         leaves fewer pairs, or as few and shorter edges. Where cloth meets skin even so, for want of room, the skin gives way."""
         cloth = {g.name: points(decoded[g.name]) for g in self.garments}
-        found = self.layering.solve(points(decoded[self.body.name]), cloth)
-        before = found.intersections_before
+        layered = self.layering.solve(points(decoded[self.body.name]), cloth)
+        before = layered.intersections_before
         ways = self._ways(decoded, pose)
-        while self._caught(cloth, found) and (other := next(ways, None)) is not None:
-            found = min(found, other, key=lambda f: (f.intersections_left, self._stretch(cloth, f.vertices)))
+        while self._caught(cloth, layered) and (other := next(ways, None)) is not None:
+            layered = min(layered, other, key=lambda f: (f.intersections_left, self._stretch(cloth, f.vertices)))
         moved = dict(decoded)
-        for name, V in found.vertices.items():
+        for name, V in layered.vertices.items():
             moved[name] = replace(decoded[name], vertices=self._tensor(V, decoded[name]))
-        moved, left = self._given_way(moved, found.intersections_left)
+        moved, left = self._given_way(moved, layered.intersections_left)
         return moved, before, left
 
     def _given_way(self, placed, left):
@@ -58,9 +58,9 @@ class GarmentLayering:
         skin = replace(skin, vertices=self._tensor(V, skin))
         return placed | {self.body.name: skin}, left - pairs + meet(points(skin))
 
-    def _caught(self, cloth, found):
+    def _caught(self, cloth, layered):
         """Whether cloth was not led out, or was drawn out long."""
-        return found.intersections_left > 0 or self._stretch(cloth, found.vertices) > STRETCH
+        return layered.intersections_left > 0 or self._stretch(cloth, layered.vertices) > STRETCH
 
     def _stretch(self, cloth, moved):
         """By how much the edge grew that grew most [m]."""
@@ -103,8 +103,8 @@ class _Way:
     def turn(self):
         """Layered at the pose, all the way from rest."""
         for share in shares(self.pose["rotations"]):
-            found = self.go(share)
-        return found
+            layered = self.go(share)
+        return layered
 
     def go(self, share):
         """Layered of the shapes at so much of the way from rest to the pose, which they take on; the root turns as in the pose."""
@@ -112,10 +112,10 @@ class _Way:
         rotations[:, 0] = self.pose["rotations"][:, 0]
         transforms = self.skeleton(rotations, self.pose["translation"])
         posed = {name: _array(self.skin[name].pose(V, *transforms)) for name, V in self.unposed.items()}
-        found = self.layering.layering.solve(posed.pop(self.layering.body.name), posed)
-        for name, V in found.vertices.items():
+        layered = self.layering.layering.solve(posed.pop(self.layering.body.name), posed)
+        for name, V in layered.vertices.items():
             self.unposed[name] = self.skin[name].unpose(self.unposed[name].new_tensor(V)[None], *transforms)
-        return found
+        return layered
 
 
 def shares(rotations):

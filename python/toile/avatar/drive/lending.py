@@ -45,27 +45,27 @@ class Lent:
     @property
     def warnings(self):
         _, _, measured = self.driver
-        found = [f"{self.name} of {self.folder}: {words}" for words in hardly_foretold(measured)]
+        doubts = [f"{self.name} of {self.folder}: {words}" for words in hardly_foretold(measured)]
         if self.strain <= TIGHT:
-            return found
+            return doubts
         words = f"one edge in twenty is longer or shorter by more than {100 * self.strain:.0f} %"
-        return [f"{self.name} of {self.folder} hardly fits: {words}", *found]
+        return [f"{self.name} of {self.folder} hardly fits: {words}", *doubts]
 
     def cloth(self, physics):
         """{name: Cloth} as it lies on the wearer, or {}, see `worn_cloths`."""
         layer = self.lender.layers[self.lender.names.index(self.name)]
-        found = worn_cloths(self.folder, [layer], physics).items()
-        return {name: replace(cloth, residual=cloth.residual.moved(self.moved)) for name, cloth in found}
+        cloths = worn_cloths(self.folder, [layer], physics).items()
+        return {name: replace(cloth, residual=cloth.residual.moved(self.moved)) for name, cloth in cloths}
 
     @torch.no_grad()
     def latents(self, motion, face_mean):
         """Codes (T,Z) for a Motion of a person of mean face (q,3) or None. Poses of a window lie apart in time as nearly as in
         the lender's training; the face moves from the lender's mean as it does from the person's."""
         driver, stride, _ = self.driver
-        face, own = motion.face, getattr(self.lender, "face_mean", None)
-        if face is not None and own is not None:
-            known = face_mean is not None and face_mean.shape == own.shape
-            face = face + (own - face_mean).double().numpy() if known else None
+        face, mean = motion.face, getattr(self.lender, "face_mean", None)
+        if face is not None and mean is not None:
+            known = face_mean is not None and face_mean.shape == mean.shape
+            face = face + (mean - face_mean).double().numpy() if known else None
         stride = stride_at(motion.fps, stride, self.lender.scene.fps)
         track = make_track(self.lender, motion.frames, motion.rotations, face, stride, motion.fps)
         return driver.latents(track)[self.name]
@@ -79,12 +79,12 @@ def lend(avatar, garments: Mapping[str, Path], folder, skin_faces):
 
 
 def _put_on(avatar, name, folder, own_folder, skin_faces):
-    asked, lender = f"--garment {name}={folder}", load_avatar(folder)
+    option, lender = f"--garment {name}={folder}", load_avatar(folder)
     there = [layer.name for layer in lender.layers if layer.kind == "garment"]
     if name not in there:
-        raise UserError(f"{asked}: no garment {name} there: it has {', '.join(there) or 'none'}")
+        raise UserError(f"{option}: no garment {name} there: it has {', '.join(there) or 'none'}")
     wearer, owner = _body(avatar, own_folder), _body(lender, folder)
-    _check_same_model(asked, own_folder, (avatar, wearer), (lender, owner))
+    _check_same_model(option, own_folder, (avatar, wearer), (lender, owner))
     layer, model = lender.layers[lender.names.index(name)], lender.model(name)
     bodies = (Wearer(body.rest, one.skeleton.J.double().numpy()) for one, body in ((lender, owner), (avatar, wearer)))
     rest = refit(layer, *bodies, skin_faces)
@@ -97,11 +97,11 @@ def _put_on(avatar, name, folder, own_folder, skin_faces):
 def _wear(avatar, layer, model, over):
     """The layer and its networks in place of the avatar's own of that name, or under the first of the names `over`."""
     layers, models, names = list(avatar.layers), list(avatar.models), avatar.names
-    above = (i for i, own in enumerate(names) if own in over)
+    above = (i for i, worn in enumerate(names) if worn in over)
     at = names.index(layer.name) if layer.name in names else next(above, len(names))
     end = at + (layer.name in names)
     layers[at:end], models[at:end] = [layer], [model]
-    avatar.layers, avatar.names, avatar.models = layers, [own.name for own in layers], nn.ModuleList(models)
+    avatar.layers, avatar.names, avatar.models = layers, [worn.name for worn in layers], nn.ModuleList(models)
 
 
 def _body(avatar, folder):
@@ -111,7 +111,7 @@ def _body(avatar, folder):
     return body
 
 
-def _check_same_model(asked, folder, wearer, owner):
+def _check_same_model(option, folder, wearer, owner):
     """`wearer` and `owner`: (Avatar, its body). UserError: not of one body model, or another axis is up."""
     (avatar, body), (lender, other) = wearer, owner
     arrays = ("faces", "skin_idx", "skin_val")
@@ -121,6 +121,6 @@ def _check_same_model(asked, folder, wearer, owner):
             f"{one.scene.body_model}, {len(layer.rest)} vertices, {len(one.skeleton.J)} joints"
             for one, layer in (owner, wearer)
         ]
-        raise UserError(f"{asked}: its body model ({words[0]}) is another than that of {folder} ({words[1]})")
+        raise UserError(f"{option}: its body model ({words[0]}) is another than that of {folder} ({words[1]})")
     if avatar.scene.up != lender.scene.up:
-        raise UserError(f"{asked}: up is {lender.scene.up} there, {avatar.scene.up} in {folder}")
+        raise UserError(f"{option}: up is {lender.scene.up} there, {avatar.scene.up} in {folder}")

@@ -88,20 +88,20 @@ def teach(poses, simulated, registered, decoded=None):
         return Residual._means(registered.mean(0), simulated.mean(0))
     poses, stretches = np.asarray(poses, np.float64), np.array_split(np.arange(len(poses)), FOLDS)
     errors = left_out(poses, simulated, registered, stretches)
-    found = fitted(poses, simulated, registered, least(errors))
+    residual = fitted(poses, simulated, registered, least(errors))
     shapes, near = unseen_shapes(poses, simulated, registered, stretches, errors)
     known = np.ones(len(poses), bool)
     if decoded is not None and (seen := np.isfinite(decoded).all((1, 2))).any():
         known, joined = seen, shapes[JOINED]
         share = lambda of: best_share(registered[of], joined[of], decoded[of], near[of])
         trust = np.full(len(poses), share(known))
-        found = replace(found, trust=float(trust[0]))
+        residual = replace(residual, trust=float(trust[0]))
         for out in stretches:
             trust[out] = share(np.setdiff1d(np.flatnonzero(known), out))
         mixed = blend(joined, decoded, *(x[:, None, None] for x in (trust, near)))
         shapes |= {CODES: decoded, MIXED: mixed}
     off = {of: np.linalg.norm((x - registered)[known], axis=2) for of, x in shapes.items()}
-    return replace(found, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
+    return replace(residual, missed={of: float(np.sqrt(np.square(one).mean())) for of, one in off.items()})
 
 
 def blend(hung, decoded, trust, near):
@@ -115,10 +115,10 @@ def unseen_shapes(poses, simulated, registered, stretches, errors):
     mean, cloth, joined, near = (np.zeros(x) for x in (registered.shape,) * 3 + (len(poses),))
     for k, out in enumerate(stretches):
         kept = np.setdiff1d(np.arange(len(poses)), out)
-        told = fitted(poses[kept], simulated[kept], registered[kept], least(errors, without=k))
-        mean[out], cloth[out] = told.registered, simulated[out] + told.registered - told.simulated
+        residual = fitted(poses[kept], simulated[kept], registered[kept], least(errors, without=k))
+        mean[out], cloth[out] = residual.registered, simulated[out] + residual.registered - residual.simulated
         for i in out:
-            joined[i], near[i] = told.add(simulated[i], poses[i]), told.nearness(poses[i])
+            joined[i], near[i] = residual.add(simulated[i], poses[i]), residual.nearness(poses[i])
     return {MEAN: mean, CLOTH: cloth, JOINED: joined}, near
 
 
@@ -168,8 +168,8 @@ def left_out(poses, simulated, registered, stretches):
                 solve = near @ (vectors / (values + noise)) @ vectors.T
                 for share in SHARES:
                     part = 1 - (1 - share) * near.max(1, keepdims=True)
-                    told = about + part * swing + solve @ (u[kept] - about - share * swung)
-                    add(errors, (reach, swing_reach, noise, share), told - u[out])
+                    foretold = about + part * swing + solve @ (u[kept] - about - share * swung)
+                    add(errors, (reach, swing_reach, noise, share), foretold - u[out])
     return errors
 
 

@@ -101,20 +101,20 @@ def codes_of(avatar, data):
     codes = []
     with torch.no_grad():
         for number in data.frames:  # a code sees all of a frame's views: one sample a frame
-            found = avatar.encode(default_collate([data[data.rows_of(number)[0]]]))
-            codes.append(torch.cat([mean[0] for mean, _ in found.values()]))
-    return torch.stack(codes), {name: mean.shape[1] for name, (mean, _) in found.items()}
+            by_garment = avatar.encode(default_collate([data[data.rows_of(number)[0]]]))
+            codes.append(torch.cat([mean[0] for mean, _ in by_garment.values()]))
+    return torch.stack(codes), {name: mean.shape[1] for name, (mean, _) in by_garment.items()}
 
 
 @torch.no_grad()
 def code_reach(avatar, sizes, mean, spread):
     """(Z,) root mean square motion of its layer's vertices when one number of the code leaves the mean by its spread [m]."""
-    found = []
+    reach = []
     for name, z, one in zip(sizes, mean.split(list(sizes.values())), spread.split(list(sizes.values()))):
         codes = torch.cat([z[None], z + torch.diag(one)])
         shapes = torch.cat([avatar.unposed_by(name, part) for part in codes.split(DECODED)])
-        found.append((shapes[1:] - shapes[0]).square().sum(2).mean(1).sqrt())
-    return torch.cat(found)
+        reach.append((shapes[1:] - shapes[0]).square().sum(2).mean(1).sqrt())
+    return torch.cat(reach)
 
 
 def teach(driver, poses, targets, progress):
@@ -144,9 +144,9 @@ def teach_kriged(driver, copies, poses, targets, times, progress=lambda done, to
         kept = torch.ones(len(poses), dtype=torch.bool).index_fill(0, left_out, False)
         kriged = kriged_of(poses[kept], targets[kept], times[kept])
         with torch.no_grad():
-            told = copy.told(poses[left_out])
-            towards.append(kriged(poses[left_out]) - told)
-        missed.append(targets[left_out] - told)
+            foretold = copy.told(poses[left_out])
+            towards.append(kriged(poses[left_out]) - foretold)
+        missed.append(targets[left_out] - foretold)
         copy.kriged = kriged
     towards, missed = torch.cat(towards), torch.cat(missed)
     share = ((towards * missed).sum() / towards.square().sum().clamp(min=1e-12)).clamp(0, 1)
@@ -202,11 +202,11 @@ def stop_at(driver, poses, targets, progress):
 def codes_unseen(copies, track, rows, trust=1.0):
     """{garment: (F,Z)} of the frames at these rows (F,) of a Track, each by the copy of `stop_at` that was not taught it, as far as
     they are believed; {} where there are none."""
-    found = []
+    parts = []
     for left_out, copy in copies:
         copy.code_trust.copy_(torch.as_tensor(trust))
-        found.append({name: codes[rows[left_out]] for name, codes in copy.latents(track).items()})
-    return {name: torch.cat([one[name] for one in found]) for name in found[0]} if found else {}
+        parts.append({name: codes[rows[left_out]] for name, codes in copy.latents(track).items()})
+    return {name: torch.cat([one[name] for one in parts]) for name in parts[0]} if parts else {}
 
 
 def fit(driver, poses, targets, steps, draws=0):

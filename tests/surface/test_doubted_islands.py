@@ -5,7 +5,7 @@ import pytest
 
 from toile.config import SegmentSettings
 from toile.scene import Mesh
-from toile.stages.segment import _dissolve_islands
+from toile.surface.label_field import dissolve_islands
 
 N, STEP = 41, 0.01  # vertices a side, m between them
 
@@ -31,11 +31,11 @@ def test_an_island_goes_where_its_colours_are_those_around_it(sheet):
     mesh, labels = sheet
     every = np.ones(len(labels), bool)
     settings = SegmentSettings()
-    kept = _dissolve_islands(labels, mesh, settings, likelihood(labels, 2.0, 1.0), every)
-    gone = _dissolve_islands(labels, mesh, settings, likelihood(labels, 1.0, 2.0), every)
+    kept = dissolve_islands(labels, mesh, settings, likelihood(labels, 2.0, 1.0), every)
+    gone = dissolve_islands(labels, mesh, settings, likelihood(labels, 1.0, 2.0), every)
     assert (kept == labels).all() and (gone == 0).all()
-    assert (_dissolve_islands(labels, mesh, settings) == labels).all()  # nothing is known of its colours
-    unseen = _dissolve_islands(labels, mesh, settings, likelihood(labels, 1.0, 2.0), ~every)
+    assert (dissolve_islands(labels, mesh, settings) == labels).all()  # nothing is known of its colours
+    unseen = dissolve_islands(labels, mesh, settings, likelihood(labels, 1.0, 2.0), ~every)
     assert (unseen == labels).all()
 
 
@@ -43,5 +43,5 @@ def test_what_is_larger_stays_and_what_is_smaller_goes_whatever_its_colours(shee
     mesh, labels = sheet
     every = np.ones(len(labels), bool)
     against, for_it = (likelihood(labels, *values) for values in ((1.0, 2.0), (2.0, 1.0)))
-    assert (_dissolve_islands(labels, mesh, SegmentSettings(doubted_region=0.005), against, every) == labels).all()
-    assert (_dissolve_islands(labels, mesh, SegmentSettings(min_region=0.01), for_it, every) == 0).all()
+    assert (dissolve_islands(labels, mesh, SegmentSettings(doubted_region=0.005), against, every) == labels).all()
+    assert (dissolve_islands(labels, mesh, SegmentSettings(min_region=0.01), for_it, every) == 0).all()
