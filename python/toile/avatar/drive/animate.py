@@ -54,6 +54,7 @@ class Animation:
     warnings: tuple[str, ...]
     limbs: dict | None = None  # see `Apart.facts`; None where they go as given
     hung: tuple[str, ...] = ()  # garments that hung as cloth
+    dent: float = 0.0  # [m] by which skin gave way at most to cloth that had no room
 
 
 class DrivenAvatar:
@@ -222,8 +223,8 @@ class Shot:
         return self.path(self.rows[0])[0].size
 
     def make(self, i):
-        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, share of cloth, its strain so far, whether
-        the camera sees of the person)."""
+        """Writes the picture and meshes of one row; yields (row, pairs before, pairs left, share of cloth, its strain so far, how far
+        [m] skin gave way so far, whether the camera sees of the person)."""
         with one_thread():
             yield i, *self._make(i)
 
@@ -240,7 +241,7 @@ class Shot:
             write_still(self.out, driven, decoded, self.rows)
         strain = driven.draping.strain if driven.draping else 0.0
         seen = any(seen_by.sees(one.vertices[0].cpu().numpy()).any() for one in decoded.values())
-        return int(before), int(left), share, strain, seen
+        return int(before), int(left), share, strain, driven.layering.dent, seen
 
 
 def animate(
@@ -287,14 +288,14 @@ def animate(
             numbers = driven.motion.frames[rows]
             with VideoWriter(out / "animation.mp4", rate_of(numbers, driven.motion.fps)) as film:
                 measured = filmed(pool.each(Shot.make, rows), shot, film, progress)
-        before, left, shares, strains, seen = zip(*(measured[row] for row in rows))
+        before, left, shares, strains, dents, seen = zip(*(measured[row] for row in rows))
         before, left = sum(before), sum(left)
         less = {int(driven.motion.frames[row]): share for row, share in zip(rows, shares) if share < 1}
         unseen = [int(driven.motion.frames[row]) for row, one in zip(rows, seen) if not one]
         warnings = (*driven.warnings, *relieved(less, max(strains)), *out_of_sight(unseen, len(rows)))
         limbs = taken.apart and taken.apart.facts(rows)
         hung = tuple(driven.draping.cloths) if driven.draping else ()
-        done = Animation(len(rows), before, left, warnings, limbs, hung)
+        done = Animation(len(rows), before, left, warnings, limbs, hung, max(dents))
         facts = {"avatar": str(Path(folder).resolve()), "motion": str(Path(motion).resolve()), "fps": driven.motion.fps}
         facts["layers"] = [layer.name for layer in driven.avatar.layers] if meshes else []
         worn = {one.name: {"avatar": str(one.folder.resolve()), "strain_p95": one.strain} for one in driven.lent}
@@ -330,7 +331,7 @@ def out_of_sight(unseen, count):
 
 
 def filmed(shots, shot, film, progress):
-    """{row: (pairs before, pairs left, share of cloth, strain, seen)} of the rows as they are made; their pictures go to the film in the rows'
+    """{row: (pairs before, pairs left, share of cloth, strain, dent, seen)} of the rows as they are made; their pictures go to the film in the rows'
     order."""
     waiting, by_row = deque(shot.rows), {}
     for row, *measured in shots:

@@ -24,7 +24,7 @@ class GarmentLayering:
         self.avatar = avatar
         self.body = next(layer for layer in avatar.layers if layer.kind != "garment")
         self.garments = [layer for layer in avatar.layers if layer.kind == "garment"]
-        self.skin_faces = skin_faces
+        self.skin_faces, self.dent = skin_faces, 0.0  # [m] by which skin gave way at most, in all samples so far
         sizes = [(layer.name, layer.faces, len(layer.rest)) for layer in self.garments]
         self.layering = Layering(skin_faces, len(self.body.rest), sizes, MARGIN)
         self.edges = {layer.name: kernels.unique_edges(layer.faces).T for layer in self.garments}
@@ -55,6 +55,7 @@ class GarmentLayering:
         V = dented(points(skin), self.skin_faces, cloths) if pairs else None
         if V is None:
             return placed, left
+        self.dent = max(self.dent, float(np.linalg.norm(V - points(skin), axis=1).max()))
         skin = replace(skin, vertices=self._tensor(V, skin))
         return placed | {self.body.name: skin}, left - pairs + meet(points(skin))
 
