@@ -42,6 +42,11 @@ def test_skin_that_meets_none_stays_and_what_is_deep_is_no_matter_of_room():
     assert dented(V, F, [sheet(0.05 - 1.5 * MOST)]) is None and dented(V, F, [sheet(0.0), sheet(0.06)]) is None
 
 
+def test_a_skin_turned_inside_out_gives_way_alike():
+    V, F = limb()
+    assert np.array_equal(dented(V, F[:, ::-1], [sheet(0.047)]), dented(V, F, [sheet(0.047)]))
+
+
 def test_the_order_of_cloths_does_not_matter():
     V, F = limb()
     cloths = [sheet(0.048), sheet(-0.047)]

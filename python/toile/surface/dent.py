@@ -15,9 +15,9 @@ SLOPE = 0.3  # at which a dent rises to the skin about it
 
 
 def dented(V: Floats, F: Ints, cloths: Sequence[tuple[Floats, Ints]]) -> Floats | None:
-    """Skin V (n,3), F (m,3) [m] drawn in against its normals until no triangle meets one of the `cloths` (vertices, faces), by at
+    """Skin V (n,3), F (m,3) [m] drawn in along its normals until no triangle meets one of the `cloths` (vertices, faces), by at
     most MOST; None where that does not do."""
-    normals, edges, depth = kernels.vertex_normals(V, F), kernels.unique_edges(F), np.zeros(len(V))
+    normals, edges, depth = _inwards(V, F), kernels.unique_edges(F), np.zeros(len(V))
     rise = SLOPE * np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
     skin = V
     while len(met := _faces_met(skin, F, cloths)):
@@ -25,8 +25,15 @@ def dented(V: Floats, F: Ints, cloths: Sequence[tuple[Floats, Ints]]) -> Floats 
             return None
         depth[np.unique(F[met])] += STEP
         depth = _sloped(depth, edges, rise)
-        skin = V - depth[:, None] * normals
+        skin = V + depth[:, None] * normals
     return skin
+
+
+def _inwards(V, F):
+    """Unit normals (n,3) into the skin, whichever way its faces are turned."""
+    a, b, c = (V[F[:, k]] - V.mean(0) for k in range(3))
+    volume = np.einsum("fi,fi->", a, np.cross(b, c))
+    return -np.sign(volume) * kernels.vertex_normals(V, F)
 
 
 def _faces_met(V, F, cloths):

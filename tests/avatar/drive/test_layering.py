@@ -10,6 +10,7 @@ import torch
 from toile.avatar.drive.layering import STRETCH, TURN, GarmentLayering, shares
 from toile.avatar.model.skinning import Skeleton, Skin
 from toile.kernels import intersecting_pairs
+from toile.surface.layering import Layered
 
 ELBOW = 0.3  # [m] from the shoulder, along x
 
@@ -86,6 +87,21 @@ def test_a_shape_that_meets_even_the_resting_body_comes_from_the_garments_rest_s
     V = moved["shirt"].vertices[0].double().numpy()
     assert before > 0 and left == 0 and layering._stretch(aside, {"shirt": V}) < 0.75 * at_once
     assert len(intersecting_pairs(V, layering.garments[0].faces, body, layering.skin_faces)) == 0
+
+
+@pytest.mark.parametrize("width, gives_way", [(0.078, True), (0.04, False)])
+def test_where_cloth_finds_no_room_the_skin_gives_way_unless_it_lies_deep(monkeypatch, width, gives_way):
+    layering, decoded, pose = arm(0.0)
+    name, F = "shirt", layering.garments[0].faces
+    V = decoded[name].vertices * torch.tensor([1, width / 2 / 0.055, 1])  # flat: it cuts two sides of the arm
+    pairs = lambda V, skin: len(intersecting_pairs(V[0].double(), F, skin[0].double(), layering.skin_faces))
+    before = pairs(V, decoded["body"].vertices)
+    stuck = Layered({name: V[0].double().numpy()}, {}, before, before)
+    monkeypatch.setattr(layering.layering, "solve", lambda *_: stuck)
+    moved, *counted = layering(decoded | {name: Decoded(V)}, pose)
+    left = pairs(V, moved["body"].vertices)
+    assert before > 0 and counted == [before, left] and torch.equal(moved[name].vertices, V)
+    assert (left == 0) == gives_way == (0 < layering.dent < 0.01)
 
 
 def test_what_comes_out_at_first_is_not_touched_again(monkeypatch):
