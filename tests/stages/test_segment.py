@@ -34,17 +34,15 @@ def ball():
         view = DepthView(camera, V, F)
         seen = view.face >= 0
         centroid = V[F].mean(1)
-        sub = np.zeros((512, 512, 3))
+        picture, uv = np.full((512, 512, 3), 70.0), np.argwhere(seen)[:, ::-1]
+        picture[seen] = 0
         # the opening as the camera sees it: four by four rays a pixel on the exact sphere
         offsets = (np.arange(4) + 0.5) / 4
         for dy in offsets:
             for dx in offsets:
-                row, col = np.mgrid[0:512, 0:512]
-                label = true_label(on_ball(camera, np.stack([col + dx, row + dy], -1).reshape(-1, 2))).reshape(512, 512)
-                sub += np.where((label == 2)[..., None], [60, 90, 170], [215, 165, 140]) / 16
-        images[name] = np.clip(np.where(seen[..., None], sub, 70) + rng.normal(0, 2, sub.shape), 0, 255).astype(
-            np.uint8
-        )
+                label = true_label(on_ball(camera, uv + [dx, dy]))
+                picture[seen] += np.where((label == 2)[:, None], [60, 90, 170], [215, 165, 140]) / 16
+        images[name] = np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
         given = np.where(seen, true_label(centroid[view.face.clip(0)]), 0).astype(np.uint8)
         given = np.where(seen & (np.roll(given, -4, 0) > 0), np.roll(given, -4, 0), given)  # border four pixels too low
         for _ in range(6):  # blobs
