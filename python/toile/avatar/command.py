@@ -247,7 +247,7 @@ def animate(
     before, left = done.intersections_before, done.intersections_left
     words = f"{out}: {done.frames} frames; pairs of garments and what lies under them that intersect: {before} as decoded, {left} left"
     words += f"; skin gave way to cloth without room by up to {1e3 * done.dent:.1f} mm" if done.dent else ""
-    speech.result(words, intersections_before=before, intersections_left=left)
+    speech.result(words, intersections_before=before, intersections_left=left, dent=done.dent)
     if done.hung:
         speech.result(f"as cloth: {', '.join(done.hung)}", as_cloth=list(done.hung))
     speech.next_step("view", out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -143,9 +144,14 @@ class PoseCascade:
         lacking = self.lacking(seen.scan, fit.V) if beside.vouched else None
         return Attempt(fit, surface, *seen.measure(fit.V, lacking), beside.distance, beside.contradicted)
 
+    @cached_property
+    def _keypoint_solver(self):
+        """Fits a pose to keypoints alone."""
+        return kernels.SkeletonSolver(self.model, **self.options)
+
     def _pose_of_keypoints(self, points):
         """The pose that keypoints alone give, with the person's shape; at rest in their middle where they give none."""
-        fit = kernels.SkeletonSolver(self.model, **self.options).solve(keypoints=points)
+        fit = self._keypoint_solver.solve(keypoints=points)
         if fit.stop != "unmatched":
             return np.asarray(fit.rotations), np.asarray(fit.translation), self.person.shape
         known = points.points[~np.isnan(points.points).any(1)]

@@ -43,21 +43,23 @@ class GarmentLayering:
         moved = dict(decoded)
         for name, V in layered.vertices.items():
             moved[name] = replace(decoded[name], vertices=self._tensor(V, decoded[name]))
-        moved, left = self._given_way(moved, layered.intersections_left)
+        moved, left = self._given_way(moved, layered)
         return moved, before, left
 
-    def _given_way(self, placed, left):
-        """(`placed`, pairs left) with the skin dented where garments meet it, if that ends it."""
-        skin, parts = placed[self.body.name], self.layering.attachments
-        cloths = [(points(placed[name])[part.cloth], part.faces) for name, part in parts.items()]
+    def _given_way(self, placed, layered):
+        """(`placed`, pairs left) with the skin dented where garments, as `layered`, meet it, if that ends it."""
+        left, skin = layered.intersections_left, placed[self.body.name]
+        if not left:
+            return placed, left
+        parts = self.layering.attachments
+        cloths = [(layered.vertices[name][part.cloth], part.faces) for name, part in parts.items()]
         meet = lambda V: sum(len(kernels.intersecting_pairs(V, self.skin_faces, *cloth)) for cloth in cloths)
-        pairs = meet(points(skin)) if left else 0
-        V = dented(points(skin), self.skin_faces, cloths) if pairs else None
-        if V is None:
+        before, V = meet(points(skin)), dented(points(skin), self.skin_faces, cloths)
+        if not before or V is None:
             return placed, left
         self.dent = max(self.dent, float(np.linalg.norm(V - points(skin), axis=1).max()))
         skin = replace(skin, vertices=self._tensor(V, skin))
-        return placed | {self.body.name: skin}, left - pairs + meet(points(skin))
+        return placed | {self.body.name: skin}, left - before + meet(points(skin))
 
     def _caught(self, cloth, layered):
         """Whether cloth was not led out, or was drawn out long."""
