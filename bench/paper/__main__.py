@@ -11,13 +11,12 @@ from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings,
 from toile.console import progress_bars
 from toile.kernels import set_threads
 
+from .captures import SUBJECTS, made_captures
 from .study import Paper, machine
 
 ROOT = Path(__file__).parents[2]
-SUBJECTS = ("loose", "fitted", "logo")
-FIRST_SEED = 8117  # of the first subject's capture; the others follow
-TABLE = {  # asked without a capture: docs/measurements/avatars/first-tables.md, six to seven and a half hours of two cores
-    "registration": "draft", "quality": "draft", "holdout": "320-399", "align": "all", "window": 3,
+TABLE = {  # asked without a capture: docs/measurements/avatars/paper.md
+    "simulated": 960, "image_step": 6, "registration": "draft", "quality": "draft", "holdout": "768-959", "align": "all", "window": 3,
     "set": ['data.crop="garment"', "data.image=[224,224]", "body_steps=300", "garment_steps=300", "joint_steps=1000"],
 }  # fmt: skip
 TINY = AvatarSettings(
@@ -102,7 +101,7 @@ def small(out, say, progress):
 
 
 def asked(a, say, progress):
-    captures = tuple(a.captures) or tuple(made(a, subject, progress) for subject in SUBJECTS)
+    captures = tuple(a.captures) or made_captures(a.out, studio_options(a), a.workers, say)
     names = [capture.name for capture in captures]
     ablated = a.ablate or (names[1] if len(names) > 1 else None)
     return Paper(
@@ -113,20 +112,13 @@ def asked(a, say, progress):
     )  # fmt: skip
 
 
-def made(a, subject, progress):
-    """A capture of the studio, made where it is absent."""
-    from toile.studio.make import make_capture
-    from toile.studio.options import StudioOptions
-
-    place = a.out / "captures" / subject
-    if not place.exists():
-        options = StudioOptions(
-            frames=a.simulated, cameras=a.cameras, size=a.size, seed=FIRST_SEED + SUBJECTS.index(subject), subject=subject,
-            renderer=a.renderer, motion=a.motion, image_step=a.image_step, pairs=40,
-        )  # fmt: skip
-        place.parent.mkdir(parents=True, exist_ok=True)
-        make_capture(place, options, progress, a.workers)
-    return place
+def studio_options(a):
+    """Options of `toile studio` for a capture of the study."""
+    given = {
+        "--frames": a.simulated, "--image-step": a.image_step, "--cameras": a.cameras, "--size": a.size, "--motion": a.motion,
+        "--renderer": a.renderer, "--set": "pairs=40",
+    }  # fmt: skip
+    return tuple(word for pair in given.items() for word in pair)
 
 
 def numbers(text):

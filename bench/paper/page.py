@@ -1,4 +1,4 @@
-"""One self-contained page of a study's tables and pictures, its JSON, and its tables as Markdown."""
+"""One self-contained page of a study's tables and pictures beside the paper's, its JSON, and its tables as Markdown."""
 
 from __future__ import annotations
 
@@ -14,9 +14,15 @@ from toile.measure.page import table as html_table
 
 from .cells import text
 from .results import write_json
-from .tables import collected, tables
+from .sections import SECTIONS, tables
+from .tables import collected
 
-SHEETS = {"driven": "driven by pose and face alone", "sheets": "reconstructed"}
+TITLE = "The paper's figures and tables, and ours"
+INTRODUCTION = (
+    "Xiang et al., Modeling Clothing as a Separate Layer for an Animatable Human Avatar, ACM Transactions on Graphics 2021. Each section "
+    "names what stands in the paper, says what it shows there, and has the same of the avatars that were trained here. Figures 2 to 6 "
+    "are diagrams of the method."
+)
 
 
 def write(out):
@@ -30,32 +36,38 @@ def _write(out):
     made = tables(found)
     write_json(out / "paper.json", {"subjects": found, "tables": [vars(table) for table in made]})
     write_text(out / "tables.md", "\n".join(table.markdown() for table in made))
-    body = "".join(_section(table) for table in made) + "".join(_pictures(out / name) for name in found)
-    write_text(out / "index.html", document("The paper's comparisons", body))
+    sections = "".join(_section(section, found, out) for section in SECTIONS)
+    write_text(out / "index.html", document(TITLE, _paragraph(INTRODUCTION) + sections))
     return out / "index.html"
 
 
-def _section(table):
+def _section(section, found, out):
+    """HTML; without anything to show it says so."""
+    shown = [_table(table) for table in (make(found) for make in section.tables) if table.rows]
+    for name in found:
+        for pattern, words in section.pictures:
+            shown += _pictures(sorted((out / name).glob(pattern)), f"{name}: {words}")
+    head = f"<h2>{html.escape(section.title)}</h2>"
+    head += _paragraph(section.paper, "In the paper.") + _paragraph(section.here, "Here.")
+    return head + ("".join(shown) or _paragraph("Nothing of it has been made yet."))
+
+
+def _table(table):
     rows = [[None if value is None else text(value) for value in row] for row in table.rows]
-    note = f"<p class='soft'>{html.escape(table.note)}</p>" if table.note else ""
-    return f"<h2>{html.escape(table.title)}</h2><div class='sheet'>{html_table(table.head, rows)}</div>{note}"
+    note = _paragraph(table.note) if table.note else ""
+    return f"<h3>{html.escape(table.title)}</h3><div class='sheet'>{html_table(table.head, rows)}</div>{note}"
 
 
-def _pictures(folder):
-    """The sheets of a subject's first seed, and the close-ups of its ablations."""
-    parts = []
-    for seed in sorted(folder.glob("seed*"))[:1]:
-        for kind, words in SHEETS.items():
-            parts += _sheets(seed / kind, f"{folder.name}, {words}")
-    parts += _sheets(folder / "ablations" / "zooms", f"{folder.name}: ablations, driven")
-    return "".join(parts)
-
-
-def _sheets(folder, title):
+def _pictures(paths, title):
     from PIL import Image
 
-    paths = sorted(folder.glob("*.png"))
     if paths:
-        yield f"<h2>{html.escape(title)}</h2>"
+        yield f"<h3>{html.escape(title)}</h3>"
     for path in paths:
-        yield f"<div class='sheet'>{figure(np.asarray(Image.open(path).convert('RGB')), path.stem.replace('_', ' '))}</div>"
+        caption = path.stem.replace("_", " ")
+        yield f"<div class='sheet'>{figure(np.asarray(Image.open(path).convert('RGB')), caption)}</div>"
+
+
+def _paragraph(words, lead=""):
+    lead = f"<b>{html.escape(lead)}</b> " if lead else ""
+    return f"<p class='soft'>{lead}{html.escape(words)}</p>"

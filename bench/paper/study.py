@@ -4,8 +4,10 @@ Everything lies in one folder, and what lies there is not made again: what was s
 work on different captures in one folder.
     OUT/captures/NAME         made by the studio where no capture is named
     OUT/NAME/{run, aligned}   OUT/NAME/cache   samples that all avatars of the subject share
-    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, reconstruction.json, driven.json, physics.json; a trained
-                              avatar that lies there, or that a link there leads to, is taken as it is
+    OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, its cloth; reconstruction.json, driven.json (by codes alone,
+                              as the paper drives), shown.json (as `toile animate` shows it); a trained avatar that lies there, or that a
+                              link there leads to, is taken as it is
+    OUT/NAME/figures/         of the first seed: cloth moved out of the body, edits, textures before and after alignment
     OUT/NAME/ablations/ROW/   the same without one part, trained for as many steps
     OUT/{index.html, paper.json, tables.md}
 """
@@ -69,6 +71,9 @@ class Paper:
                 run = subject.registered()
                 subject.avatar(subject.folder / f"seed{seed}", run, changed(self.settings, seed=seed), baseline=True)
                 write(self.out)
+                if seed == self.seeds[0]:
+                    subject.figures(subject.folder / f"seed{seed}", run)
+                    write(self.out)
                 if capture.name == self.ablated and seed == self.seeds[0]:
                     for _ in subject.ablations():
                         write(self.out)
@@ -153,24 +158,49 @@ class Subject:
         once(folder / "trained.json", train, paper.say)
         if not settings.data.window:
             once(folder / "temporal.json", drive, paper.say)
+        self._driven(folder, baseline)
         if baseline:
+            once(folder / "cloth.json", lambda: self._cloth(folder), paper.say)
+            self._shown(folder)
             once(folder / "reconstruction.json", lambda: evaluate_avatar(folder, progress=paper.progress), paper.say)
-        self._driven(folder)
-        if baseline:
-            self._driven(folder, physics=True)
 
-    def _driven(self, folder, physics=False):
+    def _driven(self, folder, baseline=False):
+        """By codes alone, as the paper drives. What has a baseline is drawn as it is shown instead."""
         from toile.avatar.measure.evaluation import evaluate_avatar
 
-        paper = self.paper
-        how = dict(progress=paper.progress, driven=True, physics=physics, sheets=not physics)
-        once(folder / f"{'physics' if physics else 'driven'}.json", lambda: evaluate_avatar(folder, **how), paper.say)
+        how = dict(progress=self.paper.progress, driven=True, physics=False, sheets=not baseline)
+        once(folder / "driven.json", lambda: evaluate_avatar(folder, **how), self.paper.say)
+
+    def _cloth(self, folder):
+        """Measures garments as cloth; {garment: whether it hangs unasked}."""
+        from toile.avatar.drive.cloths import ensure_cloths
+        from toile.avatar.drive.draping import worn_cloths
+        from toile.avatar.model.checkpoint import load_avatar
+
+        ensure_cloths(folder, progress=self.paper.progress)
+        layers = [layer for layer in load_avatar(folder).layers if layer.kind == "garment"]
+        hung = worn_cloths(folder, layers, None)
+        return {"hangs": {layer.name: layer.name in hung for layer in layers}}
+
+    def _shown(self, folder):
+        """As `toile animate` shows it unasked: garments hang as cloth where that lay nearer in training frames left out."""
+        from toile.avatar.measure.evaluation import evaluate_avatar
+
+        how = dict(progress=self.paper.progress, driven=True, physics=None)
+        once(folder / "shown.json", lambda: evaluate_avatar(folder, **how), self.paper.say)
 
     def _share_cache(self, folder):
         folder.mkdir(parents=True, exist_ok=True)
         (self.folder / "cache").mkdir(exist_ok=True)
         for name in ("cache", "evaluation"):
             link(folder / name, self.folder / "cache")
+
+    def figures(self, avatar, run):
+        """OUT/NAME/figures/*.png, of an avatar trained on this run."""
+        from .figures import draw
+
+        out = self.folder / "figures"
+        once(out / "figures.json", lambda: draw(avatar, run, out), self.paper.say)
 
     def ablations(self):
         """Trains and evaluates one row after another; yields its name."""
@@ -287,13 +317,14 @@ def facts_seed(folder):
     return read(folder / "avatar.json")["settings"]["seed"]
 
 
-def toile(*arguments):
-    """A command of `toile` in a process of its own; single frames may fail."""
+def toile(*arguments, threads=None):
+    """A command of `toile` in a process of its own, of so many threads; single frames may fail."""
     import subprocess
     import sys
 
     command = [sys.executable, "-c", "from toile.cli import main; main()", *map(str, arguments)]
-    done = subprocess.run(command)
+    limits = {} if threads is None else {"OMP_NUM_THREADS": str(threads)}
+    done = subprocess.run(command, env=os.environ | limits)
     if done.returncode not in (0, 2):
         raise SystemExit(f"toile {arguments[0]}: exit code {done.returncode}")
 

@@ -132,7 +132,11 @@ def _section(name, measures, compared, frames, out):
         pictures[f"deviation {side}"] = np.where(textures.often[..., None], spread, 0).astype(np.uint8)
     for label, picture in pictures.items():
         write_image(out / "alignment" / f"{name} {label}.png".replace(" ", "_"), picture)
-    rows = "".join(_row(compared, k, frames[k]) for k in evenly(range(len(frames)), SHOWN))
+    chosen = evenly(range(len(frames)), SHOWN)
+    sheets = {k: _sheet(compared, k) for k in chosen}
+    strips = [np.concatenate([picture[::2, ::2] for picture in sheet.values()], 1) for sheet in sheets.values()]
+    write_image(out / "alignment" / f"{name}_frames.png", np.concatenate(strips))
+    rows = "".join(_row(frames[k], sheet) for k, sheet in sheets.items())
     change = {key: [measures[side][key] for side in SIDES] for key in measures["before"]}
     lines = [
         (key, a, b, f"{100 * (b / a - 1):+.0f} %" if a and b is not None else None) for key, (a, b) in change.items()
@@ -147,11 +151,17 @@ def _section(name, measures, compared, frames, out):
     )
 
 
-def _row(compared, k, number):
-    figures = []
+def _sheet(compared, k):
+    """{title: picture} of a frame: its texture, and that one's error to the anchors' mean, before and after."""
+    pictures = {}
     for side, textures in compared.items():
         error = textures.error(k)
         coloured = np.where(np.isfinite(error)[..., None], heat(np.nan_to_num(error) / HOT), 0)
-        picture = textures.colours[k] * textures.seen[k][..., None]
-        figures += [figure(picture, side), figure(coloured.astype(np.uint8), f"error {side}")]
-    return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{''.join(figures)}</div></section>"
+        pictures[side] = textures.colours[k] * textures.seen[k][..., None]
+        pictures[f"error {side}"] = coloured.astype(np.uint8)
+    return pictures
+
+
+def _row(number, sheet):
+    figures = "".join(figure(picture, title) for title, picture in sheet.items())
+    return f"<section class='frame'><h3>frame {number}</h3><div class='row'>{figures}</div></section>"
