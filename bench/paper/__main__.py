@@ -15,7 +15,7 @@ from .captures import SUBJECTS, made_captures
 from .study import Paper, machine
 
 ROOT = Path(__file__).parents[2]
-TABLE = {  # asked without a capture: docs/measurements/avatars/paper.md
+TABLE = {  # asked without a capture: docs/measurements/avatars.md says what is equal
     "simulated": 960, "image_step": 6, "registration": "draft", "quality": "draft", "holdout": "768-959", "align": "all", "window": 3,
     "set": ['data.crop="garment"', "data.image=[224,224]", "body_steps=300", "garment_steps=300", "joint_steps=1000"],
 }  # fmt: skip
