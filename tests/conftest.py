@@ -93,19 +93,41 @@ def threads():
 
 
 @pytest.fixture(scope="session")
-def sample_run(tmp_path_factory):
+def made_once(tmp_path_factory, request):
+    """made_once(name, make): the folder that `make(folder)` makes in the first test process that asks for it; all others share it,
+    so nobody writes into it."""
+    from toile.io.locks import locked
+
+    alone = not hasattr(request.config, "workerinput")
+    base = tmp_path_factory.getbasetemp()
+    base = base if alone else base.parent
+
+    def shared(name, make):
+        place = base / "shared" / f"of_{name}"
+        with locked(place):
+            if not (place / "whole").exists():
+                make(place / name)
+                (place / "whole").touch()
+        return place / name
+
+    return shared
+
+
+@pytest.fixture(scope="session")
+def sample_run(made_once):
     """Four frames of the bundled capture (8 cameras, 360 px), registered as a draft; never written into."""
     from toile.config import preset
     from toile.pipeline.run import register
 
-    run = tmp_path_factory.mktemp("registered") / "run"
-    outcome = register(Path(__file__).parents[1] / "data_samples" / "tshirt-talk", run, preset("draft"), (0, 1, 2, 3))
-    assert outcome.ok == (0, 1, 2, 3)
-    return run
+    def make(run):
+        capture = Path(__file__).parents[1] / "data_samples" / "tshirt-talk"
+        assert register(capture, run, preset("draft"), (0, 1, 2, 3)).ok == (0, 1, 2, 3)
+
+    return made_once("run", make)
 
 
 @pytest.fixture(scope="session")
-def sample_avatar(sample_run, tmp_path_factory):
+def sample_avatar(sample_run, made_once, tmp_path_factory):
     """A layered avatar and its baseline, two steps a phase, frame 3 held out; never written into but by tests of drivers."""
     from toile.avatar.settings import DataSettings, NetworkSettings, preset
     from toile.avatar.train.make import Request, make_avatar
@@ -115,20 +137,19 @@ def sample_avatar(sample_run, tmp_path_factory):
         network=NetworkSettings(latent=8, width=8, least_width=4, ao_rays=4, ao_size=32),
         body_steps=2, garment_steps=2, joint_steps=2, baseline_lr=(1.0,),
     )  # fmt: skip
-    folder = tmp_path_factory.mktemp("trained") / "avatar"
-    make_avatar(
-        Request(sample_run, preset("draft").model_copy(update=sizes), say=lambda _: None), folder, baseline=True
-    )
-    return folder
+    asked = Request(sample_run, preset("draft").model_copy(update=sizes), say=lambda _: None)
+    made = made_once("trained", lambda folder: make_avatar(asked, folder, baseline=True))
+    return shutil.copytree(made, tmp_path_factory.mktemp("trained") / "avatar")
 
 
 @pytest.fixture(scope="session")
-def driven_avatar(sample_avatar):
+def driven_avatar(sample_avatar, made_once):
     """The same with a temporal model, barely taught; copy it to write into it."""
     from toile.avatar.drive.teaching import train_temporal
     from toile.avatar.settings import TemporalSettings
 
-    folder = sample_avatar.parent / "with_driver"
-    shutil.copytree(sample_avatar, folder)
-    train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
-    return folder
+    def make(folder):
+        shutil.copytree(sample_avatar, folder)
+        train_temporal(folder, TemporalSettings(window=2, channels=8, steps=20))
+
+    return made_once("with_driver", make)

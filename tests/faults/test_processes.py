@@ -233,6 +233,7 @@ def test_a_shard_that_is_none_is_refused(text):
         console.shard_of(text)
 
 
+@pytest.mark.slow(seconds=20)
 def test_the_body_is_fused_from_every_frame_with_the_same_bits_for_any_workers(tmp_path, monkeypatch):
     folder = tmp_path / "capture"
     shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("truth", "frames"))

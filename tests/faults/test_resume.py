@@ -231,6 +231,7 @@ def test_a_repaired_frame_is_noticed_and_made_again_alone(both, tmp_path, made):
     assert not {"person", "template", "fused"} & set(made)
 
 
+@pytest.mark.slow(seconds=25)
 def test_the_preparation_is_made_again_when_the_frames_that_it_lacked_are_back(both, tmp_path, made):
     capture, run = both[0], tmp_path / "new"
     config = preset("draft").model_copy(update={"preparation_frames": 2})

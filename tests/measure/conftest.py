@@ -8,11 +8,9 @@ from tests.support.inspected import write_sound_capture
 
 
 @pytest.fixture(scope="session")
-def sound(tmp_path_factory):
+def sound(made_once):
     """See `write_sound_capture`; not to be changed."""
-    root = tmp_path_factory.mktemp("sound") / "capture"
-    write_sound_capture(root)
-    return root
+    return made_once("sound", write_sound_capture)
 
 
 @pytest.fixture
