@@ -11,7 +11,7 @@ from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings,
 from toile.console import progress_bars
 from toile.kernels import set_threads
 
-from .captures import SUBJECTS, made_captures
+from .captures import SUBJECTS, begin_captures
 from .study import Paper, machine
 
 ROOT = Path(__file__).parents[2]
@@ -101,14 +101,16 @@ def small(out, say, progress):
 
 
 def asked(a, say, progress):
-    captures = tuple(a.captures) or made_captures(a.out, studio_options(a), a.workers, say)
+    captures, ready = tuple(a.captures), lambda capture: None
+    if not captures:
+        captures, ready = begin_captures(a.out, studio_options(a), a.workers, say)
     names = [capture.name for capture in captures]
     ablated = a.ablate or (names[1] if len(names) > 1 else None)
     return Paper(
         a.out, captures, numbers(a.seeds), with_values(preset(a.quality), a.set),
         TemporalSettings(window=a.window, steps=a.temporal_steps), a.registration, a.frames, a.holdout, a.minutes, a.align,
         ablated, numbers(a.ablation_steps) or None, numbers(a.windows), tuple(filter(None, a.qualities.split(","))),
-        a.quality_minutes, a.workers, say, progress,
+        a.quality_minutes, a.workers, say, progress, ready,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from toile.kernels import threads
 
@@ -12,11 +13,10 @@ SUBJECTS = ("loose", "fitted", "logo")
 FIRST_SEED = 9911  # of the first subject; the others follow. Nothing was ever chosen on these
 
 
-def made_captures(out, options, workers, say):
-    """OUT/captures/SUBJECT of every subject, made where it is absent; `options` [str] of `toile studio`. Their folders, in order.
-    OUT/captures/SUBJECT.json says how long each took."""
-    each = max(threads() // workers, 1)
-    place = out / "captures"
+def begin_captures(out, options, workers, say):
+    """Begins OUT/captures/SUBJECT of every subject that is absent; `options` [str] of `toile studio`. Their folders, in order, and a
+    function that waits for one of them. OUT/captures/SUBJECT.json says how long each took."""
+    place, each = out / "captures", max(threads() // workers, 1)
 
     def make(subject):
         words = ("--subject", subject, "--seed", FIRST_SEED + SUBJECTS.index(subject), "--workers", 1, "--quiet")
@@ -24,6 +24,10 @@ def made_captures(out, options, workers, say):
             toile("studio", place / subject, *words, *options, threads=each)
         return {"capture": str(place / subject)}
 
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(lambda subject: once(place / f"{subject}.json", lambda: make(subject), say), SUBJECTS))
-    return tuple(place / subject for subject in SUBJECTS)
+    pool = ThreadPoolExecutor(workers)
+    begun = {
+        place / subject: pool.submit(once, place / f"{subject}.json", partial(make, subject), say)
+        for subject in SUBJECTS
+    }
+    pool.shutdown(wait=False)
+    return tuple(begun), lambda capture: begun[capture].result()

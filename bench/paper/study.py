@@ -62,11 +62,13 @@ class Paper:
     workers: int = 1
     say: Callable = print
     progress: Callable = lambda stage, done, total, note="": None
+    ready: Callable = lambda capture: None  # waits for one that is being made
 
     def run(self):
         """All of it; the page is written anew after each avatar."""
         for seed in self.seeds:
             for capture in self.captures:
+                self.ready(capture)
                 subject = Subject(self, capture)
                 run = subject.registered()
                 subject.avatar(subject.folder / f"seed{seed}", run, changed(self.settings, seed=seed), baseline=True)

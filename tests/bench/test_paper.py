@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+from bench.paper import captures
 from bench.paper.__main__ import TABLE, arguments, small, with_values
 from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
@@ -239,6 +240,29 @@ def test_without_a_capture_the_fair_table_is_asked_and_what_is_given_goes_above_
     assert settings.data.image == (224, 224) and settings.joint_steps == 1000 and settings.lr == 1e-3
     given = arguments(["out", "capture"])
     assert given.holdout is None and given.set == [] and given.quality == "standard"
+
+
+def test_captures_are_made_beside_the_work_each_once_and_waited_for_by_name(tmp_path, monkeypatch):
+    made = []
+
+    def studio(command, folder, *words, threads):
+        made.append((folder.name, words[words.index("--seed") + 1]))
+        if folder.name == "fitted" and len(made) == 1:
+            raise SystemExit("toile studio: exit code 1")
+        folder.mkdir()
+
+    monkeypatch.setattr(captures, "toile", studio)
+    monkeypatch.setattr(captures, "SUBJECTS", ("fitted", "loose"))
+    places, ready = captures.begin_captures(tmp_path, ("--frames", "4"), 1, lambda _: None)
+    with pytest.raises(SystemExit, match="studio"):
+        ready(places[0])
+    ready(places[1])
+    assert [place.name for place in places] == ["fitted", "loose"] and places[1].is_dir()
+    places, ready = captures.begin_captures(tmp_path, ("--frames", "4"), 1, lambda _: None)
+    for place in places:
+        ready(place)
+    seed = captures.FIRST_SEED
+    assert made == [("fitted", seed), ("loose", seed + 1), ("fitted", seed)]
 
 
 @pytest.mark.slow(seconds=420)
