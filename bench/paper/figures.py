@@ -15,14 +15,21 @@ from toile.frame_numbers import evenly
 from toile.io.image import write_image
 
 SHOWN = 3  # held-out frames of a figure
-SEARCHED = 8  # held-out frames of which the one with most intersections is shown
+SEARCHED = 8  # held-out frames of which the one is shown whose cloth goes most visibly through what lies under it
 DIFFERS = 0.15  # of a channel (0..1), by which a pixel shows that cloth was moved
 NEAR = 0.18  # side of a close-up, a share of the picture's
 STRIPES = 12  # of the drawn pattern, along the UV square
 BLUE = "0.5,0.7,1.8"  # factors of the colours, for the edit that both avatars get
 
 
-class AsDecoded(Driven):
+class Layers(Driven):
+    """Of a driven avatar the layers alone."""
+
+    def shown_in(self, i):
+        return {"layered": self.shown["layered"]}
+
+
+class AsDecoded(Layers):
     """Garments as the networks place them, through one another and the body."""
 
     def _clear(self, frame, decoded, pose):
@@ -40,26 +47,24 @@ def draw(folder, aligned, out):
 
 
 def collision(folder, path):
-    """A driven frame whose cloth went through the body or other cloth, and the same moved out; whole and close up where they differ."""
+    """The driven view in which cloth that goes through the body or other cloth shows most, and the same moved out; whole and close up."""
     frames = evenly(read_facts(folder)["holdout"], SEARCHED)
-    moved = Driven(folder, frames, physics=False)
-    for frame in frames:
-        moved._placed("layered", frame)
-    worst = max(moved.intersections, key=lambda frame: moved.intersections[frame][0])
-    through = AsDecoded(folder, [worst], physics=False)
-    moved = Driven(folder, [worst], physics=False)
-    pairs = [(through.picture(i), moved.picture(i)) for i in range(moved.count)]
-    differs = [np.abs(a.rendered["layered"] - b.rendered["layered"]).max(-1) > DIFFERS for a, b in pairs]
-    best = max(range(len(pairs)), key=lambda i: int(differs[i].sum()))
-    columns = {"as decoded": pairs[best][0], "moved out": pairs[best][1]}
-    pictures = {"captured": _on_paper(pairs[best][0], pairs[best][0].captured)}
-    pictures |= {title: _on_paper(one, one.rendered["layered"]) for title, one in columns.items()}
-    height, width = differs[best].shape
+    through, moved = (kind(folder, frames, physics=False) for kind in (AsDecoded, Layers))
+    most, best = -1, None
+    for i in range(moved.count):
+        pair = through.picture(i), moved.picture(i)
+        differs = np.abs(pair[0].rendered["layered"] - pair[1].rendered["layered"]).max(-1) > DIFFERS
+        if differs.sum() > most:
+            most, best = int(differs.sum()), (pair, differs)
+    (as_decoded, out), differs = best
+    pictures = {"captured": _on_paper(out, out.captured), "as decoded": _drawn(as_decoded), "moved out": _drawn(out)}
+    height, width = differs.shape
     rows = [_titles(pictures), tiles(pictures.values(), (0, 0, width, height), TILE * height // width)]
-    rows += [tiles(pictures.values(), _about(differs[best]), TILE)]
+    if most:
+        rows.append(tiles(pictures.values(), _about(differs), TILE))
     write_image(path, np.concatenate(rows))
-    before, left = moved.intersections[worst]
-    return {"frame": worst, "camera": pairs[best][0].camera, "pairs": int(before), "left": int(left)}
+    before, left = moved.intersections[out.frame]
+    return {"frame": out.frame, "camera": out.camera, "pixels": most, "pairs": int(before), "left": int(left)}
 
 
 def _about(differs):
@@ -82,7 +87,7 @@ def edits(folder, garment, out):
         "pattern": Change(garment, image=pattern), "text": Change(garment, text="TOILE", size=0.3),
     }  # fmt: skip
     frames = evenly(read_facts(folder)["holdout"], SHOWN)
-    shown = Driven(folder, frames, physics=None)
+    shown = Layers(folder, frames, physics=None)
     views = [_widest(shown, frame) for frame in frames]
     plain = [shown.picture(i) for i in views]
     columns = {"captured": [_on_paper(one, one.captured) for one in plain], "driven": [_drawn(one) for one in plain]}
@@ -93,7 +98,7 @@ def edits(folder, garment, out):
             borders = {name: both.measured[name] for name in ("layered", "baseline")}
             (made / "edit.png").replace(out / "single.png")
         shutil.rmtree(made / "baseline", ignore_errors=True)  # it is not shown
-        changed = Driven(made, frames, physics=None)
+        changed = Layers(made, frames, physics=None)
         columns[name] = [_drawn(changed.picture(i)) for i in views]
     shutil.rmtree(made)
     pattern.unlink()

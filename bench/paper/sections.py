@@ -62,7 +62,7 @@ SECTIONS = (
     Section(
         "Figure 7: intersections resolved",
         "One example: skin shows through the decoded shirt, and does not after the shirt is moved out.",
-        "The frame of most intersecting pairs of triangles of eight that are held out, driven by codes; the pairs of all are counted.",
+        "Of eight held-out frames, driven by codes, the view in which it shows most; pairs of triangles are counted in all frames.",
         (intersections,),
         (("figures/collision.png", "driven by codes"),),
     ),
@@ -89,7 +89,8 @@ SECTIONS = (
     Section(
         "Figure 15: the same edit by layers and by one surface",
         "The garment is marked on the single layer's texture in one frame; in others the blue leaves the shirt.",
-        "The same, frames encoded. Below each picture: how far the edited region's border lies from the garment's.",
+        "The same, frames encoded. Above each picture: how far the edited region's border lies from the garment's; specks that the one "
+        "frame did not show, and that therefore stay as they were, have borders too.",
         pictures=(("figures/single.png", "the colour edit"),),
     ),
 )
