@@ -21,7 +21,7 @@ from toile.measure.report import write_report
 from toile.measure.triage import facts, measured
 from toile.measure.triage.measured import Row
 
-FRAMES, EVIL = 60, "<img src=x onerror=alert(1)></script>"
+FRAMES, EVIL = 36, "<img src=x onerror=alert(1)></script>"
 
 
 @pytest.fixture(scope="module")
