@@ -101,7 +101,7 @@ def test_where_cloth_finds_no_room_the_skin_gives_way_unless_it_lies_deep(monkey
     moved, *counted = layering(decoded | {name: Decoded(V)}, pose)
     left = pairs(V, moved["body"].vertices)
     assert before > 0 and counted == [before, left] and torch.equal(moved[name].vertices, V)
-    assert (left == 0) == gives_way == (0 < layering.dent < 0.01)
+    assert (left == 0) == gives_way == (0 < layering.dent(decoded, moved) < 0.01)
 
 
 def test_what_comes_out_at_first_is_not_touched_again(monkeypatch):

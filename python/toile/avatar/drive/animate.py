@@ -81,6 +81,7 @@ class DrivenAvatar:
         self.avatar.to(self.device)
         self.decoded = decoder(self.avatar)
         self.layering = GarmentLayering(self.avatar, self.model.skin_faces)
+        self.dent = 0.0  # [m] by which skin gave way to cloth at most, in what was decoded so far
         cloths = self._cloths(physics)
         self.warnings += doubts(cloths) + outdated(self.folder, self.avatar.layers, physics)
         self.draping = self.draped(cloths, np.arange(len(self.motion))) if cloths else None
@@ -185,11 +186,13 @@ class DrivenAvatar:
     def decode(self, i, batch):
         """({layer: Decoded} with garments out of the body and of one another, pairs before, pairs left, share of what hangs that is
         shown as cloth)."""
-        decoded = self.decoded(batch, self._codes(i))
+        decoded, share = self.decoded(batch, self._codes(i)), 1.0
         if self.draping:
-            placed, share = self.draping.clear(i, decoded, batch)
-            return *placed, share
-        return *self.layering(decoded, batch), 1.0
+            found, share = self.draping.clear(i, decoded, batch)
+        else:
+            found = self.layering(decoded, batch)
+        self.dent = max(self.dent, self.layering.dent(decoded, found[0]))
+        return *found, share
 
     @torch.no_grad()
     def picture(self, decoded, batch, size):
@@ -241,7 +244,7 @@ class Shot:
             write_still(self.out, driven, decoded, self.rows)
         strain = driven.draping.strain if driven.draping else 0.0
         seen = any(seen_by.sees(one.vertices[0].cpu().numpy()).any() for one in decoded.values())
-        return int(before), int(left), share, strain, driven.layering.dent, seen
+        return int(before), int(left), share, strain, driven.dent, seen
 
 
 def animate(

@@ -24,7 +24,7 @@ class GarmentLayering:
         self.avatar = avatar
         self.body = next(layer for layer in avatar.layers if layer.kind != "garment")
         self.garments = [layer for layer in avatar.layers if layer.kind == "garment"]
-        self.skin_faces, self.dent = skin_faces, 0.0  # [m] by which skin gave way at most, in all samples so far
+        self.skin_faces = skin_faces
         sizes = [(layer.name, layer.faces, len(layer.rest)) for layer in self.garments]
         self.layering = Layering(skin_faces, len(self.body.rest), sizes, MARGIN)
         self.edges = {layer.name: kernels.unique_edges(layer.faces).T for layer in self.garments}
@@ -57,9 +57,13 @@ class GarmentLayering:
         before, V = meet(points(skin)), dented(points(skin), self.skin_faces, cloths)
         if not before or V is None:
             return placed, left
-        self.dent = max(self.dent, float(np.linalg.norm(V - points(skin), axis=1).max()))
         skin = replace(skin, vertices=self._tensor(V, skin))
         return placed | {self.body.name: skin}, left - before + meet(points(skin))
+
+    def dent(self, decoded, shown):
+        """How far skin gave way at most [m] between a sample as it is decoded and as it is shown."""
+        given, placed = (points(one[self.body.name]) for one in (decoded, shown))
+        return float(np.linalg.norm(placed - given, axis=1).max())
 
     def _caught(self, cloth, layered):
         """Whether cloth was not led out, or was drawn out long."""

@@ -83,6 +83,7 @@ class HeldOut:
         self.warnings += next(iter(self.data.values())).warnings
         self.shown = {name: name for name in folders}  # what pictures show, and the avatar of each
         self.layering, self.intersections = None, {}  # by frame: pairs of triangles before and after untangling
+        self.dent = 0.0  # [m] by which skin gave way at most
         if "layered" in self.avatars:
             faces = self.registered.run.body_model.skin_faces
             self.layering = GarmentLayering(self.avatars["layered"], faces)
@@ -168,7 +169,9 @@ class HeldOut:
         """{layer: vertices (n,3)} of a frame, which no camera changes; the layered avatar's garments out of the body."""
         if frame not in self.decoded[name]:
             if self.shown[name] == "layered":
-                decoded, *self.intersections[frame] = self._clear(frame, decoded, pose)
+                cleared, *self.intersections[frame] = self._clear(frame, decoded, pose)
+                self.dent = max(self.dent, self.layering.dent(decoded, cleared))
+                decoded = cleared
             if not self._asked_again(name):
                 self.decoded[name].clear()
             self.decoded[name][frame] = {layer: d.vertices[0].cpu().numpy() for layer, d in decoded.items()}
@@ -187,11 +190,13 @@ class HeldOut:
         return self.layering(decoded, pose)
 
     def intersecting(self):
-        """Pairs of triangles of garments and what lies under them, over the decoded frames; None without an avatar of layers."""
+        """Pairs of triangles of garments and what lies under them, over the decoded frames, and how far skin gave way to cloth at most;
+        None without an avatar of layers."""
         if not self.intersections:
             return None
         before, left = np.sum(list(self.intersections.values()), axis=0)
-        return {"before": int(before), "left": int(left), "frames": len(self.intersections)}
+        pairs = {"before": int(before), "left": int(left), "frames": len(self.intersections)}
+        return pairs | {"dent_mm": 1e3 * self.dent}
 
     def piercing(self):
         """What a user should know of pairs that are left."""
