@@ -35,7 +35,7 @@ SECTIONS = (
         "Figures 8 and 9: textures before and after alignment",
         "Figure 8: textures unwrapped from the pictures, and their error to the anchor frames' mean, before and after alignment by "
         "inverse rendering. Figure 9: their mean, which gets sharper, and their standard deviation over the frames, which gets smaller.",
-        "The same of the garment that is worn outermost. Frames: texture before, its error, texture after, its error; a row a frame.",
+        "The same of each garment. Frames: texture before, its error, texture after, its error; a row a frame.",
         (alignment,),
         (
             ("figures/textures_*frames.png", "frames and their errors to the anchors' mean (Figure 8)"),

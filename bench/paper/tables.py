@@ -88,7 +88,7 @@ def sizes(found):
 def _size(subject, one):
     run, made, trained = subject["run"], subject["made"], one["trained"]
     (height, width), studio = run["pixels"], run["studio"]
-    minutes = lambda *names: sum(one[n]["seconds"] for n in names if n in one) / 60
+    minutes = lambda *names: _minutes(*(one[n] for n in names if n in one))
     shown = one.get("driven", {}).get("all", {})
     frames = f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} a second"
     return {
@@ -103,13 +103,19 @@ def _size(subject, one):
         "parameters, layered and single": " and ".join(str(n) for n in shown.get("parameters", {}).values()) or None,
         "steps apart and together": " + ".join(str(n) for n in trained["steps"].values()),
         "device": trained["machine"]["device"],
-        "minutes: making the capture": made["seconds"] / 60 if made else None,
-        "minutes: registering": run["seconds"] / 60 if run["quality"] else None,
-        "minutes: aligning": subject["aligned"]["seconds"] / 60 if "seconds" in (subject["aligned"] or {}) else None,
+        "minutes: making the capture": _minutes(made),
+        "minutes: registering": _minutes(run if run["quality"] else None),
+        "minutes: aligning": _minutes(subject["aligned"]),
         "minutes: training, baseline and its search included": minutes("trained"),
         "minutes: temporal models and cloth": minutes("temporal", "cloth"),
         "minutes: evaluating": minutes("reconstruction", "driven", "shown"),
     }
+
+
+def _minutes(*parts):
+    """Of the wall clock; None where nothing was made."""
+    seconds = [part["seconds"] for part in parts if part and "seconds" in part]
+    return round(sum(seconds) / 60, 1) if seconds else None
 
 
 def _pictures(studio):
@@ -221,21 +227,28 @@ def drivers(found):
 
 
 def means(found):
-    """Changes of squared errors over all subjects and seeds, with their intervals."""
+    """Changes of squared errors over all subjects and seeds, with their intervals: a column each way of showing."""
+    hows = [how for how in HOWS if any(how in one for subject in found.values() for one in subject["seeds"].values())]
     rows = []
-    for how, words in HOWS.items():
-        for measure, pixels in COUNTED.items():
-            subjects = [
-                [sums for one in subject["seeds"].values() if (sums := _sums(one.get(how), measure, pixels))]
-                for subject in found.values()
-            ]
-            there = [seeds for seeds in subjects if seeds]
-            change = mean_change(there)
-            if change:
-                count = sum(map(len, there))
-                rows.append([words, measure.replace("_", " "), len(there), count, interval(change)])
-    note = "Mean changes, layered against single layer; in brackets 95 % intervals by a block bootstrap over frames."
-    return Table("Over all subjects and seeds", ("", "", "subjects", "avatars", "change"), rows, note if rows else "")
+    for measure, pixels in COUNTED.items():
+        changes = [_mean_change(found, how, measure, pixels) for how in hows]
+        if any(changes):
+            rows.append([measure.replace("_", " "), *map(interval, changes)])
+    avatars = sum(any(how in one for how in hows) for subject in found.values() for one in subject["seeds"].values())
+    note = (
+        f"Mean changes over {len(found)} subjects and {avatars} pairs of avatars, layers against single layer; in brackets 95 % "
+        "intervals by a block bootstrap over frames."
+    )
+    return Table("Over all subjects and seeds", ("", *(HOWS[how] for how in hows)), rows, note if rows else "")
+
+
+def _mean_change(found, how, measure, pixels):
+    subjects = [
+        [sums for one in subject["seeds"].values() if (sums := _sums(one.get(how), measure, pixels))]
+        for subject in found.values()
+    ]
+    there = [seeds for seeds in subjects if seeds]
+    return mean_change(there) if there else None
 
 
 def _sums(result, measure, pixels):

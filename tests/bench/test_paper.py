@@ -11,7 +11,7 @@ from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
 from bench.paper.sections import SECTIONS, tables
 from bench.paper.study import Paper, Subject, link, once, span_held_out
-from bench.paper.tables import against, beside_the_paper, collected, goals, sizes
+from bench.paper.tables import HOWS, against, beside_the_paper, collected, goals, sizes
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
 from toile.studio.options import StudioOptions
@@ -117,7 +117,9 @@ def test_every_table_has_its_rows(study):
     assert [row[4] for row in hung.rows] == [70.0] * 3 and "logo, 2 seeds: MSE 22 % lower: yes" in hung.note
     assert rows["Driven by pose and face alone, by codes"][0][6] == "-23.0 % [-35.5, -10.5]"
     # logo's seeds 0.77 and 0.67, loose's 0.77: frames that agree leave no width
-    assert rows["Over all subjects and seeds"][0][2:] == [2, 3, "-26.3 % [-26.3, -26.3]"]
+    assert made["Over all subjects and seeds"].head[1:] == tuple(HOWS.values())
+    assert rows["Over all subjects and seeds"][0][:2] == ["mse", "-26.3 % [-26.3, -26.3]"]
+    assert "2 subjects and 3 pairs" in made["Over all subjects and seeds"].note
     assert "logo, 2 seeds: MSE 22 % lower: yes" in made["Driven by pose and face alone, by codes"].note
     assert [row[1] for row in rows["Ablations, driven"]] == ["full", *SWITCHES]
     assert [row[2] for row in rows["Temporal models"]] == ["L1", "L15", "damped"]
