@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 
@@ -36,14 +35,11 @@ class AsDecoded(Layers):
         return decoded, 0, 0
 
 
-def draw(folder, aligned, out):
-    """OUT/{collision,edits,single,textures_*}.png of AVATAR `folder`, whose run is `aligned`; what they show."""
+def draw(folder, out):
+    """OUT/{collision,edits,single}.png of AVATAR `folder`; what they show. Of several garments the outermost is edited."""
     garment = next(layer.name for layer in load_avatar(folder).layers[::-1] if layer.kind == "garment")
     found = {"garment": garment, "collision": collision(folder, out / "collision.png")}
-    found["edits"] = edits(folder, garment, out)
-    for path in sorted((aligned / "alignment").glob("*.png")):
-        write_image(out / f"textures_{path.name}", np.asarray(_opened(path)))
-    return found
+    return found | {"edits": edits(folder, garment, out)}
 
 
 def collision(folder, path):
@@ -137,9 +133,3 @@ def _on_paper(picture, image):
 
 def _titles(columns):
     return np.concatenate([text_line(title, TILE + GAP) for title in columns], axis=1)
-
-
-def _opened(path: Path):
-    from PIL import Image
-
-    return Image.open(path).convert("RGB")

@@ -38,9 +38,9 @@ SECTIONS = (
         "The same of each garment. Frames: texture before, its error, texture after, its error; a row a frame.",
         (alignment,),
         (
-            ("figures/textures_*frames.png", "frames and their errors to the anchors' mean (Figure 8)"),
-            ("figures/textures_*mean*.png", "mean (Figure 9)"),
-            ("figures/textures_*deviation*.png", "standard deviation (Figure 9)"),
+            ("aligned/alignment/*_frames.png", "frames and their errors to the anchors' mean (Figure 8)"),
+            ("aligned/alignment/*_mean_*.png", "mean (Figure 9)"),
+            ("aligned/alignment/*_deviation_*.png", "standard deviation (Figure 9)"),
         ),
     ),
     Section(

@@ -7,7 +7,7 @@ work on different captures in one folder.
     OUT/NAME/seed0/           the avatar, its baseline/, its temporal model, its cloth; reconstruction.json, driven.json (by codes alone,
                               as the paper drives), shown.json (as `toile animate` shows it); a trained avatar that lies there, or that a
                               link there leads to, is taken as it is
-    OUT/NAME/figures/         of the first seed: cloth moved out of the body, edits, textures before and after alignment
+    OUT/NAME/figures/         of the first seed: cloth moved out of the body, edits
     OUT/NAME/ablations/ROW/   the same without one part, trained for as many steps
     OUT/{index.html, paper.json, tables.md}
 """
@@ -74,7 +74,7 @@ class Paper:
                 subject.avatar(subject.folder / f"seed{seed}", run, changed(self.settings, seed=seed), baseline=True)
                 write(self.out)
                 if seed == self.seeds[0]:
-                    subject.figures(subject.folder / f"seed{seed}", run)
+                    subject.figures(subject.folder / f"seed{seed}")
                     write(self.out)
                 if capture.name == self.ablated and seed == self.seeds[0]:
                     for _ in subject.ablations():
@@ -197,12 +197,12 @@ class Subject:
         for name in ("cache", "evaluation"):
             link(folder / name, self.folder / "cache")
 
-    def figures(self, avatar, run):
-        """OUT/NAME/figures/*.png, of an avatar trained on this run."""
+    def figures(self, avatar):
+        """OUT/NAME/figures/*.png of a trained avatar."""
         from .figures import draw
 
         out = self.folder / "figures"
-        once(out / "figures.json", lambda: draw(avatar, run, out), self.paper.say)
+        once(out / "figures.json", lambda: draw(avatar, out), self.paper.say)
 
     def ablations(self):
         """Trains and evaluates one row after another; yields its name."""
