@@ -12,7 +12,8 @@ from toile.console import progress_bars
 from toile.kernels import set_threads
 
 from .captures import SUBJECTS, begin_captures
-from .study import Paper, machine
+from .made import machine
+from .study import Paper
 
 ROOT = Path(__file__).parents[2]
 TABLE = {  # asked without a capture: docs/measurements/avatars.md says what is equal

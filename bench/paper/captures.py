@@ -7,7 +7,7 @@ from functools import partial
 
 from toile.kernels import threads
 
-from .study import once, toile
+from .made import once, toile
 
 SUBJECTS = ("loose", "fitted", "logo")
 FIRST_SEED = 9911  # of the first subject; the others follow. Nothing was ever chosen on these

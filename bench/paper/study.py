@@ -14,10 +14,6 @@ work on different captures in one folder.
 
 from __future__ import annotations
 
-import json
-import os
-import platform
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,8 +24,9 @@ from toile.io.holdout import span_of
 from toile.io.run import is_run, open_run
 from toile.io.run_folder import capture_folder
 
+from .made import facts_seed, finished, link, once, studio_options, threads, toile, training_seconds
 from .page import write
-from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, changed, read, slug, write_json
+from .results import ALIGNED, DAMPED, FULL, SWITCHES, UNALIGNED, changed, read, slug
 
 LINKED = (
     "avatar.json",
@@ -273,77 +270,3 @@ def span_held_out(asked, pictured):
         return span_of(asked)
     held = held_out(None, pictured)
     return (held[0], held[-1]) if held else ()
-
-
-def once(path, make, say):
-    """The JSON at `path`, made once: what `make` gives, with the seconds that it took, of stopped attempts too."""
-    if path.exists():
-        return read(path)
-    begun, before = time.time(), path.with_suffix(".seconds")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    spent = float(before.read_text()) if before.exists() else 0.0
-    try:
-        made = make()
-    finally:
-        seconds = spent + time.time() - begun
-        before.write_text(str(seconds))
-    write_json(path, {"seconds": seconds, "machine": machine()} | made)
-    before.unlink()
-    say(f"{path}: {seconds:.0f} s")
-    return read(path)
-
-
-def link(path, target):
-    """A symbolic link to `target`, by the way from one to the other, so that OUT may be moved; what is there stays."""
-    if not path.exists():
-        path.symlink_to(os.path.relpath(target.resolve(), path.parent.resolve()))
-
-
-def finished(folder):
-    """Whether a trained avatar is there; one that is, is taken as it is."""
-    return (folder / "avatar.json").exists() and read(folder / "avatar.json")["steps"] is not None
-
-
-def training_seconds(folder):
-    """What the trainings below a folder have taken until their last checkpoints, stopped attempts included."""
-    from safetensors import safe_open
-
-    spent = 0.0
-    for place in {path.parent for path in Path(folder).rglob("checkpoints/*.safetensors")}:
-        with safe_open(max(place.glob("*.safetensors")), framework="pt") as file:
-            spent += json.loads(file.metadata()["json"])["spent"]
-    return spent
-
-
-def facts_seed(folder):
-    return read(folder / "avatar.json")["settings"]["seed"]
-
-
-def toile(*arguments, threads=None):
-    """A command of `toile` in a process of its own, of so many threads; single frames may fail."""
-    import subprocess
-    import sys
-
-    command = [sys.executable, "-c", "from toile.cli import main; main()", *map(str, arguments)]
-    limits = {} if threads is None else {"OMP_NUM_THREADS": str(threads)}
-    done = subprocess.run(command, env=os.environ | limits)
-    if done.returncode not in (0, 2):
-        raise SystemExit(f"toile {arguments[0]}: exit code {done.returncode}")
-
-
-def threads():
-    import torch
-
-    return torch.get_num_threads()
-
-
-def machine():
-    import torch
-
-    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"CPU, {threads()} threads"
-    return {"device": device, "torch": torch.__version__, "architecture": platform.machine()}
-
-
-def studio_options(capture):
-    path = Path(capture) / "studio.json"
-    return read(path)["options"] if path.exists() else None

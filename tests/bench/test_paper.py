@@ -7,10 +7,11 @@ import pytest
 
 from bench.paper import captures
 from bench.paper.__main__ import TABLE, arguments, small, with_values
+from bench.paper.made import link, once
 from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
 from bench.paper.sections import SECTIONS, tables
-from bench.paper.study import Paper, Subject, link, once, span_held_out
+from bench.paper.study import Paper, Subject, span_held_out
 from bench.paper.tables import HOWS, against, beside_the_paper, collected, goals, sizes
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
