@@ -106,6 +106,7 @@ def made_once(tmp_path_factory, request):
         place = base / "shared" / f"of_{name}"
         with locked(place):
             if not (place / "whole").exists():
+                shutil.rmtree(place / name, ignore_errors=True)  # half made
                 make(place / name)
                 (place / "whole").touch()
         return place / name

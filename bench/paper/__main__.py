@@ -11,7 +11,7 @@ from toile.avatar.settings import AvatarSettings, DataSettings, NetworkSettings,
 from toile.console import progress_bars
 from toile.kernels import set_threads
 
-from .captures import SUBJECTS, begin_captures
+from .captures import SUBJECTS, Captures
 from .made import machine
 from .study import Paper
 
@@ -38,7 +38,9 @@ def arguments(words=None):
         help=f"or runs; default: {', '.join(SUBJECTS)}, made by the studio, and {TABLE}",
     )
     parser.add_argument(
-        "--small", action="store_true", help="the bundled capture and tiny networks: minutes, to see that it runs"
+        "--small",
+        action="store_true",
+        help="the bundled capture and tiny networks, in OUT/small: minutes, to see that it runs",
     )
     parser.add_argument("--seeds", default="0", help="separated by commas")
     parser.add_argument("--registration", default="standard", help="quality of `toile register`")
@@ -85,12 +87,20 @@ def main():
 
         torch.set_num_threads(a.threads)
         set_threads(a.threads)
-    a.out.mkdir(parents=True, exist_ok=True)
     with progress_bars() as progress:
         stages = lambda stage, done, total, note="": progress(stage, done, total)
         say = lambda text: print(text, flush=True)
-        study = small(a.out, say, stages) if a.small else asked(a, say, stages)
-        print(study.run(), machine())
+        print(run(a, say, stages), machine())
+
+
+def run(a, say, progress):
+    """The page of what the arguments ask for."""
+    if a.small:
+        return small(a.out / "small", say, progress).run()
+    if a.captures:
+        return asked(a, tuple(a.captures), say, progress).run()
+    with Captures(a.out, of_studio(a), a.workers, say) as captures:
+        return asked(a, captures.folders, say, progress, captures.ready).run()
 
 
 def small(out, say, progress):
@@ -101,10 +111,7 @@ def small(out, say, progress):
     )  # fmt: skip
 
 
-def asked(a, say, progress):
-    captures, ready = tuple(a.captures), lambda capture: None
-    if not captures:
-        captures, ready = begin_captures(a.out, studio_options(a), a.workers, say)
+def asked(a, captures, say, progress, ready=lambda capture: None):
     names = [capture.name for capture in captures]
     ablated = a.ablate or (names[1] if len(names) > 1 else None)
     return Paper(
@@ -115,13 +122,12 @@ def asked(a, say, progress):
     )  # fmt: skip
 
 
-def studio_options(a):
-    """Options of `toile studio` for a capture of the study."""
-    given = {
-        "--frames": a.simulated, "--image-step": a.image_step, "--cameras": a.cameras, "--size": a.size, "--motion": a.motion,
-        "--renderer": a.renderer, "--set": "pairs=40",
+def of_studio(a):
+    """StudioOptions of a capture of the study, by name."""
+    return {
+        "frames": a.simulated, "image_step": a.image_step, "cameras": a.cameras, "size": a.size, "motion": a.motion,
+        "renderer": a.renderer, "pairs": 40,
     }  # fmt: skip
-    return tuple(word for pair in given.items() for word in pair)
 
 
 def numbers(text):

@@ -1,33 +1,65 @@
-"""The captures of a study that names none: the studio makes them, as many at once as there are workers."""
+"""The captures of a study that names none: the studio makes them, as many at once as there are workers, beside the study's work."""
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 
 from toile.kernels import threads
 
-from .made import once, toile
+from .made import finished_well, once, started, studio_options
 
 SUBJECTS = ("loose", "fitted", "logo")
 FIRST_SEED = 9911  # of the first subject; the others follow. Nothing was ever chosen on these
 
 
-def begin_captures(out, options, workers, say):
-    """Begins OUT/captures/SUBJECT of every subject that is absent; `options` [str] of `toile studio`. Their folders, in order, and a
-    function that waits for one of them. OUT/captures/SUBJECT.json says how long each took."""
-    place, each = out / "captures", max(threads() // workers, 1)
+class Captures:
+    """OUT/captures/SUBJECT of every subject, begun on entering where it is absent; `options` {name: value} of StudioOptions. What is
+    being made when the study ends by an error is stopped: the studio goes on with it the next time. OUT/captures/SUBJECT.json says
+    how long each took."""
 
-    def make(subject):
-        words = ("--subject", subject, "--seed", FIRST_SEED + SUBJECTS.index(subject), "--workers", 1, "--quiet")
-        if not (place / subject).exists():
-            toile("studio", place / subject, *words, *options, threads=each)
-        return {"capture": str(place / subject)}
+    def __init__(self, out, options, workers, say):
+        self.place, self.options, self.say = out / "captures", options, say
+        self.pool, self.each = ThreadPoolExecutor(workers), max(threads() // workers, 1)
+        self.running, self.stopped, self.begun = [], threading.Event(), {}
 
-    pool = ThreadPoolExecutor(workers)
-    begun = {
-        place / subject: pool.submit(once, place / f"{subject}.json", partial(make, subject), say)
-        for subject in SUBJECTS
-    }
-    pool.shutdown(wait=False)
-    return tuple(begun), lambda capture: begun[capture].result()
+    @property
+    def folders(self):
+        return tuple(self.place / subject for subject in SUBJECTS)
+
+    def __enter__(self):
+        for folder in self.folders:
+            path = folder.with_suffix(".json")
+            self.begun[folder] = self.pool.submit(once, path, lambda folder=folder: self._make(folder), self.say)
+        return self
+
+    def __exit__(self, kind, *_):
+        if kind is not None:
+            self.pool.shutdown(wait=False, cancel_futures=True)
+            self.stopped.set()
+            for studio in tuple(self.running):
+                studio.terminate()
+        self.pool.shutdown()
+
+    def ready(self, folder):
+        """Waits until the capture is there; raises what went wrong with it."""
+        self.begun[folder].result()
+
+    def _make(self, folder):
+        subject = folder.name
+        asked = self.options | {"subject": subject, "seed": FIRST_SEED + SUBJECTS.index(subject)}
+        if not folder.exists():
+            self._by_studio(folder, asked)
+        there = studio_options(folder) or {}
+        other = {name: there.get(name) for name, value in asked.items() if there.get(name) != value}
+        if other:
+            raise SystemExit(f"{folder}: it was made with {other}, this study asks for {asked}: give it another folder")
+        return {"capture": str(folder)}
+
+    def _by_studio(self, folder, asked):
+        words = [word for name, value in asked.items() for word in ("--set", f"{name}={value}")]
+        studio = started("studio", folder, "--workers", 1, "--quiet", *words, threads=self.each)
+        self.running.append(studio)
+        if self.stopped.is_set():
+            studio.terminate()
+        finished_well(studio)

@@ -31,7 +31,7 @@ class Layers(Driven):
 class AsDecoded(Layers):
     """Garments as the networks place them, through one another and the body."""
 
-    def _clear(self, frame, decoded, pose):
+    def cleared(self, frame, decoded, pose):
         return decoded, 0, 0
 
 
@@ -66,7 +66,7 @@ def collision(folder, path):
 def _about(differs):
     """Box (left, top, right, bottom) of a close-up where most pixels (H,W) differ."""
     height, width = differs.shape
-    half = max(int(NEAR * width / 2), 8)
+    half = min(max(int(NEAR * width / 2), 8), height // 2, width // 2)
     sums = np.pad(differs.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     side = 2 * half
     inside = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
@@ -82,16 +82,20 @@ def edits(folder, garment, out):
         "colour": Change(garment, scale=BLUE), "checkerboard": Change(garment, checker=16),
         "pattern": Change(garment, image=pattern), "text": Change(garment, text="TOILE", size=0.3),
     }  # fmt: skip
-    frames = evenly(read_facts(folder)["holdout"], SHOWN)
+    facts = read_facts(folder)
+    frames, marked = (
+        evenly(facts["holdout"], SHOWN),
+        facts["frames"][0],
+    )  # the single layer is marked in its first frame
     shown = Layers(folder, frames, physics=None)
     views = [_widest(shown, frame) for frame in frames]
     plain = [shown.picture(i) for i in views]
     columns = {"captured": [_on_paper(one, one.captured) for one in plain], "driven": [_drawn(one) for one in plain]}
     for name, change in changes.items():
         shutil.rmtree(made, ignore_errors=True)
-        both = edit(folder, made, change, sheet=name == "colour")
+        both = edit(folder, made, change, [marked, *frames], sheet=name == "colour")
         if both.measured:
-            borders = {name: both.measured[name] for name in ("layered", "baseline")}
+            borders = {avatar: both.measured[avatar] for avatar in ("layered", "baseline")}
             (made / "edit.png").replace(out / "single.png")
         shutil.rmtree(made / "baseline", ignore_errors=True)  # it is not shown
         changed = Layers(made, frames, physics=None)

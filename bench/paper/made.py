@@ -57,13 +57,22 @@ def facts_seed(folder):
     return read(folder / "avatar.json")["settings"]["seed"]
 
 
-def toile(*arguments, threads=None):
-    """A command of `toile` in a process of its own, of so many threads; single frames may fail."""
+def toile(*arguments):
+    """A command of `toile` in a process of its own; single frames may fail."""
+    finished_well(started(*arguments))
+
+
+def started(*arguments, threads=None):
+    """The Popen of a command of `toile`, of so many threads."""
     command = [sys.executable, "-c", "from toile.cli import main; main()", *map(str, arguments)]
     limits = {} if threads is None else {"OMP_NUM_THREADS": str(threads)}
-    done = subprocess.run(command, env=os.environ | limits)
-    if done.returncode not in (0, 2):
-        raise SystemExit(f"toile {arguments[0]}: exit code {done.returncode}")
+    return subprocess.Popen(command, env=os.environ | limits)
+
+
+def finished_well(command):
+    """Waits for a Popen of `toile`. SystemExit: it failed, but for single frames."""
+    if command.wait() not in (0, 2):
+        raise SystemExit(f"toile {command.args[3]} {command.args[4]}: exit code {command.returncode}")
 
 
 def threads():
@@ -80,5 +89,6 @@ def machine():
 
 
 def studio_options(capture):
+    """What the studio was asked for, if it made the capture."""
     path = Path(capture) / "studio.json"
     return read(path)["options"] if path.exists() else None

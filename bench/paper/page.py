@@ -46,7 +46,7 @@ def _section(section, found, out):
     shown = [_table(table) for table in (make(found) for make in section.tables) if table.rows]
     for name in found:
         for pattern, words in section.pictures:
-            shown += _pictures(sorted((out / name).glob(pattern)), f"{name}: {words}")
+            shown += _pictures(out / name, pattern, f"{name}: {words}")
     head = f"<h2>{html.escape(section.title)}</h2>"
     head += _paragraph(section.paper, "In the paper.") + _paragraph(section.here, "Here.")
     return head + ("".join(shown) or _paragraph("Nothing of it has been made yet."))
@@ -58,13 +58,14 @@ def _table(table):
     return f"<h3>{html.escape(table.title)}</h3><div class='sheet'>{html_table(table.head, rows)}</div>{note}"
 
 
-def _pictures(paths, title):
+def _pictures(folder, pattern, title):
     from PIL import Image
 
+    paths = sorted(folder.glob(pattern))
     if paths:
         yield f"<h3>{html.escape(title)}</h3>"
     for path in paths:
-        caption = path.stem.replace("_", " ")
+        caption = str(path.relative_to(folder).with_suffix("")).replace("_", " ")
         yield f"<div class='sheet'>{figure(np.asarray(Image.open(path).convert('RGB')), caption)}</div>"
 
 

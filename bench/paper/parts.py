@@ -30,8 +30,8 @@ def ablations(found):
 
 
 def full_of(subject):
-    """The avatar that ablations are compared with: one of their steps, or the first seed's."""
-    return subject["ablations"].get(FULL) or next(iter(subject["seeds"].values()), {})
+    """The avatar that ablations are compared with: one of their steps, or that of the seed that was ablated."""
+    return subject["ablations"].get(FULL) or subject["seeds"].get((subject["ablated"] or {}).get("seed"), {})
 
 
 def _errors(everything):
@@ -67,7 +67,8 @@ def windows(found):
         "true", "jitter",
     )  # fmt: skip
     note = (
-        "L: poses that the window model sees; damped: the second-order model. Codes' error over their variance in training. "
+        "L: poses that the window model sees; damped: the second-order model; none of them with kriging, which the full avatar has beside "
+        "its window model. Codes' error over their variance in training. "
         "Acceleration: mean second difference of the garment's vertices [mm a frame²]; jitter: the same of their error."
     )
     return Table("Temporal models", head, rows, note)
@@ -88,15 +89,15 @@ def alignment(found):
 
 
 def intersections(found):
-    """Triangle pairs of garments and what lies under them, as driven and after `untangle`."""
+    """Triangle pairs of garments and what lies under them, as driven by codes and as moved out, and what that took of the skin."""
     rows = []
     for name, seed, driven in driven_of(found):
         pairs = driven["intersections"]
         if pairs:
-            rows.append(
-                [name, seed, pairs["frames"], pairs["before"], pairs["before"] / pairs["frames"], pairs["left"]]
-            )
-    return Table("Intersections", ("subject", "seed", "frames", "pairs before untangle", "a frame", "pairs left"), rows)
+            before, frames = pairs["before"], pairs["frames"]
+            rows.append([name, seed, frames, before, before / frames, pairs["left"], pairs.get("dent_mm")])
+    head = ("subject", "seed", "frames", "pairs as decoded", "a frame", "pairs left", "skin gave way by [mm]")
+    return Table("Intersections", head, rows)
 
 
 def qualities(found):

@@ -11,11 +11,10 @@ def zooms(full, others, out):
     """OUT/ROW.png: captured, ROW, full and their errors, whole and close up at the garment's loops and the middle of what
     the view shows of it. `others` {ROW: folder}. The view: of the middle held-out frame the one whose garment has the most
     different colours, which is where a print shows."""
-    from PIL import Image
-
     from toile.avatar.measure.driven import Driven
     from toile.avatar.measure.sheet import sheet
     from toile.avatar.model.checkpoint import read_facts
+    from toile.io.image import write_image
 
     held = read_facts(full)["holdout"]
     frame = held[len(held) // 2]
@@ -28,7 +27,7 @@ def zooms(full, others, out):
     for row, folder in others.items():
         other = Driven(folder, [frame]).picture(view)
         both = {row: other.rendered["layered"], "full": shown.rendered["layered"]}
-        Image.fromarray(sheet(replace(shown, rendered=both, loops=loops), (row, "full"))).save(out / f"{row}.png")
+        write_image(out / f"{row}.png", sheet(replace(shown, rendered=both, loops=loops), (row, "full")))
     return {"frame": frame, "camera": shown.camera, "rows": sorted(others)}
 
 

@@ -12,8 +12,8 @@ from .tables import against, beside_the_paper, drivers, means, sizes, visible
 
 @dataclass(frozen=True)
 class Section:
-    """`paper`: what the paper shows there; `here`: what stands beside it. `tables` of what was found; `pictures` {glob in a
-    subject's folder: what they show}."""
+    """`paper`: what the paper shows there; `here`: what stands beside it. `tables` of what was found; `pictures`: (glob in a subject's
+    folder, what they show)."""
 
     title: str
     paper: str
@@ -27,8 +27,8 @@ SECTIONS = (
         "Section 7.1: captured data",
         "Three people, some 140 cameras of 4096 x 2668 px at 30 pictures a second, a script of peak poses and ten minutes of "
         "conversation: 40 to 50 thousand frames each, 4 to 5 thousand of them, in a row, held out.",
-        "People of a studio that draws them with full truth: eight cameras, and as much motion as the table says. The last part is held "
-        "out of registration, alignment and training alike.",
+        "What the table says. Without captures of one's own they are of a studio, which draws people with full truth, and what is held "
+        "out is held out of registration, alignment and training alike.",
         (sizes,),
     ),
     Section(
@@ -47,10 +47,11 @@ SECTIONS = (
         "Table 1, Figures 10 to 12: driven, against one surface",
         "A single-layer avatar (Bagautdinov et al. 2021), driven by a code drawn from a unit Gaussian, against two layers, driven by the "
         "temporal model's codes. Layers are 22 to 29 % nearer.",
-        "Both ways of comparing: as the paper drives, and against the strongest of all drivers of the single layer, with as many "
-        "parameters, steps, code numbers and texels. A minus says that layers are nearer.",
+        "Both ways of comparing: as the paper drives, and each avatar at its strongest. The single layer has as many parameters, steps, "
+        "code numbers and texels on the cloth as the layers; it has no alignment by prints, and no remainder of its shape. A minus says "
+        "that layers are nearer.",
         (beside_the_paper, means, partial(against, how="shown"), partial(against, how="driven"), drivers, visible),
-        (("seed*/driven/*.png", "driven by pose and face alone, as it is shown unasked"),),
+        (("seed*/driven/*.png", "driven by pose and face alone, as `toile animate` shows it"),),
     ),
     Section(
         "Beyond the paper: the frame itself is encoded",
@@ -62,7 +63,8 @@ SECTIONS = (
     Section(
         "Figure 7: intersections resolved",
         "One example: skin shows through the decoded shirt, and does not after the shirt is moved out.",
-        "Of eight held-out frames, driven by codes, the view in which it shows most; pairs of triangles are counted in all frames.",
+        "Of eight held-out frames, driven by codes, the view in which it shows most; pairs of triangles are counted in all frames. Where "
+        "cloth has no room, skin gives way too.",
         (intersections,),
         (("figures/collision.png", "driven by codes"),),
     ),
@@ -70,7 +72,8 @@ SECTIONS = (
         "Figure 13: ablations",
         "Pictures: (A) shape and texture regressed directly from a window of poses blur the print; (B) so does training without texture "
         "alignment; (C) without view conditioning the brightness near silhouettes is wrong.",
-        "The same, and more parts, in pictures and figures: one subject, each row trained for as many steps, driven by codes.",
+        "The same comparisons and more, in pictures and figures; what they find need not be what the paper finds. One subject, each row "
+        "trained for as many steps (quality presets for as many minutes), driven by codes.",
         (ablations, qualities),
         (("ablations/zooms/*.png", "without one part, and in full"),),
     ),
@@ -83,14 +86,14 @@ SECTIONS = (
     Section(
         "Figures 1 and 14: edited textures",
         "Driven frames in other colours, in a checkerboard, in an artist's pattern and with a logo.",
-        "The same four edits on held-out frames, driven as they are shown unasked.",
+        "Four such edits on held-out frames, driven as `toile animate` shows them.",
         pictures=(("figures/edits.png", "edited"),),
     ),
     Section(
         "Figure 15: the same edit by layers and by one surface",
         "The garment is marked on the single layer's texture in one frame; in others the blue leaves the shirt.",
-        "The same, frames encoded. Above each picture: how far the edited region's border lies from the garment's; specks that the one "
-        "frame did not show, and that therefore stay as they were, have borders too.",
+        "The same: first the frame in which it was marked, then held-out ones, all encoded. Above each picture stands how far the edited "
+        "region's border lies from the garment's. What the first frame did not show of the garment stays unmarked, and its borders count.",
         pictures=(("figures/single.png", "the colour edit"),),
     ),
 )

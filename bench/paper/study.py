@@ -63,6 +63,12 @@ class Paper:
 
     def run(self):
         """All of it; the page is written anew after each avatar."""
+        names = [capture.name for capture in self.captures]
+        for name in names:
+            if names.count(name) > 1:
+                raise SystemExit(
+                    f"{name}: several captures have this name, which is that of their folder in {self.out}"
+                )
         for seed in self.seeds:
             for capture in self.captures:
                 self.ready(capture)
@@ -206,6 +212,7 @@ class Subject:
         paper, place = self.paper, self.folder / "ablations"
         settings, run = changed(paper.settings, seed=paper.seeds[0]), self.registered()
         full, steps = self.folder / f"seed{paper.seeds[0]}", paper.ablation_steps
+        once(place / "of.json", lambda: {"seed": paper.seeds[0]}, lambda text: None)
         if steps is None:
             taken = read(full / "avatar.json")["steps"]
             steps = [taken.get(phase, 0) for phase in ("body", "garment", "joint")]

@@ -2,19 +2,24 @@
 
 import html
 import json
+import threading
+import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from bench.paper import captures
+from bench.paper import captures, figures
 from bench.paper.__main__ import TABLE, arguments, small, with_values
 from bench.paper.made import link, once
 from bench.paper.page import write
 from bench.paper.results import SWITCHES, UNALIGNED, changed, slug
 from bench.paper.sections import SECTIONS, tables
 from bench.paper.study import Paper, Subject, span_held_out
-from bench.paper.tables import HOWS, against, beside_the_paper, collected, goals, sizes
+from bench.paper.tables import HOWS, against, beside_the_paper, collected, goals, means, sizes
 from toile.avatar.measure.evaluation import COUNTED
 from toile.avatar.settings import AvatarSettings
+from toile.io.image import write_image
 from toile.studio.options import StudioOptions
 
 MEASURES = ("mse", "band_mse", "body_mse", "garment_mse", "face_mse", "silhouette_mse", "ssim")
@@ -41,7 +46,7 @@ def evaluation(mse=1.0, band=1.0, body=1.0):
         "largest_mse": 150.0,
     }
     rows = {row: {"ssim": 0.8, "band_mse": 9.0} | one for row, one in by.items()} | {"pictures": 4}
-    pairs = {"intersections": {"before": 30, "left": 0, "frames": 6}}
+    pairs = {"intersections": {"before": 30, "left": 0, "frames": 6, "dent_mm": 1.5}}
     driven = {"motion": motion, "baseline_rows": rows, "baseline_by": "temporal model"}
     counted = {name: None if band is None and name == "band_pixels" else 10 for name in COUNTED.values()}
     sides = {"layered": layered | counted, "baseline": baseline | counted}
@@ -84,6 +89,7 @@ def study(tmp_path):
                 reconstruction=evaluation(0.9, 0.85, 0.9),
             )
     place = tmp_path / "logo" / "ablations"
+    put(place, of={"seed": 0})
     for row in SWITCHES:
         put(place / slug(row), driven=evaluation(0.9))
     for row in ("L15", "L1", "damped"):
@@ -114,7 +120,7 @@ def test_every_table_has_its_rows(study):
         ["logo", 1],
         ["loose", 0],
     ]
-    hung = made["Driven by pose and face alone, as it is shown unasked"]
+    hung = made["Driven by pose and face alone, as `toile animate` shows it"]
     assert [row[4] for row in hung.rows] == [70.0] * 3 and "logo, 2 seeds: MSE 22 % lower: yes" in hung.note
     assert rows["Driven by pose and face alone, by codes"][0][6] == "-23.0 % [-35.5, -10.5]"
     # logo's seeds 0.77 and 0.67, loose's 0.77: frames that agree leave no width
@@ -125,7 +131,7 @@ def test_every_table_has_its_rows(study):
     assert [row[1] for row in rows["Ablations, driven"]] == ["full", *SWITCHES]
     assert [row[2] for row in rows["Temporal models"]] == ["L1", "L15", "damped"]
     assert rows["Texture alignment"][1] == ["logo", "tshirt", "error to the anchors' mean", 4.0, 2.0, "-50.0 %"]
-    assert rows["Intersections"][0] == ["logo", 0, 6, 30, 5.0, 0] and len(rows["Quality presets"]) == 1
+    assert rows["Intersections"][0] == ["logo", 0, 6, 30, 5.0, 0, 1.5] and len(rows["Quality presets"]) == 1
     single = rows["What drives the single layer"]
     assert [row[2] for row in single[1:4]] == ["temporal model", "mean code", "unit Gaussian"]
     assert single[0][2:4] == ["layers, by the temporal model", 88.0] and single[3][4:6] == [101.0, 150.0]
@@ -175,7 +181,7 @@ def test_registration_holds_out_what_training_does():
 
 def test_the_papers_table_stands_above_ours_each_driven_in_both_ways(study):
     rows = beside_the_paper(collected(study)).rows
-    assert [row[5] for row in rows[:3]] == ["-25.7 %", "-29.1 %", "-21.9 %"]  # as the paper's text says
+    assert [row[5] for row in rows[:3]] == ["-25.7 %", "-29.1 %", "-21.9 %"]
     assert rows[3] == ["logo, seed 0: driven as the paper does", 120.0, 0.8, 88.0, 0.8, "-26.7 % [-30.0, -20.0]"]
     assert rows[4] == [
         "logo, seed 0: each at its strongest",
@@ -245,27 +251,99 @@ def test_without_a_capture_the_fair_table_is_asked_and_what_is_given_goes_above_
     assert given.holdout is None and given.set == [] and given.quality == "standard"
 
 
-def test_captures_are_made_beside_the_work_each_once_and_waited_for_by_name(tmp_path, monkeypatch):
-    made = []
+class Studio:
+    """Stands in for `toile studio` in captures.Captures: a capture is there once it was `let` go."""
 
-    def studio(command, folder, *words, threads):
-        made.append((folder.name, words[words.index("--seed") + 1]))
-        if folder.name == "fitted" and len(made) == 1:
-            raise SystemExit("toile studio: exit code 1")
-        folder.mkdir()
+    def __init__(self, monkeypatch):
+        self.let, self.begun, self.stopped = threading.Event(), [], []
+        monkeypatch.setattr(captures, "started", self.start)
+        monkeypatch.setattr(captures, "finished_well", self.finish)
 
-    monkeypatch.setattr(captures, "toile", studio)
-    monkeypatch.setattr(captures, "SUBJECTS", ("fitted", "loose"))
-    places, ready = captures.begin_captures(tmp_path, ("--frames", "4"), 1, lambda _: None)
-    with pytest.raises(SystemExit, match="studio"):
-        ready(places[0])
-    ready(places[1])
-    assert [place.name for place in places] == ["fitted", "loose"] and places[1].is_dir()
-    places, ready = captures.begin_captures(tmp_path, ("--frames", "4"), 1, lambda _: None)
-    for place in places:
-        ready(place)
-    seed = captures.FIRST_SEED
-    assert made == [("fitted", seed), ("loose", seed + 1), ("fitted", seed)]
+    def start(self, _, folder, *words, threads):
+        values = dict(word.split("=") for word in map(str, words) if "=" in word)
+        self.begun.append(folder.name)
+        return SimpleNamespace(
+            folder=folder, values=values, terminate=lambda: (self.stopped.append(folder), self.let.set())
+        )
+
+    def finish(self, studio):
+        assert self.let.wait(20)
+        if studio.folder in self.stopped:
+            raise SystemExit("stopped")
+        options = {name: int(value) if value.isdigit() else value for name, value in studio.values.items()}
+        put(studio.folder, studio={"options": options})
+
+
+def test_two_workers_make_two_captures_at_once_beside_the_work(tmp_path, monkeypatch):
+    studio = Studio(monkeypatch)
+    with captures.Captures(tmp_path, {"frames": 4}, 2, lambda _: None) as made:
+        for _ in range(200):
+            if len(studio.begun) == 2:
+                break
+            time.sleep(0.05)
+        assert sorted(studio.begun) == ["fitted", "loose"] and not any(folder.exists() for folder in made.folders)
+        studio.let.set()
+        for folder in made.folders:
+            made.ready(folder)
+            assert folder.is_dir()
+    with captures.Captures(tmp_path, {"frames": 4}, 2, lambda _: None) as made:
+        made.ready(made.folders[2])
+    assert len(studio.begun) == 3 and [folder.name for folder in made.folders] == list(captures.SUBJECTS)
+
+
+def test_a_study_that_fails_stops_the_capture_in_hand_and_begins_no_other(tmp_path, monkeypatch):
+    studio = Studio(monkeypatch)
+    with pytest.raises(ZeroDivisionError), captures.Captures(tmp_path, {"frames": 4}, 1, lambda _: None) as made:
+        while not studio.begun:
+            time.sleep(0.01)
+        raise ZeroDivisionError
+    assert studio.begun == ["loose"] and studio.stopped == [made.folders[0]]
+    assert not any(path.suffix == ".json" for path in (tmp_path / "captures").iterdir())
+
+
+def test_a_capture_that_was_made_otherwise_is_refused(tmp_path, monkeypatch):
+    studio = Studio(monkeypatch)
+    studio.let.set()
+    asked = {"frames": 5, "subject": "loose", "seed": captures.FIRST_SEED}
+    put(tmp_path / "captures" / "loose", studio={"options": asked | {"frames": 4}})
+    with pytest.raises(SystemExit, match="made with {'frames': 4}"):
+        with captures.Captures(tmp_path, {"frames": 5}, 1, lambda _: None) as made:
+            made.ready(made.folders[0])
+
+
+def test_captures_of_one_name_are_refused(tmp_path):
+    with pytest.raises(SystemExit, match="capture: several captures have this name"):
+        Paper(tmp_path, (tmp_path / "a" / "capture", tmp_path / "b" / "capture")).run()
+
+
+def test_means_are_over_pairs_that_were_measured_in_every_way(study):
+    (study / "loose" / "seed0" / "shown.json").unlink()
+    made = means(collected(study))
+    assert "over 1 subjects and 2 pairs" in made.note
+    assert made.rows[0] == ["mse", "-28.0 % [-28.0, -28.0]", "-30.0 % [-30.0, -30.0]", "-10.0 % [-10.0, -10.0]"]
+
+
+def test_ablations_are_compared_with_the_avatar_that_was_ablated(study):
+    (table,) = (one for one in tables(collected(study)) if one.title == "Ablations, driven")
+    assert table.rows[0][1:3] == ["full", 77.0]  # seed 0
+    put(study / "logo" / "ablations", of={"seed": 1})
+    (table,) = (one for one in tables(collected(study)) if one.title == "Ablations, driven")
+    assert table.rows[0][1:3] == ["full", pytest.approx(67.0)]
+
+
+def test_pictures_of_two_seeds_are_told_apart(study):
+    for seed in (0, 1):
+        write_image(study / "logo" / f"seed{seed}" / "driven" / "000768_cam03.png", np.zeros((4, 4, 3), np.uint8))
+    page = write(study).read_text()
+    assert "seed0/driven/000768 cam03" in page and "seed1/driven/000768 cam03" in page
+
+
+@pytest.mark.parametrize("size", [(64, 512), (512, 64), (90, 90)])
+def test_a_close_up_lies_where_most_pixels_differ(size):
+    differs = np.zeros(size, bool)
+    differs[50:56, 40:48] = True
+    left, top, right, bottom = figures._about(differs)
+    assert 0 <= left <= 40 and right >= 48 and top <= 50 and 56 <= bottom <= size[0] and right - left == bottom - top
 
 
 @pytest.mark.slow(seconds=420)
@@ -282,7 +360,7 @@ def test_the_small_study_runs_goes_on_and_is_one_page(tmp_path, monkeypatch):
     study(lambda *_: None)
     titles = [table.title for table in tables(collected(tmp_path))]
     assert titles == ["What was run", "Texture alignment", "Driven by pose and face: the paper and here",
-                      "Over all subjects and seeds", "Driven by pose and face alone, as it is shown unasked",
+                      "Over all subjects and seeds", "Driven by pose and face alone, as `toile animate` shows it",
                       "Driven by pose and face alone, by codes", "What drives the single layer", "What people see",
                       "Reconstruction: the frame itself is encoded", "Intersections", "Ablations, driven", "Temporal models"]  # fmt: skip
     page = (tmp_path / "index.html").read_text()

@@ -45,14 +45,24 @@ def result(avatar):
     return evaluate_avatar(avatar)
 
 
+def dented(decoded):
+    """The body with a vertex moved by 4 mm."""
+    moved = decoded["body"].vertices.clone()
+    moved[0, 100, 2] += 0.004
+    return decoded | {"body": replace(decoded["body"], vertices=moved)}
+
+
 def test_pairs_that_are_left_and_joints_that_were_never_so_are_said_with_the_worst_frame(avatar, result, monkeypatch):
     said = (
         "5 pairs of triangles of garments and what lies under them still intersect, in 1 of 1 frames, most in frame 3"
     )
     assert result["all"]["intersections"]["left"] == 0 and said not in result["warnings"]
-    monkeypatch.setattr(GarmentLayering, "__call__", lambda self, decoded, pose: (decoded, 9, 5))
+    monkeypatch.setattr(GarmentLayering, "__call__", lambda self, decoded, pose: (dented(decoded), 9, 5))
     monkeypatch.setattr("toile.avatar.model.poses.JOINT_FAR", 0.0)
-    warnings = evaluate_avatar(avatar, sheets=False)["warnings"]
+    found = evaluate_avatar(avatar, sheets=False)
+    warnings = found["warnings"]
+    assert result["all"]["intersections"]["dent_mm"] == 0
+    assert found["all"]["intersections"]["dent_mm"] == pytest.approx(4.0, rel=1e-4)
     assert said in warnings and any("have a joint more than 0 degrees" in w and "frame 3" in w for w in warnings)
 
 

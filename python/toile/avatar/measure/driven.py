@@ -129,9 +129,9 @@ class Driven(HeldOut):
     def _asked_again(self, name):
         return name == "layered" or (name in LED and super()._asked_again(name))
 
-    def _clear(self, frame, decoded, pose):
+    def cleared(self, frame, decoded, pose):
         if not self.draping:
-            return super()._clear(frame, decoded, pose)
+            return super().cleared(frame, decoded, pose)
         found, share = self.draping.clear((self.led + self.span).index(frame), decoded, pose)
         if share < 1:
             self.less[frame] = share

@@ -169,7 +169,7 @@ class HeldOut:
         """{layer: vertices (n,3)} of a frame, which no camera changes; the layered avatar's garments out of the body."""
         if frame not in self.decoded[name]:
             if self.shown[name] == "layered":
-                cleared, *self.intersections[frame] = self._clear(frame, decoded, pose)
+                cleared, *self.intersections[frame] = self.cleared(frame, decoded, pose)
                 self.dent = max(self.dent, self.layering.dent(decoded, cleared))
                 decoded = cleared
             if not self._asked_again(name):
@@ -185,7 +185,7 @@ class HeldOut:
         """Whether a frame of what is shown is asked for once its pictures are drawn, so that all frames are kept: for the truth."""
         return self.truth is not None
 
-    def _clear(self, frame, decoded, pose):
+    def cleared(self, frame, decoded, pose):
         """({layer: Decoded} with garments out of the body, pairs before, pairs left)."""
         return self.layering(decoded, pose)
 
