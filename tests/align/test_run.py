@@ -24,6 +24,7 @@ from toile.align.run import align
 from toile.align.settings import AlignSettings
 from toile.errors import UserError
 from toile.io.capture import open_capture
+from toile.io.image import read_rgba
 from toile.io.run import open_run
 from toile.prints.smoothing import over_time
 
@@ -99,7 +100,12 @@ def test_textures_before_and_after_are_reported(undisturbed):
     for side in ("before", "after"):
         assert 0 < measures[side]["texture_std"] < 60 and 0 < measures[side]["anchor_error"] < 60
     page = (undisturbed / "alignment.html").read_text()
-    assert "error after" in page and "<script" not in page and len(list((undisturbed / "alignment").glob("*.png"))) == 4
+    assert "error after" in page and "<script" not in page
+    pictures = {path.stem: read_rgba(path) for path in (undisturbed / "alignment").glob("*.png")}
+    kinds = [f"{kind}_{side}" for kind in ("mean", "deviation") for side in ("before", "after")]
+    assert pictures.keys() == {f"tshirt_{kind}" for kind in (*kinds, "frames")}
+    # a row a frame: its texture and its error, before and after, by every other texel
+    assert pictures["tshirt_frames"].shape[:2] == (3 * 256, 4 * 256)
 
 
 def test_textures_that_show_no_texel_often_enough_are_not_measured(tmp_path):
