@@ -100,6 +100,7 @@ def test_an_animation_says_whose_garment_it_shows(owner, taller, sample_run, tmp
     assert said["garments"]["tshirt"]["avatar"] == str(owner) and 0 < said["garments"]["tshirt"]["strain_p95"] < 0.05
 
 
+@pytest.mark.slow(seconds=20)
 def test_by_physics_it_hangs_as_the_cloth_that_it_is(owner, taller, sample_run, tmp_path):
     ensure_worn(taller, {"tshirt": owner})
     assert cloth_file(owner, "tshirt").exists() and not cloth_file(taller, "tshirt").exists()
