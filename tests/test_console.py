@@ -60,3 +60,14 @@ def test_a_garment_without_a_name_or_an_avatar_is_refused(text):
 def test_a_garment_that_is_given_twice_is_refused():
     with pytest.raises(UserError, match="^--garment tshirt=b: tshirt is given twice"):
         garments_of(["tshirt=a", "tshirt=b"])
+
+
+def test_a_stage_that_begins_anew_is_told_by_its_own_pace(capsys):
+    now = [0.0]
+    progress = ProgressLines(every=30, clock=lambda: now[0])
+    for begin in (0, 1000):
+        for done in (0, 50, 100):
+            now[0] = begin + done
+            progress("evaluate", done, 100)
+    once = ["evaluate: 0 of 100", "evaluate: 50 of 100, about 50 s left", "evaluate: 100 of 100"]
+    assert capsys.readouterr().err.splitlines() == once + once

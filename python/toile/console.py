@@ -218,10 +218,14 @@ def progress_bars(quiet: bool = False) -> Iterator[Any]:
     note_column = TextColumn("{task.fields[note]}")
     with Progress(*columns, note_column, console=console) as bars:
         tasks: dict[str, Any] = {}
+        last: dict[str, int] = {}
 
         def progress(stage: str, done: int, total: int, note: str = "") -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=total, note=note)
+            elif done < last[stage]:  # it began anew
+                bars.reset(tasks[stage])
+            last[stage] = done
             bars.update(tasks[stage], completed=done, total=total, note=note)
 
         progress.print = bars.console.print  # type: ignore[attr-defined]
@@ -234,10 +238,15 @@ class ProgressLines:
     def __init__(self, quiet: bool = False, every: float = EVERY, clock: Callable[[], float] = time.monotonic):
         self.quiet, self.every, self.clock = quiet, every, clock
         self.begun: dict[str, tuple[float, int]] = {}  # stage: when, and what was done by then
+        self.last: dict[str, int] = {}
         self.said: dict[str, float] = {}
 
     def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
         now = self.clock()
+        if done < self.last.get(stage, 0):  # it begins anew, as where several avatars are evaluated
+            self.begun.pop(stage, None)
+            self.said.pop(stage, None)
+        self.last[stage] = done
         start, before = self.begun.setdefault(stage, (now, done))
         if stage in self.said and done < total and now - self.said[stage] < self.every:
             return
