@@ -29,8 +29,7 @@ class Captures:
 
     def __enter__(self):
         for folder in self.folders:
-            path = folder.with_suffix(".json")
-            self.begun[folder] = self.pool.submit(once, path, lambda folder=folder: self._make(folder), self.say)
+            self.begun[folder] = self.pool.submit(self._made, folder)
         return self
 
     def __exit__(self, kind, *_):
@@ -45,16 +44,20 @@ class Captures:
         """Waits until the capture is there; raises what went wrong with it."""
         self.begun[folder].result()
 
-    def _make(self, folder):
+    def _made(self, folder):
         subject = folder.name
         asked = self.options | {"subject": subject, "seed": FIRST_SEED + SUBJECTS.index(subject)}
-        if not folder.exists():
-            self._by_studio(folder, asked)
-        there = studio_options(folder) or {}
+
+        def make():
+            if not folder.exists():
+                self._by_studio(folder, asked)
+            return {"capture": str(folder)}
+
+        once(folder.with_suffix(".json"), make, self.say)
+        there = studio_options(folder) or {}  # also of one that an earlier study made
         other = {name: there.get(name) for name, value in asked.items() if there.get(name) != value}
         if other:
             raise SystemExit(f"{folder}: it was made with {other}, this study asks for {asked}: give it another folder")
-        return {"capture": str(folder)}
 
     def _by_studio(self, folder, asked):
         words = [word for name, value in asked.items() for word in ("--set", f"{name}={value}")]
