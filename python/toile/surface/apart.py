@@ -47,12 +47,13 @@ class Apart:
 
 
 def keep_apart(limbs, frames, rotations, translation, fps, needed=None, progress=lambda stage, done, total: None):
-    """A motion of rotation vectors (T,K,3) and translations (T,3) [m] with the limbs of a `Limbs` out of its other parts -> Apart.
+    """A motion of rotation vectors (T,K,3) and translations (T,3) [m] with the limbs of a `Limbs`, and what they wear, out of its
+    other parts -> Apart.
 
     `frames` (T,) numbers it at `fps` a second; where they leave a gap, what lies on either side is solved by itself. Only rows within
     AROUND of a collision change: a motion without one comes back as it is, bit for bit. `needed` (T,) bool: rows that are asked for;
     they come out the same as with all, and others stay as given but for stretches that hold one of them."""
-    before, found = np.zeros(len(rotations), int), []
+    before, hit, found = np.zeros(len(rotations), int), np.zeros(len(rotations), bool), []
     needed = np.ones(len(frames), bool) if needed is None else needed
     steps = np.diff(frames)
     step = int(steps.min(initial=1 if len(steps) == 0 else steps.max()))
@@ -60,10 +61,10 @@ def keep_apart(limbs, frames, rotations, translation, fps, needed=None, progress
     for rows in np.split(np.arange(len(frames)), np.flatnonzero(steps != step) + 1):
         around = int(np.ceil(AROUND * rate))
         say = lambda done, total: progress("collisions of limbs", int(rows[0]) + done, int(rows[0]) + total)
-        before[rows] = collided = _collided(limbs, rotations[rows], translation[rows], needed[rows], around, say)
+        before[rows], hit[rows] = _collided(limbs, rotations[rows], translation[rows], needed[rows], around, say)
         found += [
             (slice(rows[0] + first, rows[0] + end), (first == 0, end == len(rows)))
-            for first, end in stretches(collided > 0, around)
+            for first, end in stretches(hit[rows], around)
             if needed[rows][first:end].any()
         ]
     out = Apart(rotations.copy(), np.zeros(len(rotations)), before, before.copy())
@@ -78,18 +79,21 @@ def keep_apart(limbs, frames, rotations, translation, fps, needed=None, progress
 
 
 def _collided(limbs, rotations, translation, needed, around, say):
-    """Pairs (T,) of neighbouring rows, looked at as far as a stretch that holds a needed row may reach; beyond 0."""
-    pairs, known = np.zeros(len(needed), int), np.zeros(len(needed), bool)
+    """Pairs (T,) of neighbouring rows and whether limbs collide there (T,), in the skin or in what they wear, looked at as far as a
+    stretch that holds a needed row may reach; beyond nothing."""
+    pairs, hit, known = np.zeros(len(needed), int), np.zeros(len(needed), bool), np.zeros(len(needed), bool)
     asked = _near(needed, 2 * around + 1)
     while (asked & ~known).any():
         for row in np.flatnonzero(asked & ~known):
-            pairs[row] = collisions(limbs, rotations[[row]], translation[[row]])[0]
+            (pose,) = poses(limbs, rotations[[row]], translation[[row]])
+            pairs[row] = limbs.pairs(*pose)
+            hit[row] = pairs[row] > 0 or limbs.crowded(*pose)
             known[row] = True
             say(int(known.sum()), int(asked.sum()))
-        for first, end in stretches(pairs > 0, around):
+        for first, end in stretches(hit, around):
             if needed[first:end].any():
                 asked[max(first - around - 1, 0) : end + around + 1] = True
-    return pairs
+    return pairs, hit
 
 
 def collisions(limbs, rotations, translation):

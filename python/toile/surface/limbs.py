@@ -28,8 +28,8 @@ AREA = 4e-4  # [m^2] of skin that weighs 1
 
 
 class Contacts(NamedTuple):
-    """Limb vertices nearer to another part than asked: `distance` (k,) [m], negative inside; `weight` (k,); `rows` (k,D), how
-    each distance changes with the turns [m/rad]."""
+    """Limb vertices nearer to another part than asked: `distance` (k,) [m] between what they and it are wrapped in, negative
+    inside; `weight` (k,); `rows` (k,D), how each distance changes with the turns [m/rad]."""
 
     distance: np.ndarray
     weight: np.ndarray
@@ -52,9 +52,10 @@ class Part:
 
 class Limbs:
     """The parts of one body: `rest` (n,3) and joints `J` (K,3) [m], skinned by the weights of a BodyModel, whose roles name the
-    limbs. What gives way are D turns: each of `turned` joints about three axes of its parent."""
+    limbs. `wrapped` (n,): how thick is what each vertex wears [m], none by default. What gives way are D turns: each of `turned`
+    joints about three axes of its parent."""
 
-    def __init__(self, model, rest, J):
+    def __init__(self, model, rest, J, wrapped=None):
         rest, self.J, self.parents = np.asarray(rest, np.float64), np.asarray(J, np.float64), model.parents
         weights = np.zeros((len(rest), len(self.J)))
         np.add.at(weights, (np.arange(len(rest))[:, None], model.weights_idx), model.weights_val)
@@ -66,6 +67,7 @@ class Limbs:
         self.parts, order = self._parts(model, rest, weights, limbs)
         self.limbs = self.parts[: len(limbs)]
         self.rest, self.weights = rest[order], csr_matrix(weights[order])
+        self.wrapped = np.zeros(len(order)) if wrapped is None else wrapped[order]
         below = np.array([model.beyond(k) for k in self.turned], bool).reshape(len(self.turned), len(self.J))
         self.carried = weights[order] @ below.T  # (n,joints)
 
@@ -101,8 +103,8 @@ class Limbs:
     def contacts(self, R, x, margin):
         """Contacts of all limbs nearer than `margin` [m] to a part that is not their own, in the pose of these transforms. Those of
         two limbs wait while one of them lies DEEP in the trunk or the head: there they would lock one another in."""
-        V, n = self.skin(R, x), len(self.limbs)
-        boxes, surfaces = [_box(V[part.span], margin) for part in self.parts], {}
+        V, n, most = self.skin(R, x), len(self.limbs), 2 * self.wrapped.max(initial=0)
+        boxes, surfaces = [_box(V[part.span], margin + most) for part in self.parts], {}
 
         def touching(i, j):
             limb = self.limbs[i]
@@ -110,8 +112,8 @@ class Limbs:
             near = np.flatnonzero(_within(at, boxes[j]))
             if not len(near):
                 return None
-            surfaces[j] = surfaces.get(j) or PosedPart(V, self.parts[j], self.carried)
-            hit, *rest = surfaces[j].nearest(at[near], margin)
+            surfaces[j] = surfaces.get(j) or PosedPart(V, self.parts[j], self.carried, self.wrapped)
+            hit, *rest = surfaces[j].nearest(at[near], margin, self.wrapped[limb.span][limb.points[near]])
             near = near[hit]
             carried = self.carried[limb.span][limb.points[near]]
             return self._rows(R, x, at[near], carried, limb.weight[near], *rest)
@@ -121,6 +123,10 @@ class Limbs:
         found.append([touching(i, j) for i in free for j in free if i != j])
         empty = Contacts(np.zeros(0), np.zeros(0), np.zeros((0, len(self.stiff))))
         return Contacts(*map(np.concatenate, zip(empty, *(c for of in found for c in of if c))))
+
+    def crowded(self, R, x):
+        """Whether limbs meet another part in what they wear."""
+        return bool(self.wrapped.any() and len(self.contacts(R, x, 0.0).distance))
 
     def _rows(self, R, x, p, p_carried, weight, distance, q, normal, q_carried):
         axes = np.moveaxis(R[self.parents[self.turned]], 2, 1)  # rows: a joint's three axes in the world
@@ -181,10 +187,10 @@ def _faces_in(V, F, box):
 
 
 class PosedPart:
-    """A posed part that points are measured from; `carried` (n,joints) of all vertices."""
+    """A posed part that points are measured from; `carried` (n,joints) and `wrapped` (n,) [m] of all vertices."""
 
-    def __init__(self, V, part, carried):
-        self.V, self.part, self.carried = V[part.span], part, carried[part.span]
+    def __init__(self, V, part, carried, wrapped):
+        self.V, self.part, self.carried, self.wrapped = V[part.span], part, carried[part.span], wrapped[part.span]
         self.index = kernels.SurfaceIndex(self.V, part.faces)
 
     @cached_property
@@ -199,15 +205,17 @@ class PosedPart:
             side[behind[kernels.winding_number(p[behind], self.V, self.part.faces) > 0.5]] = -1
         return side
 
-    def nearest(self, p, margin):
-        """Of points (k,3) those `hit` (h,) nearer than `margin`: distance, nearest point, direction away, and what carries it."""
+    def nearest(self, p, margin, wrapped):
+        """Of points (k,3) `wrapped` (k,) those `hit` (h,) nearer than `margin` [m], wrapping off: distance, nearest point, direction
+        away, and what carries it."""
         face, q, bary, distance = self.index.closest(p, REACH)
         corners = self.part.faces[face]
         normal = np.einsum("kc,kcx->kx", bary, self.normals[corners])
         side = self._side(p, np.einsum("kx,kx->k", p - q, normal) < 0)
         at_border = (self.part.border[corners] | (bary < 1e-9)).all(1)  # beyond it the part goes on in another
-        hit = np.flatnonzero((face >= 0) & (side * distance < margin) & ~at_border)
+        free = side * distance - wrapped - np.einsum("kc,kc->k", bary, self.wrapped[corners])
+        hit = np.flatnonzero((face >= 0) & (free < margin) & ~at_border)
         corners, bary, q, distance = corners[hit], bary[hit], q[hit], (side * distance)[hit]
         away = np.where(np.abs(distance[:, None]) > 1e-4, (p[hit] - q) * np.sign(distance)[:, None], normal[hit])
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
-        return hit, distance, q, away, np.einsum("kc,kcj->kj", bary, self.carried[corners])
+        return hit, free[hit], q, away, np.einsum("kc,kcj->kj", bary, self.carried[corners])

@@ -80,6 +80,17 @@ def test_limbs_of_a_motion_file_stay_out_of_the_trunk_and_the_record_says_so(ava
     assert as_it_is.apart is None and np.array_equal(as_it_is.motion.rotations, given)
 
 
+def test_limbs_leave_room_for_what_the_layers_of_an_avatar_are_said_to_take(
+    avatar_folder, sample_avatar, arm_in, monkeypatch
+):
+    """As two shirts do; a single layer, which wears nothing, moves as the layers that it is compared with."""
+    skin_alone = take(avatar_folder, arm_in, apart=True).apart
+    monkeypatch.setattr(apart, "wrapping", lambda skin, worn: np.full(len(skin), 0.02 * len(worn)))
+    layered, single = (take(f, arm_in, apart=True) for f in (avatar_folder, avatar_folder / "baseline"))
+    assert layered.apart.angles[1] > 1.2 * skin_alone.angles[1] > 0
+    assert np.array_equal(layered.motion.rotations, single.motion.rotations)
+
+
 def test_the_run_that_taught_an_avatar_drives_it_as_it_is(avatar_folder, sample_run):
     plain, kept = (take(avatar_folder, sample_run, apart=value) for value in (False, True))
     assert kept.apart is None and np.array_equal(plain.motion.rotations, kept.motion.rotations)

@@ -14,6 +14,7 @@ from ...io.run import is_run
 from ...io.run_folder import body_model_of
 from ...surface.apart import Apart, keep_apart
 from ...surface.limbs import Limbs
+from ...surface.wrapping import wrapping
 from ..model.assets import training_poses
 from ..model.checkpoint import load_avatar, read_facts
 from .driver import FILE, REACH, load_driver, stride_at
@@ -38,7 +39,9 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
     needed = None
     if frames is not None:
         needed = rows_read(folder, motion, dict(garments), physics, np.isin(motion.frames, list(frames)))
-    limbs = Limbs(_body_model(folder, avatar), moving_surface(avatar, folder), _joints(avatar))
+    skin, *worn = moving_layers(avatar, folder)
+    wrapped = wrapping(skin.rest, worn)
+    limbs = Limbs(_body_model(folder, avatar), skin.rest, _joints(avatar), wrapped)
     kept = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
     return Taken(replace(motion, rotations=kept.rotations), kept)
 
@@ -74,13 +77,13 @@ def _joints(avatar):
     return avatar.skeleton.J.numpy().astype(np.float64)
 
 
-def moving_surface(avatar, folder):
-    """Vertices (n,3) at rest of what must not run through itself: a single layer moves as the avatar that it is the baseline of,
-    or without one by its own surface."""
+def moving_layers(avatar, folder):
+    """Layers of what must not run through itself, the skin first: a single layer moves as the avatar that it is the baseline of, or
+    without one as its own surface."""
     layers, above = avatar.layers, Path(folder).parent
     if all(layer.kind == "surface" for layer in layers) and (above / "avatar.json").is_file():
         layers = load_avatar(above).layers
-    return next(layer.rest for layer in layers if layer.kind != "garment")
+    return sorted(layers, key=lambda layer: layer.kind == "garment")
 
 
 def rows_read(folder, motion, garments, physics, shown):
