@@ -104,7 +104,7 @@ bench: $(VENV)/.peers
 tradeoff: $(VENV)/.peers
 	$(BIN)/python -m bench.tradeoff tradeoff $(TRADEOFF)
 
-# the paper's comparisons: paper/index.html; what was stopped goes on. It takes many hours of two cores, PAPER_FLAGS=--small minutes
+# the paper's comparisons: paper/index.html; what was stopped goes on. It takes some six hours of two cores, PAPER_FLAGS=--small minutes
 paper: setup
 	$(BIN)/python -m bench.paper paper $(PAPER_FLAGS)
 

@@ -10,8 +10,8 @@ COMPARED = ("driven", "reconstruction")
 
 
 def leads(layers, single):
-    """Changes of `mse` and of `body_mse`, and of `mse` with the single layer's `body_mse` as low as the layers'."""
-    skin = single["body_pixels"] / single["pixels"] * (single["body_mse"] - layers["body_mse"])
+    """Changes of `mse` and of `body_mse`, and of `mse` with the single layer's `body_mse` as low as the layers', where it is higher."""
+    skin = single["body_pixels"] / single["pixels"] * max(single["body_mse"] - layers["body_mse"], 0.0)
     body = layers["body_mse"] / single["body_mse"] - 1
     return layers["mse"] / single["mse"] - 1, body, layers["mse"] / (single["mse"] - skin) - 1
 

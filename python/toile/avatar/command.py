@@ -259,7 +259,11 @@ def say_limbs(facts, frames):
         return
     words = f"limbs kept apart: {facts['frames_changed']} of {frames} frames changed, by up to {facts['largest_turn_deg']} degrees"
     before, left = facts["pairs_before"], facts["pairs_left"]
-    words += f"; {before} intersecting pairs of limbs with the body, {left} left"
+    words += (
+        f"; {before} intersecting pairs of limbs with the body, {left} left"
+        if before
+        else ", for garments over one another"
+    )
     speech.result(words + (f" in {facts['frames_left']} frames" if left else ""), limbs=facts)
 
 

@@ -12,7 +12,7 @@ from scipy.sparse import block_diag, diags, eye, kron
 
 from .. import kernels
 
-MARGIN = 0.006  # [m] between skins where limbs had run into something
+MARGIN = 0.006  # [m] between skins, or what they wear, where limbs had run into something
 LENGTH = 0.015  # [m] that a radian of change costs as much as
 LAG = 0.15  # [s] over which a change comes and goes
 AROUND = 0.5  # [s] before and after a collision that may change

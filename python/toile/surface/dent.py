@@ -17,7 +17,7 @@ SLOPE = 0.3  # at which a dent rises to the skin about it
 def dented(V: Floats, F: Ints, cloths: Sequence[tuple[Floats, Ints]]) -> Floats | None:
     """Skin V (n,3), F (m,3) [m] drawn in along its normals until no triangle meets one of the `cloths` (vertices, faces), by at
     most MOST; None where that does not do."""
-    normals, edges, depth = _inwards(V, F), kernels.unique_edges(F), np.zeros(len(V))
+    normals, edges, depth = inwards(V, F), kernels.unique_edges(F), np.zeros(len(V))
     rise = SLOPE * np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1)
     skin = V
     while len(met := _faces_met(skin, F, cloths)):
@@ -29,7 +29,7 @@ def dented(V: Floats, F: Ints, cloths: Sequence[tuple[Floats, Ints]]) -> Floats 
     return skin
 
 
-def _inwards(V, F):
+def inwards(V, F):
     """Unit normals (n,3) into the skin, whichever way its faces are turned."""
     a, b, c = (V[F[:, k]] - V.mean(0) for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c))

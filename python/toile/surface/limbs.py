@@ -16,23 +16,27 @@ from .. import kernels
 from ..kinematics import blended_by, posed_joints
 from .operators import distance_along_edges
 from .sampling import spread_points
+from .wrapping import Wrapping
 
 LIMBS = ("upperarm01.L", "upperarm01.R", "upperleg01.L", "upperleg01.R")  # roles of the joints that they begin at
 # joints that give way, and how much a turn of theirs costs
 TURNED = {"upperarm01": 1.0, "lowerarm01": 2.0, "upperleg01": 2.0, "lowerleg01": 4.0}
 CREASE = 0.08  # [m] along the surface from where a limb begins: nearer, skin folds at the joint in any pose
 REACH = 0.15  # [m] deepest that a contact is looked for
-DEEP = 0.02  # [m] in the trunk or the head: such a limb comes out of them first
+DEEP = 0.02  # [m] in the trunk or the head, or what is worn: such a limb comes out of them first
 POINTS = 1000  # of a limb, evenly spread
 AREA = 4e-4  # [m^2] of skin that weighs 1
 
 
 class Contacts(NamedTuple):
-    """Limb vertices nearer to another part than asked: `distance` (k,) [m] between what they and it are wrapped in, negative
-    inside; `weight` (k,); `rows` (k,D), how each distance changes with the turns [m/rad]."""
+    """Limb vertices nearer to another part than asked: `distance` (k,) [m] between what both wear, negative inside; `room` (k,) [m],
+    which that takes of the skins' distance; `weight` (k,); `past` (k,) bool, the crease; `rows` (k,D), how each distance changes
+    with the turns [m/rad]."""
 
     distance: np.ndarray
+    room: np.ndarray
     weight: np.ndarray
+    past: np.ndarray
     rows: np.ndarray
 
 
@@ -46,16 +50,17 @@ class Part:
     border: np.ndarray  # bool (v,): where it is cut off
     points: np.ndarray  # (p,)
     weight: np.ndarray  # (p,)
+    past: np.ndarray  # (p,) bool: farther than CREASE
     beyond: np.ndarray  # (f,3)
     edge: float  # the longest [m]
 
 
 class Limbs:
     """The parts of one body: `rest` (n,3) and joints `J` (K,3) [m], skinned by the weights of a BodyModel, whose roles name the
-    limbs. `wrapped` (n,): how thick is what each vertex wears [m], none by default. What gives way are D turns: each of `turned`
-    joints about three axes of its parent."""
+    limbs, and worn with a Wrapping, none by default. What gives way are D turns: each of `turned` joints about three axes of its
+    parent."""
 
-    def __init__(self, model, rest, J, wrapped=None):
+    def __init__(self, model, rest, J, worn=None):
         rest, self.J, self.parents = np.asarray(rest, np.float64), np.asarray(J, np.float64), model.parents
         weights = np.zeros((len(rest), len(self.J)))
         np.add.at(weights, (np.arange(len(rest))[:, None], model.weights_idx), model.weights_val)
@@ -67,7 +72,7 @@ class Limbs:
         self.parts, order = self._parts(model, rest, weights, limbs)
         self.limbs = self.parts[: len(limbs)]
         self.rest, self.weights = rest[order], csr_matrix(weights[order])
-        self.wrapped = np.zeros(len(order)) if wrapped is None else wrapped[order]
+        self.worn = Wrapping.none(len(order)) if worn is None else Wrapping(*(field[order] for field in worn))
         below = np.array([model.beyond(k) for k in self.turned], bool).reshape(len(self.turned), len(self.J))
         self.carried = weights[order] @ below.T  # (n,joints)
 
@@ -103,7 +108,7 @@ class Limbs:
     def contacts(self, R, x, margin):
         """Contacts of all limbs nearer than `margin` [m] to a part that is not their own, in the pose of these transforms. Those of
         two limbs wait while one of them lies DEEP in the trunk or the head: there they would lock one another in."""
-        V, n, most = self.skin(R, x), len(self.limbs), 2 * self.wrapped.max(initial=0)
+        V, n, most = self.skin(R, x), len(self.limbs), 2 * self.worn.thick.max(initial=0)
         boxes, surfaces = [_box(V[part.span], margin + most) for part in self.parts], {}
 
         def touching(i, j):
@@ -112,29 +117,33 @@ class Limbs:
             near = np.flatnonzero(_within(at, boxes[j]))
             if not len(near):
                 return None
-            surfaces[j] = surfaces.get(j) or PosedPart(V, self.parts[j], self.carried, self.wrapped)
-            hit, *rest = surfaces[j].nearest(at[near], margin, self.wrapped[limb.span][limb.points[near]])
+            surfaces[j] = surfaces.get(j) or PosedPart(V, self.parts[j], self.carried, self.worn)
+            worn = Wrapping(*(field[limb.span][limb.points[near]] for field in self.worn))
+            hit, distance, room, *rest = surfaces[j].nearest(at[near], margin, worn)
             near = near[hit]
-            carried = self.carried[limb.span][limb.points[near]]
-            return self._rows(R, x, at[near], carried, limb.weight[near], *rest)
+            rows = self._rows(R, x, at[near], self.carried[limb.span][limb.points[near]], *rest)
+            return Contacts(distance, room, limb.weight[near], limb.past[near], rows)
 
         found = [[touching(i, j) for j in range(n, len(self.parts))] for i in range(n)]
         free = [i for i in range(n) if not any(c and (c.distance < -DEEP).any() for c in found[i])]
         found.append([touching(i, j) for i in free for j in free if i != j])
-        empty = Contacts(np.zeros(0), np.zeros(0), np.zeros((0, len(self.stiff))))
+        empty = Contacts(*np.zeros((2, 0)), np.zeros(0), np.zeros(0, bool), np.zeros((0, len(self.stiff))))
         return Contacts(*map(np.concatenate, zip(empty, *(c for of in found for c in of if c))))
 
     def crowded(self, R, x):
-        """Whether limbs meet another part in what they wear."""
-        return bool(self.wrapped.any() and len(self.contacts(R, x, 0.0).distance))
+        """Whether limbs, beyond the crease, leave too little room for what is worn in the pose of these transforms."""
+        if not self.worn.thick.any():
+            return False
+        found = self.contacts(R, x, 0.0)
+        return bool((found.past & (found.room > 0)).any())
 
-    def _rows(self, R, x, p, p_carried, weight, distance, q, normal, q_carried):
+    def _rows(self, R, x, p, p_carried, q, normal, q_carried):
         axes = np.moveaxis(R[self.parents[self.turned]], 2, 1)  # rows: a joint's three axes in the world
         # d distance = n . (w_p a x (p - x) - w_q a x (q - x)) = a . (w_p (p - x) - w_q (q - x)) x n
         x = x[self.turned]
         lever = p_carried[..., None] * (p[:, None] - x) - q_carried[..., None] * (q[:, None] - x)
         rows = np.einsum("jac,kjc->kja", axes, np.cross(lever, normal[:, None]))
-        return Contacts(distance, weight, rows.reshape(len(p), len(self.stiff)))
+        return rows.reshape(len(p), len(self.stiff))
 
     def pairs(self, R, x):
         """How many pairs of faces, one of a limb beyond its crease, one of another part, intersect."""
@@ -159,10 +168,12 @@ def _part(rest, F, own, span, away, area):
     V, F, away = rest[own], number[F[own[F].all(1)]].astype(np.int32), away[own]
     points = spread_points(V, POINTS)
     weight = np.clip(2 * away[points] / CREASE - 1, 0, 1) * area[own].sum() / len(points) / AREA
-    points, weight = points[weight > 0], weight[weight > 0]
+    points, weight, past = points[weight > 0], weight[weight > 0], away[points[weight > 0]] > CREASE
     i, j = kernels.unique_edges(F).T
     longest = float(np.linalg.norm(V[i] - V[j], axis=1).max())
-    return Part(span, F, kernels.border_vertices(F, len(V)), points, weight, F[(away[F] > CREASE).all(1)], longest)
+    return Part(
+        span, F, kernels.border_vertices(F, len(V)), points, weight, past, F[(away[F] > CREASE).all(1)], longest
+    )
 
 
 def _box(V, more):
@@ -187,10 +198,11 @@ def _faces_in(V, F, box):
 
 
 class PosedPart:
-    """A posed part that points are measured from; `carried` (n,joints) and `wrapped` (n,) [m] of all vertices."""
+    """A posed part that points are measured from; `carried` (n,joints) and `worn`, a Wrapping, are of all vertices."""
 
-    def __init__(self, V, part, carried, wrapped):
-        self.V, self.part, self.carried, self.wrapped = V[part.span], part, carried[part.span], wrapped[part.span]
+    def __init__(self, V, part, carried, worn):
+        self.V, self.part, self.carried = V[part.span], part, carried[part.span]
+        self.worn = Wrapping(*(field[part.span] for field in worn))
         self.index = kernels.SurfaceIndex(self.V, part.faces)
 
     @cached_property
@@ -205,17 +217,18 @@ class PosedPart:
             side[behind[kernels.winding_number(p[behind], self.V, self.part.faces) > 0.5]] = -1
         return side
 
-    def nearest(self, p, margin, wrapped):
-        """Of points (k,3) `wrapped` (k,) those `hit` (h,) nearer than `margin` [m], wrapping off: distance, nearest point, direction
-        away, and what carries it."""
+    def nearest(self, p, margin, worn):
+        """Of points (k,3) that wear a Wrapping those `hit` (h,) nearer than `margin` [m] with what is worn: distance, the room this
+        takes, nearest point, direction away, and what carries it."""
         face, q, bary, distance = self.index.closest(p, REACH)
         corners = self.part.faces[face]
         normal = np.einsum("kc,kcx->kx", bary, self.normals[corners])
         side = self._side(p, np.einsum("kx,kx->k", p - q, normal) < 0)
         at_border = (self.part.border[corners] | (bary < 1e-9)).all(1)  # beyond it the part goes on in another
-        free = side * distance - wrapped - np.einsum("kc,kc->k", bary, self.wrapped[corners])
-        hit = np.flatnonzero((face >= 0) & (free < margin) & ~at_border)
-        corners, bary, q, distance = corners[hit], bary[hit], q[hit], (side * distance)[hit]
+        both = worn.under & self.worn.under[corners].all(1)
+        room = np.where(both, worn.thick + np.einsum("kc,kc->k", bary, self.worn.thick[corners]), 0.0)
+        hit = np.flatnonzero((face >= 0) & (side * distance - room < margin) & ~at_border)
+        corners, bary, q, distance, room = corners[hit], bary[hit], q[hit], (side * distance)[hit], room[hit]
         away = np.where(np.abs(distance[:, None]) > 1e-4, (p[hit] - q) * np.sign(distance)[:, None], normal[hit])
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
-        return hit, free[hit], q, away, np.einsum("kc,kcj->kj", bary, self.carried[corners])
+        return hit, distance - room, room, q, away, np.einsum("kc,kcj->kj", bary, self.carried[corners])

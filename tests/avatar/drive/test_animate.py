@@ -30,6 +30,7 @@ from toile.io.run import open_run
 from toile.kernels import intersecting_pairs
 from toile.scene import Camera
 from toile.surface.apart import keep_apart
+from toile.surface.wrapping import Wrapping
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,8 @@ def test_limbs_leave_room_for_what_the_layers_of_an_avatar_are_said_to_take(
 ):
     """As two shirts do; a single layer, which wears nothing, moves as the layers that it is compared with."""
     skin_alone = take(avatar_folder, arm_in, apart=True).apart
-    monkeypatch.setattr(apart, "wrapping", lambda skin, worn: np.full(len(skin), 0.02 * len(worn)))
+    everywhere = lambda skin, faces, worn: Wrapping(np.full(len(skin), 0.02 * len(worn)), np.ones(len(skin), bool))
+    monkeypatch.setattr(apart, "wrapping", everywhere)
     layered, single = (take(f, arm_in, apart=True) for f in (avatar_folder, avatar_folder / "baseline"))
     assert layered.apart.angles[1] > 1.2 * skin_alone.angles[1] > 0
     assert np.array_equal(layered.motion.rotations, single.motion.rotations)

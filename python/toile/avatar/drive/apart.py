@@ -30,8 +30,9 @@ class Taken:
 
 def take(folder, path, apart, garments=(), physics=False, frames=None, progress=lambda stage, done, total: None):
     """Taken of the motion at `path` for the avatar in `folder`. `apart`: limbs are kept out of the trunk and of one another, unless
-    the motion is the run that taught the avatar, whose poses were seen; where only `frames` of it are shown, as far as these depend on it,
-    see `rows_read`. UserError names the file and the field."""
+    the motion is the run that taught the avatar, whose poses were seen; with room for the garments that it wears over one another,
+    lent ones (`garments`) not counted; where only `frames` of it are shown, as far as these depend on it, see `rows_read`. UserError
+    names the file and the field."""
     motion = motion_of(folder, path)
     if not apart or (is_run(Path(path)) and _taught(folder, motion)):
         return Taken(motion)
@@ -40,8 +41,7 @@ def take(folder, path, apart, garments=(), physics=False, frames=None, progress=
     if frames is not None:
         needed = rows_read(folder, motion, dict(garments), physics, np.isin(motion.frames, list(frames)))
     skin, *worn = moving_layers(avatar, folder)
-    wrapped = wrapping(skin.rest, worn)
-    limbs = Limbs(_body_model(folder, avatar), skin.rest, _joints(avatar), wrapped)
+    limbs = Limbs(_body_model(folder, avatar), skin.rest, _joints(avatar), wrapping(skin.rest, skin.faces, worn))
     kept = keep_apart(limbs, motion.frames, motion.rotations, motion.translation, motion.fps, needed, progress)
     return Taken(replace(motion, rotations=kept.rotations), kept)
 
