@@ -91,7 +91,7 @@ def _size(subject, one):
     (height, width), studio = run["pixels"], run["studio"]
     minutes = lambda *names: _minutes(*(one[n] for n in names if n in one))
     shown = one.get("driven", {}).get("all", {})
-    frames = f"{run['registered']} of {run['registered'] + run['failed']} at {run['fps']:g} a second"
+    frames = f"{run['registered']} of {run['registered'] + run['failed']}, numbered at {run['fps']:g} a second"
     return {
         "registered frames": f"{frames}, {run['quality'] or 'as given'}",
         "cameras": f"{run['cameras']} of {width} x {height} px",

@@ -141,7 +141,7 @@ def test_every_table_has_its_rows(study):
     assert [row[1:3] for row in seen.rows[:2]] == [["logo", 0], ["logo", 1]] and seen.rows[0][7:] == [0.5, 0.7]
     assert made["What was run"].head == ("", "logo, seed 0", "logo, seed 1", "loose, seed 0")
     assert (
-        rows["What was run"][0][1] == "9 of 10 at 30 a second, draft"
+        rows["What was run"][0][1] == "9 of 10, numbered at 30 a second, draft"
         and ["device", *["abacus"] * 3] in rows["What was run"]
     )
 
