@@ -215,6 +215,9 @@ def test_the_half_pixel_between_opencv_and_here_is_kept_apart(tmp_path):
     "name, file, old, new, message",
     [
         ("easymocap", "extri.yml", "R_left", "R_other", r"extri\.yml: Rot_left: camera 'left' of intri.yml has no pose"),
+        ("easymocap", "intri.yml", "names:", "fisheye_model_left: 1\nnames:", r"intri\.yml: camera 'left': .*a fisheye"),
+        ("easymocap", "intri.yml", "names:", "fisheye_model_front: 1\nnames:", r"intri\.yml: camera 'front': .*a fisheye"),
+        ("easymocap", "intri.yml", "names:", "k4_left: 0.1\nnames:", r"camera 'left': k4: coefficients are read from dist alone"),
         ("easymocap", "intri.yml", "rows: 3", "rows: 1000000000", r"intri\.yml: a matrix of 1000000000 rows"),
         ("easymocap", "intri.yml", "rows: 3", "rows: [", r"intri\.yml: OpenCV cannot read it"),
         ("toml", "Calib.toml", "fisheye = false", "fisheye = true", r"cam_0\.fisheye"),

@@ -23,10 +23,14 @@ def import_capture(
     images: Annotated[Path | None, typer.Option(help="pictures, if not in a folder called images")] = None,
     masks: Annotated[Path | None, typer.Option(help="masks, if not in a folder called masks")] = None,
     labels: Annotated[Path | None, typer.Option(help="label images, if not in a folder called labels")] = None,
-    keypoints: Annotated[Path | None, typer.Option(help="OpenPose's JSON, if not in keypoints, pose, openpose")] = None,
+    keypoints: Annotated[
+        Path | None, typer.Option(help="keypoints as OpenPose's JSON, if not in keypoints, pose, openpose")
+    ] = None,
     scans: Annotated[Path | None, typer.Option(help="a mesh a frame, if not in scans or meshes")] = None,
     videos: Annotated[Path | None, typer.Option(help="a film a camera, if not in videos")] = None,
-    skeleton: Annotated[str, typer.Option(help="the keypoints' list, such as openpose25 or openpose25b")] = "",
+    skeleton: Annotated[
+        str, typer.Option(help="the keypoints' list, such as openpose25 or vitpose25, where several are as long")
+    ] = "",
     units: Annotated[str, typer.Option(help="of calibration and scans: m, dm, cm, mm, or metres a unit")] = "",
     up: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z; default what the cameras hold up")] = "",
     fps: Annotated[
@@ -73,7 +77,7 @@ def import_capture(
         if any(given):
             raise UserError(f"toile import {kind}: a data set takes --up, --fps, --frames, --step and --copy alone")
         found = DATASETS[kind](source, up)
-        refuse_bent(source, found.cameras.values())
+        refuse_bent(source, found.cameras.values(), "undistort the pictures first")
         found = found if fps is None else replace(found, fps=fps)
     else:
         raise UserError(f"toile import {kind}: expected one of {', '.join([*KINDS, *DATASETS])}")

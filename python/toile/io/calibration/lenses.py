@@ -61,9 +61,11 @@ def fisheye(coefficients: Anything) -> Callable[[Floats], Floats]:
     return bend
 
 
-def refuse_bent(path: Path, cameras: Iterable[Camera]) -> None:
-    """UserError for the first camera whose pictures would have to be resampled."""
+def refuse_bent(
+    path: Path, cameras: Iterable[Camera], way: str = "undistort the pictures first, or by --undistort"
+) -> None:
+    """UserError, which names the `way` out, for the first camera whose pictures would have to be resampled."""
     for camera in cameras:
         if isinstance(camera, Bent):
             where = f"{path}: camera '{camera.name}': {camera.lens.told}"
-            raise UserError(f"{where}: such lenses are not read: undistort the pictures first, or by --undistort")
+            raise UserError(f"{where}: such lenses are not read: {way}")

@@ -5,8 +5,8 @@
 - A file a camera, in one folder: `camera_matrix`, `distortion_coefficients`, `image_width`, `image_height` as OpenCV's own
   calibration writes them, and `R` (3x3 or Rodrigues), `T`, world to camera.
 
-Where `fisheye_model` or another field tells of a fisheye lens, its coefficients are k1 k2 k3 k4. Left: everything else in the files.
-Refused: coefficients of other names, cameras without a pose.
+Where `fisheye_model` or another field tells of a fisheye lens (in intri.yml also `fisheye_model_NAME`, of one camera), its
+coefficients are k1 k2 k3 k4. Left: everything else in the files. Refused: coefficients of other names, cameras without a pose.
 """
 
 from __future__ import annotations
@@ -49,9 +49,11 @@ def _pair(path: Path) -> dict[str, Camera]:
     if extri == path:
         raise UserError(f"{path}: expected intri.yml with an extri.yml beside it")
     outside = _opened(extri)
-    names = inside.getNode("names")
+    listed = inside.getNode("names")
+    names = [_word(listed.at(i)) for i in range(listed.size())]
     cameras: dict[str, Camera] = {}
-    for name in [_word(names.at(i)) for i in range(names.size())]:
+    for name in names:
+        told = check_lens(path, f"camera '{name}': ", _fields_of(name, names, inside), ("dist",))
         K = _intrinsics(path, f"K_{name}", inside.getNode(f"K_{name}"))
         bend = _matrix(path, f"dist_{name}", inside.getNode(f"dist_{name}"))
         size = [int(inside.getNode(f"{side}_{name}").real()) for side in ("H", "W")]
@@ -60,8 +62,19 @@ def _pair(path: Path) -> dict[str, Camera]:
             raise UserError(f"{extri}: Rot_{name}: camera '{name}' of {path.name} has no pose there")
         R = rotation(extri, turn, _matrix(extri, turn, outside.getNode(turn)))
         t = numbers(extri, f"T_{name}", _matrix(extri, f"T_{name}", outside.getNode(f"T_{name}")), (3,))
-        add(path, cameras, make_camera(path, name, (size[0], size[1]), K, bend.ravel(), rigid(R, t)))
+        lens = fisheye_lens(path, f"camera '{name}': ", bend.ravel(), told)
+        add(path, cameras, make_camera(path, name, (size[0], size[1]), K, bend.ravel(), rigid(R, t), lens))
     return cameras
+
+
+def _fields_of(name: str, names: list[str], file: Any) -> dict[str, Any]:
+    """What intri.yml says of a camera, FIELD_NAME by FIELD, and of all."""
+    fields = {}
+    for key in file.root().keys():
+        owner = max((one for one in names if key.endswith(f"_{one}")), key=len, default="")
+        if owner in ("", name) and key != "names":
+            fields[key.removesuffix(f"_{owner}") if owner else key] = _plain(file.getNode(key))
+    return fields
 
 
 def _single(path: Path) -> Camera:
