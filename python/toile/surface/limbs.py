@@ -57,8 +57,8 @@ class Part:
 
 class Limbs:
     """The parts of one body: `rest` (n,3) and joints `J` (K,3) [m], skinned by the weights of a BodyModel, whose roles name the
-    limbs, and worn with a Wrapping, none by default. What gives way are D turns: each of `turned` joints about three axes of its
-    parent."""
+    limbs. `worn`: the Wrapping of its vertices, none by default. What gives way are D turns: each of `turned` joints about three axes
+    of its parent."""
 
     def __init__(self, model, rest, J, worn=None):
         rest, self.J, self.parents = np.asarray(rest, np.float64), np.asarray(J, np.float64), model.parents
@@ -72,7 +72,7 @@ class Limbs:
         self.parts, order = self._parts(model, rest, weights, limbs)
         self.limbs = self.parts[: len(limbs)]
         self.rest, self.weights = rest[order], csr_matrix(weights[order])
-        self.worn = Wrapping.none(len(order)) if worn is None else Wrapping(*(field[order] for field in worn))
+        self.worn = Wrapping.none(len(order)) if worn is None else worn.of(order)
         below = np.array([model.beyond(k) for k in self.turned], bool).reshape(len(self.turned), len(self.J))
         self.carried = weights[order] @ below.T  # (n,joints)
 
@@ -118,7 +118,7 @@ class Limbs:
             if not len(near):
                 return None
             surfaces[j] = surfaces.get(j) or PosedPart(V, self.parts[j], self.carried, self.worn)
-            worn = Wrapping(*(field[limb.span][limb.points[near]] for field in self.worn))
+            worn = self.worn.of(limb.span).of(limb.points[near])
             hit, distance, room, *rest = surfaces[j].nearest(at[near], margin, worn)
             near = near[hit]
             rows = self._rows(R, x, at[near], self.carried[limb.span][limb.points[near]], *rest)
@@ -127,7 +127,7 @@ class Limbs:
         found = [[touching(i, j) for j in range(n, len(self.parts))] for i in range(n)]
         free = [i for i in range(n) if not any(c and (c.distance < -DEEP).any() for c in found[i])]
         found.append([touching(i, j) for i in free for j in free if i != j])
-        empty = Contacts(*np.zeros((2, 0)), np.zeros(0), np.zeros(0, bool), np.zeros((0, len(self.stiff))))
+        empty = Contacts(*np.zeros((3, 0)), np.zeros(0, bool), np.zeros((0, len(self.stiff))))
         return Contacts(*map(np.concatenate, zip(empty, *(c for of in found for c in of if c))))
 
     def crowded(self, R, x):
@@ -202,7 +202,7 @@ class PosedPart:
 
     def __init__(self, V, part, carried, worn):
         self.V, self.part, self.carried = V[part.span], part, carried[part.span]
-        self.worn = Wrapping(*(field[part.span] for field in worn))
+        self.worn = worn.of(part.span)
         self.index = kernels.SurfaceIndex(self.V, part.faces)
 
     @cached_property

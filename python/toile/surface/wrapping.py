@@ -28,18 +28,20 @@ class Wrapping(NamedTuple):
     def none(cls, n: int) -> Wrapping:
         return cls(np.zeros(n), np.zeros(n, bool))
 
+    def of(self, vertices: Ints | slice) -> Wrapping:
+        return Wrapping(self.thick[vertices], self.under[vertices])
+
 
 def wrapping(skin: Floats, faces: Ints, garments: Sequence[Layer]) -> Wrapping:
     """The Wrapping of a resting skin (n,3) with faces (m,3) in garments, inner to outer. A garment covers a vertex to which it comes
     within MOST, in front of the skin, and not by its border. Pressed, the outermost keeps the share KEPT of its distance."""
-    outwards = -inwards(skin, faces)
-    covered = [_distance(skin, outwards, garment) for garment in garments]
-    if len(covered) < 2:
+    if len(garments) < 2:
         return Wrapping.none(len(skin))
-    off = np.array(covered)
+    outwards = -inwards(skin, faces)
+    off = np.array([_distance(skin, outwards, garment) for garment in garments])
     over = np.isfinite(off)
-    most = np.where(over, off, 0.0).max(0)
-    return Wrapping(np.where(over.sum(0) > 1, KEPT * most, 0.0), over[:-1].any(0))
+    outermost = np.where(over, off, 0.0).max(0)
+    return Wrapping(np.where(over.sum(0) > 1, KEPT * outermost, 0.0), over[:-1].any(0))
 
 
 def _distance(skin, outwards, garment):

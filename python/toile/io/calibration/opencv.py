@@ -52,8 +52,9 @@ def _pair(path: Path) -> dict[str, Camera]:
     listed = inside.getNode("names")
     names = [_word(listed.at(i)) for i in range(listed.size())]
     cameras: dict[str, Camera] = {}
+    fields = _fields(names, inside)
     for name in names:
-        told = check_lens(path, f"camera '{name}': ", _fields_of(name, names, inside), ("dist",))
+        told = check_lens(path, f"camera '{name}': ", fields[name], ("dist",))
         K = _intrinsics(path, f"K_{name}", inside.getNode(f"K_{name}"))
         bend = _matrix(path, f"dist_{name}", inside.getNode(f"dist_{name}"))
         size = [int(inside.getNode(f"{side}_{name}").real()) for side in ("H", "W")]
@@ -67,14 +68,17 @@ def _pair(path: Path) -> dict[str, Camera]:
     return cameras
 
 
-def _fields_of(name: str, names: list[str], file: Any) -> dict[str, Any]:
-    """What intri.yml says of a camera, FIELD_NAME by FIELD, and of all."""
-    fields = {}
+def _fields(names: list[str], file: Any) -> dict[str, dict[str, Any]]:
+    """What intri.yml says of each camera, FIELD_NAME by FIELD, and of all."""
+    every: dict[str, Any] = {}
+    of: dict[str, dict[str, Any]] = {name: {} for name in names}
     for key in file.root().keys():
-        owner = max((one for one in names if key.endswith(f"_{one}")), key=len, default="")
-        if owner in ("", name) and key != "names":
-            fields[key.removesuffix(f"_{owner}") if owner else key] = _plain(file.getNode(key))
-    return fields
+        owner = max((name for name in names if key.endswith(f"_{name}")), key=len, default=None)
+        if owner is not None:
+            of[owner][key.removesuffix(f"_{owner}")] = _plain(file.getNode(key))
+        elif key != "names":
+            every[key] = _plain(file.getNode(key))
+    return {name: every | own for name, own in of.items()}
 
 
 def _single(path: Path) -> Camera:
